@@ -1,4 +1,4 @@
-"""Builds the data of a run from a finished configuration, and the encoder that fits it."""
+"""Builds the data of a run and the matching encoder options from a finished configuration."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from tactileforge.sensors.specs import spec
 
 log = logging.getLogger(__name__)
 
-#: Arguments of the data that are no keys of ``batch``.
+#: Arguments of `TouchData` that are not keys of ``batch``.
 _NOT_BATCH = {"dataset", "frames", "batch_size", "max_bad", "seed", "augment", "limit", "columns"}
-#: The least of its whole numbers.
+#: Smallest value of each whole number in ``batch``.
 _LEAST = {"size": 1, "window": 1, "workers": 0}
 
 
@@ -28,14 +28,13 @@ def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchDat
     """Builds the data of a run: indexed, and checked against the needs of the objectives.
 
     Args:
-        config: Finished; see `compose.finish`.
-        encoder: Its encoder, see `parts.outline`; None outlines it.
+        config: Finished configuration; see `compose.finish`.
+        encoder: Outline of its encoder, see `parts.outline`; None builds one.
 
     Returns:
-        The data, and the configuration of the encoder that fits it: with a row for every sensor
-        where it has the option ``sensors``.
-        Sensors that it does not know yet take the free rows in alphabetical order, and the
-        resolved configuration says so.
+        The data, and the configuration of the encoder. An encoder with the option ``sensors``
+        gets a row for every sensor of the training data: new sensors take the free rows in
+        alphabetical order, and the resolved configuration lists them.
 
     Raises:
         ConfigError: An unknown or impossible option of ``batch`` or ``augment``; see also
@@ -51,7 +50,7 @@ def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchDat
         key: registry.get("objectives", node["name"]) for key, node in config["objective"].items()
     }
     if not any(getattr(plugin, "pairs", False) for plugin in objectives.values()):
-        batch["match"] = 0.0
+        batch["match"] = 0.0  # no objective learns from pairs
     data = TouchData(
         dataset,
         frames=encoder.frames,
@@ -65,9 +64,9 @@ def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchDat
         **batch,
     )
     needs = {key: plugin.needs for key, plugin in objectives.items()}
-    data.check(needs)  # what the data set declares, before hours of reading
+    data.check(needs)  # by what the data set declares, before hours of reading
     data.setup()
-    data.check(needs)  # what its recordings have
+    data.check(needs)  # by what its recordings have
     names = data.summary("train").sensors
     if "sensors" not in registry.parameters(registry.get("encoders", config["encoder"]["name"])):
         return data, dict(config["encoder"])
@@ -75,7 +74,7 @@ def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchDat
 
 
 def _columns(config: Mapping[str, Any]) -> tuple[Column, ...]:
-    """Extra columns of the batch that heads and objectives of a run declare."""
+    """Extra columns of the batch, declared by the heads and objectives of a run."""
     nodes = [
         (f"{kind} {key!r}", registry.get(f"{kind}s", node["name"]), node)
         for kind in ("head", "objective")
@@ -88,10 +87,13 @@ def _columns(config: Mapping[str, Any]) -> tuple[Column, ...]:
 
 
 def limit_of(trainer: Mapping[str, Any]) -> float:
-    """``limit_train_batches``, which the data keeps: its epochs are as long as those of the run.
+    """Reads ``limit_train_batches``: a number of batches (int) or a share of them (float).
+
+    The data applies the limit in place of Lightning, so that its epochs are as long as those of
+    the run. 1.0 without a limit.
 
     Raises:
-        ConfigError: It is neither a whole number nor a share.
+        ConfigError: The limit is neither a whole number nor a share.
     """
     limit = trainer.get("limit_train_batches")
     limit = 1.0 if limit is None else limit
@@ -120,6 +122,6 @@ def _check(batch: Mapping[str, Any], augment: Mapping[str, Any]) -> None:
 
 
 def _rows(table: dict[str, int], names: Sequence[str]) -> dict[str, int]:
-    """Rows of sensors: those that there are, and the free ones for others by name."""
+    """Adds sensors to a sensor table: each new name takes the next free row."""
     free = (row for row in range(len(table) + len(names) + 1) if row not in table.values())
     return table | {spec(name).name: next(free) for name in names if name not in table}

@@ -1,4 +1,4 @@
-"""Lightning's fit, and what ends it otherwise than at the end of the run."""
+"""Training by Lightning; a run with an early end raises an error with its fix."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.finite import NotFiniteError
 from tactileforge.module import TouchModule
 
-#: What torch says where a process of the group is gone.
+#: Messages of torch after the loss of a process of the group.
 _LOST = re.compile(r"closed by peer|reset by peer|Connection refused|NCCL|Broken pipe", re.I)
 
-#: What Lightning warns of although it is meant to be so.
+#: Warnings of Lightning about intended behaviour.
 _EXPECTED = (
     r".*isinstance\(treespec, LeafSpec\).*",
     r"Found \d+ module\(s\) in eval mode at the start of training.*",  # frozen towers, EMA copies
     r"The number of training batches .* is smaller than the logging interval.*",
     r"The '\w+_dataloader' does not have many workers.*",
-    r"Total length of `list` across ranks is zero.*",  # nothing is held out, which is said
+    r"Total length of `list` across ranks is zero.*",  # nothing is held out: the run itself says so
     r"It is recommended to use `self.log\('val/.*",  # values are those of all processes already
-    r"Checkpoint directory .* exists and is not empty.*",  # a run that goes on
+    r"Checkpoint directory .* exists and is not empty.*",  # a resumed run
 )
 
 
@@ -46,16 +46,16 @@ def fit(
     """Trains to the end of the run.
 
     Args:
-        trainer: Lightning's.
-        module: What is trained.
-        data: Its batches.
-        saver: Callback of ``trainer`` that keeps checkpoints.
+        trainer: Lightning's trainer.
+        module: Module to train.
+        data: Data of the run.
+        saver: Callback of ``trainer`` that saves checkpoints.
         folder: Folder of the run.
-        resume: Checkpoint that the run goes on with; None for a new run.
-        step: Step that it starts from.
+        resume: Checkpoint to resume from; None for a new run.
+        step: Optimiser steps taken before; 0 for a new run.
 
     Raises:
-        NotFiniteError: A number is not finite; says the way back.
+        NotFiniteError: A number is not finite; states the way back.
         TactileForgeError: Another process of the run has died.
         ConfigError: The checkpoint does not fit the run, or an interval its length.
         KeyboardInterrupt: The run was stopped, and saved if a step was done.
@@ -74,12 +74,12 @@ def fit(
             raise TactileForgeError(
                 f"another process of the run has died ({_first_line(error)}). {_kept(folder)}"
             ) from error
-        except SystemExit as stop:  # what Lightning makes of Ctrl-C
+        except SystemExit as stop:  # Lightning turns Ctrl-C into it
             done = trainer.global_step
             when = f"in the step after {done}" if done > step else "before the first step"
             raise KeyboardInterrupt(f"{stop.__context__ or 'stopped'} {when}") from stop
         except ValueError as error:
-            # an interval that is longer than an epoch, whose length Lightning learns here
+            # the interval is longer than an epoch: Lightning learns the epoch's length only here
             if "val_check_interval" not in str(error):
                 raise
             raise ConfigError(f"trainer.val_check_interval: {error}") from error
@@ -92,14 +92,14 @@ def _first_line(error: Exception) -> str:
 
 
 def _kept(folder: Path) -> str:
-    """What goes on with a run that was cut short."""
+    """Advice on how to continue an interrupted run."""
     if not (folder / run_folder.LAST).is_file():
         return "Nothing was saved before: give the same command again"
     return f"Go on from its checkpoint: tactileforge train resume={shlex.quote(str(folder))}"
 
 
 def _way_back(folder: Path, numbers: str) -> str:
-    """What is kept of a run whose numbers are not finite, and the commands that go back to it."""
+    """Advice on the last checkpoint of a run with non-finite numbers, with its commands."""
     exact = "" if numbers.startswith("32") else " trainer.precision=32"
     if not (folder / run_folder.LAST).is_file():
         also = f" or{exact}" if exact else ""
@@ -114,7 +114,7 @@ def _way_back(folder: Path, numbers: str) -> str:
 
 @contextmanager
 def _resumed_from(resume: Path | None, saver: Checkpoints) -> Iterator[None]:
-    """Names the checkpoint where a run cannot go on with what it holds."""
+    """Names the checkpoint in errors about its content, before the first resumed step."""
     try:
         yield
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, RuntimeError) as error:

@@ -49,7 +49,7 @@ from tactileforge.trainer import build_trainer, check_options
 
 log = logging.getLogger(__name__)
 
-#: Packages whose versions a run keeps.
+#: Packages with their versions recorded in a run.
 _PACKAGES = ("tactileforge", "torch", "lightning", "hydra-core", "kornia", "numpy")
 
 
@@ -60,16 +60,17 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
     ``checkpoints/last.ckpt`` and ``report.html``.
 
     Args:
-        config: Finished; see `compose.finish`. With ``resume``, that of the run in ``folder``,
-            which goes on; see `run_folder.read_config`.
+        config: Finished configuration; see `compose.finish`. With ``resume``, the configuration of
+            the run in ``folder``; see `run_folder.read_config`.
         folder: Folder of the run.
 
     Returns:
         The trained module.
 
     Raises:
-        TactileForgeError: Something is wrong that could be known beforehand; says what and the fix.
-        KeyboardInterrupt: The run was stopped and saved; ``resume=`` goes on with it.
+        TactileForgeError: Configuration, data or weights are invalid, training has left the finite
+            numbers, or another process has died; states the fix.
+        KeyboardInterrupt: The run was stopped and saved; ``resume=`` continues it.
     """
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     plain: dict[str, Any] = config if isinstance(config, dict) else _plain(config)
@@ -90,19 +91,20 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
 
 @dataclass(frozen=True)
 class _Run:
-    """A run that is ready to start.
+    """A run, ready to start.
 
     Attributes:
-        config: Resolved: with the sensors, columns and facts of its data, and its precision.
-        folder: Its folder.
-        resume: Its checkpoint; None for a new run.
-        step: Step that it starts from.
-        data: Indexed.
-        module: With its first weights.
-        trainer: Lightning's.
-        saver: Keeps checkpoints.
-        lost: Recordings that cannot be read.
-        met: Labels that objectives meet.
+        config: Resolved configuration, with the sensors, columns and facts of its data, and its
+            precision.
+        folder: Folder of the run.
+        resume: Checkpoint to resume from; None for a new run.
+        step: Optimiser steps taken before; 0 for a new run.
+        data: Data of the run, indexed.
+        module: Module with its first weights.
+        trainer: Lightning's trainer.
+        saver: Callback that saves checkpoints.
+        lost: Callback that counts recordings that cannot be read.
+        met: Callback that counts the labels of each objective.
     """
 
     config: dict[str, Any]
@@ -130,9 +132,9 @@ def _train(
 
 
 def _check(plain: dict[str, Any], resume: Path | None) -> Mapping[str, Tensor] | None:
-    """Names mistakes before data is made or read; returns the weights that a new run starts from.
+    """Checks the configuration before data is made or read; returns a new run's first weights.
 
-    The encoder of a model of the zoo is taken with its options.
+    The encoder of a zoo model is taken with its options.
     """
     if not isinstance(plain["seed"], int) or plain["seed"] < 0:
         raise ConfigError(f"seed={plain['seed']}: give a whole number, 0 or more")
@@ -152,7 +154,7 @@ def _build(
     step: int,
     state: Mapping[str, Tensor] | None,
 ) -> tuple[_Run, str]:
-    """Data, module and trainer; and why the precision is what it is."""
+    """Builds data, module and trainer; also returns the reason for the precision."""
     data, encoder = build_data(plain, outline(plain["encoder"]))
     assert data.train is not None  # set up by `build_data`
     found = {"facts": dict(data.train.facts), "columns": plain_sizes(data.columns)}
@@ -165,10 +167,10 @@ def _build(
     if state is not None:
         log.info(initialise(module, state, new_in(str(config["init"]))))
         warn_of_dropped(config, left_out(module, state))
-    if not resume:
+    if not resume:  # a resumed run has the measurements in its checkpoint
         module.prepare(data.train)
     if config["freeze"]:
-        if resume:  # Lightning loads the other weights later
+        if resume:  # needed for the tokens now; Lightning loads the other weights in fit
             kept = read_checkpoint(resume)["state_dict"].items()
             own = {k.removeprefix("encoder."): v for k, v in kept if k.startswith("encoder.")}
             module.encoder.load_state_dict(own)
@@ -184,7 +186,7 @@ def _build(
 
 
 def _note(run: _Run, why: str, is_news: bool) -> None:
-    """Writes the configuration of a run that is new, or goes on otherwise than before."""
+    """Writes the configuration of a new run, or of a resumed run with changes."""
     if run.resume and is_news and run.trainer.is_global_zero:
         run_folder.write_config(run.folder, {**run.config, "resume": None})
     if is_news:
@@ -209,7 +211,7 @@ def _report(run: _Run) -> None:
 def _whole(
     plain: Mapping[str, Any], module: TouchModule, folder: Path, labels: AbstractSet[str]
 ) -> TouchModule:
-    """The module with all its weights on this process, which may hold a share of them alone."""
+    """The module with all its weights on this process, from the checkpoint of a sharded run."""
     if not isinstance(module.trainer.strategy, Sharded):
         return module
     whole = TouchModule.from_config(plain, labels)
@@ -220,7 +222,7 @@ def _whole(
 def _choose_precision(
     config: Mapping[str, Any], module: TouchModule, data: TouchData
 ) -> precision.Precision:
-    """The precision of the run, which is kept: a resumed run goes on with it."""
+    """Chooses the precision of the run; a resumed run keeps it."""
     assert data.train is not None
     measure = partial(precision.step_times, module, data.train)
     chosen = precision.choose_precision(config["trainer"], measure)
@@ -229,15 +231,15 @@ def _choose_precision(
 
 
 def metric(module: TouchModule, name: str | None = None) -> float:
-    """The number that a sweep makes small, as it was at the last validation.
+    """The metric minimised by a sweep, at the last validation.
 
     Args:
-        module: After its training.
-        name: As in the metrics, for example ``val/force``; None for the sum of the losses of all
-            objectives that were validated, or trained where nothing is held out.
+        module: Module after its training.
+        name: Name in the metrics, for example ``val/force``; None for the sum of all validation
+            losses, or of all training losses if nothing is held out.
 
     Raises:
-        ConfigError: Nothing of that name was logged.
+        ConfigError: No metric of that name was logged.
     """
     logged = module.trainer.callback_metrics
     if name and name not in logged:
@@ -274,7 +276,7 @@ def _keep(
         "versions": versions,
         "plugins": plugins,
         "licences": list(licences),  # of the recordings
-        "sensors": list(sensors),  # that it is trained on
+        "sensors": list(sensors),  # of the training data
         "precision": why,
         "commit": commit(),
     }
