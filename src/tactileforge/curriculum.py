@@ -14,6 +14,8 @@ from typing import Any, Literal
 
 from tactileforge.errors import ConfigError, unknown
 
+_KEYS = ("unit", "objective", "universal", "values")
+
 Unit = Literal["fraction", "epoch", "step"]
 
 
@@ -87,13 +89,24 @@ def from_config(
         ConfigError: An unknown unit or key, a ramp that ends before it starts, a weight below 0, or
             a chance outside 0 to 1.
     """
+    for key in config:
+        if key not in _KEYS:
+            raise ConfigError(unknown("key in curriculum", key, _KEYS))
     units = {"fraction": total, "epoch": epoch, "step": 1}
     unit = config.get("unit", "fraction")
     if unit not in units:
         raise ConfigError(unknown("curriculum.unit", unit, units))
 
-    def ramp(where: str, row: Mapping[str, Any], low: float, high: float) -> Ramp:
+    def ramp(where: str, row: Any, low: float, high: float) -> Ramp:
+        if not isinstance(row, Mapping):
+            raise ConfigError(f"{where}={row}: give {{start: A, end: B}}")
         _check_keys(where, row)
+        for key in ("start", "end"):
+            value = row.get(key)
+            if value is not None and (
+                isinstance(value, bool) or not isinstance(value, int | float)
+            ):
+                raise ConfigError(f"{where}.{key}={value}: give a number, or null")
         start = float(row.get("start") or 0) * units[unit]
         end = row.get("end")
         stop = total if end is None else float(end) * units[unit]
@@ -160,7 +173,9 @@ def _rows(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _universal(config: Mapping[str, Any]) -> Mapping[str, Any]:
-    row: Mapping[str, Any] = config.get("universal") or {"high": 0.0}
+    row = config.get("universal") or {"high": 0.0}
+    if not isinstance(row, Mapping):
+        raise ConfigError(f"curriculum.universal={row}: give {{low: A, high: B}}")
     return row
 
 

@@ -30,6 +30,10 @@ _sleep = time.sleep
 _now = time.monotonic
 
 
+class _Final(OSError):
+    """Another attempt would fail in the same way."""
+
+
 class Dropped(OSError):
     """The connection ended before the last byte, or the server is busy.
 
@@ -130,6 +134,8 @@ def copy(
             if attempt == _ATTEMPTS:
                 raise OSError(f"{error}, attempt {attempt}") from error
             _wait(url, error, attempt, pace)
+        except _Final as error:
+            raise OSError(f"{error}, attempt {attempt}") from error
 
 
 def _chunks(
@@ -171,9 +177,9 @@ def _named(error: BaseException) -> OSError:
     text = str(error) or repr(error)
     if not isinstance(error, Refused):
         final = isinstance(error, ValueError | InvalidURL | FileNotFoundError | PermissionError)
-        return OSError(f"{text}, attempt 1") if final else Dropped(text)
+        return _Final(text) if final else Dropped(text)
     if error.code < 500 and error.code not in _BUSY:
-        return OSError(f"{text}, attempt 1")
+        return _Final(text)
     dropped = Dropped(text)
     dropped.pause = retry_after(error.headers)
     return dropped

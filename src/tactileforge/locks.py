@@ -35,7 +35,8 @@ def locked(path: Path, taken: str | None = None) -> Iterator[IO[str]]:
     path.parent.mkdir(parents=True, exist_ok=True)
     mine = os.getpid(), path.absolute()
     if mine in _HELD:  # checked before opening: closing the file would free the lock
-        raise ConfigError(str(taken).replace("{holder}", f"{mine[0]}, this one"))
+        words = taken or f"{path}: process {{holder}} waits for itself"
+        raise ConfigError(words.replace("{holder}", f"{mine[0]}, this one"))
     with path.open("a+") as file:
         try:
             fcntl.lockf(file, fcntl.LOCK_EX | (fcntl.LOCK_NB if taken else 0))

@@ -66,7 +66,7 @@ def anywhere(data: Mapping[str, Any]) -> dict[str, Any]:
     for key, value in data.items():
         if isinstance(value, Mapping):
             made[key] = anywhere(value)
-        elif key in ("root", "cache") and isinstance(value, str) and Path(value).exists():
+        elif key in ("root", "cache") and isinstance(value, str) and value and Path(value).exists():
             made[key] = str(Path(value).absolute())
     return made
 

@@ -44,10 +44,11 @@ def flushed() -> Iterator[None]:
     """
     deterministic: Any = torch.utils.deterministic
     before = deterministic.fill_uninitialized_memory
+    is_flushed = (torch.full((1,), 1e-30) * 1e-10).item() == 0  # torch has no other way to ask
     torch.set_flush_denormal(True)
     deterministic.fill_uninitialized_memory = False
     try:
         yield
     finally:
-        torch.set_flush_denormal(False)
+        torch.set_flush_denormal(is_flushed)
         deterministic.fill_uninitialized_memory = before
