@@ -636,7 +636,7 @@ class Scored(Protocol):
     """
 
     def sums(self, prediction: Any, batch: Batch) -> Tensor:
-        """Sums of one batch, to be added over batches and ranks; float64 of any shape."""
+        """Sums of one batch, to be added over the batches of the split; float64 of any shape."""
         ...
 
     def scores(self, sums: Tensor) -> dict[str, float]:

@@ -302,7 +302,7 @@ class TouchModule(L.LightningModule):
         self._losses = {}
         for key, sums in self._sums.items():
             objective: Any = self.objectives[key]
-            scores: dict[str, float] = objective.scores(sum_over_ranks(sums))
+            scores: dict[str, float] = objective.scores(sums)  # every rank has the whole split
             self.log_dict({f"val/{key}/{name}": value for name, value in scores.items()})
         self._sums = {}
 
