@@ -1,4 +1,4 @@
-"""The 71 indenters of AnyTouch 2 (paper, table of indenters), and any shape by its name.
+"""The 71 indenters of AnyTouch 2 (paper, table of indenters), and look-up of a shape by name.
 
 Names and the split of the force benchmark are the paper's. Sizes and heights were not published:
 these are our own. The tips are 4 to 14 mm wide.
@@ -175,7 +175,7 @@ def shape(name: str) -> Shape:
     """An indenter or a texture by name.
 
     Raises:
-        ConfigError: Nothing is known by that name; says the nearest one.
+        ConfigError: The name is unknown; the message gives the nearest one.
 
     Example:
         >>> shape("clover_shaped").index
