@@ -52,7 +52,7 @@ class Sway:
     def __call__(
         self, times: NDArray[np.float64], moved: NDArray[np.float64], share: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Offsets (T, 6) of poses at times (T,), for motion since the start (T, 2) and share (T,)."""
+        """Offsets (T, 6) of poses at times (T,), for motion since the start (T, 2), share (T,)."""
         angle = 2 * np.pi * self.hertz[:, None] * times[:, None, None] + self.phase
         added: NDArray[np.float64] = (self.size * np.sin(angle)).sum(1)
         added[:, 3] += moved @ self.slope
