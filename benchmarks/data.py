@@ -1,7 +1,7 @@
 """Reading: clips from shards against a plain loader; memory and first batch of a large stream.
 
-- Clips a second on one core, from shards of simulated DIGIT frames (320 x 240, JPEG of quality 95),
-  beside a published loader: PIL decodes four frames and the background of each clip; they are
+- Clips per second on one core, from shards of simulated DIGIT frames (320 x 240, JPEG of quality
+  95), beside a published loader: PIL decodes four frames and the background of each clip; they are
   converted to float, the background is subtracted, and the result is clamped, resized with
   antialiasing and normalised. Ours are timed to uint8 leaving the worker; the remaining steps run
   once a batch, on the device.

@@ -44,6 +44,7 @@ from tactileforge.hub.files import make_header
 
 #: Number of clips and epochs of the extrapolated times.
 CLIPS, EPOCHS = 4000, 50
+#: Batch size and learning rate of both ways.
 BATCH, RATE = 64, 2e-4
 #: Batch of clips for the extraction of features.
 ENCODE = 16

@@ -50,6 +50,7 @@ LINKS = {
     "64 GPUs, eight 400 Gb/s ports a machine": (64, 300e9),
     "64 GPUs, one 400 Gb/s port a machine": (64, 40e9),
 }
+#: Assumed MFU, size of DDP's buckets (bytes), and bytes of a gradient's number.
 MFU, BUCKET, BYTES = 0.4, 25 * 2**20, 4
 
 

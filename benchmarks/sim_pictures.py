@@ -126,6 +126,7 @@ def responses() -> dict[str, object]:
         peak = float(real[1].max())
         touch = scene("one_quarter_cylindrical", "force_trial", 0.2)
         ((_, probe),) = films(touch, [sensor], 16)
+        # The depth of the measured peak force, from a probe at 0.2 mm and force ~ depth^1.1.
         depth = 0.2 * (peak / float(probe[:, 2].max())) ** (1 / 1.1)
         touch = scene("one_quarter_cylindrical", "force_trial", depth)
         ((pictures, force),) = films(touch, [sensor], 240, viscosity=0.1)

@@ -71,6 +71,7 @@ PAIRS = {
     "digit": (("fots_digit", "touchd_force_digit"), ("touchd_force_digit", "fots_digit")),
     "gelsight_mini": (("octopi", "taxim_gelsight_mini"), ("taxim_gelsight_mini", "octopi")),
 }
+#: Recordings and patches per source, and seeds of the classifier.
 _TOUCHES = 60
 _PATCHES = 600
 _SEEDS = 3

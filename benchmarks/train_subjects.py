@@ -19,6 +19,7 @@ from tactileforge.testing import batch as make_batch
 
 #: Decoder of each of our two heads: width, heads.
 DECODER = (512, 8)
+#: Side of a patch (pixels), length of a tube (frames), and masked share of tubes.
 PATCH, TUBE, MASK = 16, 2, 0.75
 OBJECTIVES = {
     "pixel+diff": ["pixel", "diff"],

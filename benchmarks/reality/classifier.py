@@ -22,6 +22,7 @@ from tactileforge.errors import ConfigError
 _LEAST = 16
 #: Variance added in the normalisation of contrast, so that noise is not amplified.
 _QUIET = 4.0
+#: Batch size, learning rate and weight decay of training.
 _BATCH, _RATE, _DECAY = 64, 2e-3, 1e-2
 
 

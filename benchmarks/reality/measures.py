@@ -166,7 +166,7 @@ def covariance(change: Array, touched: NDArray[np.bool_]) -> Array:
 def distance(ours: Array, theirs: Array) -> float:
     """Wasserstein-1 distance between two samples of a number.
 
-    0 for equal samples; for one that is the other plus a constant, the size of that constant.
+    0 for equal samples; for samples that differ by a constant, its absolute value.
 
     Args:
         ours: Sample (n,); NaN is left out.

@@ -1,4 +1,4 @@
-"""The data set ``feel``: a gripper with two GelSights tries to lift objects."""
+"""The data set ``feel``: attempts of a gripper with two GelSights to lift objects."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Feel(PublishedDataset):
     """The Feeling of Success, unpacked: a grasp and a finger are a recording of three frames.
 
     Frames are those before, during and after the grasp, one second apart (their times are not
-    published); the first is without contact. The layout is that written by AnyTouch's
+    published); the first is without contact. The layout is the one written by AnyTouch's
     `feel_data.py` from ``calandra_corl2017_*.h5``; ``is_gripping`` is 1 for a lifted object.
 
     Args:

@@ -25,8 +25,8 @@ class Mixture:
     Args:
         sources: Configuration of each data set, by a name of its own: ``name`` is the plugin; null
             drops one.
-        weights: Weight of each data set in a batch, by that name; without one, its share is that
-            of its clips in all clips.
+        weights: Weight of each data set in a batch, by that name; without one, its share of a
+            batch is its share of all clips.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Mixture:
         """The data sets, by name.
 
         Raises:
-            ConfigError: There is none, or one is a mixture itself.
+            ConfigError: There are no sources, or one is a mixture itself.
         """
         if not self.given:
             raise ConfigError(

@@ -22,7 +22,7 @@ from tactileforge.sim.mechanics.sensor_gels import sensor_gel
 from tactileforge.sim.randomise.draw import randomised_rows
 from tactileforge.sim.scene import Scene, draw_scene
 
-#: Indenters that a small data set shows several times each.
+#: Indenters of a small data set, few enough for several touches of each.
 FEW = (
     "small_sphere",
     "cylindrical",
@@ -59,10 +59,10 @@ class SimConfig:
             indenters of their own, as in the paper), ``textures``, ``all``, or names of shapes.
         motions: ``atomic`` (slides and turns), ``force_trial``, ``manipulation``, ``all``, or
             names of motions.
-        size: Rows or columns of an image, whichever are fewer.
+        size: Shorter side of an image, pixels.
         seconds: Mean duration of one action, s.
-        force: Range of the largest normal force on a nominal gel, N; a shape that does not reach it
-            within 1.5 mm presses as hard as it can.
+        force: Range of the largest normal force on a nominal gel, lowest and highest, N; clipped to
+            the forces of a shape down to 1.5 mm.
         markers: Whether the gels have markers; None for their types' default.
         viscosity: Relaxation time of the gels, s.
         lag: Delay of the images behind the forces, as from a real camera, s; at least 0, below 1.

@@ -50,6 +50,7 @@ def recordings(config: SimConfig, number: int) -> list[shards.Packed]:
     ):
         assert shots.surface is not None
         pictures[shots.sensor] += [shards.encode_image(p, config.codec) for p in shots.pictures]
+        # Lossless: these images encode displacements, labels of training.
         surface[shots.sensor] += [shards.encode_image(p, "png") for p in shots.surface]
         force[shots.sensor].append(shots.force)
         torque[shots.sensor] = max(torque[shots.sensor], float(np.abs(shots.torque).max()))
@@ -142,7 +143,7 @@ def _unwritten(folder: Path, error: OSError) -> TactileForgeError:
 
 
 def _write(config: SimConfig, folder: Path, number: int) -> None:
-    with one_thread():  # the number of threads would change the last bits of sums
+    with one_thread():  # the bytes must not depend on the machine's number of cores
         shards.write_shard(path_of(folder, number), recordings(config, number))
 
 
@@ -172,9 +173,11 @@ def write_seconds(
     while total < seconds:
         train = len([n for n in numbers if n < FIRST_VAL])
         held_out = len(numbers) - train
+        # Validation scenes are spread over the numbers, so their share holds at any length.
         to_val = held_out < val * (len(numbers) + 1) - 0.5
         numbers.append(FIRST_VAL + held_out if to_val else train)
         total += config.scene(numbers[-1]).path.seconds
+    # Claimed before anything is written, and indexed last: an index lists whole shards only.
     claim(folder / "sim.json", asdict(config), "touches")
     shards.keep_whole(path_of(folder, n) for n in numbers)
     write_scenes(config, folder, numbers, processes)

@@ -27,7 +27,7 @@ POINTS, SPACING = 72, 0.2
 #: Depths (mm) at which the force of a shape is computed; no press goes deeper than the last.
 _DEPTHS = (0.05, 0.1, 0.2, 0.35, 0.55, 0.8, 1.1, 1.5)
 #: Number of waves of an unsteady hand, their range of frequencies (Hz), and their amplitudes in a
-#: pose, mm and rad, for ``sway`` of 1; that of depth is a share of the deepest.
+#: pose, mm and rad, for ``sway`` of 1; the amplitude of depth is a share of the deepest.
 _WAVES, _HERTZ, _SWAY = 4, (0.4, 4.0), (0.25, 0.25, 0.02, 0.5, 0.015, 0.015)
 #: Depth of printed lines over their distance.
 _PRINT = 0.03
@@ -140,6 +140,7 @@ def draw_scene(
         raise ConfigError(unknown("motion", motion, MOTIONS))
     if not 0 < force[0] <= force[1] or seconds <= 0:
         raise ConfigError(f"scene: force={force} N and seconds={seconds} must be greater than 0")
+    # The order of the draws below defines the touch of a seed: another order gives other touches.
     rng = np.random.default_rng([seed, 0x51])
     row = RandomDraw(randomise, seed)
     tilt = rng.normal(0, row["tilt"], 2)

@@ -31,7 +31,7 @@ class SensorView:
     Args:
         sensor: Type of the sensor, see `sensors.specs.SIMULATED`.
         unit: Seed of the unit.
-        size: Rows or columns of the images, whichever are fewer.
+        size: Shorter side of the images, pixels.
         randomise: Differences between units, see `randomise.draw.randomised_rows`.
         markers: Whether the gel has markers; None for its type's default.
         surface: Whether to return the displacement of the gel's surface.

@@ -174,7 +174,7 @@ class _Names:
         self._exact = {_composed(name): name for name in self.all}
         self._folded: dict[str, str | None] = {}
         for plain, name in self._exact.items():
-            twice = plain.casefold() in self._folded  # then only the exact case tells them apart
+            twice = plain.casefold() in self._folded  # ambiguous: only the exact case matches
             self._folded[plain.casefold()] = None if twice else name
 
     def plain(self, written: str) -> str:

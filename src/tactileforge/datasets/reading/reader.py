@@ -148,6 +148,7 @@ class LayoutReader:
         times = clock.times
         force = self._force(touch, clock)
         phrases = [row.fill(phrase, spaced=True) for phrase in layout.text]
+        # Common to all tiles; each tile sets its sensor, frames and background below.
         whole = Recording(
             key=f"{layout.name}/{touch.name}",
             sensor="",

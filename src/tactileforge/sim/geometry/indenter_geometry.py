@@ -1,7 +1,7 @@
 """Indenter geometry: resolution-free height maps from outlines and profiles.
 
 A height is a function of ``x`` (right) and ``y`` (down), both in mm: the height in mm above the
-lowest plane of the shape, 0 where the tip touches first, `DEEP` where there is no material.
+lowest plane of the shape, 0 at the first point of contact, `DEEP` without material.
 """
 
 from __future__ import annotations
@@ -38,13 +38,12 @@ class Shape:
 
     Attributes:
         name: Name in options and file names.
-        height: Function from x, y (mm) to mm above the tip's lowest plane; `DEEP` where there is
-            no material.
+        height: Function from x, y (mm) to mm above the tip's lowest plane; `DEEP` without material.
         radius: Half of its size, mm; the height is `DEEP` farther from the middle.
         index: Number in the paper's table of indenters; None for anything else.
         split: Use of the shape: pre-training, or training or testing of the force benchmark.
         round: Whether rotation about the normal changes nothing.
-        detail: Width of its finest detail, mm; 0 where it is not known.
+        detail: Width of its finest detail, mm; 0 if unknown.
     """
 
     name: str
@@ -73,7 +72,7 @@ class Shape:
             float32 (pixels, pixels), mm; rows along ``y``, columns along ``x``.
 
         Raises:
-            ConfigError: The grid is too coarse for the shape; says the limit.
+            ConfigError: The grid is too coarse for the shape; the message gives the limit.
         """
         limit = 2 * self.radius / CELLS
         if self.detail:
@@ -151,7 +150,7 @@ def lift(height: Height, by: float) -> Height:
 
 
 def join(*heights: Height) -> Height:
-    """Shapes side by side or on each other: whichever reaches farther."""
+    """The union of shapes, side by side or on each other."""
     return lambda x, y: reduce(np.minimum, (height(x, y) for height in heights))
 
 

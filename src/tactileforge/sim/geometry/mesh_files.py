@@ -46,7 +46,7 @@ def load_points(path: str | Path) -> NDArray[Any]:
         DataError: The file is not an array of numbers.
     """
     path = existing_file(path)
-    try:  # a header that states more numbers than the file has cannot be mapped
+    try:  # mapping fails, without a huge allocation, if a header states more than the file holds
         return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
     except _DAMAGE as error:
         raise DataError(f"{path}: not an array of numbers: {error}") from error
@@ -97,7 +97,7 @@ def check_count(name: str, count: int, what: str) -> None:
     """Refuses more faces or points than `MAX_PARTS`.
 
     Raises:
-        DataError: There are more.
+        DataError: ``count`` is above `MAX_PARTS`.
     """
     if count > MAX_PARTS:
         raise DataError(

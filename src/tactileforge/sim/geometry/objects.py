@@ -26,7 +26,9 @@ from tactileforge.sim.geometry.mesh_files import (
 from tactileforge.sim.geometry.sdf2d import Array, Point
 from tactileforge.untrusted import open_picture
 
+#: Height of cells without material, far below any object.
 _EMPTY = -1e6
+#: Largest number of samples of triangles at a time, to bound memory.
 _SAMPLES = 2_000_000
 
 
@@ -40,8 +42,8 @@ def mesh_shape(
     """A triangle mesh as a shape.
 
     Args:
-        source: A file that ``trimesh`` reads, or a mesh with ``vertices`` and ``faces``.
-        mm_per_unit: Length of the mesh's unit; 1000 where it is in metres.
+        source: Path of a file for ``trimesh``, or a mesh with ``vertices`` and ``faces``.
+        mm_per_unit: Length of the mesh's unit, mm; 1000 for metres.
         at: Touched place, mm from the middle of the mesh, right and up.
         spacing_mm: Spacing of the sampling grid, mm.
         name: Name of the shape; None for that of the file.
@@ -75,8 +77,8 @@ def cloud_shape(
     """A cloud of points as a shape; the space between points is closed.
 
     Args:
-        source: (N, 3) points, a ``.npy`` file of them, or a file that ``trimesh`` reads.
-        mm_per_unit: Length of the cloud's unit; 1000 where it is in metres.
+        source: Points (N, 3), path of a ``.npy`` file of them, or path of a file for ``trimesh``.
+        mm_per_unit: Length of the cloud's unit, mm; 1000 for metres.
         at: Touched place, mm from the middle of the cloud, right and up.
         gap_mm: Widest gap between points to close, mm; None for one from the number of points.
         spacing_mm: Spacing of the sampling grid, mm.

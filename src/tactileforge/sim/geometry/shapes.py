@@ -143,7 +143,7 @@ _FLAT: tuple[tuple[int, str, SDF], ...] = (
     (70, "regular_octagonal", turn(22.5, regular(8, 5))),
     (71, "clover_shaped", union(at(0, -0.8, _LEAVES), _STALK)),
 )
-#: index, name, height: tips that are not flat
+#: index, name, height of curved tips
 _CURVED: tuple[tuple[int, str, Height], ...] = (
     (7, "small_sphere", ball(2.2)),
     (20, "raised_elliptical", join(extrude(ellipse(3.6, 2)), lift(extrude(_DISC), 1))),

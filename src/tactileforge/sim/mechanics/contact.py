@@ -18,6 +18,7 @@ from tactileforge.sim.mechanics.gel import Kernel
 
 #: Largest misfit between surface and object in the contact, as a share of the depth.
 TOLERANCE = 2e-3
+#: Largest number of steps before `NotConverged`.
 _STEPS = 300
 #: Steps between two checks of convergence, by type of device; others check rarely, as reading the
 #: result waits for the GPU.
@@ -42,12 +43,12 @@ def press(
 
     Args:
         kernel: The gel on its grid.
-        overlap: float32 (B, n, n), mm by which the object would enter the gel if that did not
-            yield; negative where it stays clear.
-        start: A pressure to start from, such as that of the frame before.
+        overlap: float32 (B, n, n), depth of the object in an unyielding gel, mm; negative where it
+            stays clear.
+        start: Initial pressure, such as that of the frame before; None for a guess.
         tolerance: Largest misfit in the contact, as a share of the depth.
-        give: float32 (B,), mm/MPa by which the object itself yields where it is pressed, as a bed
-            of springs; None for rigid objects.
+        give: float32 (B,), compliance of the object itself as a bed of springs, mm/MPa; None for
+            rigid objects.
 
     Returns:
         float32 (B, n, n), MPa.

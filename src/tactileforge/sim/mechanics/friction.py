@@ -15,6 +15,7 @@ from tactileforge.sim.mechanics.gel import Kernel
 
 #: Largest misfit of sticking points, mm.
 TOLERANCE = 1e-3
+#: Largest number of steps before `NotConverged`.
 _STEPS = 400
 
 

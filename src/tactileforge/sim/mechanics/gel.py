@@ -112,7 +112,7 @@ def compliance(gel: Gel, wave: Tensor) -> Compliance:
     return Compliance(
         normal=torch.where(uniform, confined, half_space * (sinh - 4 * k) / denominator),
         along=torch.where(uniform, h / shear, half_space * (sinh + 4 * k) / denominator),
-        # Shear across the wave is antiplane, and knows no Poisson's ratio.
+        # Shear across the wave is antiplane, and independent of Poisson's ratio.
         across=torch.where(uniform, h / shear, torch.tanh(k) / (shear * q)),
         coupling=torch.where(uniform, 0.0, mixed / (4 * shear * q * denominator)),
     )
@@ -163,8 +163,8 @@ class Kernel:
     def lift(self, shear: Tensor) -> Tensor:
         """Depth (mm) of the surface under shear traction (MPa), from (..., 2, n, n).
 
-        By reciprocity it is the transpose of `spread`: the gel bulges ahead of what drags it, and
-        sinks behind.
+        By reciprocity it is the transpose of `spread`: the gel bulges ahead of a dragging object,
+        and sinks behind it.
         """
         return self.back(self.lifted(self.spectrum(shear)))
 

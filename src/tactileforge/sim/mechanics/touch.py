@@ -27,15 +27,16 @@ class ContactState:
 
     Attributes:
         pose: float32 (B, 6), see `motions.Path`.
-        pressure: float32 (B, n, n), MPa.
-        shear: float32 (B, 2, n, n), of the object on the gel, MPa.
-        force: float32 (B, 3), of the object on the gel, N; x and y of the image, z into the gel.
-        torque: float32 (B,), about the axis of the object, N mm, clockwise in the image.
+        pressure: float32 (B, n, n), pressure, MPa.
+        shear: float32 (B, 2, n, n), shear traction of the object on the gel, MPa.
+        force: float32 (B, 3), force of the object on the gel, N; x and y of the image, z into the
+            gel.
+        torque: float32 (B,), torque about the axis of the object, N mm, clockwise in the image.
         strain: float32 (B, 3, n, n), pressure and shear that deform the gel, over the modulus.
         depth: float32 (B,), depth of the object's lowest plane beyond the gel's apex, mm.
         bend: float32 (B,), dome of the gel, 1/mm: at rest it lies ``bend`` times the squared
             distance from the image's centre below its apex.
-        give: float32 (B,), mm by which the object yields for a unit of ``strain``.
+        give: float32 (B,), compliance of the object, mm per unit of ``strain``.
     """
 
     pose: Tensor
@@ -74,13 +75,13 @@ def contacts(
     Args:
         heights: float32 (B, n, n), mm of the objects above their lowest planes.
         spacing: mm between the points of these maps.
-        gels: One of each touch; thickness and Poisson's ratio are the same for all.
+        gels: Gel of each touch; thickness and Poisson's ratio are the same for all.
         poses: float32 (B, T, 6), see `motions.Path`.
         fps: Frames per second of each touch.
         name: Name of the touch in errors.
-        softness: mm/MPa by which each object yields where it is pressed; None for rigid ones.
-        window: Points a side of the part of the grid that is solved; None takes the smallest that
-            holds every contact of the batch.
+        softness: Compliance of each object, mm/MPa; None for rigid ones.
+        window: Points a side of the solved part of the grid; None for the smallest part around
+            every contact of the batch.
 
     Yields:
         One `ContactState` a frame; its fields have the resolution of ``heights``.
@@ -129,13 +130,13 @@ class ContactSolver:
     Args:
         heights: float32 (B, n, n), mm of the objects above their lowest planes.
         spacing: mm between the points of these maps.
-        gels: One of each touch; thickness and Poisson's ratio are the same for all.
+        gels: Gel of each touch; thickness and Poisson's ratio are the same for all.
         fps: Steps per second of each touch.
         poses: float32 (B, T, 6), see `motions.Path`: depth counts from the first touch at the
             first, and all lie within the window. None counts depth from the apex, and solves the
             full grid.
-        softness: mm/MPa by which each object yields where it is pressed; None for rigid ones.
-        window: Points a side of the part that is solved; None takes the smallest that holds
+        softness: Compliance of each object, mm/MPa; None for rigid ones.
+        window: Points a side of the solved part of the grid; None for the smallest part around
             every contact.
     """
 
@@ -175,9 +176,9 @@ class ContactSolver:
     def next(self, state: Tractions, pose: Tensor) -> Tractions:
         """Solves the next frame.
 
-        Pressure and shear act on each other's displacements: pressure is solved over the surface
-        that the shear of the frame before has tilted, shear with what pressure spreads, and then
-        pressure once more.
+        Pressure and shear displace the surface for each other: pressure is solved on the surface
+        tilted by the shear of the frame before, then shear with the lateral spread of that
+        pressure, and then pressure once more.
 
         Args:
             state: Tractions of the frame before.

@@ -14,7 +14,7 @@ from torch import Tensor
 
 #: Shorter side of an image at full size, pixels: the unit of `CameraModel.blur`.
 FULL = 240
-#: Lowest JPEG quality that is used.
+#: Lower limit of the JPEG quality.
 _WORST = 10
 #: Interval of key frames in the simulated MPEG stream, images.
 _KEY = 15

@@ -21,6 +21,7 @@ from tactileforge.sim.optics.presses import Presses
 
 #: Half side of the fitted square around a contact, contact radii.
 _AROUND = 3.0
+#: Penalty of a weight, see `fit_weights`; and its factor for weights that vary with the place.
 _RIDGE = 1e-4
 _PLACE = 10.0
 #: Degree of the polynomials of backgrounds.

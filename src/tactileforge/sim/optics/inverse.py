@@ -21,7 +21,7 @@ from tactileforge.sim.optics.lighting import DEGREE, OpticalCalibration
 
 #: Gauss-Newton steps of a pixel, and rounds of subtracting the scattered light.
 _STEPS, _ROUNDS = 3, 3
-#: Step of a round towards the newly estimated scattered light; below 1 to damp oscillation.
+#: Step of a round towards the newly estimated scattered light, 0 to 1.
 _SHARE = 0.7
 #: Standard deviation of the calibration's error on real pictures, grey levels (a PSNR of 30 dB);
 #: and of normals.

@@ -109,6 +109,7 @@ def ball_profile(
     return radii, mixed + share * np.interp(radii * b / wanted, radii, deep)
 
 
+#: Points a side of the solver's grid, their distance (mm), and steps of the depth of presses (mm).
 _POINTS, _SPACING, _STEP = 256, 0.06, 0.15
 
 

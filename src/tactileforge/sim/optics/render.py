@@ -20,6 +20,7 @@ from tactileforge.sim.optics.sensor_instances import SensorInstance
 #: Frames, and pixels of each, per step: as many as fit a processor's cache.
 _FRAMES = 8
 _TILE = 1 << 13
+#: Margin of the bank of noise, pixels: each frame takes a part of it at a random shift.
 _MARGIN = 64
 
 

@@ -16,6 +16,7 @@ from tactileforge.sim.geometry.indenter_geometry import DEEP, Shape
 
 #: Side of the visible part of the table, mm; larger shapes are seen from farther away.
 TABLE = 20.0
+#: Number of horizontal slices of a drawn shape, and least side of an image, pixels.
 _LAYERS = 12
 _SMALLEST = 16
 

@@ -66,7 +66,7 @@ def draw_instance(
         randomise: Differences between units, see `randomise.draw.randomised_rows`.
 
     Raises:
-        ConfigError: The sensor is not simulated, or markers are asked of a type without them.
+        ConfigError: The sensor is not simulated, or ``markers`` is True for a type without them.
     """
     style, known = simulation(sensor), spec(sensor)
     height, width = size or (known.height, known.width)
