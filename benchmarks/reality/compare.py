@@ -25,14 +25,14 @@ class CompareOptions:
     """Options of a comparison.
 
     Attributes:
-        sensors: Types of sensors; null for all types in both the data and the simulator.
+        sensors: Types of sensors; None for all types in both the data and the simulator.
         recordings: Largest number of recordings read per source.
         scenes: Number of simulated touches of each sensor.
         trials: Number of simulated force trials; only used for data with forces.
         indenters: Indenters of the simulated touches, see `sim.config.SimConfig`.
         motions: Motions of the simulated touches, see `sim.config.SimConfig`.
         newton: Range of the largest normal force of the touches, lowest and highest, N.
-        markers: Whether the simulated gels have markers; null for their types' default.
+        markers: Whether the simulated gels have markers; None for their types' default.
         seed: Seed of the simulated touches.
     """
 

@@ -40,7 +40,7 @@ class Recordings:
 
     Args:
         root: Folder of the data.
-        layouts: Layouts by name; null drops one. Without any, those under the key ``layouts`` of
+        layouts: Layouts by name; None drops one. Without any, those under the key ``layouts`` of
             ``tactileforge.yaml`` in the root, less the dropped ones.
         val: Share held out for validation; unused by layouts with a split in their labels.
 

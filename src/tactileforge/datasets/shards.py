@@ -34,7 +34,7 @@ class Shards:
     Args:
         root: Folder of the shards, or its URL.
         cache: Folder of the cache for remote shards; None for the user's cache folder.
-        cache_gb: Size limit of the cache, GB; null for no limit. It must hold the shards read by
+        cache_gb: Size limit of the cache, GB; None for no limit. It must hold the shards read by
             all workers at a time.
         val: Share of the training held out for validation, with all recordings opened at once; 0
             uses the stored shards of validation only.

@@ -40,7 +40,7 @@ class Sim:
             ``all``, or names of rows, see `sim.randomise.table.TABLE`.
         seed: Seed of all touches.
         cache: Folder of the cache; None for ``$TACTILEFORGE_CACHE``, or the user's cache folder.
-        processes: Number of simulating processes; None for one a core.
+        processes: Number of simulating processes; None for one per core.
 
     Raises:
         ConfigError: ``scenes`` is below 1, or ``val`` below 0.

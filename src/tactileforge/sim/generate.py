@@ -115,7 +115,7 @@ def write_scenes(
         config: The simulated scenes.
         folder: Folder of the shards.
         numbers: Numbers of scenes.
-        processes: Number of processes; None for one a core.
+        processes: Number of processes; None for one per core.
     """
     missing = [n for n in numbers if not path_of(folder, n).exists()]
     if not missing:
@@ -157,7 +157,7 @@ def write_seconds(
         folder: Folder of the shards.
         seconds: Duration of touch on each sensor, s, above 0.
         val: Share of the scenes held out for validation; at least 0, below 1.
-        processes: Number of processes; None for one a core.
+        processes: Number of processes; None for one per core.
 
     Returns:
         Number of scenes for training and for validation.

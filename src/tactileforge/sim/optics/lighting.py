@@ -186,7 +186,7 @@ def lamp_calibration(
         right, down = math.cos(lamp.azimuth), math.sin(lamp.azimuth)
         facing = (1 - x * x - y * y).sqrt() * sin - (x * right + y * down) * cos
         change = torch.linalg.lstsq(powers, facing.clamp(min=0)[:, None] - sin).solution
-        change = change.float().round(decimals=4)  # LAPACK's last digits differ from run to run
+        change = change.float().round(decimals=4)  # the last digits of lstsq differ from run to run
         colour = torch.tensor(lamp.colour)
         place = torch.zeros(len(terms), 1)
         for term, part in (((0, 0), 1.0), ((1, 0), right * lamp.fall), ((0, 1), down * lamp.fall)):
