@@ -138,7 +138,7 @@ class TactileViT(Backbone):
         for parameter in (self.class_token, self.sensor_table, self.position):
             if parameter is not None:
                 nn.init.normal_(parameter, std=0.02)
-        # tactile patches differ little: with small random positions, tokens would start almost equal
+        # tactile patches differ little: with small random positions, tokens start almost equal
         with torch.no_grad():
             self.position[1:] = 0.5 * sincos_grid(self.grid, self.width).flatten(0, 2)
         self.photo_stream = None
