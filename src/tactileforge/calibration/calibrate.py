@@ -18,27 +18,27 @@ from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.sensors.specs import spec
 
-#: Between lags that are tried, s.
+#: Step between candidate lags, s.
 _LAG_STEP = 1 / 60
-#: Share of the variance that a fit must explain to be kept.
+#: Smallest share of explained variance of an accepted fit.
 _LEAST_R2 = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrateOptions:
-    """The keys of ``tactileforge calibrate``, but those that name data and files.
+    """Keys of ``tactileforge calibrate``, except those of data and files.
 
     Attributes:
-        device: Sensor, where the data hold several: the label ``device``, or the type.
-        unit: Unit, by the label ``unit``.
-        fit: Features for the forces: ``auto``, ``none``, ``pictures``, ``taxels``, ``head``, or a
-            track.
-        axes: Axes of the force.
-        max_lag: Longest time by which images may come later than forces, s; 0 looks for none.
-        punch_mm: Diameter of a flat round punch that presses in the recordings whose ``object`` is
-            ``punch``, or in all where none is called so.
-        mm_per_pixel: The scale, where it is known.
-        frames: Most frames that are looked at.
+        device: Sensor, for data of several: the label ``device``, or the type; None for any.
+        unit: Unit of the sensor, by the label ``unit``; None for any.
+        fit: Features for the forces: ``auto``, ``none``, ``pictures``, ``taxels``, ``head``, or the
+            name of a track.
+        axes: Axes of the force to fit, of x, y and z.
+        max_lag: Largest delay of images behind forces to search for, 0 to 1 s; 0 searches for none.
+        punch_mm: Diameter of a flat round punch, mm, pressed in the recordings with the ``object``
+            ``punch``, or in all if there are no such recordings; None for no punch.
+        mm_per_pixel: Scale of the images, mm per pixel; None if it is not known.
+        frames: Number of frames after which no more recordings are read.
     """
 
     device: str | None = None
@@ -72,8 +72,8 @@ class CalibrationResult:
 
     Attributes:
         calibration: Content of the file.
-        fits: The fit of each axis.
-        still: uint8 (H, W, 3), the background; None for an array.
+        fits: Fit of each axis, by name.
+        still: Background, uint8 (H, W, 3); None for an array of taxels.
         scale: Source of the scale, in words.
         notes: Warnings for the user, one line each.
     """
@@ -94,16 +94,17 @@ def calibrate(
     """Calibrates one unit.
 
     Args:
-        recordings: Of it, and maybe of others, see ``device`` and ``unit``.
-        options: What, and how.
-        reference: A calibration whose colours are right; see `estimate_light.light`.
-        model: What forces are fitted to, where that is ``head``: what it says of each axis (a gain
-            and an offset), all three of it, or what the last layer of its head reads, whichever
-            predicts presses best that were not seen.
+        recordings: Recordings of the unit; those of others are left out by ``device`` and ``unit``.
+        options: Options of the calibration.
+        reference: Calibration of another unit, with the colours to balance to; see
+            `light.estimate_light`.
+        model: Model for the fit ``head``. The features are its force along one axis (a gain and an
+            offset), its forces along all three, or the inputs of the last layer of its head,
+            whichever predicts held-out presses best.
 
     Raises:
         ConfigError: The recordings are of several units, or the options do not fit them.
-        DataError: They do not hold what is needed; says what.
+        DataError: The recordings lack needed data; says which.
     """
     chosen = _chosen(recordings, options)
     first = chosen[0]
@@ -250,7 +251,7 @@ def _force(
     if options.max_lag:
         lags = np.arange(0, options.max_lag + 1e-9, _LAG_STEP)
         tried = np.stack([earlier(wanted[-1], float(at)) for at in lags])
-        tried[:, ~np.isfinite(tried).all(0)] = np.nan  # lags are compared on the same frames
+        tried[:, ~np.isfinite(tried).all(0)] = np.nan  # compare all lags on the same frames
         lag = float(lags[np.argmin([fitted(wanted[-1], force).axis.rmse for force in tried])])
     fits = {name: fitted(name, earlier(name, lag)) for name in wanted}
     for name in wanted:
@@ -276,7 +277,7 @@ def _choices(kind: str, axis: str, columns: Mapping[str, Any]) -> list[Sequence[
 
 
 def _lagged(recording: Recording, column: int, lag: float) -> NDArray[np.float64]:
-    """One axis of the force, ``lag`` seconds before each frame; NaN where it is not known."""
+    """One axis of the force, ``lag`` seconds before each frame; NaN for unknown values."""
     assert recording.force is not None
     force = recording.force[:, column].astype(np.float64)
     if lag == 0:

@@ -18,34 +18,34 @@ from tactileforge.sensors.taxels import REST
 if TYPE_CHECKING:
     from torch import Tensor
 
-#: Rows or columns, whichever are more, that features are taken at: noise is averaged away.
+#: Rows or columns of shrunk images, whichever are more; shrinking averages noise away.
 _SIZE = 64
-#: Frames that are decoded at a time.
+#: Number of frames to decode at a time.
 _CHUNK = 64
-#: Features of an image that grow with the normal force, and do not tell directions.
+#: Features of an image that grow with the normal force and do not depend on directions.
 NORMAL = ("strength", "area", "peak", "volume")
 _COLOURS = ("red", "green", "blue")
-#: Change of a pixel that counts as contact where noise is not known, grey levels.
+#: Change of a pixel that counts as contact if noise is not known, grey levels.
 LEAST = 3.0
 
 
 class ForceReader(Protocol):
-    """Interface that calibration needs of a model, such as `hub.model.Model`."""
+    """Interface of a model for calibration, such as `hub.model.Model`."""
 
     @property
     def frames(self) -> int:
-        """Frames of a clip."""
+        """Number of frames of a clip."""
 
     @property
     def spacing(self) -> float:
-        """Seconds between them."""
+        """Seconds between the frames of a clip."""
 
     @property
     def fingerprint(self) -> str:
-        """Ties a calibration to its model."""
+        """Identifier of the model's weights, to tie a calibration to its model."""
 
     def squash(self, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Images at the size of training."""
+        """Resizes images to the size of training."""
 
     def force_inputs(
         self, frames: NDArray[np.uint8], background: NDArray[np.uint8], sensor: str
@@ -58,22 +58,22 @@ def force_features(
 ) -> dict[str, NDArray[np.float64]]:
     """Features of every frame, float64 (T,) each.
 
-    ``pictures`` are compared with the background: how much they change on the whole
-    (``strength``), where they do (``area``, a share), how much at most (``peak``), their
-    product ``volume`` = peak * sqrt(area); what each colour changes; and the first moments of all
-    that along x and y, which a shear shifts. ``taxels`` are images of an array: the sums ``x``,
-    ``y``, ``z`` of what taxels show, in units of full colour. ``head`` is what a model reads of
-    the force, see `hub.forces.calibration_inputs`. Else it is the name of a track (T, 3), whose
-    columns are ``x``, ``y``, ``z``.
+    ``pictures`` are changes from the background: the mean change (``strength``), the share of
+    changed pixels (``area``), the largest change (``peak``, the 99th percentile), ``volume`` =
+    peak * sqrt(area), the mean change of each colour, and the first moments of strength and colours
+    along x and y, which shear shifts. ``taxels`` are the sums ``x``, ``y``, ``z`` of the taxels in
+    images of an array, in units of full colour. ``head`` are the force inputs of a model, see
+    `hub.forces.calibration_inputs`. Any other kind is the name of a track (T, 3) with the columns
+    ``x``, ``y``, ``z``.
 
     Args:
-        recording: The touch.
-        kind: ``pictures``, ``taxels``, ``head``, or the name of a track.
+        recording: Recording of touch.
+        kind: Kind of features: ``pictures``, ``taxels``, ``head``, or the name of a track.
         noise: Change of a pixel that counts as contact, grey levels.
-        model: Model whose head is read, of the kind ``head``.
+        model: Model for the kind ``head``.
 
     Raises:
-        DataError: It has no background, or no such track.
+        DataError: The recording has no background, or no such track.
         ConfigError: The model has no force head, or does not know the sensor.
     """
     if kind == "head" and model is not None:
@@ -90,7 +90,7 @@ def median_background(recording: Recording) -> NDArray[np.float32]:
     """The median image without contact, float32 (H, W, 3).
 
     Raises:
-        DataError: There is none.
+        DataError: The recording has no frame without contact.
     """
     if recording.no_contact is None:
         raise DataError(
@@ -102,7 +102,7 @@ def median_background(recording: Recording) -> NDArray[np.float32]:
 
 
 def noise_threshold(recording: Recording) -> float:
-    """Change that noise alone does not reach, grey levels, of pixels at the size of features."""
+    """Threshold of change above the noise, grey levels, for pixels at the size of features."""
     rest = recording.no_contact
     if rest is None or len(rest) < 3:
         return LEAST
@@ -112,7 +112,7 @@ def noise_threshold(recording: Recording) -> float:
 
 
 def chunks(frames: Frames) -> Iterator[NDArray[np.uint8]]:
-    """Frames of a recording, uint8 (n, H, W, 3), a few at a time."""
+    """Yields frames of a recording, uint8 (n, H, W, 3), a few at a time."""
     for start in range(0, len(frames), _CHUNK):
         rows = range(start, min(start + _CHUNK, len(frames)))
         yield checked_pixels(frames.read(rows), "frames", 4)
@@ -160,7 +160,7 @@ def _pictures(
 
 
 def _read_by(model: ForceReader, recording: Recording) -> Iterator[dict[str, NDArray[np.float64]]]:
-    """Features of a model for the last frame of the clips that end at each frame."""
+    """Features of a model for every frame, each as the last frame of a clip."""
     rest = model.squash(median_background(recording).round().astype(np.uint8))
     ends = np.arange(len(recording.frames))
     held = held_clips(recording.times, ends, model.frames, model.spacing)

@@ -1,4 +1,4 @@
-"""The calibration of one unit: a small YAML, and a label of the recordings that it made."""
+"""The calibration of one unit: a small YAML file, and a label of the unit's recordings."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from tactileforge.files import sealed_yaml, unsealed_yaml, write_text
 if TYPE_CHECKING:
     from tactileforge.calibration.features import ForceReader
 
-#: Version of the file; a reader refuses another.
+#: Version of the file; other versions are refused.
 VERSION = 1
-#: Label of a recording that carries the text of its unit's calibration.
+#: Label of a recording with the text of its unit's calibration.
 LABEL = "calibration"
 AXES = ("x", "y", "z")
 
@@ -32,8 +32,8 @@ class Light:
 
     Attributes:
         colour: Mean red, green and blue, grey levels.
-        balance: Factors that give each colour the level of the reference; of a unit without a
-            reference, to make the three means equal.
+        balance: Factors from each colour to the level of the reference; without a reference, to
+            the common mean of the three.
         grid: Mean colours of 3 x 4 parts of the image, grey levels.
     """
 
@@ -44,15 +44,16 @@ class Light:
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis of the force: an offset, and what each feature weighs.
+    """One axis of the force: an offset, and the weight of each feature.
 
     Attributes:
-        offset: N.
-        weights: N per unit of each feature.
-        rmse: Error on recordings that the fit did not see, N.
-        r2: Share of the variance that it explains there.
-        span: Lowest and highest force that it was fitted to, N.
-        before: Error there of the model as it is, N; None where there is no model.
+        offset: Offset, N.
+        weights: Weight of each feature, N per unit of the feature.
+        rmse: Root mean square error on held-out presses, N.
+        r2: Share of explained variance on held-out presses, at most 1.
+        span: Lowest and highest fitted force, N.
+        before: Root mean square error of the uncalibrated model on the same frames, N; None without
+            a model.
     """
 
     offset: float
@@ -63,10 +64,10 @@ class Axis:
     before: float | None = None
 
     def __call__(self, features: Mapping[str, NDArray[np.floating]]) -> NDArray[np.float64]:
-        """The force, float64 (T,), N.
+        """Computes the force, float64 (T,), N.
 
         Args:
-            features: Float (T,) each.
+            features: Features by name, float (T,) each.
         """
         total = sum(weight * np.asarray(features[name]) for name, weight in self.weights.items())
         return np.asarray(self.offset + total, np.float64)
@@ -77,12 +78,12 @@ class ForceModel:
     """Linear model of the force from the unit's features.
 
     Attributes:
-        of: ``pictures``, ``taxels``, ``head``, or the name of a track, see `features.of`.
+        of: Kind of features: ``pictures``, ``taxels``, ``head``, or the name of a track, see
+            `features.force_features`.
         noise: Change of a pixel that counts as contact, grey levels.
-        lag: Seconds by which images come later than forces.
-        axes: Those of ``x``, ``y``, ``z`` that were fitted.
-        model: Fingerprint of the model that it was fitted to (`hub.model.Model.fingerprint`); ""
-            for none.
+        lag: Delay of images behind forces, s.
+        axes: Fitted axes, by name: ``x``, ``y`` or ``z``.
+        model: Fingerprint of the fitted model (`hub.model.Model.fingerprint`); "" for none.
     """
 
     of: str
@@ -98,12 +99,12 @@ class Calibration:
 
     Attributes:
         sensor: Type of the sensor.
-        unit: Address or serial number that its recordings carry.
-        made: From what, and when.
-        light: The picture without contact.
-        mm_per_pixel: Of a picture of ``size``; None where it is not known.
-        size: Height and width of the pictures.
-        force: None where no force was recorded.
+        unit: Address or serial number of the unit, as in its recordings; "" for any.
+        made: Date and source, in words.
+        light: Light of the images without contact; None if it was not calibrated.
+        mm_per_pixel: Scale of an image of ``size``, mm per pixel; None if it is not known.
+        size: Height and width of the images, pixels.
+        force: Model of the force; None if no force was fitted.
 
     Example:
         >>> one = Calibration(sensor="digit", unit="D20123", mm_per_pixel=0.05, size=[320, 240])
@@ -125,7 +126,7 @@ class Calibration:
         return f"{self.sensor} {self.unit}".rstrip()
 
     def text(self) -> str:
-        """The file, with its checksum in the first line."""
+        """Text of the file, with its checksum in the first line."""
         plain = {"version": VERSION} | asdict(self)
         return sealed_yaml(plain, width=100, default_flow_style=None)
 
@@ -134,10 +135,10 @@ class Calibration:
         write_text(path, self.text())
 
     def balanced(self, frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Frames in the colours of the reference.
+        """Balances frames to the colours of the reference.
 
         Args:
-            frames: uint8 (..., 3), RGB.
+            frames: Frames, uint8 (..., 3), RGB.
 
         Raises:
             ConfigError: The light was not calibrated.
@@ -148,18 +149,18 @@ class Calibration:
         return np.rint(scaled).clip(0, 255).astype(np.uint8)
 
     def forces(self, recording: Recording, model: ForceReader | None = None) -> NDArray[np.float32]:
-        """The forces of a recording of this unit, float32 (T, 3), N; NaN on axes without a fit.
+        """Forces of a recording of this unit, float32 (T, 3), N; NaN on axes without a fit.
 
-        Where a lag was fitted, a frame shows the force of ``force.lag`` seconds before its time.
+        With a fitted lag, a frame shows the force at ``force.lag`` seconds before its time.
 
         Args:
-            recording: Of this unit.
-            model: The model that the forces were fitted to, if any.
+            recording: Recording of this unit.
+            model: Model used in the fit, if any.
 
         Raises:
-            ConfigError: It is of another type of sensor, no force was calibrated, or the model is
-                missing or another.
-            DataError: It has no background, or not the track.
+            ConfigError: The recording is of a different sensor, no force was calibrated, or the
+                model is missing or a different one.
+            DataError: The recording lacks the background or the track.
         """
         from tactileforge.calibration.features import force_features
 
@@ -176,10 +177,10 @@ class Calibration:
         return out
 
     def check(self, sensor: str, unit: str = "") -> None:
-        """Refuses another sensor.
+        """Refuses a different sensor.
 
         Raises:
-            ConfigError: It is of another type, or another unit.
+            ConfigError: The sensor is of a different type or unit.
         """
         if sensor != self.sensor or (unit and self.unit and unit != self.unit):
             raise ConfigError(
@@ -189,11 +190,11 @@ class Calibration:
 
 
 def load_calibration(path: str | Path) -> Calibration:
-    """Reads a file.
+    """Reads the file of a calibration.
 
     Raises:
-        DataNotFoundError: There is none.
-        ConfigError: It is not what `Calibration.save` writes; says where.
+        DataNotFoundError: There is no such file.
+        ConfigError: The file is not a valid calibration; says where.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -208,26 +209,26 @@ def load_calibration(path: str | Path) -> Calibration:
 
 
 def calibration_of(recording: Recording) -> Calibration | None:
-    """The calibration that a recording carries; None where it carries none.
+    """Calibration in the labels of a recording; None without one.
 
     Raises:
-        ConfigError: It carries something else under that label.
+        ConfigError: The label holds something else.
     """
     text = recording.labels.get(LABEL)
     return None if text is None else parse_calibration(str(text), f"{recording.key}, label {LABEL}")
 
 
 def calibration_labels(path: str | Path, sensor: str, unit: str = "") -> dict[str, str]:
-    """Labels for the recordings of a unit, so that its calibration goes where they go.
+    """Labels with the calibration of a unit, to keep it together with the unit's recordings.
 
     Args:
-        path: The file.
-        sensor: Type of the sensor that is recorded.
-        unit: Its address or serial number, "" where it has none.
+        path: File of the calibration.
+        sensor: Type of the recorded sensor.
+        unit: Address or serial number of the sensor; "" without one.
 
     Raises:
         DataNotFoundError: There is no such file.
-        ConfigError: It is wrong, or of another sensor.
+        ConfigError: The file is invalid, or of a different sensor.
     """
     calibration = load_calibration(path)
     calibration.check(sensor, unit)
@@ -235,15 +236,15 @@ def calibration_labels(path: str | Path, sensor: str, unit: str = "") -> dict[st
 
 
 def parse_calibration(text: str, where: str) -> Calibration:
-    """The calibration of a text.
+    """Parses the text of a calibration.
 
     Args:
-        text: YAML.
-        where: Its place, for messages.
+        text: Text in YAML, with its checksum.
+        where: Place of the text, for messages.
 
     Raises:
-        ConfigError: Its checksum is another, a key is unknown, missing or of another type, or a
-            number is not finite.
+        ConfigError: The checksum does not match, a key is unknown, missing or of the wrong type, or
+            a number is not finite.
     """
     try:
         content = strict.mapping(where, unsealed_yaml(text))
@@ -259,7 +260,7 @@ def parse_calibration(text: str, where: str) -> Calibration:
 
 
 def _check(calibration: Calibration, where: str) -> None:
-    """Validates what types cannot express."""
+    """Validates sizes, ranges and finite numbers, beyond the check of types."""
     size, scale = calibration.size, calibration.mm_per_pixel
     if size and (len(size) != 2 or min(size) <= 0):
         raise ConfigError(f"{where}: size is {size!r}, but must be a height and a width")
@@ -283,7 +284,7 @@ def _check_light(light: Light, where: str) -> None:
 
 
 def _shape(grid: list[list[list[float]]]) -> tuple[int, ...]:
-    """The shape of nested lists; () where their lengths differ."""
+    """Shape of nested lists; () if their lengths differ."""
     rows, colours = {len(row) for row in grid}, {len(cell) for row in grid for cell in row}
     return (len(grid), *rows, *colours) if len(rows) == len(colours) == 1 else ()
 

@@ -11,26 +11,27 @@ from numpy.typing import NDArray
 from tactileforge.calibration.file import Axis
 from tactileforge.errors import DataError
 
-#: Parts that are held out in turn.
+#: Number of parts, held out in turn.
 _FOLDS = 5
-#: Frames below which nothing is fitted, and below which a feature more is not worth it.
+#: Smallest number of frames for a fit, and smallest number of frames per feature.
 _LEAST_FRAMES, _PER_FEATURE = 20, 5
-#: Directions of the features that vary by less than this share are noise.
+#: Relative cut-off of singular values: directions of the features with less variation are noise.
 _RCOND = 1e-6
-#: The same of features that are many: as few as predict best are taken.
+#: Number of features above which several cut-offs are tried, to regularise the fit; the best on
+#: held-out presses is taken.
 _MANY, _RCONDS = 12, (3e-1, 1e-1, 3e-2, 1e-2)
 
 
 @dataclass(frozen=True)
 class AxisFit:
-    """One axis, and what it says of frames that it was not fitted to.
+    """The fit of one axis, and its predictions for held-out frames.
 
     Attributes:
-        axis: The fit to all frames.
-        measured: float64 (N,), N.
-        predicted: float64 (N,), N, each by the fit to the other folds.
-        fold: int64 (N,), in which fold each frame was held out.
-        before: float64 (N,), N, what the model says as it is; None where there is no model.
+        axis: Fit to all frames.
+        measured: Measured force, float64 (N,), newton.
+        predicted: Force predicted by the fit to the other folds, float64 (N,), newton.
+        fold: Number of the fold of each frame, int64 (N,).
+        before: Force of the uncalibrated model, float64 (N,), newton; None without a model.
     """
 
     axis: Axis
@@ -41,13 +42,13 @@ class AxisFit:
 
 
 def folds(lengths: Sequence[int]) -> NDArray[np.int64]:
-    """Number of the fold in which each frame is held out, int64 (N,).
+    """Assigns each frame to a fold, int64 (N,).
 
-    A press is held out whole where there are enough; fewer presses are cut into stretches, so that
-    neighbouring frames, which are alike, are held out together.
+    With enough presses, each is held out as a whole; fewer presses are cut into stretches, so that
+    neighbouring frames, which are similar, are held out together.
 
     Args:
-        lengths: Frames of each press.
+        lengths: Number of frames of each press.
     """
     if len(lengths) >= _FOLDS:
         return np.repeat(np.arange(len(lengths)) % _FOLDS, lengths)
@@ -62,18 +63,19 @@ def fit_axis(
     name: str,
     raw: str | None = None,
 ) -> AxisFit:
-    """Fits one axis with the choice of features that predicts best.
+    """Fits one axis with the set of features that predicts held-out frames best.
 
     Args:
-        features: float64 (N,) each.
-        choices: Names of features that are used together.
-        force: Float (N,), N; NaN where it is not known.
-        fold: See `folds`.
-        name: Of the axis, for messages.
-        raw: The feature that is a force already; its error is told beside that of the fit.
+        features: Features by name, float64 (N,) each.
+        choices: Candidate sets of features, by name.
+        force: Force, float (N,), newton; NaN for unknown values.
+        fold: Number of the fold of each frame, int64 (N,), see `folds`.
+        name: Name of the axis, for messages.
+        raw: Name of a feature that is already a force, to report its error beside that of the fit;
+            None for none.
 
     Raises:
-        DataError: Too few forces, or one that does not vary.
+        DataError: There are too few forces, or the force does not vary.
     """
     known = np.isfinite(force)
     for values in features.values():
@@ -134,7 +136,7 @@ def _fit(
 def _solved(
     columns: NDArray[np.float64], measured: NDArray[np.float64], rcond: float
 ) -> tuple[float, NDArray[np.float64]]:
-    """Offset and weights of the least squares."""
+    """Offset and weights of the least squares, on standardised features."""
     middle, scale = columns.mean(0), columns.std(0)
     scale = np.where(scale > 0, scale, 1.0)
     level = float(measured.mean())

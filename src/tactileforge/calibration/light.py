@@ -14,21 +14,21 @@ from tactileforge.errors import DataError
 
 #: Rows and columns of the coarse background.
 _GRID = (3, 4)
-#: Pixels between the radii at which the rim is looked for.
+#: Step between the radii in the search for the rim, pixels.
 _STEP = 0.5
 
 
 def estimate_light(
     backgrounds: Sequence[NDArray[np.float32]], reference: Light | None = None
 ) -> Light:
-    """The light of a unit.
+    """Estimates the light of a unit.
 
     Args:
-        backgrounds: float32 (H, W, 3) each: images without contact, of one size.
-        reference: The light that the colours are balanced to; None makes the three means equal.
+        backgrounds: Images without contact, of one size, float32 (H, W, 3) each.
+        reference: Light to balance the colours to; None makes the three means equal.
 
     Raises:
-        DataError: A colour is black, so that no factor balances it.
+        DataError: A colour is black, so no factor balances it.
     """
     still = np.median(np.stack(backgrounds), axis=0).astype(np.float64)
     colour = still.mean((0, 1))
@@ -47,11 +47,11 @@ def estimate_light(
 
 
 def light_drift(now: NDArray[np.float32], then: Light) -> float:
-    """Largest difference of a background to that of a calibration, of all parts, grey levels.
+    """Largest difference of a background to a calibration, over 3 x 4 parts, grey levels.
 
     Args:
-        now: float32 (H, W, 3).
-        then: The light of the calibration.
+        now: Image without contact, float32 (H, W, 3).
+        then: Light of the calibration.
     """
     coarse = cv2.resize(now, _GRID[::-1], interpolation=cv2.INTER_AREA)
     return float(np.abs(coarse - np.array(then.grid)).max())
@@ -60,21 +60,21 @@ def light_drift(now: NDArray[np.float32], then: Light) -> float:
 def punch_mm_per_pixel(
     frames: Iterable[NDArray[np.uint8]], rest: NDArray[np.float32], diameter: float, name: str
 ) -> float:
-    """Size of a pixel, from a press of a flat round punch of known diameter.
+    """Size of a pixel, mm, from a press of a flat round punch of known diameter.
 
-    Around the punch the image changes most at its rim, where the gel is steepest. The rim's
-    radius is where the change, averaged over all directions, peaks. It lies a little
-    outside of the punch, most of a deep press: on simulated gels the size is up to 7 % too small at
-    0.3 mm, 14 % at 0.8 mm, and 20 % in pictures of 96 rows.
+    The image changes most at the rim of the punch, where the gel is steepest. The radius of the rim
+    is the radius of the largest change, averaged over all directions. It lies a little outside of
+    the punch, most for a deep press: on simulated gels the size is up to 7 % too small at 0.3 mm,
+    14 % at 0.8 mm, and 20 % in images of 96 rows.
 
     Args:
-        frames: uint8 (H, W, 3) each, of one press.
-        rest: float32 (H, W, 3), the background.
-        diameter: Of the punch, mm.
-        name: Of the recording, for messages.
+        frames: Frames of one press, uint8 (H, W, 3) each.
+        rest: Background, float32 (H, W, 3).
+        diameter: Diameter of the punch, mm.
+        name: Name of the recording, for messages.
 
     Raises:
-        DataError: No contact is seen, or it has no rim inside the image.
+        DataError: No frame shows contact, or the contact has no rim inside the image.
     """
     changes = (np.abs(frame.astype(np.float32) - rest).mean(-1) for frame in frames)
     deepest = max(changes, key=lambda change: float(change.mean()))
@@ -102,7 +102,7 @@ def punch_mm_per_pixel(
 
 
 def _centre(felt: NDArray[np.float32]) -> tuple[float, float]:
-    """Row and column of the middle of the smallest circle around most of the contact."""
+    """Row and column of the centre of the smallest circle around the contact, without specks."""
     mask = (felt > 0).astype(np.uint8)
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     points = np.argwhere(mask if mask.any() else felt > 0).astype(np.float32)

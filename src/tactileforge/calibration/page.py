@@ -25,7 +25,7 @@ from tactileforge.pages.page import (
 
 
 def calibration_page(result: CalibrationResult) -> str:
-    """The page, as HTML."""
+    """Builds the page, as HTML."""
     calibration = result.calibration
     title = f"Calibration of {calibration.title}"
     top = paragraph(calibration.made, soft=True) + verdict(("bad", note) for note in result.notes)

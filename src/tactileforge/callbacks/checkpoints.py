@@ -32,7 +32,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
     """Writes to ``.part`` beside the file, then renames: a killed run keeps its last checkpoint.
 
     Args:
-        run: Identity of the run, which its checkpoints carry; see `run_folder.identity`.
+        run: Identity of the run, stored in its checkpoints; see `run_folder.identity`.
     """
 
     def __init__(self, run: str | None = None) -> None:
@@ -41,10 +41,10 @@ class AtomicCheckpointIO(TorchCheckpointIO):
     def save_checkpoint(
         self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None
     ) -> None:
-        """Saves; see the class.
+        """Saves a checkpoint.
 
         Raises:
-            TactileForgeError: The disk is full, or cannot be written; the last checkpoint stays.
+            TactileForgeError: The disk is full or cannot be written; the last checkpoint stays.
         """
         path = Path(path)
         try:
@@ -54,7 +54,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
                     seal(file)
                     os.fsync(file.fileno())
                 part.replace(path)
-        except (OSError, RuntimeError) as error:  # torch: a RuntimeError
+        except (OSError, RuntimeError) as error:  # torch turns a full disk into a RuntimeError
             raise TactileForgeError(
                 f"{path}: the checkpoint cannot be written ({error}); the one before it stays. "
                 "Make room, then go on with resume="
@@ -68,19 +68,19 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 
 
 class Checkpoints(Callback):
-    """Saves ``last.ckpt`` every so many steps, at the end, and when the run is asked to stop.
+    """Saves ``last.ckpt`` at regular steps, at the end, and on a signal to stop.
 
     The first Ctrl-C, SIGTERM or SIGHUP lets the step finish, saves and ends the run in order; the
-    second ends it at once. Several processes agree on it at the next step that is logged or saved:
-    asking the others makes a step wait for the device.
+    second ends it at once. Several processes agree on it only at the next logged or saved step,
+    since this communication makes a step wait for the device.
 
     Args:
         folder: Folder of the run.
-        every: Steps between two saves.
+        every: Number of steps between two saves.
 
     Attributes:
         interrupted: Whether this process was asked to stop; after the run, whether it was stopped.
-        started: Whether training began: what a run goes on with was read, and fits.
+        started: Whether training began, after a checkpoint to resume from was read successfully.
     """
 
     def __init__(self, folder: Path, every: int) -> None:
@@ -90,7 +90,7 @@ class Checkpoints(Callback):
         self._listening = ExitStack()
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Listens for signals.
+        """Checks room on the disk and listens for signals.
 
         Raises:
             TactileForgeError: There is no room for the first checkpoint.
@@ -103,10 +103,10 @@ class Checkpoints(Callback):
     def on_train_batch_start(
         self, trainer: L.Trainer, pl_module: L.LightningModule, batch: Any, batch_idx: int
     ) -> None:
-        """Looks for room before a step that ends with a save: else the step would be lost.
+        """Checks room on the disk before a step with a save, since a failed save loses the step.
 
         Raises:
-            TactileForgeError: There is none; the last checkpoint stays.
+            TactileForgeError: There is not enough room; the last checkpoint stays.
         """
         if trainer.is_global_zero and (trainer.global_step + 1) % self.every == 0:
             check_room(self.path, _size(trainer))
@@ -115,7 +115,7 @@ class Checkpoints(Callback):
         if self.interrupted:
             raise KeyboardInterrupt(f"stopped at once by {signal.Signals(number).name}")
         self.interrupted = True
-        with suppress(OSError):  # a terminal that is gone takes no more words
+        with suppress(OSError):  # the terminal may be gone
             Bar.write("stopping after this step (once more to stop at once)")
             sys.stdout.flush()
 
@@ -127,7 +127,7 @@ class Checkpoints(Callback):
         batch: Any,
         batch_idx: int,
     ) -> None:
-        """Saves every so many steps, and where the run is asked to stop."""
+        """Saves every ``every`` steps, and when the run is asked to stop."""
         if (trainer.fit_loop.total_batch_idx + 1) % trainer.accumulate_grad_batches:
             return
         due = trainer.global_step % self.every == 0
@@ -138,7 +138,7 @@ class Checkpoints(Callback):
             self._stopped = trainer.should_stop = True
 
     def _is_asked(self, trainer: L.Trainer, due: bool) -> bool:
-        """Whether any process was asked to stop, and all of them know."""
+        """Whether any process was asked to stop, as agreed by all processes."""
         if trainer.world_size == 1:
             return self.interrupted
         if not due and trainer.global_step % log_interval(trainer):
@@ -149,7 +149,7 @@ class Checkpoints(Callback):
         """Saves at the end of the run, and stops listening."""
         if not self._stopped:
             trainer.save_checkpoint(self.path)
-        self.interrupted = self._stopped  # what came too late stopped nothing
+        self.interrupted = self._stopped  # a signal after the last step stopped nothing
         self._release()
 
     def on_exception(
@@ -163,12 +163,16 @@ class Checkpoints(Callback):
 
 
 class _Best(ModelCheckpoint):
-    """Waits for its metric: an objective may be asleep, or meet no label."""
+    """Keeps the best weights; ignores validations without its metric.
+
+    The metric is absent while its objective has weight 0 or sees no label.
+    """
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Takes over the best so far: that of the file, wherever the run's folder is now.
+        """Restores the best score from the file of the best weights, if there is one.
 
-        The run's last checkpoint is older than the file where it was stopped after a validation.
+        That file may be newer than the run's last checkpoint, for a run stopped after a validation,
+        and the folder of the run may have moved.
         """
         path = Path(str(self.dirpath)) / BEST.name
         score = read_checkpoint(path)["scores"].get(self.monitor) if path.is_file() else None
@@ -179,13 +183,13 @@ class _Best(ModelCheckpoint):
             super().load_state_dict({**state_dict, **known, "dirpath": self.dirpath})
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Keeps the weights, where they are the best so far."""
+        """Keeps the weights if they are the best so far."""
         score = trainer.callback_metrics.get(str(self.monitor))
         if score is not None and bool(torch.isfinite(score)):
             super().on_validation_end(trainer, pl_module)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Says so where there never was such a metric."""
+        """Warns if the metric was never validated."""
         super().on_train_end(trainer, pl_module)
         if not self.best_model_path:
             log.warning(
@@ -198,12 +202,12 @@ class _Best(ModelCheckpoint):
 
 
 def best_checkpoint(folder: Path, metric: str | None) -> list[Callback]:
-    """Builds the callback that keeps the weights with the best value of a metric in `BEST`.
+    """Builds a callback to keep the weights with the best value of a metric in `BEST`.
 
     Args:
         folder: Folder of the run.
-        metric: Such as ``val/denoise``; None keeps none. An accuracy or R2 is best where it is
-            largest, all else where it is smallest.
+        metric: Name of the metric, such as ``val/denoise``; None keeps none. Larger is better for
+            accuracy and R2, smaller for all others.
     """
     if metric is None:
         return []
@@ -220,10 +224,10 @@ def best_checkpoint(folder: Path, metric: str | None) -> list[Callback]:
 
 
 def check_room(path: Path, size: int) -> None:
-    """Checks that a checkpoint can be written beside the one before it.
+    """Checks the room for a checkpoint of ``size`` bytes beside the previous one.
 
     Raises:
-        TactileForgeError: The disk has less room than it takes, bytes.
+        TactileForgeError: The disk has less room.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     free = shutil.disk_usage(path.parent).free
@@ -241,11 +245,11 @@ def _kept(path: Path) -> str:
 
 
 def _size(trainer: L.Trainer) -> int:
-    """About how large the next checkpoint is, bytes: weights, and what the optimiser keeps."""
-    # a state_dict() of sharded weights has to be asked for by all processes, and this one is not
+    """Estimates the size of the next checkpoint, bytes: weights and state of the optimiser."""
+    # state_dict() of sharded weights is a collective call, and only one process runs this function
     module = trainer.lightning_module
     state = [*module.parameters(), *module.buffers()]
     kept = [x for optim in trainer.optimizers for one in optim.state.values() for x in one.values()]
-    if not kept:  # before the first step; then two averages of each
+    if not kept:  # before the first step: AdamW will hold two averages of each parameter
         kept = 2 * [x for x in module.parameters() if x.requires_grad]
     return sum(x.nbytes for x in [*state, *kept] if isinstance(x, torch.Tensor))

@@ -1,4 +1,4 @@
-"""Counts of unreadable recordings and of labels that a run meets; kept over a resume."""
+"""Counts of unreadable recordings and of labels seen by a run, restored on resume."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ log = logging.getLogger(__name__)
 
 
 class SkippedRecordings(Callback):
-    """Counts recordings that cannot be read, and stops a run that loses too many.
+    """Counts unreadable recordings and stops a run with too many.
 
     Args:
-        allowed: How many may be lost; None for any number.
+        allowed: Largest number of lost recordings; None for any number.
 
     Attributes:
-        skipped: By name, a line that says why, and how many recordings it costs.
+        skipped: Reason, in one line, and number of lost recordings, by name.
     """
 
     def __init__(self, allowed: int | None = None) -> None:
@@ -32,17 +32,17 @@ class SkippedRecordings(Callback):
         self.skipped: dict[str, tuple[str, int]] = {}
 
     def observe(self, batch: Batch, training: bool) -> None:
-        """Counts what a batch on the host had to leave out."""
+        """Counts recordings left out of a batch, while it is on the host."""
         self.skip(batch["skipped"])
 
     def skip(self, skipped: Mapping[str, tuple[str, int]]) -> None:
-        """Notes recordings that could not be read.
+        """Adds unreadable recordings.
 
         Args:
-            skipped: Like the attribute.
+            skipped: Reason and number of lost recordings, by name.
 
         Raises:
-            DataError: More is lost than `allowed`; lists it.
+            DataError: More than `allowed` recordings are lost; the message lists them.
         """
         for name, (line, count) in skipped.items():
             if name not in self.skipped:
@@ -59,24 +59,24 @@ class SkippedRecordings(Callback):
     def on_save_checkpoint(
         self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Keeps them, for the report of a resumed run."""
+        """Saves the skipped recordings, for the report of a resumed run."""
         checkpoint["skipped"] = dict(self.skipped)
 
     def on_load_checkpoint(
         self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Goes on with them."""
+        """Restores the skipped recordings."""
         self.skipped = dict(checkpoint["skipped"])
 
 
 class MetLabels(Callback):
-    """Counts the labels that objectives meet in training.
+    """Counts the labels seen by objectives in training.
 
     Args:
-        module: Of the run.
+        module: Module of the run.
 
     Attributes:
-        labels: The counts.
+        labels: Counts of labels, by objective.
     """
 
     def __init__(self, module: TouchModule) -> None:
@@ -84,14 +84,14 @@ class MetLabels(Callback):
         self.labels = Labels()
 
     def observe(self, batch: Batch, training: bool) -> None:
-        """Counts the labels of a batch on the host, for the objectives of this step."""
+        """Counts the labels of a batch for the active objectives, while it is on the host."""
         for key, weight in (self.module.current_weights() if training else {}).items():
             if weight:
                 needs: frozenset[str] = getattr(self.module.objectives[key], "needs", frozenset())
                 self.labels.add(key, needs, batch)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Names the objectives that met no label in a run too short to be warned in."""
+        """Warns of objectives without labels in a run too short for the warning during training."""
         for key, count in self.labels.counts.items():
             if count["batches"] < PATIENCE and (line := self.labels.missing(key, has_ended=True)):
                 log.warning(line)
@@ -99,11 +99,11 @@ class MetLabels(Callback):
     def on_save_checkpoint(
         self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Keeps the counts, for the report of a resumed run."""
+        """Saves the counts, for the report of a resumed run."""
         checkpoint["labels"] = {key: dict(count) for key, count in self.labels.counts.items()}
 
     def on_load_checkpoint(
         self, trainer: L.Trainer, pl_module: L.LightningModule, checkpoint: dict[str, Any]
     ) -> None:
-        """Goes on with the counts."""
+        """Restores the counts."""
         self.labels = Labels(checkpoint["labels"])

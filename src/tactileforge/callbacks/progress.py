@@ -14,14 +14,14 @@ from tactileforge.module import log_interval
 class Progress(Callback):
     """Progress bar with steps, remaining time, the losses of the active objectives, and the speed.
 
-    Losses are shown as they were last logged, so no step waits for them.
+    Losses are those logged last, so no step waits for the device.
     """
 
     def __init__(self) -> None:
         self.bar: Bar | None = None
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Draws the bar, starting at the step from which the run continues."""
+        """Draws the bar, starting at the current step of a resumed run."""
         if trainer.is_global_zero:
             total = int(trainer.estimated_stepping_batches)
             self.bar = Bar(total=total, initial=trainer.global_step, desc="train", unit="step")
@@ -54,7 +54,7 @@ class Progress(Callback):
     def on_exception(
         self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException
     ) -> None:
-        """Closes the bar, so that the error begins a line."""
+        """Closes the bar, so the error starts on a new line."""
         self._close()
 
     def _close(self) -> None:

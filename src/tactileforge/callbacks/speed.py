@@ -1,4 +1,4 @@
-"""Speed of training: clips a second, share of the time spent waiting for data, MFU."""
+"""Speed of training: clips per second, share of the time spent waiting for data, MFU."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from tactileforge.processes import cpus
 
 log = logging.getLogger(__name__)
 
-#: Dense bf16 peak of a card, operations a second, by what its name contains; the first that fits.
-#: Source: NVIDIA's data sheets, without sparsity.
+#: Dense bf16 peak of a card, operations per second, by a part of its name; the first match is
+#: taken. Source: NVIDIA's data sheets, without sparsity.
 PEAKS = {
     "B200": 2250e12,
     "H200": 989e12,
@@ -34,27 +34,27 @@ PEAKS = {
     "RTX 3090": 71e12,
 }
 
-#: Share of the time spent waiting for data above which the loader is the limit.
+#: Share of the time spent waiting for data above which the loader limits the speed.
 WAITING = 0.2
-#: Logged values in a row that are above it before the run says so.
+#: Number of consecutive logged values above `WAITING` before a warning.
 _PATIENCE = 3
 
 
 class Speed(Callback):
     """Logs ``speed/clips_per_s``, ``speed/waiting`` and, on a known device, ``speed/mfu``.
 
-    Values are of the time since they were last logged, without validation; the first step of a
-    process, in which readers start, is left out. ``waiting`` is the share of the time in which the
-    step waited for the loader while the device had nothing to do. ``mfu`` is the operations of
-    matrix products and convolutions that a step does, forward and backward, as counted in its first
-    step with these objectives, over what the device could do in the time; what is computed of
-    masked tokens counts. Nothing here waits for the device.
+    Values cover the time since the last logging, without validation; the first step of a process is
+    left out, since workers start in it. ``waiting`` is the share of the time spent waiting for the
+    loader while the device was idle. ``mfu`` (model FLOPs utilisation) is the number of operations
+    in matrix products and convolutions, forward and backward, over the peak of the device in the
+    same time. Operations are counted once, in the first step with the same active objectives, and
+    include those on masked tokens. Nothing here waits for the device.
 
     Args:
-        workers: Processes that read, ``batch.workers``.
+        workers: Number of worker processes of the loader, ``batch.workers``.
 
     Attributes:
-        peak: Operations a second of the device; None where unknown: nothing is then counted.
+        peak: Peak of the device, operations per second; None if unknown, then nothing is counted.
     """
 
     def __init__(self, workers: int) -> None:
@@ -69,7 +69,7 @@ class Speed(Callback):
         self._counted: dict[frozenset[str], int] = {}
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Looks up the device."""
+        """Looks up the peak of the device."""
         device = pl_module.device
         if device.type == "cuda":
             self.peak = peak_of(torch.cuda.get_device_name(device))
@@ -78,7 +78,7 @@ class Speed(Callback):
     def on_train_batch_start(
         self, trainer: L.Trainer, pl_module: L.LightningModule, batch: Any, batch_idx: int
     ) -> None:
-        """Notes the time that the batch took to come, where the device was idle then."""
+        """Adds the waiting time for the batch, if the device was idle meanwhile."""
         waited = getattr(trainer.train_dataloader, "waited", 0.0)
         if self._done is None or self._done.query():  # type: ignore[no-untyped-call]
             self._waiting += waited - self._seen
@@ -95,7 +95,7 @@ class Speed(Callback):
         batch: Any,
         batch_idx: int,
     ) -> None:
-        """Adds the batch, and logs with the losses."""
+        """Counts the batch, and logs together with the losses."""
         if self._done is not None:
             self._done.record()
         active = _active(pl_module) if self.peak else frozenset()
@@ -113,11 +113,11 @@ class Speed(Callback):
             self._restart()
 
     def on_validation_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Stops the clock."""
+        """Pauses the clock."""
         self._pause = time.perf_counter()
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Goes on."""
+        """Resumes the clock."""
         if self._start is not None:
             self._start += time.perf_counter() - self._pause
 
@@ -154,11 +154,11 @@ class Speed(Callback):
                 100 * waiting,
                 advice(self.workers, available),
             )
-            self._slow = -(10**9)  # once is enough
+            self._slow = -(10**9)  # warn only once
 
 
 def peak_of(name: str) -> float | None:
-    """Peak of a card by its name, operations a second; None where it is not known.
+    """Peak of a card by its name, operations per second; None if it is not known.
 
     Example:
         >>> peak_of("NVIDIA H100 80GB HBM3")
@@ -169,11 +169,11 @@ def peak_of(name: str) -> float | None:
 
 
 def advice(workers: int, available: int) -> str:
-    """Names what to change where the loader is the limit.
+    """Advice for a run limited by the loader.
 
     Args:
-        workers: Processes that read.
-        available: CPUs for one training process.
+        workers: Number of worker processes of the loader.
+        available: Number of CPUs for one training process.
 
     Example:
         >>> advice(2, 8)

@@ -9,7 +9,7 @@ from lightning.pytorch.callbacks import Callback
 
 
 class LastValidation(Callback):
-    """Validates after the last step, however short the run and long the interval."""
+    """Validates after the last step, for any length of run and any validation interval."""
 
     def on_train_batch_end(
         self,
@@ -19,7 +19,7 @@ class LastValidation(Callback):
         batch: Any,
         batch_idx: int,
     ) -> None:
-        """Asks for it: Lightning validates a run that is to stop."""
+        """Requests a stop after the last step, since Lightning validates before it stops."""
         if trainer.global_step >= trainer.estimated_stepping_batches:
             trainer.should_stop = True
-            trainer.check_val_every_n_epoch = None  # whichever epoch this is
+            trainer.check_val_every_n_epoch = None  # or Lightning may skip validation this epoch

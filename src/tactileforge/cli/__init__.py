@@ -47,8 +47,8 @@ def main() -> None:
     try:
         status = run(sys.argv[1:])
         sys.stdout.flush()
-    except BrokenPipeError:  # who read it has read enough, as head does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python flushes again
+    except BrokenPipeError:  # the reader closed the pipe early, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python flushes again
         status = 1
     sys.exit(status)
 
@@ -60,7 +60,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def _told(verb: str, *rest: str) -> int:
-    """Runs one command, and says in a line what ends it."""
+    """Runs one command and reports errors and interruptions in one line."""
     try:
         if verb in ("-h", "--help", "help"):
             print(usage())
@@ -92,13 +92,13 @@ def _told(verb: str, *rest: str) -> int:
         _end_bars()
         said = str(stop) or "stopped"
         again = "" if "go on with" in said else "; go on with: the same command again"
-        with suppress(OSError):  # of a terminal that is gone
+        with suppress(OSError):  # the terminal may be gone
             print(f"{said}{again}", file=sys.stderr)
         return 130
 
 
 def _end_bars() -> None:
-    """Ends the progress bars that an error has left, so that it stands on a line of its own."""
+    """Closes progress bars left open by an error, to print its message on a line of its own."""
     if "tqdm" in sys.modules:
         from tqdm import tqdm
 
@@ -137,13 +137,13 @@ def _unknown_action(verb: str, action: str, known: Actions) -> str:
 
 
 def actions(verb: str, known: Actions) -> str:
-    """A line for each action of a verb."""
+    """One line for each action of a verb."""
     rows = [f"  tactileforge {verb} {name:<10} {line}" for name, line in known.summaries().items()]
     return "\n".join([verbs()[verb], "", *rows, "", f"tactileforge {verb} ACTION --help: its keys"])
 
 
 def usage() -> str:
-    """A line for each verb, and for what all of them share; with the plugins that are installed."""
+    """One line for each verb, the flags shared by all verbs, and the installed plugins."""
     from tactileforge import registry
 
     rows = [f"  {name:<10} {about}" for name, about in verbs().items()]

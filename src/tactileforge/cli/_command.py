@@ -1,4 +1,4 @@
-"""A command: keys with defaults, groups of options, and what it does."""
+"""A command: its keys with defaults, its groups of options, and its function."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from tactileforge import strict
 from tactileforge.files import check_cache, check_writable
 
-#: What a command gives: its exit status, the number that a sweep makes small, or nothing.
+#: Result of a command: its exit status, the number that a sweep minimises, or nothing.
 Result = int | float | None
 
 
@@ -20,22 +20,22 @@ class Command:
     """One command of a verb.
 
     Attributes:
-        run: What it does, given its keys, and the whole configuration as plain data. Its docstring
-            says so in ``--help``.
+        run: Function of the command, called with its keys and the whole configuration as plain
+            data. Its docstring is the summary in ``--help``.
         keys: Dataclass of its keys; None where a YAML in conf/ lists them.
-        groups: Groups of options beside them, and the default of each; None for none, ``???`` for
-            one that has to be given.
-        groups_last: Whether options change keys, and not the other way round.
-        bare: Keys that words without ``=`` give, in order; the last takes all that are left where
+        groups: Groups of options beside the keys, and the default option of each; None for no
+            option, ``???`` for a required one.
+        groups_last: Whether options override keys; otherwise keys override options.
+        bare: Keys set by words without ``=``, in order; the last takes all remaining words where
             it holds a list.
         also: Other names of keys.
-        others: Key that holds, as a mapping, keys that are not known; "" where that is an error.
-        yaml: Name of the YAML in conf/ instead of keys and groups.
-        writes: The file or folder that it writes, given its keys; None for none.
-        into: Whether that is a folder.
-        cache: Whether it keeps what it does in the cache.
+        others: Key that collects unknown keys as a mapping; "" where an unknown key is an error.
+        yaml: Name of a YAML in conf/ that replaces keys and groups.
+        writes: Function from the keys to the file or folder that is written; None for none.
+        into: Whether ``writes`` names a folder.
+        cache: Whether the command stores results in the cache.
         prepare: Checks and completes ``key=value`` words before anything is composed.
-        finish: Completes what was composed.
+        finish: Completes the composed configuration.
     """
 
     run: Callable[[Any, dict[str, Any]], Result]
@@ -58,11 +58,11 @@ class Command:
         return (getdoc(self.run) or "").partition("\n")[0]
 
     def name(self, verb: str) -> str:
-        """By which Hydra knows its configuration."""
+        """Name of the configuration in Hydra."""
         return self.yaml or verb.replace(" ", "_")
 
     def declare(self, verb: str) -> str:
-        """Makes its configuration known to Hydra, and gives its name."""
+        """Registers the configuration with Hydra and returns its name."""
         from tactileforge.compose import declare
 
         name = self.name(verb)
@@ -72,18 +72,18 @@ class Command:
         return name
 
     def compose(self, verb: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
-        """Its configuration, as plain data; see `compose.composed`."""
+        """Configuration of the command as plain data; see `compose.composed`."""
         from tactileforge.compose import composed, plain
 
         config = composed(self.declare(verb), overrides)
         return plain(self.finish(config) if self.finish else config)
 
     def start(self, config: dict[str, Any], given: Mapping[str, Any] | None = None) -> Result:
-        """Runs, once it is known that what it makes can be written.
+        """Runs the command after checking that its output can be written.
 
         Args:
             config: The whole configuration.
-            given: Values of its keys, where they are not those of the configuration.
+            given: Values of the keys where they differ from the configuration.
 
         Raises:
             ConfigError: A key is wrong, or the place cannot be written.
@@ -99,7 +99,7 @@ class Command:
         return self.run(keys, config)
 
     def build(self, given: Mapping[str, Any]) -> Any:
-        """Its keys, as their dataclass; None where it has none.
+        """Keys of the command as their dataclass; None for a command without keys.
 
         Raises:
             ConfigError: A key is unknown, missing, or of another type.

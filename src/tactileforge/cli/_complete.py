@@ -14,10 +14,10 @@ from tactileforge.errors import ConfigError
 
 
 def complete(line: str | None = None) -> list[str]:
-    """Words that may come next.
+    """Candidates for the next word.
 
     Args:
-        line: What was typed; None for ``$COMP_LINE``, up to ``$COMP_POINT``.
+        line: The typed line; None for ``$COMP_LINE``, up to ``$COMP_POINT``.
     """
     from tactileforge.cli._verbs import commands, verbs
 

@@ -1,4 +1,4 @@
-"""``--explain KEY``: each place that gives a key a value, in order; the last one wins."""
+"""``--explain KEY``: the sources of a key's value, in order; the last one wins."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from tactileforge.errors import ConfigError, unknown
 
 
 def explain(name: str, key: str, overrides: Sequence[str], flags: Sequence[str] = ()) -> str:
-    """The places that give a key its value, and what it is in the end.
+    """Lists the sources of a key's value and its final value.
 
     Args:
-        name: Of the configuration.
-        key: Such as ``objective.force.weight``.
+        name: Name of the configuration.
+        key: Dotted key, such as ``objective.force.weight``.
         overrides: ``key=value`` words.
-        flags: Of Hydra; ``--config-dir`` has options too.
+        flags: Flags of Hydra; ``--config-dir`` adds a folder of options.
 
     Raises:
         ConfigError: The configuration has no such key.
-        HydraException: An override that does not fit.
+        HydraException: An override does not fit the configuration.
     """
     overrides, SearchPath.also = own_places(overrides, flags)
     try:
@@ -47,7 +47,7 @@ def explain(name: str, key: str, overrides: Sequence[str], flags: Sequence[str] 
 
 
 def _files(name: str, key: str, overrides: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Files and plugins of the defaults list that have the key, in the order they are merged."""
+    """Files and plugins of the defaults list with the key, in the order of merging."""
     register()
     GlobalHydra.instance().clear()
     with initialize_config_module("tactileforge.conf", version_base="1.3"):

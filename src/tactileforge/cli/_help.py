@@ -1,4 +1,4 @@
-"""``--help`` of a command: how it is typed, its options, and its keys."""
+"""``--help`` of a command: its usage line, its options, and its keys."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ GROUP=NAME --help  the keys of that option too; all of them: docs/keys.md"""
 MULTI = {"head", "objective", "sensor"}
 
 
-#: Groups of which one YAML has all keys, with their meanings.
+#: Groups whose first YAML lists all keys with their meanings.
 _WHOLE = ("trainer", "optim", "batch")
 
 
 def text(verb: str, command: Command, typed: Sequence[str] = ()) -> str:
-    """All that there is to know of a command.
+    """Full help of a command: usage, summary, options and keys.
 
     Args:
-        verb: As it is typed.
-        command: What it is.
-        typed: Words beside ``--help``; options that they choose are told with their keys.
+        verb: Verb and action as typed.
+        command: Command of that verb and action.
+        typed: Words beside ``--help``; the keys of options chosen by them are listed too.
     """
     bare = "".join(f" {word.upper()}" for word in command.bare)
     groups = dict(command.groups) or (yaml_groups(command.yaml) if command.yaml else {})
@@ -54,7 +54,7 @@ def _group(group: str, option: str | None) -> list[str]:
 
 
 def option_keys(group: str, chosen: str | None) -> list[str]:
-    """The keys of the options of a group that are chosen: what each means, and its default."""
+    """Keys of the chosen options of a group, each with its meaning and default."""
     if group in _WHOLE and chosen in yaml_options(group):
         rows = [f"  {line}" for line in yaml_text(f"{group}/{chosen}").rstrip().splitlines()]
         return [f"{group}:", *rows, ""]
@@ -83,7 +83,7 @@ def keys_page() -> str:
     ours = [one for one in registry.list_plugins() if one.distribution == "tactileforge"]
     for kind in registry.KINDS:
         if kind == "optimizers":
-            continue  # above, with the keys that all of them have
+            continue  # listed above, with the keys shared by all optimisers
         group = next(key for key, value in registry.GROUPS.items() if value == kind)
         lines += [f"## {kind.capitalize()}", "", f"`{group}=NAME`, and `{_place(group)}.KEY=`.", ""]
         for plugin in ours:
@@ -115,7 +115,7 @@ def _block(rows: str) -> list[str]:
 
 
 def plugin_keys(group: str, name: str, indent: str = "  ") -> list[str]:
-    """The keys of a plugin, as YAML: what each means, and its default."""
+    """Keys of a plugin as YAML, each with its meaning and default."""
     plugin = registry.get(registry.GROUPS[group], name)
     said = strict.arguments(plugin)
     lines = []

@@ -1,4 +1,4 @@
-"""Commands that Hydra composes or runs, and its errors in one line."""
+"""Runs commands under Hydra and reports Hydra's errors in one line."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tactileforge.registry import GROUPS
 
 
 def run(verb: str, command: Command, words: Words) -> Result:
-    """Runs a command as a Hydra application: once, or once for each value that ``-m`` is given.
+    """Runs a command as a Hydra application: once, or once for each combination given to ``-m``.
 
     Raises:
         TactileForgeError: Something is wrong; says the fix.
@@ -40,16 +40,17 @@ def run(verb: str, command: Command, words: Words) -> Result:
     from tactileforge.compose import plain, register
 
     register()
-    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # its errors are raised, and told here
+    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra raises its errors, reported here
     typed, launcher = sys.argv, os.getpid()
     places = places_of(words.overrides, words.flags)
     results: list[Result] = []
     started: list[bool] = []
-    ended: list[BaseException] = []  # Hydra would print an account of its own
+    # an error raised inside `task` would make Hydra print its own traceback, so it is kept here
+    ended: list[BaseException] = []
 
     def task(config: DictConfig) -> Result:
         alone = HydraConfig.get().mode is not hydra.types.RunMode.MULTIRUN
-        # processes that are started repeat the command, or this job of it
+        # DDP starts further processes with sys.argv: they repeat the command, or this job alone
         task_words = [] if alone else HydraConfig.get().overrides.task
         sys.argv = typed if alone else [typed[0], *verb.split(), *places, *task_words]
         if os.getppid() == launcher:
@@ -62,7 +63,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
         except TactileForgeError as error:
             _forget(HydraConfig.get())
             if not alone:
-                raise  # the sweep has to know
+                raise  # the sweep has to see the failure
             ended.append(error)
             return None
 
@@ -88,12 +89,12 @@ def run(verb: str, command: Command, words: Words) -> Result:
     return results[-1] if results else None
 
 
-#: What there is in a folder before a run begins: what Hydra writes, and the run's own lock.
+#: Files in a folder before a run begins: those written by Hydra, and the run's own lock.
 _BEFORE = {".hydra", ".lock", "train.log", JOB}
 
 
 def _forget(hydra: Any) -> None:
-    """Removes the folder of a start that has failed: nothing is in it but what Hydra wrote."""
+    """Removes the folder of a failed start, unless it holds more than Hydra's own files."""
     from tactileforge.run_folder import is_claimed
 
     folder = Path(hydra.runtime.output_dir)
@@ -103,10 +104,10 @@ def _forget(hydra: Any) -> None:
 
 
 def _check_flags(name: str, words: Words) -> None:
-    """Checks flags that Hydra answers by itself.
+    """Checks flags answered by Hydra itself, such as ``--cfg``.
 
     Raises:
-        ConfigError: Two that exclude each other; a preset that lacks its package line.
+        ConfigError: Two flags exclude each other, or a preset lacks its package line.
     """
     shows = next((flag for flag in words.flags if flag in ("--cfg", "-c", "--info", "-i")), None)
     if shows and words.sweeps:
@@ -120,7 +121,7 @@ def _check_flags(name: str, words: Words) -> None:
         try:
             check_presets(composed(name, overrides))
         except HydraException:
-            return  # is told when it is shown
+            return  # reported when Hydra shows the configuration
         finally:
             SearchPath.also = []
 
@@ -129,16 +130,17 @@ def _check_flags(name: str, words: Words) -> None:
 def told(
     verb: str, command: Command, words: Words, composing: Callable[[], bool] = lambda: True
 ) -> Iterator[None]:
-    """Turns what goes wrong while a configuration is composed into a ConfigError of one line.
+    """Turns errors of composing a configuration into a ConfigError of one line.
 
     Args:
-        verb: As it is typed.
-        command: Whose configuration is composed.
-        words: What was typed.
-        composing: Whether it still is, and no work has begun.
+        verb: Verb and action as typed.
+        command: Command whose configuration is composed.
+        words: Words of the command line.
+        composing: Tells whether composing is still going on, so that no work has begun; general
+            Python errors are turned only then.
 
     Raises:
-        ConfigError: See there.
+        ConfigError: The configuration cannot be composed; says the fix.
     """
     try:
         yield
@@ -160,7 +162,7 @@ def told(
 
 
 def _wrong(error: Exception, words: Words) -> str:
-    """What stands in the way of a configuration, where Hydra has no word of its own for it."""
+    """Message for errors of composing without a message of Hydra's own."""
     overrides, own = own_places(words.overrides, words.flags)
     if "Config group override" in str(error):
         pairs = [word.lstrip("+").partition("=")[::2] for word in overrides]
@@ -180,7 +182,7 @@ def _known(group: str, own: Sequence[str]) -> str:
 
 
 def _options(group: str, own: Sequence[str]) -> list[str]:
-    """Options of a group, those of Hydra's own included."""
+    """Options of a group, including groups of Hydra itself."""
     return _of_hydra(group) if group.startswith("hydra/") else options(group, own)
 
 
@@ -189,7 +191,7 @@ def _line(error: BaseException) -> str:
 
 
 def _of_hydra(group: str) -> list[str]:
-    """Options of a group of Hydra's own, such as ``hydra/launcher``."""
+    """Options of a group of Hydra itself, such as ``hydra/launcher``."""
     from hydra.core.config_store import ConfigStore
 
     found = ConfigStore.instance().list(group)
@@ -197,7 +199,7 @@ def _of_hydra(group: str) -> list[str]:
 
 
 def yaml_slip(error: yaml.YAMLError) -> str:
-    """What is wrong with a YAML, and where, in one line."""
+    """Describes a YAML syntax error and its place in one line."""
     mark = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
     where = f"{mark.name}, line {mark.line + 1}" if mark else "a YAML"
     what = getattr(error, "problem", None) or _line(error)
@@ -228,12 +230,12 @@ def _told(name: str, said: str, words: Words) -> str:
 
 
 def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str] = ()) -> str:
-    """Says that a key is unknown, and the nearest beside it or with that name elsewhere.
+    """Message for an unknown key, with the nearest key beside it or of the same name elsewhere.
 
     Args:
-        name: Of the configuration, see `compose.composed`.
-        key: As it was typed.
-        overrides: The words that were typed.
+        name: Name of the configuration, see `compose.composed`.
+        key: Key as typed.
+        overrides: The typed ``key=value`` words.
         own: Further places of options, see `_options.own_places`.
     """
     from tactileforge.compose import composed
@@ -242,7 +244,7 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
     chosen = [word for word in groups if word.partition("=")[0].lstrip("+~") != key]
     try:
         config = composed(name, chosen)
-    except HydraException:  # an option that there is not either
+    except HydraException:  # an option is unknown as well
         return f"unknown key {key!r}"
     known = sorted(_keys(config))
     parent, _, last = key.rpartition(".")

@@ -1,4 +1,4 @@
-"""A job of a sweep: taken where it has ended, gone on with where it was stopped."""
+"""A job of a sweep: its number is reused if it has ended; it is resumed if it was stopped."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tactileforge.run_folder import LAST
 
 log = logging.getLogger(__name__)
 
-#: What a job gives that has no number: it comes last.
+#: Number of a job without a finite metric, so that it comes last.
 NO_NUMBER = math.inf
 
 
@@ -30,18 +30,18 @@ def run_job(
     anew: Sequence[str],
     train: Callable[[], float],
 ) -> float:
-    """Runs a job of a sweep, and gives the number that the sweep makes small.
+    """Runs a job of a sweep and returns its number, to be minimised by the sweep.
 
     Args:
-        folder: Of the job.
-        config: Finished.
-        words: What the job is given.
-        anew: Those of them that a run that goes on may have otherwise.
-        train: Trains here.
+        folder: Folder of the job.
+        config: Finished configuration as plain data.
+        words: ``key=value`` words of the job.
+        anew: Those of ``words`` that a resumed run may change.
+        train: Function that trains in this process and returns the number.
 
     Raises:
-        TactileForgeError: It failed.
-        KeyboardInterrupt: It was stopped; says what goes on with it.
+        TactileForgeError: The job failed.
+        KeyboardInterrupt: The job was stopped; says how to resume it.
     """
     said = " ".join(word for word in words if not word.startswith("hydra"))
     number = ended(folder)
@@ -72,7 +72,7 @@ def run_job(
 
 
 def logged(folder: Path, config: dict[str, Any]) -> float:
-    """The number of a run, as it is in its ``metrics.csv``; NaN where there is none."""
+    """Number of a run from its ``metrics.csv``; NaN where the file has none."""
     curves = {key: float(curve.values[-1]) for key, curve in read_metrics(folder).items()}
     if name := config.get("optimized_metric"):
         return curves.get(name, math.nan)
@@ -84,8 +84,8 @@ def logged(folder: Path, config: dict[str, Any]) -> float:
 
 
 def _run_apart(folder: Path, words: Sequence[str], anew: Sequence[str], stopped: bool) -> None:
-    """Trains in processes of its own: those of a job before are gone with their group."""
-    typed = sys.argv[2:]  # folders of options, then what the job is given
+    """Trains in a new process: the process group of an earlier job cannot be used again."""
+    typed = sys.argv[2:]  # folders of options, then the words of the job
     given = anew if stopped else [word for word in words if not word.startswith("hydra")]
     place = "resume" if stopped else "hydra.run.dir"
     own = [*typed[: len(typed) - len(words)], *given, f"{place}={folder}"]

@@ -1,4 +1,4 @@
-"""Options of the groups of a configuration: plugins that are installed, and YAML files."""
+"""Options of the groups of a configuration: installed plugins and YAML files."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def own_places(overrides: Sequence[str], flags: Sequence[str]) -> tuple[list[str
 
     Args:
         overrides: ``key=value`` words; ``hydra.searchpath`` may be one.
-        flags: Of Hydra; ``--config-dir`` may be one.
+        flags: Flags of Hydra; ``--config-dir`` may be one.
 
     Returns:
-        The other overrides; and the places, as Hydra's search path names them.
+        The other overrides, and the places in the form of Hydra's search path.
 
     Example:
         >>> own_places(["seed=1", "hydra.searchpath=[pkg://mine]"], [])
@@ -43,7 +43,7 @@ def own_places(overrides: Sequence[str], flags: Sequence[str]) -> tuple[list[str
 
 
 def places_of(words: Sequence[str], flags: Sequence[str]) -> list[str]:
-    """The words that name the user's own folders of options, as they were typed."""
+    """Words naming the user's own folders of options, as typed."""
     named = [word for pair in pairwise(flags) if pair[0] in _FOLDER for word in pair]
     return [*named, *(word for word in words if word.startswith("hydra.searchpath="))]
 
@@ -52,7 +52,7 @@ def options(group: str, own: Sequence[str] = ()) -> list[str]:
     """The options of a group, sorted; imports no plugin.
 
     Args:
-        group: Such as ``recipe``.
+        group: Name of the group, such as ``recipe``.
         own: Further places, see `own_places`.
     """
     names = set(registry.names(registry.GROUPS[group])) if group in registry.GROUPS else set()
@@ -67,7 +67,7 @@ def options(group: str, own: Sequence[str] = ()) -> list[str]:
 
 
 def _folder(place: str, group: str) -> Traversable | None:
-    """Folder of a group in a package, or in a folder; None where there is no such package."""
+    """Folder of a group in a package or folder; None if the package is not installed."""
     kind, _, name = place.rpartition("://")
     if kind == "file":
         return Path(name) / group
@@ -78,7 +78,7 @@ def _folder(place: str, group: str) -> Traversable | None:
 
 
 def yaml_options(group: str) -> set[str]:
-    """The options of a group that have a YAML in conf/."""
+    """Options of a group with a YAML in conf/."""
     names = [item.name for item in (files("tactileforge.conf") / group).iterdir()]
     return {name.removesuffix(".yaml") for name in names if name.endswith(".yaml")}
 
@@ -94,7 +94,7 @@ def yaml_groups(name: str) -> dict[str, str]:
 
     rows = yaml.safe_load(yaml_text(name))["defaults"]
     found = {key: value for row in rows if isinstance(row, dict) for key, value in row.items()}
-    if "recipe" in found:  # which chooses the options of further groups
+    if "recipe" in found:  # a recipe chooses the options of further groups
         text = (files("tactileforge.zoo") / "recipe" / f"{found['recipe']}.yaml").read_text("utf-8")
         rows = yaml.safe_load(text)["defaults"]
         of_recipe = {k: v for row in rows if isinstance(row, dict) for k, v in row.items()}

@@ -1,7 +1,7 @@
 """Values as they are typed: one rule for ``~``, quotes and special characters, on every verb.
 
 A value that Hydra's grammar cannot read is plain text, and is quoted for it; so is every value of a
-key that names a path. ``~`` is the home folder, which a shell sees to before ``=`` alone.
+key that names a path. ``~`` is the home folder: a shell does not expand it after ``=``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ _PATHS = frozenset(
     {"root", "out", "cache", "dir", "folder", "data_folder", "run", "resume", "init", "file"}
     | {"reference", "path", "calibration"}
 )
-#: ``~`` or ``~ana`` at the start of a value, or of one in a list, with what may stand before it.
+#: ``~`` or ``~ana`` at the start of a value or of an item of a list.
 _HOME = re.compile(r"(?:^|(?<=[\[{,:'\"])|(?<=[\[{,:] ))(~[\w.-]*)(?=/|$)")
 
 
@@ -35,12 +35,12 @@ def at_home(value: str) -> str:
 def _expanded(word: str) -> str:
     try:
         return str(Path(word).expanduser())
-    except RuntimeError:  # nobody of that name
+    except RuntimeError:  # no user of that name
         return word
 
 
 def unquoted(value: str) -> str:
-    r"""A value without the quotes around it; one that is in its name is escaped.
+    r"""A value without its surrounding quotes; quotes inside it are unescaped.
 
     Example:
         >>> unquoted(r"'it\'s'"), unquoted('"a b"'), unquoted("a'b")
@@ -56,7 +56,7 @@ def unquoted(value: str) -> str:
 
 
 def quoted(value: str) -> str:
-    r"""A value as Hydra's grammar quotes it, whatever is in it.
+    r"""A value of any text, quoted by the rules of Hydra's grammar.
 
     Example:
         >>> print(quoted("it's"), quoted(r"a\b"))
@@ -69,11 +69,11 @@ def quoted(value: str) -> str:
 
 
 def for_hydra(word: str, sweeps: bool = False) -> str:
-    """A ``key=value`` word that Hydra reads as it was meant.
+    """Quotes the value of a ``key=value`` word where Hydra would misread it.
 
     Args:
-        word: As typed.
-        sweeps: Whether commas part the values of jobs.
+        word: Word as typed.
+        sweeps: Whether commas separate the values of jobs.
 
     Example:
         >>> for_hydra("data.root=in/Prüfstand")
@@ -108,9 +108,9 @@ def _value(value: str, names_path: bool, sweeps: bool) -> str:
 
 
 def _text(value: str) -> str:
-    """What Hydra cannot read: lists and mappings keep their shape, all else is plain text."""
+    """Quotes text outside Hydra's grammar: lists and mappings item by item, all else as one."""
     if value[0] in "[{" and value[-1] != {"[": "]", "{": "}"}[value[0]]:
-        return value  # half a list is a slip, not a name
+        return value  # an unclosed list is a typing error, so Hydra shall report it
     if value[0] == "[":
         return f"[{','.join(_item(item) for item in split(value[1:-1]))}]"
     if value[0] == "{" and ":" in value:
@@ -135,7 +135,7 @@ def split(value: str) -> list[str]:
     for place, letter in enumerate(value):
         if mark:
             mark = "" if letter == mark and value[place - 1] != "\\" else mark
-        elif letter in "'\"" and not parts[-1].strip():  # one in the middle is part of a name
+        elif letter in "'\"" and not parts[-1].strip():  # a quote in the middle belongs to a name
             mark = letter
         elif letter in "[{(":
             depth += 1
@@ -149,10 +149,10 @@ def split(value: str) -> list[str]:
 
 
 def exists(value: str) -> bool:
-    """Whether a word is the path of something that is there."""
+    """Whether a word is the path of an existing file or folder."""
     try:
         return Path(value).exists()
-    except (OSError, ValueError):  # too long for a name
+    except (OSError, ValueError):  # too long for a path, or with a null byte
         return False
 
 

@@ -1,8 +1,8 @@
-"""How every command is run.
+"""Runs commands, with Hydra only where it is needed.
 
-A command that has no group of options, and is given plain ``key=value``, is run without Hydra, so
-that it answers at once. All others are composed by Hydra; ``train``, and what is given ``-m`` or
-another of its flags, is run by it.
+A command without groups of options that gets plain ``key=value`` words runs without Hydra, whose
+import would delay the answer. Hydra composes the configuration of all other commands, and also runs
+``train`` and every command with ``-m`` or another of Hydra's flags.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
     """Runs a command and gives its exit status.
 
     Args:
-        verb: As it is typed, with its action.
-        command: What it is.
-        argv: Words after it.
+        verb: Verb and action as typed.
+        command: Command of that verb and action.
+        argv: Words after the verb and action.
 
     Raises:
         TactileForgeError: Something is wrong; says the fix.

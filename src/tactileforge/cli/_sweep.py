@@ -1,6 +1,7 @@
-"""A sweep: folders of its jobs, and the table of what each was given, and the number that it gave.
+"""A sweep: the folders of its jobs, and the table of their settings and results.
 
-A job is known by its words. The same command, given again, finds its folders, whatever their order.
+A job is identified by its words. The same command, given again, finds the folders of its jobs,
+whatever their order.
 """
 
 from __future__ import annotations
@@ -24,29 +25,29 @@ from tactileforge.files import write_text
 from tactileforge.locks import locked
 from tactileforge.run_folder import LOCK, is_claimed
 
-#: Of a job, in its folder; and of all jobs, in that of the sweep.
+#: Record of one job, in its folder; table of all jobs, in the folder of the sweep.
 JOB, TABLE = "sweep.json", "sweep.csv"
-#: Of the sweep: the words that it was given, and whether all its jobs have ended.
+#: Record of the sweep: its words, and whether all its jobs have ended.
 _SWEEP = ".sweep.json"
-#: Lock of the moment in which a job chooses its folder.
+#: Lock held while a job chooses its folder.
 _CHOOSING = ".choosing"
-#: Where sweeps lie that were given no folder (conf/train.yaml).
+#: Default parent folder of sweeps (conf/train.yaml).
 _HERE = Path("runs") / "sweeps"
-#: Words that say how jobs are run, and not which.
+#: Words about how jobs are run, not about which jobs there are.
 _HOW = re.compile(r"hydra\.sweep\.dir=|hydra[./]launcher|hydra\.verbose")
 
 
 def job_folder(sweep: str, number: int, words: Sequence[str]) -> str:
-    """Name of the folder of a job: that of a job with these words, else one of its own.
+    """Name of the folder of a job: the existing one for these words, else a new one.
 
     Args:
         sweep: Folder of the sweep.
-        number: Of the job; the name of a new folder, where no other job has it.
-        words: What the job is given.
+        number: Number of the job; names a new folder, where no other job has that name.
+        words: ``key=value`` words of the job.
     """
     own = _of_job(words)
     folder = Path(sweep)
-    with locked(folder / _CHOOSING):  # jobs of other processes choose theirs
+    with locked(folder / _CHOOSING):  # jobs in other processes choose theirs at the same time
         records = {path.parent.name: record for path, record in _records(folder)}
         for name, record in records.items():
             if _of_job(record["words"]) == own:
@@ -66,17 +67,17 @@ def _records(folder: Path) -> list[tuple[Path, dict[str, Any]]]:
 
 
 def ended(folder: Path) -> float | None:
-    """The number that a job of a sweep gave; None where it has not ended."""
+    """Result of a job of a sweep; None if the job has not ended."""
     path = folder / JOB
     number = json.loads(path.read_text("utf-8")).get("metric") if path.is_file() else None
     return float(number) if isinstance(number, int | float) else None
 
 
 def stopped_sweep(words: Sequence[str]) -> Path | None:
-    """Folder of the last sweep with these words that was stopped; None where there is none.
+    """Folder of the last stopped sweep with these words; None if there is none.
 
     Args:
-        words: Of the command line; those that say how jobs are run do not count.
+        words: Words of the command line; words about how jobs are run are ignored.
     """
     if any(word.startswith("hydra.sweep.dir=") for word in words):
         return None
@@ -105,7 +106,7 @@ class SweepTable(Callback):
     _held = ExitStack()  # until the process ends
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
-        """Holds the folder of the sweep, and notes what it is.
+        """Locks the folder of the sweep and writes its record.
 
         Raises:
             ConfigError: Another process runs this sweep.
@@ -113,15 +114,16 @@ class SweepTable(Callback):
         folder = Path(config.hydra.sweep.dir)
         taken = f"{folder}: another process runs this sweep; give another hydra.sweep.dir="
         self._held.enter_context(locked(folder / LOCK, taken))
-        self._words = _of_sweep(sys.argv[1:])  # jobs have words of their own
+        # read here, since each job replaces sys.argv by its own words
+        self._words = _of_sweep(sys.argv[1:])
         write_text(folder / _SWEEP, json.dumps({"words": self._words, "ended": False}))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leaves the lock here, where jobs run in other processes."""
+        """Empty state: the lock stays in this process when jobs run in others."""
         return {}
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
-        """Leaves the row of one job of a sweep."""
+        """Writes the row of one job of a sweep."""
         hydra = config.hydra
         if "MULTIRUN" not in str(hydra.mode) or job_return.status is not JobStatus.COMPLETED:
             return
@@ -130,7 +132,7 @@ class SweepTable(Callback):
         row = {"words": words, "metric": job_return.return_value}
         if folder.is_dir():
             write_text(folder / JOB, json.dumps(row))
-            _gather(config, Path(hydra.sweep.dir))  # the next one may fail, which ends the sweep
+            _gather(config, Path(hydra.sweep.dir))  # now, as a failing job ends the sweep
 
     def on_multirun_end(self, config: DictConfig, **_: Any) -> None:
         """Gathers the rows of all jobs, and shows them."""
@@ -146,7 +148,7 @@ class SweepTable(Callback):
 
 
 def _gather(config: DictConfig, folder: Path) -> list[list[str]]:
-    """Writes the table of the jobs that have ended: a head and a row each; [] for none."""
+    """Writes the table of the ended jobs: a head and one row each; returns [] for none."""
     found = _records(folder)
     rows = [{"job": path.parent.name, **row} for path, row in found if "metric" in row]
     if not rows:

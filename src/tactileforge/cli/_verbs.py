@@ -1,7 +1,8 @@
 """The verbs: a file of this folder each, and modules of installed packages.
 
 A package brings a verb by an entry point in ``tactileforge.verbs``: its name, and a module with the
-contract of a file of this folder. A name with a dot, as ``data.lerobot``, is an action of a verb.
+contract of a file of this folder. A name with a dot, such as ``data.lerobot``, is an action of a
+verb.
 Listing reads source text and metadata; only a verb that is used is imported.
 """
 
@@ -35,7 +36,7 @@ def verbs() -> dict[str, str]:
     A package cannot replace a built-in verb: the built-in one is listed, and
     ``tactileforge plugins list`` shows the conflict.
     """
-    from tactileforge import registry  # numpy: the verbs of the package itself need none
+    from tactileforge import registry  # imports numpy, which built-in verbs do without
 
     known = builtin()
     for plugin in registry.list_plugins():
@@ -45,7 +46,7 @@ def verbs() -> dict[str, str]:
 
 
 def is_taken(name: str) -> bool:
-    """Whether a name of a package's verb, or of its action, is one of the package itself."""
+    """Whether the name of a package's verb or action is taken by a built-in one."""
     verb, _, action = name.partition(".")
     return verb in builtin() and (not action or action in _actions(verb))
 
@@ -60,11 +61,11 @@ def _actions(verb: str) -> set[str]:
 
 
 class Actions(Mapping[str, "Command"]):
-    """Commands of a verb by action; those that packages add are imported when they are asked for.
+    """Commands of a verb by action; commands of other packages are imported on first use.
 
     Args:
-        verb: Whose they are.
-        own: Those of its own module, which no package replaces.
+        verb: Name of the verb.
+        own: Commands of its own module, which no package replaces.
     """
 
     def __init__(self, verb: str, own: Mapping[str, Command]) -> None:
@@ -72,8 +73,8 @@ class Actions(Mapping[str, "Command"]):
 
     @cached_property
     def added(self) -> dict[str, str]:
-        """Summaries of the actions that packages add, by action."""
-        from tactileforge import registry  # numpy, which most commands here do without
+        """Summaries of the actions added by packages, by action."""
+        from tactileforge import registry  # imports numpy, which most commands here do without
 
         found = {}
         for plugin in registry.list_plugins():
@@ -102,7 +103,7 @@ class Actions(Mapping[str, "Command"]):
         return found[""]
 
     def summaries(self) -> dict[str, str]:
-        """A line for each action; imports none that a package adds."""
+        """One line for each action; imports no action of a package."""
         return {name: command.about for name, command in self.own.items()} | self.added
 
 
@@ -117,7 +118,7 @@ def commands(verb: str) -> Actions:
 
 
 def own_commands(verb: str) -> Mapping[str, Command]:
-    """The commands of a built-in verb, by action, without those that packages add."""
+    """Commands of a built-in verb by action, without those added by packages."""
     found: Mapping[str, Command] = import_module(f"tactileforge.cli.{verb}").COMMANDS
     return found
 
@@ -148,9 +149,10 @@ def _line(plugin: PluginInfo) -> str:
 
 @cache
 def summary(module: str) -> str:
-    """First line of a module's docstring, from its source; "" where there is no source to read.
+    """First line of a module's docstring, from its source; "" without readable source.
 
-    Only the package at the top is looked up, which imports nothing.
+    Only the top-level package is looked up, since `find_spec` of a submodule would import its
+    parents.
     """
     top, *rest = module.split(".")
     try:
@@ -171,6 +173,6 @@ def summary(module: str) -> str:
 def _summary(file: Path) -> str:
     try:
         doc = ast.get_docstring(ast.parse(file.read_text("utf-8")))
-    except (SyntaxError, ValueError, OSError):  # named when the verb is used
+    except (SyntaxError, ValueError, OSError):  # reported when the verb is used
         return ""
     return (doc or "").partition("\n")[0]

@@ -1,4 +1,4 @@
-"""Words of a command line: flags of Hydra, ``key=value``, and words for a key's value."""
+"""Words of a command line: flags of Hydra, ``key=value`` words, and bare words."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, Union, get_args, get_origin
 from tactileforge.cli._quote import at_home, exists, unquoted
 from tactileforge.errors import ConfigError
 
-#: Flags that Hydra answers, and whether a word follows.
+#: Flags answered by Hydra, and whether a value follows.
 _FLAGS = {
     **dict.fromkeys(("-m", "--multirun", "--resolve", "-r", "--hydra-help", "--run"), False),
     **dict.fromkeys(("--cfg", "-c", "--config-dir", "-cd", "--package", "-p"), True),
@@ -19,9 +19,9 @@ _FLAGS = {
 }
 #: Flags as they are completed.
 FLAGS = ("--help", "--explain", *(flag for flag in _FLAGS if flag.startswith("--")))
-#: Options of a group that holds several, each under its own name.
+#: Options of a group with several at once, each under its own name.
 _SEVERAL = re.compile(r"(sensor|objective|head)=\[.*\]")
-#: Keys that are Hydra's own, and what adds or takes a key away.
+#: Keys of Hydra itself, and the prefixes that add or remove a key.
 _OF_HYDRA = re.compile(r"hydra[./]|[+~]")
 
 
@@ -30,11 +30,11 @@ class Words:
     """Words after a verb.
 
     Attributes:
-        flags: Of Hydra, with what follows them.
+        flags: Flags of Hydra, each followed by its value, if any.
         overrides: ``key=value``, as typed.
-        bare: Other words.
+        bare: Words without ``=``.
         help: Whether help is asked for.
-        explain: A key whose value is to be explained; "" for none.
+        explain: Key whose value is to be explained; "" for none.
     """
 
     flags: list[str] = field(default_factory=list)
@@ -50,22 +50,22 @@ class Words:
 
     @property
     def typed(self) -> list[str]:
-        """Flags and overrides, as Hydra is given them."""
+        """Flags and overrides, in the order given to Hydra."""
         return [*self.flags, *self.overrides]
 
     @property
     def sweeps(self) -> bool:
-        """Whether there is a job for each of several values."""
+        """Whether the command is a sweep, with one job for each combination of values."""
         return "-m" in self.flags or "--multirun" in self.flags
 
 
 def read(argv: Sequence[str]) -> Words:
-    """Sorts what was typed.
+    """Sorts the words of a command line into flags, overrides and bare words.
 
     ``--key value`` and ``--key=value`` are ``key=value``, and ``--key`` alone is ``key=true``.
 
     Raises:
-        ConfigError: A flag that nobody knows or that lacks its value; a plugin given twice.
+        ConfigError: A flag is unknown or lacks its value, or a plugin is given twice.
     """
     words, rest = Words(), list(argv)
     while rest:
@@ -103,10 +103,10 @@ def _is_value(word: str) -> bool:
 
 
 def _check_twice(overrides: Sequence[str]) -> None:
-    """Names a plugin that is given twice, which Hydra would take for one.
+    """Refuses a list with the same plugin twice, since Hydra would take it for one.
 
     Raises:
-        ConfigError: See there.
+        ConfigError: A plugin is given twice.
     """
     for match in filter(None, map(_SEVERAL.fullmatch, overrides)):
         group = match[1]
@@ -120,16 +120,16 @@ def _check_twice(overrides: Sequence[str]) -> None:
 
 
 def fill(words: Words, keys: Sequence[str], several: bool, verb: str) -> dict[str, Any]:
-    """The values that bare words give to the keys that take them, in order.
+    """Assigns bare words to keys, in order.
 
     Args:
-        words: What was typed.
-        keys: Those that take bare words.
-        several: Whether the last one takes all that are left.
-        verb: For errors.
+        words: Words of the command line.
+        keys: Keys that take bare words.
+        several: Whether the last key takes all remaining words.
+        verb: Verb and action, for errors.
 
     Raises:
-        ConfigError: A word too many.
+        ConfigError: There are more words than keys.
     """
     rest = list(words.bare)
     given: dict[str, Any] = {}

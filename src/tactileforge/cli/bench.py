@@ -24,11 +24,11 @@ class _Probe:
     """Options of all probes; None leaves those of the task.
 
     Attributes:
-        name: Of the probe.
-        epochs: How many.
-        lr: Rate, or several: validation chooses.
-        batch: Clips of a step.
-        finetune: Learning rate of the encoder, where that is trained too.
+        name: Name of the probe.
+        epochs: Number of epochs.
+        lr: Learning rate, or several: validation chooses.
+        batch: Clips per step.
+        finetune: Learning rate of the encoder, if it is trained too.
     """
 
     name: str | None = None
@@ -47,26 +47,26 @@ class _Bench:
             of one of these, of a recipe, or of a model that is trained here), or a baseline without
             encoder: pixels, statistics, motion, hog, background, chance.
         task: Names of tasks of the suites; None for all.
-        seeds: Probes of each cell; a model that was trained several times takes turns.
-        selection: What the best epoch is chosen on: validation, or test as some papers do (every
-            table says so).
+        seeds: Number of probes per cell; they take turns over the runs of a model trained several
+            times.
+        selection: Split on which the best epoch is chosen: validation, or test as in some papers
+            (every table says so).
         probe: Options of all probes.
         untrained: Overrides with which a recipe is composed for untrained:RECIPE.
-        ablations: Parts that the first model is trained without, each in turn; ``all``, or some.
-        jobs: Words for Hydra, whose jobs the trainings then are, in two pairs of quotes:
+        ablations: Parts left out of the first model, one training each; ``all``, or some names.
+        jobs: Words for Hydra, to run the trainings as its jobs, in two pairs of quotes:
             'jobs=["hydra/launcher=ray"]'; None trains one after another.
-        out: Folder of the results; None for runs/bench/SUITE. A bench that was stopped goes on
-            there.
+        out: Folder of the results; None for runs/bench/SUITE. A stopped bench resumes there.
         cache: Folder of the features; None for $TACTILEFORGE_CACHE, or the user's cache.
-        batch: Clips that are encoded at once.
-        workers: Processes that read them.
-        device: Where; ``auto`` for an accelerator, if there is one.
-        baselines: What is measured beside every model, and compared with it as the release gate
+        batch: Clips encoded at once.
+        workers: Number of processes reading clips.
+        device: Torch device; ``auto`` for an accelerator, if there is one.
+        baselines: Baselines measured beside every model, and compared with it as the release gate
             does (suites real and real_held_out).
         suites: Titles of the suites, by name; suite=NAME gives them.
-        tasks: Of the suites; suite=NAME gives them.
-        runner: What runs the suite in place of probes, of a package; suite=NAME gives it, with
-            options of its own.
+        tasks: Tasks of the suites, by name; suite=NAME gives them.
+        runner: Plugin of a package that runs the suite in place of probes; suite=NAME gives it,
+            with options of its own.
     """
 
     model: list[str] | str = field(default_factory=list)
@@ -89,7 +89,7 @@ class _Bench:
 
 
 def _bench(_: _Bench, config: dict[str, Any]) -> int:
-    """Compares encoders; suites say on what (docs/bench.md)."""
+    """Compares encoders on the tasks of a suite (docs/bench.md)."""
     for key in ("model", "task"):
         config[key] = [config[key]] if isinstance(config[key], str) else config[key]
     if config["runner"]:
@@ -110,7 +110,7 @@ def _bench(_: _Bench, config: dict[str, Any]) -> int:
     runs = pretrain.jobs(Path(config["pretrain"]["folder"] or folder / "train"), words, trained)
     folders = {name: jobs[0].folder for name, jobs in runs.items()}
     device = _device(config["device"])
-    # mistakes are named before data is read, and overlaps before anything is trained
+    # mistakes are reported before data is read, and overlaps before anything is trained
     beside = _beside(config["model"], trained, config["baselines"])
     known = [models.model_entry(word, config["untrained"], device, folders) for word in beside]
     bench = _opened(config, suite, folder, {"pretrain": " ".join(words)} if trained else {})
@@ -127,7 +127,7 @@ def _bench(_: _Bench, config: dict[str, Any]) -> int:
 
 
 def _run_by(runner: str, config: dict[str, Any]) -> int:
-    """Has a runner of a package run its suite; gives the exit status."""
+    """Runs a suite with the runner of a package and returns the exit status."""
     from tactileforge import registry
 
     failed: list[str] = registry.load("runners", runner)(config)
@@ -189,7 +189,7 @@ def _beside(named: Sequence[str], trained: Iterable[str], baselines: Sequence[st
     """Models, each once, followed by the baselines and each model with random weights.
 
     Raises:
-        ConfigError: A model that is trained here has the name of another.
+        ConfigError: A model trained here has the same name as another one.
     """
     words = list(named)
     if baselines:
@@ -224,7 +224,7 @@ _SUITES = {"suite": "sim", "pretrain": "none"}
 
 
 def _folder(keys: _Bench) -> str:
-    """Where results go."""
+    """Folder of the results, for the check that it can be written."""
     return keys.out or "runs/bench"
 
 

@@ -56,7 +56,7 @@ def _calibrate(keys: _Calibrate, config: dict[str, Any]) -> None:
 
 
 def load_model(name: str) -> Model:
-    """The model of a name; see `tactileforge.load`."""
+    """Loads a model by name; see `tactileforge.load`."""
     import tactileforge
 
     return tactileforge.load(name)

@@ -17,8 +17,8 @@ class _Pack:
     """Recordings to shards.
 
     Attributes:
-        out: Folder of the shards; a run that was stopped goes on there.
-        pack: How.
+        out: Folder of the shards; a stopped run resumes there.
+        pack: Options of packing.
     """
 
     out: str
@@ -30,10 +30,10 @@ class _Filter:
     """Keys of ``data filter``.
 
     Attributes:
-        out: The page.
-        recordings: How many recordings are looked at.
-        frames: How many frames of each.
-        pack: As of ``data pack``.
+        out: File of the page.
+        recordings: Number of recordings to look at.
+        frames: Number of frames of each.
+        pack: Options of packing, as for ``data pack``.
     """
 
     out: str = "filter.html"
@@ -47,8 +47,8 @@ class _Inspect:
     """A data set, before training on it.
 
     Attributes:
-        out: The page.
-        recordings: Recordings whose pixels are looked at; all are counted.
+        out: File of the page.
+        recordings: Number of recordings whose pixels are looked at; all are counted.
     """
 
     out: str = "inspect.html"
@@ -69,7 +69,7 @@ def _pack(keys: _Pack, config: dict[str, Any]) -> None:
 
 
 def _filter(keys: _Filter, config: dict[str, Any]) -> None:
-    """Writes a page that shows what data pack would keep."""
+    """Writes a page with the frames kept and dropped by data pack."""
     from tactileforge.packing.preview import preview
 
     dataset, name = _data(config)
@@ -78,7 +78,7 @@ def _filter(keys: _Filter, config: dict[str, Any]) -> None:
 
 
 def _inspect(keys: _Inspect, config: dict[str, Any]) -> None:
-    """Writes a page that shows a data set before training on it."""
+    """Writes a page about a data set, to look at before training."""
     from tactileforge.inspection import inspect
 
     print(inspect(*_data(config), Path(keys.out), keys.recordings))

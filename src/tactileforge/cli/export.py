@@ -1,4 +1,4 @@
-"""Writes a model as one file that runs elsewhere: ONNX, or torch.export."""
+"""Writes a model as one file to run elsewhere: ONNX or torch.export."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _export(keys: _Export, _: dict[str, Any]) -> None:
 
 
 def _file(keys: _Export) -> str:
-    """Where it is written."""
+    """Path of the written file."""
     model = keys.model
     stem = Path(model.removeprefix("file:")).stem if model.startswith("file:") else model
     return keys.out or f"{stem}{_SUFFIXES.get(keys.format, '')}"

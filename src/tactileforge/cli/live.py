@@ -26,12 +26,12 @@ class _Live(LiveOptions):
     Attributes:
         model: NAME.TAG of the zoo or file:PATH; None shows pictures and contact alone. Forces need
             a model with a force head: ``tactileforge zoo pack RUN`` keeps the one of a run.
-        device: Where the model computes.
-        threads: How many threads it may take; None for torch's choice.
-        page: Whether there is a page at 127.0.0.1, for this machine alone.
-        port: Its port, 0 for any.
-        json: Whether readings go to standard output, as newline JSON.
-        publish: Publishers that plugins bring: [zmq], or {zmq: {address: tcp://127.0.0.1:5556}}.
+        device: Torch device of the model.
+        threads: Number of threads of the model; None for torch's choice.
+        page: Whether to serve a page at 127.0.0.1, for this machine alone.
+        port: Port of the page; 0 for any free one.
+        json: Whether to write readings to standard output, one JSON object a line.
+        publish: Publishers of plugins: [zmq], or {zmq: {address: tcp://127.0.0.1:5556}}.
     """
 
     model: str | None = None
@@ -73,7 +73,7 @@ def _live(keys: _Live, config: dict[str, Any]) -> None:
             say(f"page: {page.url}")
         try:
             run_session(view, publishers, stop, say, status.tell)
-        except BrokenPipeError:  # whoever read standard output has had enough
+        except BrokenPipeError:  # the reader of standard output has closed it
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status.end()
         say(status.summary(view))

@@ -27,7 +27,7 @@ class _List:
     """Keys of ``plugins list``.
 
     Attributes:
-        json: Whether it is for programs.
+        json: Whether to print JSON, for programs.
     """
 
     json: bool = False
@@ -39,9 +39,10 @@ class _Check:
 
     Attributes:
         names: Plugins; none for all.
-        kind: Only this kind: sensor, dataset, encoder, head, objective, optimizer or verb.
-        attached: Whether each sensor that is attached is checked.
-        options: Other keys are options of the one plugin that is named.
+        kind: Kind of plugins to check: sensor, dataset, encoder, head, objective, optimizer or
+            verb; None for all kinds.
+        attached: Whether to check each attached sensor.
+        options: Options of the one named plugin; other keys are collected here.
     """
 
     names: list[str] = field(default_factory=list)
@@ -60,7 +61,7 @@ class _Keys:
 
     Attributes:
         names: Plugins; none for all.
-        markdown: Whether it is the page docs/keys.md.
+        markdown: Whether to print the page docs/keys.md.
     """
 
     names: list[str] = field(default_factory=list)
@@ -72,8 +73,8 @@ class _New:
     """Keys of ``plugins new``.
 
     Attributes:
-        kind: sensor, dataset, encoder, objective, optimizer, verb or suite.
-        name: The word users will type, snake_case.
+        kind: Kind of plugin: sensor, dataset, encoder, objective, optimizer, verb or suite.
+        name: Name of the plugin as users type it, snake_case.
         out: Folder to write it in.
     """
 
@@ -88,7 +89,7 @@ class _New:
 
 
 def _list(keys: _List, _: dict[str, Any]) -> None:
-    """Installed plugins; imports none of them."""
+    """Lists installed plugins; imports none of them."""
     from tactileforge.pages.text_tables import align_columns
 
     rows = [asdict(plugin) for plugin in registry.list_plugins()]
@@ -105,7 +106,7 @@ def _list(keys: _List, _: dict[str, Any]) -> None:
 
 
 def _check(keys: _Check, _: dict[str, Any]) -> int:
-    """The conformance suite, on all plugins or on those named."""
+    """Runs the conformance suite on all plugins or on the named ones."""
     from tactileforge.testing import check
 
     plugins, options, attached = _chosen(keys.names, keys.kind), keys.options, keys.attached
@@ -127,14 +128,14 @@ def _check(keys: _Check, _: dict[str, Any]) -> int:
     return 1 if counts["failed"] else 0
 
 
-#: Options that say which device a sensor opens.
+#: Options with the address of a sensor's device.
 _ADDRESSES = ("device", "port")
 
 
 def _attached(
     plugins: Sequence[tuple[str, str]], options: Mapping[str, Any]
 ) -> list[tuple[str, str, dict[str, Any]]]:
-    """Each sensor that is attached, with the options that open it; and each that is broken."""
+    """Attached sensors, each with the options to open it, and plugins that cannot be imported."""
     attached = []
     for kind, name in plugins:
         if kind != "sensors":
@@ -164,7 +165,7 @@ def _chosen(names: Sequence[str], kind: str | None) -> list[tuple[str, str]]:
     return [(k, n) for k, n in within if not names or n in names]
 
 
-#: Files of the example that a plugin of a kind needs, beside those that every package has.
+#: Files of the example needed by a plugin of each kind, beside the files of every package.
 _FILES = {
     "sensor": ("sensor.py", "synthetic.py"),
     "dataset": ("dataset.py", "synthetic.py"),
@@ -174,7 +175,7 @@ _FILES = {
     "verb": ("verb.py",),
     "suite": ("conf/__init__.py", "conf/suite/forces_at_a_glance.yaml"),
 }
-#: What the example calls its plugin of a kind.
+#: Name of the example's plugin of each kind.
 _NAMES = {
     "sensor": "dummy",
     "dataset": "dummy_presses",
@@ -184,12 +185,12 @@ _NAMES = {
     "verb": "brightness",
     "suite": "forces_at_a_glance",
 }
-#: Group of the entry points of a kind, where its name is another.
+#: Group of the entry points of a kind, where it is not the plural of the kind.
 _GROUPS = {"suite": "conf"}
 
 
 def _keys(keys: _Keys, _: dict[str, Any]) -> None:
-    """Says what each option of a plugin means, and its default."""
+    """Prints the meaning and default of each option of a plugin."""
     from tactileforge.cli._help import keys_page, plugin_keys
 
     if keys.markdown:
@@ -243,7 +244,7 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
 
 
 def _names_of(kind: str) -> Collection[str]:
-    """Names that are taken: installed plugins, verbs, options of ``suite=``."""
+    """Names already taken: installed plugins, verbs, or options of ``suite=``."""
     if kind == "suite":
         return _options.options("suite")
     return _verbs.verbs() if kind == "verb" else registry.names(f"{kind}s")
@@ -259,7 +260,7 @@ def _paths(kind: str) -> list[str]:
 
 
 def _sections_of(kind: str, text: str) -> str:
-    """Drops the sections of pyproject.toml and README.md that are about other kinds."""
+    """Drops the sections of pyproject.toml and README.md about other kinds of plugins."""
     sections = re.split(r"^(?=## |\[)", text, flags=re.MULTILINE)
     foreign = {*_KINDS, "suite"} - {kind} - ({"head"} if kind == "objective" else set())
     groups = {other: _GROUPS.get(other, f"{other}s") for other in foreign}

@@ -28,7 +28,7 @@ def _report(keys: _Report, _: dict[str, Any]) -> None:
 
 
 def _page(keys: _Report) -> Path | None:
-    """The page, where there is a run."""
+    """Path of the page; None if the folder of the run does not exist."""
     return Path(keys.run) / "report.html" if Path(keys.run).is_dir() else None
 
 

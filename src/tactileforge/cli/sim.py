@@ -14,7 +14,7 @@ from tactileforge.sim.generate import write_seconds
 
 @dataclass(frozen=True, kw_only=True)
 class _Sim:
-    """Simulated touches, as shards that ``data=shards`` reads.
+    """Simulated touches, as shards for ``data=shards``.
 
     Attributes:
         out: Folder of the shards.
@@ -22,19 +22,19 @@ class _Sim:
         indenters: ``few`` (twelve for pretraining), ``pretrain`` (all 61), ``bench`` (validation
             has indenters of its own), ``textures``, ``all``, or names of shapes.
         motions: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or names of motions.
-        seconds: How much touch to make, for each sensor.
-        val: Share of it that is for validation.
+        seconds: Duration of simulated touch for each sensor, s.
+        val: Share of it for validation, 0 to 1.
         size: Rows or columns of a picture, whichever are fewer.
-        action_seconds: Mean duration of one action.
-        force: Lowest and highest of the largest normal forces, N.
+        action_seconds: Mean duration of one action, s.
+        force: Range of the largest normal force of a touch, N.
         markers: Whether the gels have markers; None as their types have.
         viscosity: Relaxation time of the gels, s: forces then lead pictures.
         lag: Seconds by which pictures come later than forces, as from a real camera.
         randomise: How units of a sensor, and touches, differ: ``none``, ``unit``, ``all``, or names
             of rows (docs/simulator.md).
-        seed: Another seed, other touches.
-        codec: How pictures are stored: jpg (quality 95), or without loss png or webp.
-        processes: Processes that simulate; None for one a core.
+        seed: Seed of the simulation; another seed gives other touches.
+        codec: Format of stored pictures: jpg (quality 95), or without loss png or webp.
+        processes: Number of simulating processes; None for one a core.
     """
 
     out: str
@@ -56,7 +56,7 @@ class _Sim:
 
 
 def _sim(keys: _Sim, _: dict[str, Any]) -> None:
-    """Simulates touch, as shards that data=shards reads."""
+    """Simulates touch and writes it as shards for data=shards."""
     own = {name: value for name, value in vars(keys).items() if name in _SIMULATED}
     config = SimConfig(**{**own, "seconds": keys.action_seconds})
     folder = Path(keys.out)

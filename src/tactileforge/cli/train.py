@@ -1,4 +1,4 @@
-"""Trains a recipe, and goes on with a run that was stopped."""
+"""Trains a recipe, and resumes a stopped run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tactileforge.run_length import LENGTHS, MACHINE
 
 
 def _train(_: None, config: dict[str, Any]) -> float:
-    """Trains a recipe; a run that was stopped goes on with resume=RUN."""
+    """Trains a recipe; resume=RUN resumes a stopped run."""
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
@@ -33,7 +33,7 @@ def _train(_: None, config: dict[str, Any]) -> float:
 
 
 def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
-    """Trains, and gives the number of the run; in a sweep, NaN where it logged none."""
+    """Trains and returns the number of the run; NaN for a run in a sweep that logged none."""
     from tactileforge.run_folder import LAST
 
     if config.get("resume"):
@@ -41,7 +41,8 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
     elif config.get("init"):
         _check_encoder(str(config["init"]))
     try:
-        from tactileforge.train import metric, train  # seconds, in which it may be stopped
+        # this import takes seconds, so it is inside the try: the user may stop it
+        from tactileforge.train import metric, train
 
         module = train(config, folder)
     except KeyboardInterrupt as stop:
@@ -61,17 +62,17 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
 
 
 def _check_encoder(init: str) -> None:
-    """Refuses options of an encoder that are typed beside a model that brings its own.
+    """Refuses options of an encoder beside an ``init=`` model with its own encoder.
 
     Raises:
-        ConfigError: There is such an option.
+        ConfigError: Such an option was typed.
     """
     from hydra.core.hydra_config import HydraConfig
 
     from tactileforge.run_folder import IMAGENET, OF_TRAINING, is_run, with_photographs
 
     init, _ = with_photographs(init)
-    if init == IMAGENET or is_run(init):  # whether it matches is checked when its weights are read
+    if init == IMAGENET or is_run(init):  # options are checked later, when weights are read
         return
     free = tuple(f"encoder.{key}=" for key in OF_TRAINING)
     typed = [w for w in HydraConfig.get().overrides.task if w.startswith(("encoder=", "encoder."))]
@@ -82,8 +83,8 @@ def _check_encoder(init: str) -> None:
         )
 
 
-#: What a resumed run may be given anew: its length, and its machine, which does not change what is
-#: learned from.
+#: Keys that a resumed run may change: its length, and options of the machine, which change neither
+#: the data nor its order.
 _ANEW = (
     *(f"trainer.{key}" for key in LENGTHS),
     "batch.workers",
@@ -93,7 +94,7 @@ _ANEW = (
 
 
 def _with_given(run: dict[str, Any], config: dict[str, Any]) -> dict[str, Any]:
-    """The configuration of a run, with what was given anew."""
+    """Configuration of a run, updated with the keys of `_ANEW` typed for the resumed run."""
     from hydra.core.hydra_config import HydraConfig
 
     given = {word.partition("=")[0] for word in HydraConfig.get().overrides.task}
@@ -113,10 +114,10 @@ def _folder() -> Path:
 
 
 def _check_new_keys(config: dict[str, Any]) -> None:
-    """Refuses ``+key=value`` where nothing reads the key: it is a typo, or lacks its group.
+    """Refuses ``+key=value`` for an unused key: it is a typo, or lacks its group.
 
     Raises:
-        ConfigError: See there.
+        ConfigError: Nothing reads the key.
     """
     from hydra.core.hydra_config import HydraConfig
 
@@ -128,10 +129,10 @@ def _check_new_keys(config: dict[str, Any]) -> None:
 
 
 def _prepare(overrides: list[str]) -> list[str]:
-    """A resumed run stays in its folder; of it, length and machine alone may change.
+    """Keeps a resumed run in its folder and lets it change only its length and machine.
 
-    An option of a head may be given where the recipe does not name the head: `compose.finish` takes
-    it to the objective's own.
+    An option of a head may be given even if the recipe does not name the head: `compose.finish`
+    moves it to the head of the objective.
     """
     overrides = [f"++{w}" if re.match(r"head\.\w+\.", w) else w for w in overrides]
     given = [word.partition("=")[2] for word in overrides if word.startswith("resume=")]
@@ -148,12 +149,12 @@ def _prepare(overrides: list[str]) -> list[str]:
         )
     _of_run(folders[-1])  # before Hydra makes a folder
     words = [word for word in overrides if not word.startswith("resume=")]
-    name = quoted(folders[-1])  # whatever is in it
+    name = quoted(folders[-1])  # a path may hold any character
     return [*words, f"resume={name}", f"hydra.run.dir={name}", "hydra.output_subdir=null"]
 
 
 def _of_run(folder: str) -> dict[str, Any]:
-    """The configuration of the run in a folder, to go on with it."""
+    """Configuration of the run in a folder, with ``resume`` set to that folder."""
     from tactileforge.run_folder import read_config
 
     return {**read_config(Path(folder)), "resume": folder}

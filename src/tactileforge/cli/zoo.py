@@ -21,8 +21,8 @@ class _List:
     """Keys of ``zoo list``.
 
     Attributes:
-        pattern: NAME* for some of them.
-        markdown: Whether it is the page docs/zoo.md.
+        pattern: Shell pattern of names, for example NAME*.
+        markdown: Whether to print the page docs/zoo.md.
     """
 
     pattern: str = "*"
@@ -34,8 +34,8 @@ class _Show:
     """Keys of ``zoo show``.
 
     Attributes:
-        model: NAME or NAME.TAG.
-        details: Whether published results, the gate task by task and the whole card follow.
+        model: Name of a model, NAME or NAME.TAG.
+        details: Whether to add published results, the gate task by task and the whole card.
     """
 
     model: str
@@ -47,9 +47,10 @@ class _Get:
     """Keys of ``zoo get``.
 
     Attributes:
-        model: NAME or NAME.TAG.
-        file: Your download, as its authors publish it (``--from FILE``); None fetches it.
-        sensor: On which its force head was trained, where the file's name does not say.
+        model: Name of a model, NAME or NAME.TAG.
+        file: Your download, as published by its authors (``--from FILE``); None fetches it.
+        sensor: Sensor on which the force head was trained; needed only if the name of the file
+            does not tell.
     """
 
     model: str
@@ -64,11 +65,12 @@ class _Pack:
     Attributes:
         run: Folder of the run.
         out: The file; None for model.safetensors in the run.
-        dtype: In which numbers are kept: float32 or float16.
-        name: Of the model.
+        dtype: Type of the stored weights: float32 or float16.
+        name: Name of the model.
         licence: SPDX identifier of the weights.
-        encoder: ``trained`` or ``slow``; None for the slow copy where the run has one.
-        gate: Folders of benches, with commas between them, whose release gate goes into the card.
+        encoder: ``trained`` for the trained weights or ``slow`` for their EMA; None for the EMA if
+            the run has one.
+        gate: Folders of benches, separated by commas; their release gate goes into the card.
     """
 
     run: str
@@ -85,7 +87,7 @@ class _Gate:
     """Keys of ``zoo gate``.
 
     Attributes:
-        model: NAME.TAG.
+        model: Name of a model, NAME.TAG.
         benches: Folders of benches.
     """
 
@@ -94,7 +96,7 @@ class _Gate:
 
 
 def _list(keys: _List, _: dict[str, Any]) -> None:
-    """The models, and whether their weights are here."""
+    """Lists the models and the availability of their weights."""
     if keys.markdown:
         print(zoo_page(), end="")
         return
@@ -115,7 +117,7 @@ def _state(card: cards.Card, weight: cards.Weight | None) -> str:
 
 
 def _show(keys: _Show, _: dict[str, Any]) -> None:
-    """What a model is for, how to load it, its licence and gate; details=true prints its card."""
+    """Shows purpose, loading, licence and gate of a model; details=true prints its card."""
     name, dot, tag = keys.model.partition(".")
     card = cards.read_card(name)
     weights = [card.weight(tag)] if dot else card.weights
@@ -149,7 +151,7 @@ def _show(keys: _Show, _: dict[str, Any]) -> None:
 
 
 def _how_to_load(card: cards.Card, weight: cards.Weight | None) -> str:
-    """One line: the call that loads the weights, or what has to be done before; their licence."""
+    """One line with the call to load the weights, any step before it, and their licence."""
     if weight is None:
         how = f"tactileforge train recipe={card.name}" if card.recipe else "choose another model"
         return f"no weights: {how}"
@@ -162,7 +164,7 @@ def _how_to_load(card: cards.Card, weight: cards.Weight | None) -> str:
 
 
 def _details(card: cards.Card, weights: Sequence[cards.Weight], tag: str) -> None:
-    """Published results, the release gate task by task, and the page of the card."""
+    """Prints published results, the release gate task by task, and the page of the card."""
     results = [r for r in card.results if not tag or r.model == tag]
     if results:
         table = [("model", "task", "metric", "value", "source")]
@@ -187,7 +189,7 @@ def _get(keys: _Get, _: dict[str, Any]) -> None:
 
 
 def _pack(keys: _Pack, _: dict[str, Any]) -> None:
-    """Makes one file of a run's encoder."""
+    """Packs the encoder of a run into one file."""
     from tactileforge.hub.pack import pack_run
 
     given: dict[str, Any] = {**vars(keys)}
@@ -203,7 +205,7 @@ def _pack(keys: _Pack, _: dict[str, Any]) -> None:
 
 
 def _gate(keys: _Gate, _: dict[str, Any]) -> None:
-    """Writes what the release gate measured into the card."""
+    """Writes the results of the release gate into the card of a model."""
     card, weight = cards.find_card(keys.model)
     words = [f"{card.name}.{weight.tag}", f"file:{cards.zoo_folder() / weight.file}"]
     _put(words[0], [Path(bench) for bench in keys.benches], words, weight.sha256)
@@ -223,7 +225,7 @@ def _card(model: str) -> Path:
 
 
 def _packed(keys: _Pack) -> Path | str | None:
-    """The file, where there is a run."""
+    """Path of the written file; None if the folder of the run does not exist."""
     return keys.out or (Path(keys.run) / "model.safetensors" if Path(keys.run).is_dir() else None)
 
 

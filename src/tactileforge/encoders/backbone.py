@@ -1,4 +1,4 @@
-"""Base of touch encoders: input, sensor ids, tube masking and the views of a batch."""
+"""Base class of touch encoders: input, sensor ids, tube masking and the views of a batch."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ from tactileforge.errors import ConfigError
 
 
 class Backbone(nn.Module):
-    """A touch encoder less its network: preprocessing, patches, views.
+    """Base class of touch encoders without a network: preprocessing, patches, views.
 
-    A subclass sets ``prefix``, ``projected``, ``project`` and ``universal``, and says what
-    `sensor_ids`, `encode` and `pool_tokens` are.
+    A subclass sets ``prefix``, ``projected``, ``project`` and ``universal``, and implements
+    `sensor_ids`, `encode` and `pool_tokens`.
 
     Args:
-        size: A key of `transformer.SIZES`; or the width of a token, for what is no transformer.
-        depth: Blocks; None takes the size's.
-        frames: Frames of a clip; ``tube`` divides it.
-        spacing: Seconds between them that it is trained with; 0 for one frame.
-        image_size: Height and width the frames are resized to, or one number for both.
+        size: A key of `transformer.SIZES`; or the width of a token, for other networks.
+        depth: Number of blocks; None takes the size's.
+        frames: Frames of a clip; a multiple of ``tube``.
+        spacing: Seconds between the frames of a clip in training; 0 for one frame.
+        image_size: Height and width of resized frames, pixels, or one number for both.
         patch: Rows and columns of a patch.
         tube: Frames of a patch.
-        mask_ratio: Share of spatial positions that the masked view hides, the same in every slot.
-        pixels: Preprocessing, see `Preprocess`.
+        mask_ratio: Share of spatial positions hidden in the masked view, the same in every slot.
+        pixels: Options of preprocessing, see `Preprocess`.
 
     Attributes:
         width: Size of a token.
-        prefix: Tokens before the patches.
-        grid: Temporal slots, rows, columns.
-        universal: Row of the universal sensor; None where there is none.
-        pools_class_token: Whether the class token is all that `pool_tokens` reads, and `encode`
-            knows ``class_only``.
-        static_graph: Whether every batch goes through the same parameters (`PhasedDDP`).
+        prefix: Number of tokens before the patches.
+        grid: Numbers of temporal slots, rows and columns.
+        universal: Row of the universal sensor; None for an encoder without one.
+        pools_class_token: Whether `pool_tokens` reads only the class token and `encode` supports
+            ``class_only``.
+        static_graph: Whether every batch uses the same parameters (`PhasedDDP`).
 
     Raises:
-        ConfigError: Sizes that the tubes do not divide, or a mask that hides everything.
+        ConfigError: Tubes do not divide the sizes, or the mask hides everything.
     """
 
     modality = "touch"
@@ -114,7 +114,8 @@ class Backbone(nn.Module):
             patches: float (B, slots, N, P).
             sensor: int64 (B,), rows of the sensor table.
             kept: int64 (B, K), spatial positions to embed; None embeds all.
-            class_only: Whether the class token will do; the last block is then spared the others.
+            class_only: Whether only the class token is needed; the last block then computes no
+                other token.
 
         Returns:
             float (B, prefix + slots * (K or N), width), or (B, 1, width).
@@ -122,29 +123,29 @@ class Backbone(nn.Module):
 
     @abstractmethod
     def pool_tokens(self, tokens: Tensor) -> Tensor:
-        """The projected class token, or what stands for it: (B, L, width) to (B, projected)."""
+        """The projected class token or its substitute: (B, L, width) to (B, projected)."""
 
     def preprocess(
         self, frames: Tensor, background: Tensor, sensor: Tensor | None = None
     ) -> Tensor:
-        """Float32 (B, T, 3, height, width); see `Preprocess`."""
+        """Normalises frames to float32 (B, T, 3, height, width); see `Preprocess`."""
         out: Tensor = self.pixels(frames, background, sensor)
         return out
 
     def patchify(self, x: Tensor) -> Tensor:
-        """(B, T, 3, height, width) to (B, slots, N, 3 * tube * patch * patch)."""
+        """Cuts (B, T, 3, height, width) into (B, slots, N, 3 * tube * patch * patch)."""
         slots, rows, columns = self.grid
         x = x.reshape(len(x), slots, self.tube, 3, rows, self.patch, columns, self.patch)
         x = x.permute(0, 1, 4, 6, 3, 2, 5, 7)
         return x.flatten(4).flatten(2, 3)
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
-        """Tokens (B, L, width), and projected class tokens (B, projected).
+        """Computes tokens (B, L, width), and projected class tokens (B, projected).
 
         Args:
             frames: uint8 (B, T, 3, H, W), RGB, oldest first.
             background: uint8 (B, 3, H, W).
-            sensor: int64 (B,), see `sensor_ids`.
+            sensor: int64 (B,), rows of the sensor table, see `sensor_ids`.
         """
         tokens = self.encode(self.patchify(self.preprocess(frames, background, sensor)), sensor)
         return tokens, self.pool_tokens(tokens)
@@ -152,15 +153,15 @@ class Backbone(nn.Module):
     def class_tokens(
         self, frames: Tensor, background: Tensor, sensor: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """The first token (B, width), and projected class tokens (B, projected), as of `forward`.
+        """Computes the first token (B, width), and projected class tokens (B, projected).
 
-        It takes less time where the class token is all that is projected. For inference: hooks on
-        the encoder itself are not called.
+        The values are those of `forward`, in less time if only the class token is projected. For
+        inference: hooks on the encoder itself are not called.
 
         Args:
-            frames: See `forward`.
-            background: See `forward`.
-            sensor: See `forward`.
+            frames: uint8 (B, T, 3, H, W), RGB, oldest first.
+            background: uint8 (B, 3, H, W).
+            sensor: int64 (B,), rows of the sensor table.
         """
         patches = self.patchify(self.preprocess(frames, background, sensor))
         if self.pools_class_token:
@@ -175,15 +176,15 @@ class Backbone(nn.Module):
 
 
 class TactileViews:
-    """The views of one batch, each computed once, when first asked for.
+    """The views of one batch, each computed once, on first use.
 
-    Random choices (which tubes are kept, which samples take the universal sensor tokens) are drawn
-    at once, so they do not depend on which view is asked for first.
+    Random choices (the visible tubes, the samples with universal sensor tokens) are drawn in the
+    constructor, so they do not depend on the order in which views are used.
 
     Args:
-        encoder: Whose views.
-        batch: See `tactileforge.contracts`.
-        universal: Chance of the universal sensor tokens, where the encoder has them.
+        encoder: Encoder of the views.
+        batch: Batch of touch, see `tactileforge.contracts`.
+        universal: Chance of the universal sensor tokens, 0 to 1, if the encoder has them.
     """
 
     def __init__(self, encoder: Backbone, batch: Batch, universal: float) -> None:
@@ -200,7 +201,7 @@ class TactileViews:
 
     @cached_property
     def patches(self) -> Tensor:
-        """Float (B, slots, N, P): the normalised frames, in patches."""
+        """Patches of the normalised frames, float (B, slots, N, P)."""
         batch = self.batch
         pixels = self.encoder.preprocess(batch["frames"], batch["background"], self.sensor)
         return self.encoder.patchify(pixels)
@@ -214,7 +215,7 @@ class TactileViews:
 
     @cached_property
     def masked(self) -> MaskedFeatures:
-        """Tube masking: ``mask_ratio`` of the positions are hidden, the same in every slot."""
+        """Features of visible tubes: ``mask_ratio`` of the positions are hidden in every slot."""
         encoder = self.encoder
         count = self.order.shape[1]
         keep = max(1, round(count * (1 - encoder.mask_ratio)))
@@ -228,12 +229,12 @@ class TactileViews:
 def visible_patches(
     patches: Tensor, position: Tensor, kept: Tensor | None
 ) -> tuple[Tensor, Tensor]:
-    """The patches that are kept, and their positions.
+    """Selects visible patches and their positions.
 
     Args:
         patches: float (B, slots, N, P).
         position: float (slots * N, width).
-        kept: int64 (B, K), spatial positions; None keeps all.
+        kept: int64 (B, K), visible spatial positions; None for all.
 
     Returns:
         float (B, slots, K or N, P), and (1 or B, slots, K or N, width).
@@ -246,11 +247,11 @@ def visible_patches(
 
 
 def patches_at(patches: Tensor, places: Tensor) -> Tensor:
-    """Patches or tokens (B, slots, N, P) at spatial positions int64 (B, K): (B, slots, K, P)."""
+    """Selects patches (B, slots, N, P) at spatial positions int64 (B, K): (B, slots, K, P)."""
     index = places[:, None, :, None].expand(-1, patches.shape[1], -1, patches.shape[-1])
     return patches.gather(2, index)
 
 
 def rescale_norm(x: Tensor, length: float | None) -> Tensor:
-    """Vectors (B, D) scaled to a length; None leaves them as they are."""
+    """Scales vectors (B, D) to a length; None leaves them unchanged."""
     return x if length is None else length * F.normalize(x, dim=-1)

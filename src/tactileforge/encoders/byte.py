@@ -1,4 +1,4 @@
-"""A small text tower that reads bytes: trained from scratch, nothing to download."""
+"""A small text tower over bytes: trained from scratch, nothing to download."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _PAD = 256
 
 
 class ByteEncoder(nn.Module):
-    """UTF-8 text to one vector: a transformer over bytes, averaged over those that are there.
+    """UTF-8 text to one vector: a transformer over bytes, averaged over the text's own bytes.
 
     Args:
         width: Size of the vector.
-        depth: Blocks.
-        heads: Attention heads.
-        length: Bytes read; the rest is cut off.
+        depth: Number of blocks.
+        heads: Number of attention heads.
+        length: Largest number of bytes; the rest is cut off.
 
     Example:
         >>> ByteEncoder()(["a soft sponge", ""]).shape
@@ -41,13 +41,13 @@ class ByteEncoder(nn.Module):
         nn.init.normal_(self.position, std=0.02)
 
     def forward(self, text: Sequence[str]) -> Tensor:
-        """B strings to (B, width)."""
+        """Encodes B strings to (B, width)."""
         rows = [list(line.encode()[: self.length]) for line in text]
         longest = max(1, max(len(row) for row in rows))
         ids = torch.tensor([row + [_PAD] * (longest - len(row)) for row in rows])
         ids = ids.to(self.position.device, non_blocking=True)
         seen = ids != _PAD
-        seen[:, 0] = True  # an empty text is one padding token
+        seen[:, 0] = True  # an empty text is one padding token: attention over none gives NaN
         x = self.embed(ids) + self.position[:longest]
         x = self.norm(self.transformer(x, seen[:, None, None, :]))
         weight = seen[..., None].to(x.dtype)

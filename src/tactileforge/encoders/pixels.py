@@ -1,4 +1,4 @@
-"""The encoder ``pixels``: raw pixels as features, the least that an encoder has to beat."""
+"""The encoder ``pixels``: raw pixels as features, the baseline for every encoder."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from tactileforge.encoders.preprocess import ANYTOUCH2
 
 
 class PixelEncoder(Backbone):
-    """Patches of the frames less their background, with fixed positions added; without weights.
+    """Patches of the frames minus their background, plus fixed positions; without weights.
 
     Args:
-        frames: Frames of a clip; ``tube`` divides it.
-        image_size: Height and width the frames are resized to, or one number for both.
+        frames: Frames of a clip; a multiple of ``tube``.
+        image_size: Height and width of resized frames, pixels, or one number for both.
         patch: Rows and columns of a patch.
         tube: Frames of a patch.
         spacing: Seconds between the frames of a clip.
-        sensors: Sensors it is used with; all are treated alike.
-        pixels: Preprocessing, see `preprocess.Preprocess`.
+        sensors: Table of sensors, which has no effect on the features.
+        pixels: Options of preprocessing, see `preprocess.Preprocess`.
 
     Attributes:
-        width: Size of a token: the numbers of a patch.
-        prefix: 0.
-        grid: Temporal slots, rows, columns.
+        width: Size of a token, 3 * tube * patch * patch.
+        prefix: Number of tokens before the patches, 0.
+        grid: Numbers of temporal slots, rows and columns.
     """
 
     prefix = 0
-    #: It has no weights to train.
+    #: Empty, as there are no weights to train.
     serves = ()
 
     def __init__(
@@ -64,10 +64,10 @@ class PixelEncoder(Backbone):
         kept: Tensor | None = None,
         class_only: bool = False,
     ) -> Tensor:
-        """The patches themselves; see `Backbone.encode`."""
+        """Patches plus positions; see `Backbone.encode`."""
         seen, position = visible_patches(patches, self.position, kept)
         return (seen + position).flatten(1, 2)
 
     def pool_tokens(self, tokens: Tensor) -> Tensor:
-        """Their mean: (B, L, width) to (B, width)."""
+        """Mean of the tokens: (B, L, width) to (B, width)."""
         return tokens.mean(1)

@@ -1,4 +1,4 @@
-"""Touch encoders built like timm's and DINOv2's: Sparsh, T3 and TVL are settings of this one."""
+"""A vision transformer like timm's and DINOv2's; Sparsh, T3 and TVL are settings of it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
 from tactileforge.encoders.transformer import Transformer, init_weights
 from tactileforge.errors import ConfigError, unknown
 
-#: timm's; T3's stems have it though its trunk has torch's.
+#: Epsilon of timm's norms; T3's stems use it too, although its trunk uses torch's default.
 _STEM_EPS = 1e-6
 
 
@@ -23,14 +23,13 @@ class Stem(nn.Module):
     """Patches to tokens: a linear embedding, positions, a class token, and the first blocks.
 
     Args:
-        patch: Numbers in a patch.
+        patch: Number of values of a patch.
         width: Size of a token.
-        depth: Blocks.
-        heads: Attention heads.
-        grid: Temporal slots, rows, columns.
-        positions: ``sincos`` (fixed) or ``learned``.
-        class_token: Whether there is a class token; it has a position of its own if they are
-            learned.
+        depth: Number of blocks.
+        heads: Number of attention heads.
+        grid: Numbers of temporal slots, rows and columns.
+        positions: Kind of position embedding: ``sincos`` (fixed) or ``learned``.
+        class_token: Whether there is a class token; learned positions include one for it.
     """
 
     position: Tensor
@@ -60,7 +59,7 @@ class Stem(nn.Module):
         self.transformer = Transformer(width, depth, heads, _STEM_EPS)
 
     def forward(self, patches: Tensor, kept: Tensor | None) -> Tensor:
-        """(B, slots, N, P) to (B, class token + slots * (K or N), width)."""
+        """Embeds patches (B, slots, N, P) to (B, class token + slots * (K or N), width)."""
         head = int(self.class_token is not None)
         patches, position = visible_patches(patches, self.position[head:], kept)
         x = (self.embed(patches.to(position.dtype)) + position).flatten(1, 2)
@@ -72,46 +71,46 @@ class Stem(nn.Module):
 
 
 class PlainViT(Backbone):
-    """Touch clips to tokens by a plain vision transformer; frames go in as uint8.
+    """Encodes touch clips to tokens by a plain vision transformer, from uint8 frames.
 
-    Patches are tubes of ``tube`` frames, embedded linearly with a bias. Pre-norm blocks with
-    LayerScale if wanted follow, and a norm. Register tokens have no position and are dropped at the
+    Patches are tubes of ``tube`` frames, embedded linearly with a bias, followed by pre-norm blocks
+    with optional LayerScale, and a norm. Register tokens have no position and are dropped at the
     end. With ``stems`` above 1, each type of sensor has an embedding, positions and first blocks of
     its own, and all share the other blocks (T3).
     The defaults are those of Sparsh (MAE, I-JEPA): two frames in one tube, sine positions, no class
     token. Fixed positions count slots from the newest, as Sparsh sees the newest frame first.
-    Sources: Sparsh, T3 and TVL, their papers and the layouts of their weights.
+    Sources: the papers of Sparsh, T3 and TVL, and the layouts of their weights.
 
     Args:
-        size: ``tiny``, ``small``, ``base`` or ``large``; see `TactileViT`.
-        frames: Frames of a clip; ``tube`` divides it.
-        image_size: Height and width the frames are resized to, or one number for both.
+        size: Size of the model: ``tiny``, ``small``, ``base`` or ``large``; see `TactileViT`.
+        frames: Frames of a clip; a multiple of ``tube``.
+        image_size: Height and width of resized frames, pixels, or one number for both.
         patch: Rows and columns of a patch.
         tube: Frames of a patch.
-        depth: Blocks, those of a stem included; None takes the size's.
-        positions: ``sincos`` (fixed) or ``learned``.
+        depth: Number of blocks, those of a stem included; None takes the size's.
+        positions: Kind of position embedding: ``sincos`` (fixed) or ``learned``.
         class_token: Whether there is a class token.
         registers: Number of register tokens.
-        layer_scale: First value of LayerScale; None has none.
-        stems: Types of sensors with a stem of their own; one stem takes any sensor.
-        stem_depth: Blocks of a stem.
+        layer_scale: Initial value of LayerScale; None for no LayerScale.
+        stems: Number of stems, one for each type of sensor; a single stem takes any sensor.
+        stem_depth: Number of blocks of a stem.
         sensors: Row (stem) of each sensor; needed with several stems.
-        eps: Of the norms outside the stems.
-        pool: What sums up the tokens: their ``mean``, or the ``class`` token.
-        norm: Whether the last norm is applied to all ``tokens`` or to what is ``pooled``.
-        projected: Width of a last linear layer; None has none.
-        length: Projected class tokens are scaled to this length; None leaves them as they are.
-        mask_ratio: Share of spatial positions that the masked view hides, the same in every slot.
-        spacing: Seconds between the frames of a clip that it is trained with; 0 for one frame.
-        pixels: Preprocessing, see `preprocess.Preprocess`.
+        eps: Epsilon of the norms outside the stems.
+        pool: Pooling of the tokens: their ``mean``, or the ``class`` token.
+        norm: Input of the last norm: all ``tokens``, or the ``pooled`` vector.
+        projected: Width of a last linear layer; None for no such layer.
+        length: Length to which projected class tokens are scaled; None for no scaling.
+        mask_ratio: Share of spatial positions hidden in the masked view, the same in every slot.
+        spacing: Seconds between the frames of a clip in training; 0 for one frame.
+        pixels: Options of preprocessing, see `preprocess.Preprocess`.
 
     Attributes:
         width: Size of a token.
-        prefix: Tokens before the patches: 1 with a class token, else 0.
-        grid: Temporal slots, rows, columns.
+        prefix: Number of tokens before the patches: 1 with a class token, else 0.
+        grid: Numbers of temporal slots, rows and columns.
 
     Raises:
-        ConfigError: Sizes that the tubes do not divide, or options that exclude each other.
+        ConfigError: Tubes do not divide the sizes, or options exclude each other.
 
     Example:
         >>> import torch
@@ -183,7 +182,7 @@ class PlainViT(Backbone):
         """Stem of each sensor, int64 (B,).
 
         Raises:
-            ConfigError: Several stems, and none of them is this sensor's.
+            ConfigError: There are several stems, but none for this sensor.
         """
         rows = [0] * len(sensor)
         if len(self.stems) > 1:
@@ -201,7 +200,7 @@ class PlainViT(Backbone):
         kept: Tensor | None = None,
         class_only: bool = False,
     ) -> Tensor:
-        """Last hidden state, normed unless the norm is for what is pooled; see `Backbone`."""
+        """Last hidden state, normed unless the norm follows pooling; see `Backbone.encode`."""
         x = self._stems(patches, sensor, kept)
         count = 0
         if self.registers is not None:
@@ -213,12 +212,13 @@ class PlainViT(Backbone):
         return out
 
     def _stems(self, patches: Tensor, sensor: Tensor, kept: Tensor | None) -> Tensor:
-        """Each sample through the stem of its sensor."""
+        """Runs each sample through the stem of its sensor."""
         if len(self.stems) == 1:
             out: Tensor = self.stems[0](patches, kept)
             return out
         if torch.compiler.is_compiling() or patches.device.type != "cpu":
-            # no shapes that depend on data, for which a device is waited for: every stem runs
+            # every stem runs on every sample: shapes that depend on data would break the compiled
+            # graph, and the CPU would have to wait for the device to know them
             every = torch.stack([stem(patches, kept) for stem in self.stems])
             return every[sensor, torch.arange(len(sensor), device=sensor.device)]
         parts, order = [], []

@@ -11,10 +11,10 @@ from torch import Tensor
 def sincos_grid(grid: tuple[int, int, int], width: int) -> Tensor:
     """Sines and cosines of slot, row and column: (slots, rows, columns, width).
 
-    A quarter of the width codes the slot, row and column share the rest. The shortest wave is four
-    steps long and the longest four times the axis, so that every channel tells places apart on
-    grids of any size; with the periods usual for text, up to 10,000 steps, two thirds of the
-    channels are constant on a grid of eight.
+    A quarter of the width codes the slot; row and column share the rest. The shortest wave is four
+    steps long and the longest four times the axis, so that every channel distinguishes places on
+    grids of any size. With the periods usual for text, up to 10,000 steps, two thirds of the
+    channels would be constant on a grid of eight.
     """
     slot = width // 8 * 2
     row = (width - slot) // 4 * 2
@@ -33,11 +33,11 @@ def sincos_grid(grid: tuple[int, int, int], width: int) -> Tensor:
 def sincos_position_embedding(grid: tuple[int, int, int], width: int) -> Tensor:
     """Sparsh's fixed positions: sines, then cosines, of each axis of the grid.
 
-    With ``n`` axes, ``b = ceil(width / 2n)`` frequencies ``10000 ** (-k / b)`` per axis; time is
-    left out where there is one slot, and counts from the newest slot.
+    With ``n`` axes there are ``b = ceil(width / 2n)`` frequencies ``10000 ** (-k / b)`` per axis.
+    Time counts from the newest slot, and is left out for a single slot.
 
     Args:
-        grid: Temporal slots, rows, columns.
+        grid: Numbers of temporal slots, rows and columns.
         width: Size of a token.
 
     Returns:

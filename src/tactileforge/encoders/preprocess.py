@@ -1,4 +1,4 @@
-"""From uint8 frames to what an encoder reads: background, size and normalisation, as data."""
+"""Preprocessing of uint8 frames for an encoder: background, size and normalisation, as data."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CLIP_STD = (0.26862954, 0.26130258, 0.27577711)
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
 IMAGENET_STD = (0.229, 0.224, 0.225)
 
-#: AnyTouch 2: difference with the background, squashed to size, CLIP's numbers.
+#: AnyTouch 2: difference to the background, squashed to size, CLIP's mean and deviation.
 ANYTOUCH2: dict[str, Any] = {
     "offset": 130,
     "fit": "squash",
@@ -26,7 +26,7 @@ ANYTOUCH2: dict[str, Any] = {
     "mean": CLIP_MEAN,
     "std": CLIP_STD,
 }
-#: Sparsh: difference with the background in whole grey levels, upright, 4:3, no normalisation.
+#: Sparsh: difference to the background in whole grey levels, upright, 4:3, no normalisation.
 SPARSH: dict[str, Any] = {
     "offset": 127,
     "fit": "portrait",
@@ -35,7 +35,7 @@ SPARSH: dict[str, Any] = {
     "std": (1.0, 1.0, 1.0),
 }
 
-#: How many times as strong as they are, differences are shown to a model of photographs.
+#: Amplification of differences for a model of photographs.
 GAIN = 1.5
 
 FITS = ("squash", "cover", "portrait", "pad")
@@ -43,27 +43,31 @@ FILTERS = ("bilinear", "bicubic")
 
 
 class Preprocess(nn.Module):
-    """The preprocessing of an encoder: uint8 frames of any size to normalised frames of its own.
+    """Preprocessing of an encoder: uint8 frames of any size to normalised frames of its size.
 
     Ways to fit a frame to a size, all anti-aliased:
 
-    - ``squash``: resized, the aspect is not kept;
-    - ``cover``: the shorter side resized to ``edge``, then the centre is cut out;
-    - ``portrait``: a wide frame is turned a quarter clockwise, the centre of the right aspect is
-      cut out, then resized (Sparsh);
-    - ``pad``: black bars make it square, then a quarter turn anticlockwise and a resize (TVL).
+    - ``squash``: resized without keeping the aspect ratio;
+    - ``cover``: shorter side resized to ``edge``, then cropped to the centre;
+    - ``portrait``: a wide frame turned a quarter clockwise, cropped to the centre of the right
+      aspect ratio, then resized (Sparsh);
+    - ``pad``: padded to a square by black bars, turned a quarter anticlockwise, then resized (TVL).
 
     Args:
-        size: Height and width of the result.
-        offset: Grey level that a pixel like its background becomes; None subtracts no background.
-        fit: See above.
-        filter: ``bilinear`` or ``bicubic``.
-        mean: Per channel, of values in [0, 1]; or one such row for each row of the sensor table.
-        std: Like ``mean``.
-        edge: Of ``cover``, in pixels; None takes the longer side of ``size``.
+        size: Height and width of the result, pixels.
+        offset: Grey level of a pixel without change from the background; None subtracts no
+            background.
+        fit: Way to fit a frame to ``size``: ``squash``, ``cover``, ``portrait`` or ``pad``.
+        filter: Interpolation: ``bilinear`` or ``bicubic``.
+        mean: Mean per channel, of values in [0, 1]; or one such row for each row of the sensor
+            table.
+        std: Standard deviation, in the form of ``mean``.
+        edge: Length of the shorter side for ``cover``, pixels; None takes the longer side of
+            ``size``.
 
     Raises:
-        ConfigError: An unknown way to fit or filter, not three numbers, or too small an edge.
+        ConfigError: ``fit`` or ``filter`` is unknown, ``mean`` or ``std`` are not three finite
+            numbers (per row), or ``edge`` is too small.
     """
 
     def __init__(
@@ -103,10 +107,10 @@ class Preprocess(nn.Module):
 
     @classmethod
     def of(cls, size: tuple[int, int], options: Mapping[str, Any]) -> Preprocess:
-        """From a configuration node.
+        """Builds it from a configuration node.
 
         Raises:
-            ConfigError: An option that does not exist, or a missing one.
+            ConfigError: An option is unknown or missing.
         """
         needed = set(ANYTOUCH2)
         for key in options:
@@ -117,19 +121,19 @@ class Preprocess(nn.Module):
         return cls(size, **options)
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Preprocess:
-        """Moves, and stays float32 where an encoder becomes bfloat16: pixels lose by rounding."""
+        """Moves to a device but stays float32, as bfloat16 would round pixels too coarsely."""
         exact = self.mean, self.std
         super()._apply(fn, recurse)  # type: ignore[no-untyped-call]
         self.mean, self.std = (x.to(self.mean.device) for x in exact)
         return self
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor | None = None) -> Tensor:
-        """Float32 (B, T, 3, height, width).
+        """Preprocesses frames to float32 (B, T, 3, height, width).
 
         Args:
             frames: uint8 (B, T, 3, H, W), any H and W.
             background: uint8 (B, 3, H, W).
-            sensor: int64 (B,), rows of the sensor table, where each has its own mean.
+            sensor: int64 (B,), rows of the sensor table; used if each row has its own mean.
         """
         x = self.resize(self.difference(frames, background))
         mean, std = self.mean, self.std
@@ -138,7 +142,7 @@ class Preprocess(nn.Module):
         return (x - mean) / std
 
     def difference(self, frames: Tensor, background: Tensor) -> Tensor:
-        """Values in [0, 1]; a neutral background leaves the frames as they are."""
+        """Subtracts the background, to values in [0, 1]; a neutral one changes nothing."""
         if self.offset is None:
             return frames.float() / 255
         still = background[:, None].float()
@@ -149,7 +153,7 @@ class Preprocess(nn.Module):
         return (frames.float() - still + offset).clamp(0, 255) / 255
 
     def resize(self, x: Tensor) -> Tensor:
-        """(B, T, 3, H, W) to (B, T, 3, height, width)."""
+        """Fits frames to the size: (B, T, 3, H, W) to (B, T, 3, height, width)."""
         size = self.size
         if self.fit == "pad":
             height, width = x.shape[-2:]
@@ -174,18 +178,18 @@ class Preprocess(nn.Module):
 
 
 def _centre(x: Tensor, height: int, width: int) -> Tensor:
-    """The central pixels of (..., H, W)."""
+    """Crops (..., H, W) to its centre."""
     top, left = round((x.shape[-2] - height) / 2), round((x.shape[-1] - width) / 2)
     return x[..., top : top + height, left : left + width]
 
 
 def difference_picture(frame: Tensor, background: Tensor, gain: float | Tensor = GAIN) -> Tensor:
-    """The change from the background, as a picture for a model of photographs.
+    """Change from the background, as a picture for a model of photographs.
 
     Args:
-        frame: uint8 (..., 3, H, W).
-        background: The frame without contact, of the same shape.
-        gain: How many times as strong as it is the difference is shown.
+        frame: Frame, uint8 (..., 3, H, W).
+        background: Frame without contact, of the same shape.
+        gain: Amplification of the difference.
 
     Returns:
         float (..., 3, H, W), about 127.5; not cut off at 0 and 255.

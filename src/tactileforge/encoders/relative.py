@@ -1,4 +1,4 @@
-"""Attention that knows how far apart two patches are."""
+"""Relative position bias of attention, by the offset between two patches."""
 
 from __future__ import annotations
 
@@ -8,29 +8,30 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-#: How a bias starts: there is none, it is 0, or every head looks at one neighbour.
+#: Initial bias: none at all, 0, or one neighbour for every head.
 Relative: TypeAlias = Literal["none", "zero", "neighbours"]
 
-#: Row and column that a head looks at first, from the patch that asks; heads take them in turn.
+#: Initial row and column offsets from query to key, taken by the heads in turn.
 NEIGHBOURS = ((0, -1), (0, 1), (-1, 0), (1, 0), (0, 0), (-1, -1), (1, 1), (-1, 1), (1, -1))
 
 
 class RelativeBias(nn.Module):
-    """A learned number a head and an offset, added to the scores of attention.
+    """A learned bias of attention scores, one number per head and offset.
 
     Offsets are of slot, row and column. With ``start="neighbours"`` head ``h`` starts with
-    ``-2 ((dr - r_h)**2 + (dc - c_h)**2 + |ds|)``, so that it reads the neighbour at ``(r_h, c_h)``,
-    or the visible patch that is nearest to it: then filling in from the neighbours is linear from
-    the first step, which attention on absolute places takes long to find. Tokens before the
-    patches have no place; a number a head says how much patches read them, at first little.
-    Sources: relative bias, Raffel et al. 2020 (T5), section 2.1; the start, d'Ascoli et al. 2021
-    (ConViT), section 2.
+    ``-2 ((dr - r_h)**2 + (dc - c_h)**2 + |ds|)``, so that it attends to the neighbour at
+    ``(r_h, c_h)``, or to the nearest visible patch. Filling in from neighbours is then linear from
+    the first step, a solution that attention with absolute positions takes long to find. Tokens
+    before the patches have no position; one number per head biases how much patches attend to them,
+    little at first.
+    Sources: relative bias, Raffel et al. 2020 (T5), section 2.1; the initial values, d'Ascoli et
+    al. 2021 (ConViT), section 2.
 
     Args:
-        heads: Attention heads.
-        grid: Temporal slots, rows, columns.
-        prefix: Tokens before the patches.
-        start: ``zero`` or ``neighbours``.
+        heads: Number of attention heads.
+        grid: Numbers of temporal slots, rows and columns.
+        prefix: Number of tokens before the patches.
+        start: Initial bias: ``zero`` or ``neighbours``.
     """
 
     def __init__(
@@ -62,14 +63,14 @@ class RelativeBias(nn.Module):
     def of(
         cls, relative: Relative, heads: int, grid: tuple[int, int, int], prefix: int
     ) -> RelativeBias | None:
-        """The bias of a configuration; None where there is none."""
+        """Builds the bias of a configuration; None for ``relative="none"``."""
         return None if relative == "none" else cls(heads, grid, prefix, relative)
 
     def forward(self, kept: Tensor | None = None) -> Tensor:
         """Biases of the scores, (1 or B, heads, L, L): query before key.
 
         Args:
-            kept: int64 (B, K), spatial positions that are there; None for all.
+            kept: int64 (B, K), visible spatial positions; None for all.
         """
         rows = self.rows[None]
         if kept is not None:

@@ -1,4 +1,4 @@
-"""One vector of a clip from several depths of an encoder: where things are, and how they vary."""
+"""Summary vector of a clip from several depths of an encoder: local means and deviations."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-#: Most blocks that are read, evenly spaced, the last among them.
+#: Largest number of summarised blocks, evenly spaced up to the last.
 BLOCKS = 4
-#: Rows and columns of cells whose means are taken.
+#: Rows and columns of the cells to average.
 CELLS = 2
 
 
 def encode_summary(
     encoder: Any, frames: Tensor, background: Tensor, sensor: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """One pass of an encoder: its tokens, projected class tokens, and the summary.
+    """Runs an encoder once for its tokens, projected class tokens, and the summary.
 
-    Of at most four blocks, evenly spaced, the summary has the mean of the patch tokens in each
-    quarter of the image and their deviation over all of it. Deeper blocks know more of what was
-    trained, earlier ones more of texture and strength, and a mean alone hides how much a feature
-    varies. A second stream is summarised like a block. Of an encoder without blocks it summarises
-    the tokens.
-    Source: blocks side by side as in DINOv2's linear probes (Oquab et al. 2023), means of quarters
+    For at most four blocks, evenly spaced, the summary holds the mean of the patch tokens in each
+    quarter of the image and their standard deviation over the whole image. Deeper blocks hold more
+    of the training task, earlier ones more of texture and strength of contact, and a mean alone
+    hides the variation of a feature. A second stream is summarised like a block. For an encoder
+    without blocks the tokens are summarised.
+    Source: concatenated blocks as in DINOv2's linear probes (Oquab et al. 2023), means of quarters
     as in spatial pyramids (Lazebnik et al. 2006), deviations as in statistics pooling (Snyder et
     al. 2018).
 
     Args:
-        encoder: A touch encoder; see `contracts.Encoder`.
+        encoder: Touch encoder; see `contracts.Encoder`.
         frames: uint8 (B, T, 3, H, W).
         background: uint8 (B, 3, H, W).
         sensor: int64 (B,), rows of the sensor table.
@@ -55,13 +55,13 @@ def summary_width(encoder: Any) -> int:
     """Length of the summary of an encoder."""
     count = max(1, len(_parts(encoder)))
     width = int(encoder.width)
-    if _second_stream(encoder):  # whose tokens lie beside those of the blocks, half of the width
+    if _second_stream(encoder):  # its channels are concatenated to the blocks': half of the width
         width //= 2
     return count * (CELLS**2 + 1) * width
 
 
 def _parts(encoder: Any) -> list[Any]:
-    """Modules whose outputs are summarised."""
+    """Modules with outputs to summarise: some blocks and any second stream."""
     blocks = getattr(getattr(encoder, "transformer", None), "blocks", ())
     count = min(BLOCKS, len(blocks))
     chosen = [blocks[(i + 1) * len(blocks) // count - 1] for i in range(count)]

@@ -1,4 +1,4 @@
-"""The touch encoder of AnyTouch 2 and of what else is built like CLIP: a ViT on tubes of frames."""
+"""The touch encoder of AnyTouch 2 and of other models like CLIP: a ViT on tubes of frames."""
 
 from __future__ import annotations
 
@@ -31,47 +31,48 @@ PUBLISHED_SENSORS = {
 
 
 class TactileViT(Backbone):
-    """Touch clips to tokens; preprocessing included, so frames go in as uint8.
+    """Encodes touch clips to tokens, preprocessing of uint8 frames included.
 
     The sequence is one class token, ``sensor_tokens`` tokens of the sensor, and the patches of
     every temporal slot in (slot, row, column) order. Patches are tubes of ``tube`` frames, embedded
     linearly, with one learned position each. Blocks are pre-norm with a norm before the first
-    (CLIP's). Tokens are given before the last norm, class tokens after it and projected.
+    (CLIP's). Returned tokens are those before the last norm, class tokens those after it,
+    projected.
     Source: AnyTouch 2, sections Method and Implementation Details, and its published weights.
 
     Args:
-        size: ``tiny`` (192 wide, 6 deep, 3 heads), ``small`` (384/12/6), ``base`` (768/12/12) or
-            ``large`` (1024/24/16).
-        frames: Frames of a clip; ``tube`` divides it.
-        image_size: Height and width the frames are resized to, or one number for both.
+        size: Size of the model: ``tiny`` (192 wide, 6 deep, 3 heads), ``small`` (384/12/6),
+            ``base`` (768/12/12) or ``large`` (1024/24/16).
+        frames: Frames of a clip; a multiple of ``tube``.
+        image_size: Height and width of resized frames, pixels, or one number for both.
         patch: Rows and columns of a patch.
         tube: Frames of a patch.
-        projected: Width of the space in which decoding and alignment take place.
-        mask_ratio: Share of spatial positions that the masked view hides, the same in every slot.
-        sensor_tokens: Tokens a sensor has; with none, every sensor is welcome.
-        sensor_rows: Rows of the sensor table, the universal one included.
+        projected: Width of projected tokens, for decoding and alignment.
+        mask_ratio: Share of spatial positions hidden in the masked view, the same in every slot.
+        sensor_tokens: Number of tokens per sensor; with 0, any sensor is accepted.
+        sensor_rows: Number of rows of the sensor table, the universal one included.
         sensors: Row of each sensor; None takes the published table.
-        unknown_sensor: What to do with a sensor that has no row: ``error``, or take ``universal``.
-        depth: Blocks; None takes the size's.
-        spacing: Seconds between the frames of a clip that it is trained with; 0 for one frame.
-        activation: ``gelu``, or ``quick_gelu`` for OpenAI's CLIP weights.
+        unknown_sensor: Treatment of a sensor without a row: ``error``, or the ``universal`` row.
+        depth: Number of blocks; None takes the size's.
+        spacing: Seconds between the frames of a clip in training; 0 for one frame.
+        activation: Activation of the MLPs: ``gelu``, or ``quick_gelu`` for OpenAI's CLIP weights.
         norm_in: Whether there is a norm before the first block.
-        eps: Of the norms.
+        eps: Epsilon of the norms.
         bias_kv: Whether attention has a learned key and value besides the tokens (ImageBind).
-        length: Projected class tokens are scaled to this length; None leaves them as they are.
-        pixels: Preprocessing, see `preprocess.Preprocess`.
-        photo_stream: Whether tokens are twice as wide: beside those of the transformer lie those of
-            a network of photographs, see `photo_stream.PhotoStream`. The class token has the mean
-            of its patches, tokens of the sensor have zeros there. A run gives it weights of
-            ImageNet by ``init=imagenet``.
+        length: Length to which projected class tokens are scaled; None for no scaling.
+        pixels: Options of preprocessing, see `preprocess.Preprocess`.
+        photo_stream: Whether to concatenate the tokens of a network for photographs to those of the
+            transformer, which doubles their width, see `photo_stream.PhotoStream`. The class token
+            gets the mean of its patches, and tokens of the sensor get zeros. ``init=imagenet``
+            gives it ImageNet weights.
 
     Attributes:
         width: Size of a token.
-        prefix: Tokens before the patches.
-        grid: Temporal slots, rows, columns.
+        prefix: Number of tokens before the patches.
+        grid: Numbers of temporal slots, rows and columns.
 
     Raises:
-        ConfigError: Sizes that the tubes do not divide, or a row outside the sensor table.
+        ConfigError: Tubes do not divide the sizes, or a row is outside of the sensor table.
 
     Example:
         >>> import torch
@@ -137,7 +138,8 @@ class TactileViT(Backbone):
         for parameter in (self.class_token, self.sensor_table, self.position):
             if parameter is not None:
                 nn.init.normal_(parameter, std=0.02)
-        with torch.no_grad():  # patches that differ little are told apart by their places at once
+        # tactile patches differ little: with small random positions, tokens start almost equal
+        with torch.no_grad():
             self.position[1:] = 0.5 * sincos_grid(self.grid, self.width).flatten(0, 2)
         self.photo_stream = None
         if photo_stream:
@@ -148,7 +150,7 @@ class TactileViT(Backbone):
         """Rows of the sensor table, int64 (B,).
 
         Raises:
-            ConfigError: A sensor has no row, and ``unknown_sensor`` is ``error``.
+            ConfigError: A sensor has no row and ``unknown_sensor`` is ``error``.
         """
         if self.unknown_sensor == "error" and self.sensor_table is not None:
             for name in sensor:

@@ -1,4 +1,4 @@
-"""The transformer block that encoders, towers and decoders share."""
+"""The transformer block shared by encoders, towers and decoders."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class QuickGELU(nn.Module):
     """``x * sigmoid(1.702 x)``, the activation of OpenAI's CLIP weights."""
 
     def forward(self, x: Tensor) -> Tensor:
-        """Any shape to the same."""
+        """Applies the activation to a tensor of any shape."""
         return x * torch.sigmoid(1.702 * x)
 
 
@@ -31,7 +31,7 @@ class Attention(nn.Module):
 
     Args:
         width: Size of a token.
-        heads: Attention heads.
+        heads: Number of attention heads.
         bias_kv: Whether a learned key and value are appended to those of the tokens (ImageBind's).
     """
 
@@ -47,9 +47,9 @@ class Attention(nn.Module):
 
         Args:
             x: float (B, L, width).
-            mask: bool (B, 1, 1, L), True where a key is seen; or float (1 or B, heads, L, L), added
-                to the scores of a query (third axis) and a key (fourth).
-            only: Consecutive tokens; what those read is returned, (B, their number, width).
+            mask: bool (B, 1, 1, L), True for visible keys; or float (1 or B, heads, L, L), added to
+                the scores of a query (third axis) and a key (fourth). None for no mask.
+            only: Consecutive tokens to return, (B, their number, width); None for all.
         """
         query, key, value = (
             self.qkv(x).unflatten(-1, (3, self.heads, -1)).permute(2, 0, 3, 1, 4).unbind(0)
@@ -72,11 +72,12 @@ class Block(nn.Module):
 
     Args:
         width: Size of a token.
-        heads: Attention heads.
-        eps: Of the norms.
-        activation: Of the MLP, a key of `ACTIVATIONS`.
-        bias_kv: See `Attention`.
-        layer_scale: First value of a learned factor per channel on each residual; None has none.
+        heads: Number of attention heads.
+        eps: Epsilon of the norms.
+        activation: Activation of the MLP, a key of `ACTIVATIONS`.
+        bias_kv: Whether attention has a learned key and value, see `Attention`.
+        layer_scale: Initial value of a learned factor per channel on each residual; None for no
+            factor.
     """
 
     def __init__(
@@ -101,7 +102,7 @@ class Block(nn.Module):
             self.scale2 = nn.Parameter(torch.full((width,), layer_scale))
 
     def forward(self, x: Tensor, mask: Tensor | None = None, only: slice | None = None) -> Tensor:
-        """(B, L, width) to the same; with ``only``, those tokens of it alone."""
+        """Transforms (B, L, width); returns only the tokens of ``only`` if given."""
         change = self.attention(self.norm1(x), mask, only)
         x = x if only is None else x[:, only]
         x = x + (change if self.scale1 is None else change * self.scale1)
@@ -129,7 +130,7 @@ class Transformer(nn.Module):
         )
 
     def forward(self, x: Tensor, mask: Tensor | None = None, only: slice | None = None) -> Tensor:
-        """(B, L, width) to the same; with ``only``, those tokens of it alone."""
+        """Transforms (B, L, width); returns only the tokens of ``only`` if given."""
         last = len(self.blocks) - 1
         for number, block in enumerate(self.blocks):
             x = block(x, mask, only if number == last else None)
@@ -137,15 +138,14 @@ class Transformer(nn.Module):
 
 
 class AttentivePooler(nn.Module):
-    """Learned queries that read tokens through one cross-attention block.
+    """Learned queries, attending to tokens through one cross-attention block.
 
-    The queries enter un-normed, keys and values are normed; block as in the published probe of
-    AnyTouch 2.
+    Queries are not normed, keys and values are, as in the published probe of AnyTouch 2.
 
     Args:
-        width: Size of a token, and of what is read.
+        width: Size of a token and of an output.
         queries: Number of queries.
-        heads: Attention heads.
+        heads: Number of attention heads.
     """
 
     def __init__(self, width: int, queries: int, heads: int) -> None:
@@ -164,7 +164,7 @@ class AttentivePooler(nn.Module):
         nn.init.trunc_normal_(self.queries, std=0.02)
 
     def forward(self, tokens: Tensor) -> Tensor:
-        """(B, L, width) to (B, queries, width)."""
+        """Pools (B, L, width) to (B, queries, width)."""
         queries = self.queries.expand(len(tokens), -1, -1)
         query = self.q(queries).unflatten(-1, (self.heads, -1)).transpose(1, 2)
         key, value = (
@@ -180,10 +180,11 @@ class AttentivePooler(nn.Module):
 
 
 def init_weights(module: nn.Module) -> None:
-    """Linear weights keep the variance of what they read; biases are 0. For ``Module.apply``.
+    """Initialises linear weights to keep the variance of their input; for ``Module.apply``.
 
-    A standard deviation of 0.02, usual at a width of 768, makes narrow encoders blind: at 192 the
-    class tokens of different touches start with a cosine of 0.9998, and stay there for long.
+    Biases are 0. A standard deviation of 0.02, usual at a width of 768, makes the tokens of narrow
+    encoders almost equal: at 192 the class tokens of different touches start with a cosine of
+    0.9998, and stay there for long.
     """
     if isinstance(module, nn.Linear):
         nn.init.normal_(module.weight, std=module.in_features**-0.5)
@@ -192,7 +193,7 @@ def init_weights(module: nn.Module) -> None:
 
 
 def attention_heads(width: int) -> int:
-    """Heads of some 64 channels each: the largest number up to ``width // 64`` that divides it.
+    """Number of heads of about 64 channels: the largest divisor of ``width`` up to ``width // 64``.
 
     Example:
         >>> [attention_heads(width) for width in (48, 192, 200, 768)]
@@ -205,7 +206,7 @@ def size_preset(size: str) -> tuple[int, int, int]:
     """Width, depth and heads of a named size.
 
     Raises:
-        ValueError: No such size; lists the known ones.
+        ValueError: The size is unknown; the message lists the known ones.
     """
     if size not in SIZES:
         raise ValueError(f"unknown size {size!r}: choose one of {', '.join(SIZES)}")

@@ -14,14 +14,14 @@ from tactileforge.encoders.transformer import Transformer, init_weights, size_pr
 
 
 class ImageViT(nn.Module):
-    """Camera images to one vector each; resizing and normalisation included.
+    """Encodes camera images to one vector each, resizing and normalisation included.
 
     Args:
-        size: ``tiny``, ``small`` or ``base``; see `TactileViT`.
-        depth: Blocks; None takes the size's.
-        image_size: Height and width the images are resized to.
-        patch: Rows and columns of a patch; it divides ``image_size``.
-        frozen: Whether its weights stay as they are.
+        size: Size of the model: ``tiny``, ``small`` or ``base``; see `TactileViT`.
+        depth: Number of blocks; None takes the size's.
+        image_size: Height and width of resized images, pixels.
+        patch: Rows and columns of a patch, a divisor of ``image_size``.
+        frozen: Whether its weights are not trained.
 
     Example:
         >>> import torch
@@ -59,7 +59,7 @@ class ImageViT(nn.Module):
         self.requires_grad_(not frozen)
 
     def forward(self, images: Tensor) -> Tensor:
-        """uint8 (B, 3, h, w) to (B, width)."""
+        """Encodes uint8 (B, 3, h, w) to (B, width)."""
         x = images.float() / 255
         x = F.interpolate(x, (self.image_size, self.image_size), mode="bilinear", antialias=True)
         x = self.embed((x - self.mean) / self.std).flatten(2).transpose(1, 2) + self.position

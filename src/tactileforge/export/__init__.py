@@ -1,10 +1,10 @@
-"""Exports models as files that run elsewhere: ``export``, and ``read`` for their metadata.
+"""Export of models to files for other runtimes: ``export``, and ``read_facts`` for their metadata.
 
-- `export.facts`: what a file says of itself; needs no torch
+- `export.facts`: metadata of a file; needs no torch
 - `export.program`: the graph, by ``torch.export``; clips to compare it with the module
 - `export.onnx_file`: the graph as ONNX; weights as int8
-- `export.write`: from a model to a file that was run and compared
-- ``tactileforge export`` lies in `cli.export`
+- `export.write`: from a model to a file, run and compared
+- ``tactileforge export`` is in `cli.export`
 """
 
 from __future__ import annotations

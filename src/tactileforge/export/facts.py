@@ -15,7 +15,7 @@ from tactileforge.untrusted import load_json
 
 #: Key of the text in ``metadata_props`` of ONNX, and in ``extra_files`` of ``torch.export``.
 KEY = "tactileforge"
-#: What a graph may return.
+#: Possible outputs of a graph, with type, shape and meaning.
 OUTPUTS = {
     "tokens": "float32 (B, L, width): prefix tokens, then patches",
     "cls": "float32 (B, projected): what model.encode gives",
@@ -23,7 +23,7 @@ OUTPUTS = {
 }
 #: Axes of the forces of the object on the gel, see `contracts`.
 AXES_OF_FORCE = ["x: to the right of the image", "y: down the image", "z: into the gel"]
-#: How the background is had.
+#: Description of the input ``background``.
 BACKGROUND = (
     "a frame without contact of the same recording, of the frames' size; 130 everywhere subtracts "
     "nothing"
@@ -39,25 +39,26 @@ class Exported:
     is any number.
 
     Attributes:
-        path: The file.
-        format: ``onnx`` or ``torch_export``.
+        path: Path of the file.
+        format: Format of the file: ``onnx`` or ``torch_export``.
         model: Name of the model; "" if it has none.
-        frames: Frames of a clip, T.
-        size: H and W; empty for any.
+        frames: Number of frames of a clip, T.
+        size: Height H and width W of frames, pixels; empty for any.
         spacing: Seconds between the frames; 0 for one frame.
-        sensors: Row of each sensor; ``universal`` is for one that the model never saw.
+        sensors: Number of each sensor; ``universal`` is for sensors unknown to the model.
         licence: SPDX identifier of the weights; "" if unknown.
-        version: Of the tactileforge that wrote it.
-        weights: Hash of the weights, see `Model.fingerprint`; of the encoder and the force head.
-        preprocessing: What is done to the pixels inside: see `hub.files.describe_input`; before
-            that, frames of a model that was trained here are ``squashed`` to a height and width.
+        version: Version of the tactileforge that wrote the file.
+        weights: Hash of the weights of encoder and force head, see `Model.fingerprint`.
+        preprocessing: Preprocessing inside the graph, see `hub.files.describe_input`; frames of a
+            model trained here are first ``squashed`` to a height and width.
         outputs: Type, shape and meaning of each output.
-        force: ``unit``, ``axes``, and the ``scale`` that is in the graph, by sensor; empty without
-            a force head.
-        background: How the background is had.
+        force: ``unit``, ``axes``, and the ``scale`` in the graph, by sensor; empty without a force
+            head.
+        background: Description of the input ``background``.
         error: Largest difference between the outputs of the float graph and those of the module.
-        int8: Of int8 weights, against the module's ``cls``: ``relative``, the length of the
-            difference over the length, and ``cosine``, the lowest of a clip. Empty for float.
+        int8: Errors of int8 weights against the module's ``cls``: ``relative``, the length of the
+            difference over the length of ``cls``, and ``cosine``, the lowest of all clips. Empty
+            for float weights.
     """
 
     path: str
@@ -78,10 +79,10 @@ class Exported:
     int8: dict[str, float]
 
     def sensor_ids(self, sensors: Sequence[str]) -> list[int]:
-        """Sensor rows, the integers to give as ``sensor``, by name.
+        """Numbers of sensors, for the input ``sensor``, by name.
 
         Raises:
-            ConfigError: The model has no row of that name.
+            ConfigError: The model does not know a sensor.
         """
         for name in sensors:
             if name not in self.sensors:
@@ -89,7 +90,7 @@ class Exported:
         return [self.sensors[name] for name in sensors]
 
     def text(self) -> str:
-        """JSON text for the file: all fields but the path."""
+        """JSON text for the file, with all fields except the path."""
         content = asdict(self)
         del content["path"]
         return json.dumps(content, sort_keys=True)
@@ -100,7 +101,7 @@ def read_facts(path: str | Path) -> Exported:
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: It was not written by `export`.
+        DataError: The file was not written by `export`.
         ConfigError: ONNX is not installed; says what to install.
     """
     path = Path(path)
@@ -115,7 +116,7 @@ def read_facts(path: str | Path) -> Exported:
 
 
 def need_onnx() -> None:
-    """Raises a ConfigError with the install command where the ONNX packages are missing."""
+    """Raises a ConfigError with the install command if the ONNX packages are missing."""
     from importlib.util import find_spec
 
     missing = [name for name in ("onnx", "onnxscript", "onnxruntime") if find_spec(name) is None]

@@ -1,4 +1,4 @@
-"""The module that becomes a graph: an encoder, and its force head in newton."""
+"""The module to trace: an encoder, and its force head in newton."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ from tactileforge.errors import ConfigError
 from tactileforge.export.squash import Squash
 from tactileforge.hub.forces import views_of
 
-#: Row of a sensor that was not trained: no table reaches as far, so that a graph stops at it.
+#: Row of an unknown sensor, outside of every table, so that the graph raises an error.
 _NOWHERE = -(2**31)
 
 
 class GraphModule(nn.Module):
-    """An encoder as a file has it: ``tokens``, ``cls`` and, with a head, ``force``.
+    """An encoder with the outputs of a file: ``tokens``, ``cls`` and, with a head, ``force``.
 
-    A sensor that the encoder was not trained on is an error when the graph runs, and one without a
-    force scale has forces that are no numbers.
+    The graph raises an error for a sensor unknown to the encoder, and gives NaN forces for a sensor
+    without a force scale.
 
     Args:
-        encoder: A touch encoder in eval mode.
-        head: Of the forces; None without.
+        encoder: Touch encoder in eval mode.
+        head: Force head; None for no forces.
         scale: Newton per unit of the head's output along x, y and z, for each sensor.
-        squashed: Height and width that training squashed frames to; None for imported weights.
+        squashed: Height and width of frames resized in training, pixels; None for imported weights.
 
     Attributes:
-        outputs: Names of what it returns.
-        sensors: Number of each sensor: its row of the encoder's table, where it has one alone.
+        outputs: Names of the outputs.
+        sensors: Number of each sensor: its row of the encoder's table, or an index if sensors share
+            a row and forces are scaled.
     """
 
     def __init__(
@@ -46,7 +47,7 @@ class GraphModule(nn.Module):
         self.outputs = ("tokens", "cls", "force")[: 2 if head is None else 3]
         self.frames, self.image_size = encoder.frames, encoder.image_size
         rows, scale = sensor_rows(encoder), scale or {}
-        # Sensors that share a row have force scales of their own: each gets a number then.
+        # Sensors with a common row have different force scales, so each needs its own number.
         numbered = bool(scale) and len(set(rows.values())) < len(rows)
         self.sensors = {name: i for i, name in enumerate(rows)} if numbered else rows
         known = torch.full((max(self.sensors.values(), default=0) + 1,), _NOWHERE)
@@ -62,7 +63,7 @@ class GraphModule(nn.Module):
         self._checks = numbered or (bool(encoder.sensors) and _reads_sensors(encoder))
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, ...]:
-        """Tokens (B, L, width), vectors (B, projected), and forces (B, T - 1, 3), N.
+        """Computes tokens (B, L, width), vectors (B, projected), and forces (B, T - 1, 3), N.
 
         Args:
             frames: uint8 (B, T, 3, H, W), RGB, oldest first.
@@ -80,7 +81,7 @@ class GraphModule(nn.Module):
 
 
 def sensor_rows(encoder: Any) -> dict[str, int]:
-    """Rows that an encoder was trained on, by sensor, and the universal one."""
+    """Rows of an encoder's table by sensor, the universal one included."""
     universal = getattr(encoder, "universal", None)
     return dict(encoder.sensors) | ({} if universal is None else {"universal": universal})
 
@@ -91,7 +92,7 @@ def _reads_sensors(encoder: Any) -> bool:
 
 
 def check_float32(encoder: nn.Module) -> None:
-    """Raises a ConfigError where weights were rounded: a file is made of the original."""
+    """Raises a ConfigError for rounded weights, since a file needs the original ones."""
     dtypes = {x.dtype for x in encoder.state_dict().values() if x.dtype != torch.int64}
     if dtypes - {torch.float32}:
         raise ConfigError(

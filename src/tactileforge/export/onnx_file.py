@@ -21,7 +21,7 @@ from tactileforge.export.facts import KEY
 from tactileforge.export.program import INPUTS, Outputs, Run
 from tactileforge.export.squash import Squash
 
-#: A protobuf, which ONNX is, holds no more bytes.
+#: Largest size of an ONNX file, bytes: the limit of protobuf.
 _LARGEST = 2**31 - 1
 
 
@@ -29,11 +29,11 @@ class OnnxFile:
     """A graph as an ONNX file.
 
     Args:
-        program: See `program.trace`.
-        outputs: Names of what it returns.
+        program: Graph made by `program.trace`.
+        outputs: Names of its outputs.
 
     Raises:
-        ConfigError: The weights are too large for ONNX, or it has no such graph.
+        ConfigError: The weights are too large for ONNX, or ONNX cannot express the graph.
     """
 
     def __init__(self, program: ExportedProgram, outputs: Sequence[str]) -> None:
@@ -62,14 +62,14 @@ class OnnxFile:
             ) from error
         assert exported is not None
         self.model = exported.model_proto
-        #: Matrices of resizing are no weights: they stay as they are.
+        #: Nodes of resizing, whose matrices are not weights and are not quantised.
         self._fixed = [node.name for node in self.model.graph.node if _resizes(node)]
         _clean(self.model)
 
     def quantise(self, path: Path) -> None:
         """Quantises the weights of linear layers to int8, one scale per column, in place.
 
-        Activations become 8 bits as they come, one scale a tensor.
+        Activations are quantised to 8 bits at run time, one scale per tensor.
         """
         # unsigned weights: the kernel of signed ones saturates on CPUs without VNNI (AVX2 alone,
         # onnxruntime's quantization page), which cost half as much accuracy again
@@ -105,7 +105,7 @@ def _resizes(node: Any) -> bool:
 
 
 def _clean(model: Any) -> None:
-    """Names the dynamic axes, and drops the exporter's notes, which hold local paths."""
+    """Names the dynamic axes, and drops metadata of the exporter with local paths."""
     graph = model.graph
     for thing in (graph, *graph.node, *graph.input, *graph.output, *graph.initializer):
         del thing.metadata_props[:]
@@ -119,9 +119,9 @@ def _clean(model: Any) -> None:
 
 
 def _resize(mode: str) -> Callable[..., Any]:
-    """Anti-aliased resizing as a product with one matrix per side.
+    """Translates anti-aliased resizing to a product with one matrix per side.
 
-    The operator Resize of onnxruntime rounds its weights otherwise than torch: pixels differ by
+    The operator Resize of onnxruntime rounds its weights differently from torch: pixels differ by
     2e-5, and tokens of a base model by 2e-4.
     """
 
@@ -156,10 +156,10 @@ def _weights(mode: str, size: int, wanted: int) -> Any:
 
 
 def _any_weights(size: Any, wanted: int) -> Any:
-    """Bilinear weights for a size (int64, one number) that is known when the graph runs.
+    """Bilinear weights for a size (int64, one number) known only at run time.
 
-    A triangle at each centre, as wide as a pixel of the result and at least as one of the frame.
-    Rounds as torch does, step by step, in float32.
+    Weights are a triangle at each centre, as wide as a pixel of the result, but at least as wide as
+    a pixel of the frame. Each step is rounded to float32 in the same order as in torch.
     """
     unit = _constant(np.float32(1))
     half = _constant(np.float32(0.5))

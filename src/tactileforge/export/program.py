@@ -1,4 +1,4 @@
-"""The graph of an encoder, by ``torch.export``, and the clips on which it is compared."""
+"""The graph of an encoder, by ``torch.export``, and its comparison on synthetic clips."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Outputs: TypeAlias = tuple[Tensor, ...]
 Run: TypeAlias = Callable[[Tensor, Tensor, Tensor], Outputs]
 
 INPUTS = ("frames", "background", "sensor")
-#: Batches with which a graph is run before it is kept.
+#: Sizes of the batches for the comparison.
 BATCHES = (1, 3)
 
 
@@ -30,9 +30,10 @@ class Gap:
     """Deviation of the outputs of a graph from those of the module.
 
     Attributes:
-        largest: Largest difference of a number.
-        relative: Length of the difference of ``cls`` over the length of ``cls``; the worst batch's.
-        cosine: Between ``cls`` of both; the worst clip's.
+        largest: Largest absolute difference of any output value.
+        relative: Length of the difference of ``cls`` over the length of ``cls``, of the worst
+            batch.
+        cosine: Cosine between both ``cls``, of the worst clip.
     """
 
     largest: float
@@ -43,12 +44,12 @@ class Gap:
 def sizes_of(
     encoder: Any, size: tuple[int, int] | None, small: bool = False
 ) -> list[tuple[int, int]]:
-    """Frame sizes for comparing a graph with its module.
+    """Frame sizes for the comparison of a graph with its module.
 
     Args:
-        encoder: A touch encoder.
-        size: The one that the graph takes; None if it takes any.
-        small: Whether any includes the encoder's own and less.
+        encoder: Touch encoder.
+        size: Height and width of frames of the graph, pixels; None if it takes any.
+        small: Whether to include the encoder's own size and a smaller one, for a graph of any size.
     """
     if size is not None:
         return [size]
@@ -58,15 +59,16 @@ def sizes_of(
 
 
 def synthetic_clips(encoder: Any, batch: int, size: tuple[int, int]) -> Clips:
-    """Synthetic clips: a smooth background, a smooth change that grows, noise; deterministic.
+    """Deterministic synthetic clips: a smooth background, a smooth growing change, and noise.
 
     Args:
-        encoder: Its frames and sensors are taken.
-        batch: B.
-        size: H and W.
+        encoder: Touch encoder, for the number of frames and the sensors.
+        batch: Number of clips, B.
+        size: Height H and width W, pixels.
 
     Returns:
-        uint8 (B, T, 3, H, W), uint8 (B, 3, H, W) and int64 (B,), which go over all known rows.
+        Frames uint8 (B, T, 3, H, W), background uint8 (B, 3, H, W), and sensors int64 (B,), which
+        cycle through all known rows.
     """
     rng = torch.Generator().manual_seed(batch)
 
@@ -84,7 +86,7 @@ def synthetic_clips(encoder: Any, batch: int, size: tuple[int, int]) -> Clips:
 
 
 def compare_outputs(run: Run, encoder: Any, sizes: Sequence[tuple[int, int]]) -> Gap:
-    """Compares a graph with the module on batches of several lengths."""
+    """Compares a graph with the module on batches of several sizes."""
     largest, relative, cosine = 0.0, 0.0, 1.0
     for inputs in _batches(encoder, sizes):
         with torch.no_grad():
@@ -107,14 +109,14 @@ def _batches(encoder: Any, sizes: Sequence[tuple[int, int]]) -> Iterator[Clips]:
 
 
 def trace(encoder: Any, size: tuple[int, int] | None) -> ExportedProgram:
-    """Traces the graph for any number of clips, and for any image size where asked.
+    """Traces the graph for any number of clips, and for one or any image size.
 
     Args:
-        encoder: A touch encoder in eval mode.
-        size: H and W of the frames; None for any above the encoder's own.
+        encoder: Touch encoder in eval mode.
+        size: Height and width of the frames, pixels; None for any above the encoder's own.
 
     Raises:
-        ConfigError: The graph cannot be made, or cannot take any size; says why.
+        ConfigError: The graph cannot be made, or depends on the size of frames; says why.
     """
     sizes = sizes_of(encoder, size)
     batch, height, width = Dim("batch"), None, None
@@ -123,7 +125,7 @@ def trace(encoder: Any, size: tuple[int, int] | None) -> ExportedProgram:
         height, width = Dim("height", min=native[0] + 1), Dim("width", min=native[1] + 1)
     shapes = ({0: batch, 3: height, 4: width}, {0: batch, 2: height, 3: width}, {0: batch})
     try:
-        # Not strict, `len` of a tensor would fix the number of clips.
+        # strict=True, or `len` of a tensor would fix the number of clips
         program = torch.export.export(
             encoder, synthetic_clips(encoder, 2, sizes[0]), dynamic_shapes=shapes, strict=True
         )
@@ -139,7 +141,7 @@ def trace(encoder: Any, size: tuple[int, int] | None) -> ExportedProgram:
             text = f"no graph of the model takes frames of {size[0]} x {size[1]}: {reason}"
         raise ConfigError(text) from error
     for node in program.graph.nodes:
-        node.meta.pop("stack_trace", None)  # paths of this machine
+        node.meta.pop("stack_trace", None)  # it holds paths of this machine
     return program
 
 
@@ -147,7 +149,7 @@ class ProgramFile:
     """A graph as a file of ``torch.export``.
 
     Args:
-        program: See `trace`.
+        program: Graph made by `trace`.
     """
 
     def __init__(self, program: ExportedProgram) -> None:
@@ -155,7 +157,7 @@ class ProgramFile:
 
     def save(self, path: Path, text: str = "") -> None:
         """Writes the file with its metadata text."""
-        whole = io.BytesIO()  # torch ends the process where it cannot write on
+        whole = io.BytesIO()  # in memory: torch ends the process if writing a file fails
         torch.export.save(self.program, whole, extra_files={KEY: text})
         path.write_bytes(whole.getbuffer())
 

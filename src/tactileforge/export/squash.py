@@ -1,4 +1,4 @@
-"""Resizing of uint8 images as training does it, by OpenCV, in operators that a graph has."""
+"""Resizing of uint8 images as by OpenCV in training, in operators available to graphs."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from tactileforge.data.batches.clips import AVERAGED_FROM
 
 
 class Squash(nn.Module):
-    """Squashes images to a size, as `data.batches.clips.resize_frame` does, to a grey level.
+    """Resizes images to a size, equal to `data.batches.clips.resize_frame` within a grey level.
 
-    Weights are whole numbers, and so is every sum, so that rounding is the same wherever the graph
-    runs. Which way of resizing is taken is an output of the graph too: it takes any size.
+    Weights and sums are whole numbers, so that rounding is the same wherever the graph runs. The
+    choice between averaging and interpolation is part of the graph, so that it takes any size.
 
     Args:
-        size: Height and width.
+        size: Height and width of the result, pixels.
     """
 
     def __init__(self, size: tuple[int, int]) -> None:
@@ -23,7 +23,7 @@ class Squash(nn.Module):
         self.size = size
 
     def forward(self, images: Tensor) -> Tensor:
-        """Float32 (..., 3, height, width), of whole numbers.
+        """Resizes to float32 (..., 3, height, width), of whole numbers.
 
         Args:
             images: uint8 (..., 3, H, W).
@@ -35,7 +35,7 @@ class Squash(nn.Module):
         least, most = torch.minimum(*shrinks), torch.maximum(*shrinks)
         averages = (least >= 1) & (most >= AVERAGED_FROM)
         rows, columns = (torch.where(averages, mean, line) for mean, line, _ in ways)
-        # the first sums are below 2 ** 24, so exact in float32; the second are not
+        # the first sums are below 2 ** 24, so exact in float32; the second need float64
         sums = (rows @ images.float()).double() @ columns.double().T
         whole = rows[0].double().sum() * columns[0].double().sum()
         half = torch.where(averages, 0.5, 0.375)  # OpenCV's interpolation cuts off an eighth
@@ -48,10 +48,10 @@ def _ways(images: Tensor, axis: int, wanted: int) -> tuple[Tensor, Tensor, Tenso
     pixel = torch.arange(length, device=images.device)
     place = torch.arange(wanted, device=images.device)[:, None]
     count = pixel.amax(0) + 1
-    # in units of 1 / wanted pixel: what a pixel of the result covers of each
+    # in units of 1 / wanted pixel: overlap of a pixel of the result with each pixel of the image
     low, high = place * count, (place + 1) * count
     ends = torch.minimum(high, (pixel + 1) * wanted) - torch.maximum(low, pixel * wanted)
-    # in units of half of that: distance from the centre, which stays within the image
+    # in units of half of that: distance from the centre, clamped to the image
     unit = 2 * wanted
     centre = ((2 * place + 1) * count - wanted).clamp(min=0)
     centre = torch.minimum(centre, unit * (count - 1))

@@ -1,4 +1,4 @@
-"""Exports a model to a file, then runs it and compares its outputs."""
+"""Export of a model to a file, followed by a comparison of its outputs with the module's."""
 
 from __future__ import annotations
 
@@ -36,23 +36,24 @@ def export(
     int8: bool = False,
     tolerance: float = 1e-4,
 ) -> Exported:
-    """Writes a model as one file: uint8 frames in; tokens, class tokens and forces out.
+    """Writes a model as one file, from uint8 frames to tokens, class tokens and forces.
 
     Preprocessing is in the graph, and the number of clips is free. The file is run on batches of 1
     and 3 and compared with the module before it gets its name.
 
     Args:
-        model: What `tactileforge.load` takes, what it gives, or a touch encoder.
-        path: The file; one that is there is replaced.
-        format: ``onnx``, or ``torch_export`` for ``torch.export.load``.
-        size: H and W of the frames; None for any: in ``torch_export``, any above the encoder's own.
-        int8: Whether the weights of linear layers become int8; ``onnx`` only.
-        tolerance: Largest difference that is accepted; int8 weights are not held to it.
+        model: Name or file for `tactileforge.load`, a loaded model, or a touch encoder.
+        path: Path of the file; an existing one is replaced.
+        format: Format of the file: ``onnx``, or ``torch_export`` for ``torch.export.load``.
+        size: Height and width of the frames, pixels; None for any (``torch_export``: any above the
+            encoder's own).
+        int8: Whether to quantise the weights of linear layers to int8; ``onnx`` only.
+        tolerance: Largest accepted difference of outputs; not applied to int8 weights.
 
     Raises:
-        ConfigError: Unknown format or model, a package is missing, or a size that the graph cannot
-            take.
-        TactileForgeError: The file computes something else than the module; it is not kept.
+        ConfigError: The format or model is unknown, a package is missing, or the graph cannot take
+            the size.
+        TactileForgeError: The file's outputs differ from the module's; it is not kept.
 
     Example:
         >>> export("anytouch2", "anytouch2.onnx", size=(240, 320)).error  # doctest: +SKIP
@@ -112,7 +113,7 @@ def _check(path: Path, format: str, size: Any, int8: Any, tolerance: Any) -> Non
 
 
 def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str, Any]]:
-    """The module of the graph, on the CPU in eval mode, and its facts."""
+    """Opens the module of the graph, on the CPU in eval mode, and collects its metadata."""
     opened: Any = load(model) if isinstance(model, str | Path) else model
     known = {"model": "", "licence": "", "spacing": float(getattr(opened, "spacing", 0.0))}
     head, kept, squashed = None, {}, None
@@ -153,7 +154,7 @@ def _file(format: str, program: Any, outputs: Sequence[str]) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silences exporters: outputs are compared, and deviations raised."""
+    """Silences warnings of exporters, since wrong outputs are found by comparison."""
     before = logging.root.manager.disable
     logging.disable(logging.ERROR)
     try:

@@ -1,1 +1,1 @@
-"""Built-in heads: one class a file, registered by entry point like anyone's."""
+"""Built-in heads: one class per file, registered by entry points like those of other packages."""

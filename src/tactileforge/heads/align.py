@@ -1,4 +1,4 @@
-"""The head that brings touch, text and camera images into one space."""
+"""The head for alignment of touch, text and camera images in one space."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from tactileforge.contracts import Batch, Encoder, Views
 
 @dataclass(frozen=True)
 class Aligned:
-    """Vectors of one batch in the shared space; a row is meaningful where its mask is True.
+    """Vectors of one batch in the shared space. A row is valid if its mask is True.
 
     Attributes:
-        touch: float (B, d).
-        text: float (B, d), or None without a text tower; ``text_valid`` bool (B,).
-        image: float (B, d), or None without an image tower; ``image_valid`` bool (B,).
-        scale: The inverse temperature, a scalar.
+        touch: Vectors of touch, float (B, d).
+        text: Vectors of captions, float (B, d); None without a text tower.
+        text_valid: bool (B,), True for samples with a caption.
+        image: Vectors of camera images, float (B, d); None without an image tower.
+        image_valid: bool (B,), True for samples with an image.
+        scale: Inverse temperature, a scalar.
     """
 
     touch: Tensor
@@ -37,7 +39,7 @@ class AlignHead(nn.Module):
         encoder: The touch encoder (given by the framework).
         text_encoder: Tower for captions, or None (given by the framework).
         image_encoder: Tower for camera images, or None (given by the framework).
-        temperature: Its initial value; it is learned, and never falls below 0.01.
+        temperature: Initial temperature; it is learned, and never falls below 0.01.
     """
 
     def __init__(
@@ -62,7 +64,7 @@ class AlignHead(nn.Module):
         return nn.Linear(width, encoder.projected, bias=False)
 
     def forward(self, views: Views, batch: Batch) -> Aligned:
-        """The batch in the shared space; each distinct caption is encoded once."""
+        """Projects the batch to the shared space; each distinct caption is encoded once."""
         touch = views.full.cls
         text = image = None
         if self.text_encoder is not None and self.text_project is not None:

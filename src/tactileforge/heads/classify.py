@@ -1,4 +1,4 @@
-"""The head that names what is touched."""
+"""The head for classification of the touched object."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class ClassifyHead(nn.Module):
         classes: Number of classes; see `objectives.classify.Classify`.
 
     Attributes:
-        met: bool (classes,), whether training has met an object of the class.
+        met: bool (classes,), True for classes seen in training.
     """
 
     met: Tensor
@@ -30,7 +30,7 @@ class ClassifyHead(nn.Module):
         self.register_buffer("met", torch.zeros(classes, dtype=torch.bool))
 
     def forward(self, views: Views, batch: Batch) -> Tensor:
-        """Logits, float (B, classes)."""
+        """Computes logits, float (B, classes)."""
         if self.training:
             known = batch["object"] >= 0
             count = torch.zeros_like(self.met, dtype=torch.int64)

@@ -1,4 +1,4 @@
-"""The decoder that fills in masked tubes; pixel, diff and jepa each have one of their own."""
+"""The decoder of masked tubes, used by pixel, diff and jepa, each with its own weights."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from tactileforge.errors import ConfigError
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """Masked tubes as predicted and as they are, frame by frame.
+    """Predicted and true masked tubes, frame by frame.
 
     Attributes:
-        predicted: float (B, M, n, 3 * patch * patch), of n frames.
-        target: The same shape.
+        predicted: float (B, M, n, 3 * patch * patch), prediction of n frames.
+        target: True values, of the same shape.
         masked: int64 (B, M), spatial positions of the tubes.
-        unit: float (B, M, n, 1), by what errors are divided; None for 1.
+        unit: float (B, M, n, 1), divisor of errors; None for 1.
     """
 
     predicted: Tensor
@@ -39,37 +39,37 @@ class Reconstruction:
 
 
 def check_moving(encoder: Encoder, head: str) -> None:
-    """Refuses an encoder of one frame, for a head that reads frames 2..T.
+    """Refuses an encoder of one frame, for heads on frames 2..T.
 
     Raises:
-        ConfigError: See there.
+        ConfigError: The encoder has less than two frames.
     """
     if encoder.frames < 2:
         raise ConfigError(f"head.{head} reads frames 2 and later: give encoder.frames of 2 or more")
 
 
 class MaskedDecoder(nn.Module):
-    """Visible tokens and mask tokens to the pixels, or features, of the masked tubes.
+    """Decodes visible tokens and mask tokens to the pixels, or features, of the masked tubes.
 
-    A token's place is given by fixed sines and cosines of its slot, row and column. (Positions of
-    row and column alone would make the two slots of a masked tube the same.) Masked tokens alone
-    are predicted. Attention does not look at the order of tokens, so visible ones come first and
-    the last block reads for the mask tokens behind them alone; a bias by offset needs the order of
-    their places.
+    A token's position is given by fixed sines and cosines of its slot, row and column. (Positions
+    of row and column alone would make the two slots of a masked tube the same.) Only masked tokens
+    are predicted. Attention without a bias does not depend on the order of tokens, so visible ones
+    come first and the last block computes only the mask tokens behind them; a bias by offset needs
+    tokens in the order of their positions.
 
     Args:
-        encoder: Whose masked view is decoded.
+        encoder: Encoder of the masked view.
         width: Width of the decoder.
-        depth: Blocks.
-        heads: Attention heads.
-        out: Numbers that are predicted for a masked patch; None for its pixels.
+        depth: Number of blocks.
+        heads: Number of attention heads.
+        out: Number of predicted values per masked patch; None for its pixels.
         relative: Bias of attention by offset, see `RelativeBias`; with ``neighbours`` and four
             heads or more, filling in from the neighbours is learned much sooner.
         norm: Whether there is a norm before the last linear layer; without one, a patch twice as
-            bright is predicted twice as bright, before anything is learned.
+            bright is predicted twice as bright, even before training.
 
     Raises:
-        ConfigError: Nothing is masked.
+        ConfigError: ``encoder.mask_ratio`` masks nothing.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class MaskedDecoder(nn.Module):
         nn.init.normal_(self.predict.weight, std=0.02)
 
     def forward(self, features: MaskedFeatures) -> Tensor:
-        """The masked view to float (B, slots, M, out)."""
+        """Decodes the masked view to float (B, slots, M, out)."""
         x = self.embed(features.tokens)
         prefix, visible = x.split([features.prefix, x.shape[1] - features.prefix], dim=1)
         visible = visible.unflatten(1, (features.grid[0], -1))
@@ -112,7 +112,7 @@ class MaskedDecoder(nn.Module):
         return out
 
     def _by_visibility(self, prefix: Tensor, visible: Tensor, features: MaskedFeatures) -> Tensor:
-        """Masked tokens (B, slots, M, width), from visible ones and mask tokens behind them."""
+        """Masked tokens (B, slots, M, width), from visible tokens followed by mask tokens."""
         place = self.position.flatten(1, 2)
         seen = visible + place[:, features.kept].transpose(0, 1)
         blank = self.mask_token.to(visible.dtype) + place[:, features.masked].transpose(0, 1)
@@ -122,7 +122,7 @@ class MaskedDecoder(nn.Module):
         return hidden.reshape(len(x), len(place), -1, x.shape[-1])
 
     def _by_place(self, prefix: Tensor, visible: Tensor, features: MaskedFeatures) -> Tensor:
-        """Masked tokens (B, slots, M, width), from all tokens in the order of their places."""
+        """Masked tokens (B, slots, M, width), from all tokens in the order of their positions."""
         assert self.relative is not None
         tokens = self._placed(visible, features) + self.position.flatten(1, 2)
         x = torch.cat([prefix, tokens.flatten(1, 2)], dim=1)
@@ -130,7 +130,7 @@ class MaskedDecoder(nn.Module):
         return masked_patches(x.unflatten(1, (visible.shape[1], -1)), features)
 
     def _placed(self, visible: Tensor, features: MaskedFeatures) -> Tensor:
-        """Visible tokens (B, slots, K, width) and mask tokens, each at its place: (..., N, ...)."""
+        """Puts visible tokens (B, slots, K, width) and mask tokens in order: (..., N, ...)."""
         batch, slots, _, width = visible.shape
         count = features.kept.shape[1] + features.masked.shape[1]
         blank = self.mask_token.to(visible.dtype).expand(batch, slots, count, width)
@@ -138,12 +138,12 @@ class MaskedDecoder(nn.Module):
         return blank.scatter(2, index, visible)
 
     def frames(self, patches: Tensor) -> Tensor:
-        """(B, slots, M, 3 * tube * P) to (B, M, slots * tube, 3 * P): frames in their order."""
+        """Splits tubes into frames: (B, slots, M, 3 * tube * P) to (B, M, slots * tube, 3 * P)."""
         batch, slots, count, size = patches.shape
         x = patches.reshape(batch, slots, count, 3, self.tube, size // (3 * self.tube))
         return x.permute(0, 2, 1, 4, 3, 5).flatten(4).flatten(2, 3)
 
 
 def masked_patches(patches: Tensor, features: MaskedFeatures) -> Tensor:
-    """The patches or tokens (B, slots, N, P) at the masked positions: (B, slots, M, P)."""
+    """Selects patches or tokens (B, slots, N, P) at the masked positions: (B, slots, M, P)."""
     return patches_at(patches, features.masked)

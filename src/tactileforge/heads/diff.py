@@ -1,4 +1,4 @@
-"""The head that reconstructs masked frame differences."""
+"""The head for reconstruction of masked frame differences."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class DiffHead(nn.Module):
     Args:
         encoder: The touch encoder (given by the framework).
         width: Width of the decoder.
-        depth: Blocks.
-        heads: Attention heads.
+        depth: Number of blocks of the decoder.
+        heads: Number of attention heads of the decoder.
         relative: Bias of the decoder's attention by offset, see `MaskedDecoder`.
         norm: Whether the decoder has a last norm, see `MaskedDecoder`.
     """
@@ -35,7 +35,7 @@ class DiffHead(nn.Module):
         self.decoder = MaskedDecoder(encoder, width, depth, heads, relative=relative, norm=norm)
 
     def forward(self, views: Views, batch: Batch) -> Reconstruction:
-        """Predicted and true differences D_n = T_n - T_1, n = 2..T, of the masked tubes."""
+        """Predicts differences D_n = T_n - T_1, n = 2..T, of the masked tubes."""
         features = views.masked
         predicted = self.decoder.frames(self.decoder(features))[:, :, 1:]
         frames = self.decoder.frames(masked_patches(views.patches, features))

@@ -19,8 +19,9 @@ class Distilled:
     """Cosines of each clip with every prototype.
 
     Attributes:
-        student: float (B, K), of the masked view.
-        teacher: float (B, K), of the whole clip by the EMA copies, less the centre; no gradient.
+        student: float (B, K), cosines of the masked view.
+        teacher: float (B, K), cosines of the whole clip by the EMA copies, minus the centre;
+            without gradient.
     """
 
     student: Tensor
@@ -28,7 +29,7 @@ class Distilled:
 
 
 class Prototypes(nn.Module):
-    """Three layers to a unit vector, and its cosine with learned prototypes."""
+    """Three layers to a unit vector, and its cosines with learned prototypes."""
 
     def __init__(self, width: int, hidden: int, bottleneck: int, prototypes: int) -> None:
         super().__init__()
@@ -43,7 +44,7 @@ class Prototypes(nn.Module):
         self.apply(init_weights)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(B, width) to float32 (B, prototypes)."""
+        """Computes cosines: (B, width) to float32 (B, prototypes)."""
         x = F.normalize(self.layers(x).float(), dim=-1)
         with torch.autocast(x.device.type, enabled=False):  # a low temperature magnifies rounding
             return x @ F.normalize(self.prototypes, dim=-1).T
@@ -52,17 +53,17 @@ class Prototypes(nn.Module):
 class DinoHead(nn.Module):
     """Prototypes on the pooled masked view, and EMA copies of encoder and prototypes.
 
-    Source: DINO (Caron et al. 2021), with masks for views as Sparsh has them: the student sees the
-    visible patches, the teacher the whole clip. Sparsh compares ten masks of each clip with two,
-    here it is one with one. The centre is a moving average of the teacher's output over batches.
+    Source: DINO (Caron et al. 2021), with masks as views like Sparsh: the student sees the visible
+    patches, the teacher the whole clip. Sparsh compares ten masks of each clip with two; here it is
+    one with one. The centre is a moving average of the teacher's output over batches.
 
     Args:
         encoder: The touch encoder (given by the framework).
-        prototypes: Their number (K).
+        prototypes: Number of prototypes, K.
         hidden: Width of the two hidden layers.
         bottleneck: Width of the space of the prototypes.
-        momentum: Share of the EMA copies that a first step keeps; it rises linearly to 1.
-        centring: Share of the centre that a batch keeps.
+        momentum: Momentum of the EMA copies at the start; it rises linearly to 1.
+        centring: Momentum of the centre, per step.
     """
 
     def __init__(
@@ -92,7 +93,7 @@ class DinoHead(nn.Module):
         self.target.after_step(encoder, step, total)
 
     def forward(self, views: Views, batch: Batch) -> Distilled:
-        """Outputs of student and teacher on a batch."""
+        """Computes the outputs of student and teacher on a batch."""
         student = self.student(views.masked.cls)
         with torch.no_grad():
             teacher = self.teacher.network(self.target.network.views(batch).full.cls)

@@ -1,4 +1,4 @@
-"""The head that predicts what a pretrained image model sees in a touch."""
+"""The head for distillation of a pretrained image model, the teacher."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ from torch.nn import functional as F
 from tactileforge.contracts import Batch, Encoder, TrainingClips, Views
 from tactileforge.encoders.preprocess import GAIN, difference_picture
 
-#: Clips that the teacher's features are measured on before the first step, and how many at once.
+#: Number of clips for the statistics of the teacher's features before training, and per batch.
 _MEASURED, _AT_ONCE = 256, 32
-#: Least deviation of a feature of the teacher.
+#: Smallest standard deviation of a feature of the teacher, against division by 0.
 _LEAST = 1e-3
 
 
 @dataclass(frozen=True)
 class Taught:
-    """Features of the teacher, and what the encoder's tokens say of them.
+    """Features of the teacher, and their predictions from the encoder's tokens.
 
-    Features have mean 0 and deviation 1 over the training data.
+    Features have mean 0 and standard deviation 1 over the training data.
 
     Attributes:
-        predicted: Of each map float (B, C, h, w), then float (B, n) of the whole picture.
-        target: The same shapes; no gradient.
+        predicted: Predicted maps, float (B, C, h, w) each, then features of the whole picture,
+            float (B, n).
+        target: True features, of the same shapes; without gradient.
     """
 
     predicted: tuple[Tensor, ...]
@@ -37,18 +38,18 @@ class Taught:
 class DistillHead(nn.Module):
     """Linear layers from the tokens to the features of a frozen image model, the teacher.
 
-    The teacher sees the last frame less the one without contact, about mid-grey and ``gain`` times
-    as strong. Its maps are predicted place by place from the tokens of the last frames, and mean
-    and deviation of every map from the mean of all tokens. The layers are linear, so the tokens
-    have to carry the features where any other linear reading finds them. Source: Theia (Shang et
-    al. 2024) distils vision models so, for robots, and scales features by their deviation too.
+    The input of the teacher is the difference of the last frame to the one without contact,
+    amplified by ``gain``, around mid-grey. Its maps are predicted position by position from the
+    tokens of the last slot, and mean and deviation of every map from the mean of all tokens. The
+    layers are linear, so the tokens have to carry the features in a form usable by any other linear
+    layer. Source: Theia (Shang et al. 2024) distils vision models for robots in this way, and
+    scales features by their deviation too.
 
     Args:
         encoder: The touch encoder (given by the framework).
-        teacher: A frozen image tower (given by the framework: ``image_encoder``). One with ``maps``
-            gives features of places; any other its vector alone.
-        gain: How many times as strong as they are differences from the frame without contact are
-            shown to the teacher.
+        teacher: A frozen image tower (given by the framework: ``image_encoder``). A tower with
+            ``maps`` gives features of positions; any other only its vector.
+        gain: Amplification of the difference to the frame without contact, in the teacher's input.
     """
 
     mean: Tensor
@@ -70,7 +71,7 @@ class DistillHead(nn.Module):
         self.register_buffer("deviation", torch.ones(sum(self.sizes)))
 
     def train(self, mode: bool = True) -> DistillHead:
-        """The teacher stays in evaluation mode."""
+        """Sets the mode; the teacher stays in evaluation mode."""
         super().train(mode)
         self.teacher.eval()
         return self
@@ -92,7 +93,7 @@ class DistillHead(nn.Module):
             yield difference_picture(last, still, self.gain)
 
     def _features(self, pictures: Tensor) -> list[Tensor]:
-        """Maps (B, C, h, w), and of the whole picture (B, n); always in float32."""
+        """Teacher's maps (B, C, h, w), and features of the whole picture (B, n), in float32."""
         with torch.no_grad(), torch.autocast(pictures.device.type, enabled=False):
             if not hasattr(self.teacher, "maps"):
                 return [self.teacher(pictures)]
@@ -107,7 +108,7 @@ class DistillHead(nn.Module):
             return [*kept, torch.cat(whole, 1)]
 
     def forward(self, views: Views, batch: Batch) -> Taught:
-        """Predicted and true features of the last frames."""
+        """Predicts the teacher's features of the last frame of each clip."""
         picture = difference_picture(batch["frames"][:, -1], batch["background"], self.gain)
         found = self._features(picture)
         scales = zip(

@@ -1,4 +1,4 @@
-"""Exponential moving average of a network's weights: the target network of objectives."""
+"""Exponential moving average (EMA) of a network's weights, a target network for objectives."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from torch import nn
 
 
 class EMA(nn.Module):
-    """Exponential moving average (EMA) of a network's weights; no gradient reaches it.
+    """Exponential moving average (EMA) of a network's weights, without gradient.
 
     After each step ``slow = keep * slow + (1 - keep) * fast``, where ``keep`` rises linearly from
-    ``momentum`` at the start of the run to 1 at its end. It is always in evaluation mode. Where a
-    head has one of the encoder, it is what `hub.pack.pack_run` makes a file of.
+    ``momentum`` at the start of the run to 1 at its end. It is always in evaluation mode. If a head
+    has an EMA of the encoder, `hub.pack.pack_run` packs that one.
 
     Args:
-        network: What is followed.
-        momentum: The first ``keep``.
+        network: Network to average.
+        momentum: Initial value of ``keep``, 0 to 1.
 
     Attributes:
-        network: The copy.
+        network: The averaged copy.
     """
 
     def __init__(self, network: Any, momentum: float) -> None:
@@ -30,19 +30,19 @@ class EMA(nn.Module):
         self.momentum = momentum
 
     def train(self, mode: bool = True) -> EMA:
-        """Stays in evaluation mode."""
+        """Ignores the mode: it stays in evaluation mode."""
         return super().train(False)
 
     def keep(self, step: int, total: int) -> float:
-        """Share of the copy that stays after a step; 0 at the start."""
+        """Momentum of a step: share of the old weights in the average; 0 at the start."""
         return 1 - (1 - self.momentum) * (1 - step / total) if step else 0.0
 
     @torch.no_grad()
     def after_step(self, network: Any, step: int, total: int) -> None:
-        """Moves towards a network; at step 0 it becomes equal to it.
+        """Moves the average towards a network; at step 0 it becomes equal to it.
 
         Args:
-            network: See the class.
+            network: The averaged network, after the step.
             step: Optimiser steps taken so far.
             total: Steps of the run.
         """

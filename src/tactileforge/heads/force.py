@@ -1,4 +1,4 @@
-"""The head that predicts forces and their changes."""
+"""The head for prediction of forces and their changes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Forces:
 
     Attributes:
         force: float (B, T - 1, 3), in units of the sensor's force scale.
-        delta: float (B, T - 1, 3), change from the frame before, in the same units.
+        delta: float (B, T - 1, 3), change from the previous frame, in the same units.
     """
 
     force: Tensor
@@ -28,7 +28,7 @@ class Forces:
 
 
 class ForceDecoder(nn.Module):
-    """One learned query a frame reads the tokens; two layers give three numbers each."""
+    """An attentive pooler with one learned query per frame, and two layers to three numbers."""
 
     def __init__(self, width: int, frames: int, heads: int) -> None:
         super().__init__()
@@ -43,7 +43,7 @@ class ForceDecoder(nn.Module):
         return out
 
     def forward(self, tokens: Tensor) -> Tensor:
-        """(B, L, width) to (B, frames, 3)."""
+        """Predicts forces: (B, L, width) to (B, frames, 3)."""
         out: Tensor = self.probe[-1](self.hidden(tokens))
         return out
 
@@ -51,7 +51,7 @@ class ForceDecoder(nn.Module):
 class MeanReadout(nn.Module):
     """One linear layer on the mean of the patch tokens.
 
-    What it reads, any linear probe of pooled features finds too.
+    Features usable by it are usable by any linear probe of pooled features.
     """
 
     def __init__(self, width: int, frames: int, prefix: int) -> None:
@@ -66,7 +66,7 @@ class MeanReadout(nn.Module):
         return tokens[:, self.prefix :].mean(1, keepdim=True).expand(-1, self.frames, -1)
 
     def forward(self, tokens: Tensor) -> Tensor:
-        """(B, L, width) to (B, frames, 3)."""
+        """Predicts forces: (B, L, width) to (B, frames, 3)."""
         out: Tensor = self.linear(self.hidden(tokens)[:, 0])
         return out.view(-1, self.frames, 3)
 
@@ -76,14 +76,15 @@ class ForceHead(nn.Module):
 
     Args:
         encoder: The touch encoder (given by the framework).
-        heads: Attention heads; None takes one for 64 channels, as many as divide the width.
-        difference: Whether it is shown, beside the tokens, how the patches of each later slot
-            differ from those of the first: a shear moves what a press leaves where it is.
-        readout: ``attention``, the paper's decoders, or ``mean``, see `MeanReadout`.
+        heads: Number of attention heads; None takes about one per 64 channels, see
+            `attention_heads`.
+        difference: Whether to add the differences of the patch tokens of each later slot to those
+            of the first as further tokens: shear moves the image, a normal press does not.
+        readout: Kind of decoder: ``attention``, as in the paper, or ``mean``, see `MeanReadout`.
 
     Raises:
-        ConfigError: Differences are asked for, and the encoder has one temporal slot, or the
-            readout is a mean.
+        ConfigError: ``difference`` is set, and the encoder has one temporal slot or the readout is
+            ``mean``.
     """
 
     def __init__(
@@ -119,7 +120,7 @@ class ForceHead(nn.Module):
             self.norm = nn.LayerNorm(encoder.width)
 
     def forward(self, views: Views, batch: Batch) -> Forces:
-        """Normalised forces of frames 2..T."""
+        """Predicts normalised forces of frames 2..T."""
         tokens = self._tokens(views.full)
         return Forces(self.force(tokens), self.delta(tokens))
 

@@ -1,4 +1,4 @@
-"""The head that predicts features of masked tubes (JEPA)."""
+"""The head for prediction of features of masked tubes (JEPA)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from tactileforge.heads.ema import EMA
 
 @dataclass(frozen=True)
 class Latents:
-    """Features of masked tubes: predicted, and of the encoder's EMA.
+    """Features of masked tubes: predicted, and from the encoder's EMA.
 
     Attributes:
-        predicted: float (B, slots, M, width).
-        target: The same shape; each token has mean 0 and variance 1, and no gradient.
+        predicted: float (B, slots, M, width), predicted features.
+        target: True features, of the same shape; each token has mean 0 and variance 1, without
+            gradient.
     """
 
     predicted: Tensor
@@ -28,17 +29,16 @@ class Latents:
 
 
 class JepaHead(nn.Module):
-    """A predictor on the visible tokens, and an EMA of the encoder that sees everything.
+    """A predictor on the visible tokens, and an EMA of the encoder on all patches.
 
-    Source: V-JEPA (Bardes et al. 2024, section 3). The EMA never takes the universal sensor
-    tokens.
+    Source: V-JEPA (Bardes et al. 2024, section 3). The EMA never uses the universal sensor tokens.
 
     Args:
         encoder: The touch encoder (given by the framework).
         width: Width of the predictor.
-        depth: Blocks.
-        heads: Attention heads.
-        momentum: Share of the EMA that a first step keeps; it rises linearly to 1.
+        depth: Number of blocks of the predictor.
+        heads: Number of attention heads of the predictor.
+        momentum: Momentum of the EMA at the start; it rises linearly to 1.
         relative: Bias of the predictor's attention by offset, see `MaskedDecoder`.
     """
 
@@ -56,11 +56,11 @@ class JepaHead(nn.Module):
         self.target = EMA(encoder, momentum)
 
     def after_step(self, encoder: Encoder, step: int, total: int) -> None:
-        """See `contracts.AfterStep`."""
+        """Updates the EMA; see `contracts.AfterStep`."""
         self.target.after_step(encoder, step, total)
 
     def forward(self, views: Views, batch: Batch) -> Latents:
-        """Predicted and true features of the masked tubes."""
+        """Predicts features of the masked tubes, and computes the true ones."""
         features = views.masked
         predicted = self.predictor(features)
         with torch.no_grad():

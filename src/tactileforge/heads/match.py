@@ -1,4 +1,4 @@
-"""The head that scores pairs of clips."""
+"""The head for scores of pairs of clips."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class PairScores:
     """Scores (logits) of every pair of a batch.
 
     Attributes:
-        object: float (B, B), that both touch the same object.
-        action: float (B, B), that both show the same action.
+        object: float (B, B), scores for the same object in both clips.
+        action: float (B, B), scores for the same action in both clips.
     """
 
     object: Tensor
@@ -26,12 +26,13 @@ class PairScores:
 class MatchHead(nn.Module):
     """Linear scores of the element-wise product of two normalised class tokens.
 
-    All pairs at once: ``w . (a * b) = (w * a) . b`` is one matrix product. Scores start as
-    ``gain * (cosine - 1)``: undecided where two tokens are alike.
+    All pairs are one matrix product: ``w . (a * b) = (w * a) . b``. Scores start as
+    ``gain * (cosine - 1)``: 0 (undecided) for equal tokens.
 
     Args:
         encoder: The touch encoder (given by the framework).
-        gain: Fixed factor of the scores; products of unit vectors are small, so it sets the pace.
+        gain: Fixed factor of the scores; products of unit vectors are small, so it sets the speed
+            of learning.
     """
 
     def __init__(self, encoder: Encoder, gain: float = 10.0) -> None:
@@ -44,7 +45,7 @@ class MatchHead(nn.Module):
             nn.init.constant_(linear.bias, -1.0)
 
     def forward(self, views: Views, batch: Batch) -> PairScores:
-        """Scores of every pair of the batch."""
+        """Scores every pair of the batch."""
         cls = F.normalize(views.full.cls, dim=-1)
         scores = [
             self.gain * ((cls * part.weight) @ cls.T + part.bias)

@@ -1,4 +1,4 @@
-"""The head that reconstructs masked frames."""
+"""The head for reconstruction of masked frames."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tactileforge.contracts import Batch, Encoder, Views
 from tactileforge.encoders.relative import Relative
 from tactileforge.heads.decoder import MaskedDecoder, Reconstruction, masked_patches
 
-#: MAE's least variance of a patch.
+#: Added to the variance of a patch, as in MAE.
 _LEAST = 1e-6
 
 
@@ -19,12 +19,12 @@ class PixelHead(nn.Module):
     Args:
         encoder: The touch encoder (given by the framework).
         width: Width of the decoder.
-        depth: Blocks.
-        heads: Attention heads.
+        depth: Number of blocks of the decoder.
+        heads: Number of attention heads of the decoder.
         relative: Bias of the decoder's attention by offset, see `MaskedDecoder`.
         norm: Whether the decoder has a last norm, see `MaskedDecoder`.
-        norm_pix: Whether the decoder predicts patches less their mean and over their deviation
-            (He et al. 2022, MAE, section 4.1). How bright a patch is, which reads force, is then
+        norm_pix: Whether the decoder predicts patches normalised by their own mean and deviation
+            (He et al. 2022, MAE, section 4.1). The brightness of a patch, a cue for force, is then
             not learned; images are drawn with the true mean and deviation.
     """
 
@@ -43,7 +43,7 @@ class PixelHead(nn.Module):
         self.norm_pix = norm_pix
 
     def forward(self, views: Views, batch: Batch) -> Reconstruction:
-        """Predicted and true frames 1..T of the masked tubes."""
+        """Predicts frames 1..T of the masked tubes."""
         features = views.masked
         predicted = self.decoder.frames(self.decoder(features))
         target = self.decoder.frames(masked_patches(views.patches, features))

@@ -1,4 +1,4 @@
-"""Heads that authors publish beside their encoders, as their weights are laid out."""
+"""Heads published by authors beside their encoders, in the layout of their weights."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _HEADS = 16
 
 
 class PublishedForce(nn.Module):
-    """The force head of AnyTouch 2: one query reads all tokens, and gives the newest force.
+    """The force head of AnyTouch 2: one query on all tokens predicts the newest force.
 
     It predicts (Fx, Fy, -Fz) of its data; columns and signs turn these into x to the right of the
     image, y down, z into the gel. Source: AnyTouch 2, probes of ToucHD Bench, and their weights.
 
     Args:
-        encoder: The touch encoder (given by the framework); 16 divides its width.
-        columns: Which of its outputs is x, y, z.
-        signs: By which each of these is multiplied.
+        encoder: The touch encoder (given by the framework), with a width divisible by 16.
+        columns: Output columns of x, y and z.
+        signs: Factors of x, y and z.
     """
 
     def __init__(
@@ -40,16 +40,16 @@ class PublishedForce(nn.Module):
         self.signs: Tensor
 
     def forward(self, views: Views, batch: Batch) -> Forces:
-        """Normalised forces of the newest frame, (B, 1, 3); their changes are not predicted."""
+        """Predicts normalised forces of the newest frame, (B, 1, 3), but not their changes."""
         force = self.decoder(views.full.tokens)[..., self.columns] * self.signs
         return Forces(force, torch.zeros_like(force))
 
 
 class PublishedProbe(nn.Module):
-    """The attentive probe of AnyTouch 2 for classes, as of Cloth.
+    """The attentive probe of AnyTouch 2 for classes, for example of Cloth.
 
     Args:
-        encoder: The touch encoder (given by the framework); 16 divides its width.
+        encoder: The touch encoder (given by the framework), with a width divisible by 16.
         classes: Number of classes.
     """
 
@@ -59,6 +59,6 @@ class PublishedProbe(nn.Module):
         self.linear = nn.Linear(encoder.width, classes)
 
     def forward(self, views: Views, batch: Batch) -> Tensor:
-        """Logits, float (B, classes)."""
+        """Computes logits, float (B, classes)."""
         out: Tensor = self.linear(self.pooler(views.full.tokens)[:, 0])
         return out

@@ -1,4 +1,4 @@
-"""The head that predicts the displacement of the gel's surface."""
+"""The head for prediction of the displacement of the gel's surface."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from tactileforge.data.labels.displacement import SHAPE
 class SurfaceHead(nn.Module):
     """One linear layer from each patch token to the displacement of the surface below the patch.
 
-    It has no layers of its own, so the tokens have to carry the displacement linearly, where any
-    other linear reading finds it too.
+    As the head is linear, the tokens have to carry the displacement in a form usable by any other
+    linear layer.
 
-    Where patches do not divide the image of the surface, whole cells below each are resampled.
+    If patches do not divide the image of the surface, whole cells below each are resampled.
 
     Args:
         encoder: The touch encoder (given by the framework).
@@ -32,7 +32,7 @@ class SurfaceHead(nn.Module):
         nn.init.zeros_(self.linear.bias)
 
     def forward(self, views: Views, batch: Batch) -> Tensor:
-        """Coded displacements from -1 to 1 of all frames, float (B, T, 3, 32, 32)."""
+        """Predicts coded displacements from -1 to 1 of all frames, float (B, T, 3, 32, 32)."""
         slots, rows, columns = self.grid
         x: Tensor = self.linear(views.full.tokens[:, self.prefix :])
         x = x.view(-1, slots, rows, columns, self.tube, 3, *self.cell)

@@ -1,4 +1,4 @@
-"""The live page: one HTML file, light and dark, from 400 pixels on."""
+"""The live page: one HTML file, light and dark, for widths from 400 pixels."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ _FILE = Path(__file__).with_name("page.html")
 
 
 def page_html(nonce: str) -> str:
-    """The page.
+    """Text of the page.
 
     Args:
-        nonce: Of its style and script, for the content security policy.
+        nonce: Nonce of its style and script, for the content security policy.
     """
     return _FILE.read_text("utf-8").replace("NONCE", nonce)

@@ -12,17 +12,17 @@ from tactileforge import registry
 
 
 class Publisher(Protocol):
-    """Sink of readings and events, called in the thread that computes them.
+    """Sink of readings and events, called in the thread of the computation.
 
     A plugin is a class in the entry-point group ``tactileforge.publishers``; its constructor takes
-    plain options and does no I/O. ``send`` must not wait for anyone: a slow one costs frames.
+    plain options and does no I/O. ``send`` must not block: a slow one costs frames.
     """
 
     def open(self) -> None:
         """Claims the address.
 
         Raises:
-            ConfigError: It cannot be had, or a package is missing; says which.
+            ConfigError: The address cannot be used, or a package is missing; says which.
         """
         ...
 
@@ -36,10 +36,10 @@ class Publisher(Protocol):
 
 
 class JsonLines:
-    """One JSON object a line.
+    """Writes one JSON object per line.
 
     Args:
-        to: Where to; None for standard output.
+        to: Text stream; None for standard output.
     """
 
     def __init__(self, to: TextIO | None = None) -> None:
@@ -49,7 +49,7 @@ class JsonLines:
         """Does nothing: standard output is open."""
 
     def send(self, message: dict[str, Any]) -> None:
-        """Writes a line, at once."""
+        """Writes and flushes a line."""
         to = self._to or sys.stdout
         to.write(to_json(message) + "\n")
         to.flush()
@@ -59,10 +59,10 @@ class JsonLines:
 
 
 def to_json(message: Mapping[str, Any]) -> str:
-    """Plain data as JSON, in which a number that is none is null.
+    """Plain data as JSON, with null for NaN and infinite numbers.
 
     Args:
-        message: Lists, mappings, numbers and words.
+        message: Lists, mappings, numbers and text.
 
     Example:
         >>> to_json({"force": [float("nan"), 0.5], "difference": float("inf")})
@@ -83,11 +83,11 @@ def _finite(value: Any) -> Any:
 
 
 def build_publishers(publishers: Sequence[str] | Mapping[str, Any]) -> list[Publisher]:
-    """Publishers by name, or by name with their options.
+    """Builds publishers from names, or from names with options.
 
     Raises:
-        PluginError: One is not installed.
-        ConfigError: An unknown option.
+        PluginError: A publisher is not installed.
+        ConfigError: An option is unknown.
     """
     nodes = publishers if isinstance(publishers, Mapping) else dict.fromkeys(publishers)
     return [

@@ -22,7 +22,7 @@ from tactileforge.sensors.capture import Capture
 from tactileforge.streaming.contact import ContactOptions, SlipOptions
 from tactileforge.streaming.touch_stream import Prediction, TouchStream
 
-#: Readings that are kept for the page.
+#: Number of readings kept for the page.
 HISTORY = 512
 
 
@@ -31,11 +31,12 @@ class StreamOptions:
     """Options of one sensor in a live session.
 
     Attributes:
-        contact: When something touches.
-        slip: When something slips.
-        embedding: Whether messages carry the model's vector.
-        unknown_sensor: ``error`` or ``universal``.
-        reconnect: Seconds for which a sensor that is lost is waited for.
+        contact: Thresholds of contact.
+        slip: Thresholds of slip.
+        embedding: Whether messages include the model's vector.
+        unknown_sensor: Treatment of a sensor unknown to the model: ``error``, or the ``universal``
+            tokens.
+        reconnect: Time to wait for a lost sensor, s.
     """
 
     contact: ContactOptions = field(default_factory=ContactOptions)
@@ -47,12 +48,12 @@ class StreamOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading(Prediction):
-    """A prediction, and how long it took.
+    """A prediction with its sensor and latency.
 
     Attributes:
         sensor: Name of the sensor.
         latency: Seconds from the frame to this reading.
-        depth: float32 (h, w), mm into the gel; None where it is not asked for, or the image is
+        depth: float32 (h, w), mm into the gel; None if depth is not requested or the image is
             invalid.
     """
 
@@ -86,20 +87,21 @@ class SensorStream:
     """A sensor read in a thread; readings of the newest frame are computed on request.
 
     Args:
-        name: Of the sensor.
-        sensor: Open.
-        model: What encodes it; None for contact alone.
-        wake: Is notified when a frame has come.
+        name: Name of the sensor.
+        sensor: Open sensor.
+        model: Model for vectors and forces; None for contact alone.
+        wake: Condition notified on each new frame.
         options: Contact, slip, and the other options of a session.
-        calibration: Of this unit, for the model's forces; see `Model.force`.
-        depth: Reads depth; None for none.
+        calibration: Calibration of this unit, for the model's forces; see `Model.force`. None for
+            none.
+        depth: Estimator of depth; None for none.
 
     Attributes:
-        stream: Makes predictions of the frames.
-        readings: The last ones.
+        stream: Stream of predictions.
+        readings: Latest readings, at most `HISTORY`.
 
     Raises:
-        ConfigError: The model does not know the sensor, or the calibration is of another.
+        ConfigError: The model does not know the sensor, or the calibration is of a different one.
     """
 
     def __init__(
@@ -128,7 +130,7 @@ class SensorStream:
         self._frozen = 0
 
     def sink(self, frame: Frame) -> None:
-        """Receives a frame in the sensor's thread."""
+        """Adds a frame; called in the sensor's thread."""
         self._frozen = self.capture.counts.frozen
         self.stream.add(frame)
         with self.wake:
@@ -139,7 +141,7 @@ class SensorStream:
 
         Raises:
             SensorError: Something touches, or there is no image.
-            ConfigError: The image has another size than the frames.
+            ConfigError: The image and the frames differ in size.
         """
         spec = self.sensor.spec
         if image is not None and image.shape[:2] != (spec.height, spec.width):
@@ -151,7 +153,7 @@ class SensorStream:
 
     @property
     def state(self) -> str:
-        """``lost``, one of `health.TROUBLES`, or "" where all is well."""
+        """``lost``, ``frozen``, one of `health.TROUBLES`, or "" for a healthy sensor."""
         if self.capture.is_lost:
             return "lost"
         if self.capture.counts.frozen > self._frozen:
@@ -159,7 +161,7 @@ class SensorStream:
         return self.readings[-1].trouble if self.readings else ""
 
     def read(self) -> Reading | None:
-        """The reading of the newest frame; None where there is no new one, or no clip yet."""
+        """Computes the reading of the newest frame; None without a new frame or a full clip."""
         prediction = self.stream.predict()
         if prediction is None:
             return None
@@ -170,7 +172,7 @@ class SensorStream:
         return reading
 
     def _depth(self) -> NDArray[np.float32] | None:
-        """Depth in the frame that was predicted last."""
+        """Depth in the frame of the newest prediction."""
         shown, still = self.stream.shown, self.stream.background
         if self.depth is None or shown is None or still is None:
             return None
@@ -181,10 +183,10 @@ class SensorStream:
 
 
 def read_background(path: str) -> NDArray[np.uint8]:
-    """A background from a file, uint8 (H, W, 3), RGB.
+    """Reads a background from a file, uint8 (H, W, 3), RGB.
 
     Raises:
-        ConfigError: It is not an image.
+        ConfigError: The file is not a readable RGB image of 8 bits per channel.
     """
     image = cv2.imread(path, cv2.IMREAD_UNCHANGED)
     if image is None:

@@ -21,13 +21,14 @@ from tactileforge.live.publish import to_json
 from tactileforge.live.sensor_stream import Reading, SensorStream
 from tactileforge.live.session import LiveSession, check_port
 
-#: Pixels of the longer side of an image on the page, and of the shorter side of a small one.
+#: Largest length of the longer side of an image on the page, pixels; small images are enlarged by
+#: the largest whole factor to at most half of it.
 _LARGE = 480
-#: By how much differences are strengthened, to be seen.
+#: Amplification of differences, for visibility.
 _GAIN = 2.0
-#: Depth below which an image of depth is not strengthened further, mm.
+#: Smallest depth of the brightest colour in an image of depth, mm, so that noise stays dark.
 _SHALLOW = 0.2
-#: Seconds after which a connection that says nothing is closed.
+#: Time after which a silent connection is closed, s.
 _SILENCE = 10.0
 _HOST = "127.0.0.1"
 
@@ -35,18 +36,18 @@ _HOST = "127.0.0.1"
 class LivePage:
     """Serves a `LiveSession` while it is open.
 
-    The address has a random token; a request without it, or one that names another host (a web site
-    that was made to point here), is refused. Nothing is computed while nobody looks.
+    The address contains a random token. A request without it is refused, and so is one for a
+    different host (DNS rebinding by a web site). Images are encoded only on request.
 
     Args:
-        view: Open.
-        port: At 127.0.0.1; 0 for any that is free.
+        view: Open session.
+        port: Port at 127.0.0.1; 0 for any free one.
 
     Attributes:
-        token: In the address.
+        token: Token in the address.
 
     Raises:
-        ConfigError: The port is taken, or there is no such port.
+        ConfigError: The port is taken or invalid.
     """
 
     def __init__(self, view: LiveSession, port: int = 0) -> None:
@@ -61,7 +62,7 @@ class LivePage:
 
     @property
     def url(self) -> str:
-        """The address of the page."""
+        """Address of the page."""
         return f"http://{_HOST}:{self._server.server_address[1]}/{self.token}/"
 
     def __enter__(self) -> Self:
@@ -78,14 +79,15 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignores browsers that disconnect."""
+        """Ignores errors of disconnecting browsers."""
 
 
 class _Handler(BaseHTTPRequestHandler):
     view: LiveSession
     token: str
     protocol_version = "HTTP/1.1"
-    # a head and a body are two writes: the second would wait until the first is acknowledged
+    # head and body are two writes: with Nagle's algorithm the second would wait for an
+    # acknowledgement of the first
     disable_nagle_algorithm = True
     timeout = _SILENCE
 
@@ -145,16 +147,16 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Logs nothing: the terminal has its status line."""
+        """Logs nothing, since the terminal shows the status line."""
 
 
 def page_state(view: LiveSession, after: Mapping[str, str]) -> dict[str, Any]:
     """State of the page, as plain data.
 
     Args:
-        view: Open.
-        after: Monotonic seconds, by sensor; only later readings of it are given. Sensors differ in
-            how late their frames come.
+        view: Open session.
+        after: Monotonic times, s, by sensor, as text; only later readings are included. Each sensor
+            has its own time, because latencies differ.
     """
     seen = {name: _seconds(after.get(name, "")) for name in view.fingers}
     p50, p99 = (None if x != x else round(1000 * x, 1) for x in view.latency.percentiles())
@@ -199,7 +201,7 @@ def _deepest(reading: Reading) -> float | None:
 
 
 def difference_image(image: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Difference image: image less background, gain 2, around mid-grey."""
+    """Difference of image and background, amplified twice, around mid-grey; uint8 (H, W, 3)."""
     if image.shape != background.shape:
         return image
     change = image.astype(np.float32) - background

@@ -24,13 +24,13 @@ from tactileforge.sensors.capture import check
 from tactileforge.sensors.low_latency_threads import low_latency_threads
 from tactileforge.sensors.opening import open_all, unit_of
 
-#: Seconds in which every sensor must begin to send; and that the loop waits for a frame.
+#: Time limit for the first frame of every sensor, and longest wait of the loop for a frame, s.
 _PATIENCE, _WAIT = 10.0, 0.1
-#: Readings over which latency is told: of the whole run at the end, and meanwhile.
+#: Numbers of readings for percentiles of latency: at the end, and during the session.
 _KEPT, _RECENT = 20_000, 300
 #: Largest number of a port.
 _LAST_PORT = 65535
-#: Rows of a height map: few, so that a frame takes milliseconds.
+#: Rows of a height map, few enough for a computation in milliseconds.
 LIVE_ROWS = 60
 
 
@@ -38,7 +38,7 @@ def check_port(port: int) -> None:
     """Checks the number of the page's port.
 
     Raises:
-        ConfigError: There is no such port.
+        ConfigError: The port is invalid.
     """
     if not 0 <= port <= _LAST_PORT:
         raise ConfigError(f"port={port}: give 1 to {_LAST_PORT}, or 0 for any that is free")
@@ -46,11 +46,11 @@ def check_port(port: int) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class ShowBackground(Background):
-    """The frame without contact.
+    """Options of the background, the frame without contact.
 
     Attributes:
-        seconds: For how long it is taken at the start; 0 takes the first frame, unchecked.
-        image: File of it instead; "" takes it.
+        seconds: Time for taking it at the start, s; 0 takes the first frame, unchecked.
+        image: File of the background, instead of taking it; "" for none.
     """
 
     image: str = ""
@@ -61,12 +61,12 @@ class LiveOptions(StreamOptions):
     """Options of a live session.
 
     Attributes:
-        background: How the frame without contact is taken.
-        calibration: Files of `tactileforge calibrate model=...`, by sensor, for its forces.
-        depth: Optical calibrations, by sensor, for its depth: a name that ships, or a file, as in
-            {digit: digit}. Those that ship are of another unit, so sizes are estimates.
-        seconds: After which it ends; None until stopped.
-        frames: Readings after which it ends; None until stopped.
+        background: Options of the frame without contact.
+        calibration: Files of `tactileforge calibrate model=...` for forces, by sensor.
+        depth: Optical calibrations for depth, by sensor: a shipped name or a file, as in
+            {digit: digit}. Shipped ones are of a different unit, so depths are estimates.
+        seconds: Duration of the session, s; None until stopped.
+        frames: Number of readings after which it ends; None until stopped.
     """
 
     background: ShowBackground = field(default_factory=ShowBackground)
@@ -83,7 +83,7 @@ class LiveOptions(StreamOptions):
 
 
 class Latency:
-    """Seconds from frame to reading."""
+    """Statistics of the latency from frame to reading."""
 
     def __init__(self) -> None:
         self._all: deque[float] = deque(maxlen=_KEPT)
@@ -93,7 +93,7 @@ class Latency:
         self._all.append(seconds)
 
     def percentiles(self, recent: bool = True) -> tuple[float, float]:
-        """p50 and p99, s, of the latest or of all latencies; NaN without any."""
+        """Computes p50 and p99, s, of the latest or of all latencies; NaN without any."""
         values = list(self._all)[-_RECENT if recent else 0 :]
         if not values:
             return float("nan"), float("nan")
@@ -106,15 +106,15 @@ class LiveSession:
 
     Args:
         sensors: Cameras and arrays by name, not open.
-        model: From which vectors and forces come; None for contact alone.
-        options: How.
+        model: Model for vectors and forces; None for contact alone.
+        options: Options of the session; None for the defaults.
 
     Attributes:
-        fingers: By name, while it is open.
-        latency: Of all readings.
+        fingers: Streams of the sensors by name, while the session is open.
+        latency: Latency of readings.
 
     Raises:
-        ConfigError: No sensor, or one of the wrong kind.
+        ConfigError: There is no sensor, or one without images.
 
     Example:
         >>> with LiveSession({"digit": sensor}, model) as show:  # doctest: +SKIP
@@ -141,11 +141,11 @@ class LiveSession:
         self._stack = ExitStack()
 
     def __enter__(self) -> LiveSession:
-        """Opens all sensors, and starts to read them.
+        """Opens all sensors and starts reading them.
 
         Raises:
-            SensorError: One cannot be opened, gives nothing, or two are the same device.
-            ConfigError: The model does not know one, or a calibration is of another.
+            SensorError: A sensor cannot be opened or gives no frames, or two are the same device.
+            ConfigError: The model does not know a sensor, or a calibration is of a different one.
         """
         options, known = self.options, self._calibrations()
         depth = depth_readers(options.depth, self.sensors, LIVE_ROWS)
@@ -192,15 +192,15 @@ class LiveSession:
             time.sleep(0.01)
 
     def check(self) -> None:
-        """Raises the error of the first sensor that has ended with one."""
+        """Raises the error of the first failed sensor."""
         check([finger.capture for finger in self.fingers.values()])
 
     def take_background(self) -> None:
-        """Takes the background of every sensor; nothing may touch it meanwhile.
+        """Takes the background of every sensor, without contact meanwhile.
 
         Raises:
             SensorError: Something touches, or a sensor delivers no valid image.
-            ConfigError: The image given instead does not fit.
+            ConfigError: The size of the given image does not match the frames.
         """
         background = self.options.background
         image = read_background(background.image) if background.image else None
@@ -214,13 +214,13 @@ class LiveSession:
             finger.take_background(background, image)
 
     def readings(self, stop: threading.Event | None = None) -> Iterator[Reading | None]:
-        """Readings of the newest frames as they arrive; None at intervals while none arrives.
+        """Yields readings of the newest frames on arrival, and None at intervals without a frame.
 
         Args:
-            stop: Ends them when set.
+            stop: Event to end the session; None for none.
 
         Raises:
-            SensorError: A sensor is lost, and has not come back.
+            SensorError: A sensor was lost and did not come back.
         """
         fingers, options = list(self.fingers.values()), self.options
         end = float("inf") if options.seconds is None else time.monotonic() + options.seconds
@@ -253,14 +253,15 @@ def run_session(
     """Takes the background, then publishes readings and the states of the sensors.
 
     Args:
-        view: Open.
-        publishers: Where readings and events go.
-        stop: Ends it when set.
-        say: Is told what happens, a line at a time.
-        tell: Is called after each reading, to show how it goes.
+        view: Open session.
+        publishers: Publishers of readings and events.
+        stop: Event to end the session; None for none.
+        say: Function for messages to the user, one line each.
+        tell: Function called after each reading, to show the status; None for none.
 
     Raises:
-        SensorError: See `LiveSession.take_background` and `LiveSession.readings`.
+        SensorError: The background cannot be taken, or a sensor was lost, see
+            `LiveSession.take_background` and `LiveSession.readings`.
     """
     if view.options.background.seconds and not view.options.background.image:
         say("background: nothing may touch the sensors now")

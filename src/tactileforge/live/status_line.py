@@ -9,15 +9,15 @@ from tactileforge.live.sensor_stream import SensorStream
 from tactileforge.live.session import LiveSession
 from tactileforge.sensors.status import Status, of_drops
 
-#: Seconds between two lines: on a terminal, where each takes the place of the last, and elsewhere.
+#: Time between two lines, s: on a terminal, overwriting the previous line, and elsewhere.
 _TERMINAL, _ELSEWHERE = 0.1, 5.0
 
 
 class LiveStatus(Status):
-    """Writes the line to standard error."""
+    """Status line on standard error."""
 
     def tell(self, view: LiveSession) -> None:
-        """Writes the line when it is due."""
+        """Writes the line if it is due."""
         now = time.monotonic()
         if now < self._next:
             return
@@ -42,7 +42,7 @@ class LiveStatus(Status):
 
 
 def stream_status(finger: SensorStream) -> str:
-    """Status of one sensor: rate, force, contact, slip, frames skipped."""
+    """Status of one sensor: rate, force, contact, slip, and number of skipped frames."""
     state = finger.state
     words = [finger.name]
     if state in ("lost", "frozen") or not finger.readings:

@@ -1,1 +1,1 @@
-"""Built-in objectives: one class a file, registered by entry point like anyone's."""
+"""Built-in objectives: one class per file, with entry points like those of other packages."""

@@ -15,14 +15,14 @@ from tactileforge.means import Mean
 
 
 class Align(nn.Module):
-    """Symmetric InfoNCE of touch-vision and touch-language, each over the samples that have both.
+    """Symmetric InfoNCE of touch-vision and touch-language, each over samples with both modalities.
 
     Features are gathered over ranks, with gradients. Source: AnyTouch 2, appendix Multi-modal
     Aligning loss.
 
     Args:
-        alpha_tv: Strength of touch-vision.
-        alpha_tl: Strength of touch-language.
+        alpha_tv: Weight of touch-vision.
+        alpha_tl: Weight of touch-language.
     """
 
     head: ClassVar[str] = "align"
@@ -34,7 +34,7 @@ class Align(nn.Module):
         self.alpha_tl = alpha_tl
 
     def forward(self, prediction: Aligned, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
-        """The loss; logs both parts, unweighted."""
+        """Computes the loss; logs both parts, unweighted."""
         touch = gather_rows(F.normalize(prediction.touch, dim=-1))
         nothing = touch.sum() * 0 + prediction.scale * 0
         loss = Mean(nothing, torch.zeros_like(nothing))
@@ -53,13 +53,13 @@ class Align(nn.Module):
 
 
 def info_nce(a: Tensor, b: Tensor, valid: Tensor, scale: Tensor) -> Mean:
-    """Mean of the two directions of InfoNCE over the valid rows; 0 where there is none.
+    """Mean of the two directions of InfoNCE over the valid rows; 0 without valid rows.
 
     Args:
         a: float (B, d), unit vectors.
         b: float (B, d), unit vectors; row i belongs to row i of ``a``.
-        valid: bool (B,).
-        scale: The inverse temperature.
+        valid: bool (B,), rows with both vectors.
+        scale: Inverse temperature, a scalar.
     """
     logits = scale * a @ b.T
     lowest = torch.finfo(logits.dtype).min

@@ -13,19 +13,19 @@ from tactileforge.means import Mean
 
 
 class Classify(nn.Module):
-    """Cross-entropy of the object, over the clips that have one.
+    """Cross-entropy of the object, over the clips with a known object.
 
-    Data stream in, so nobody has counted the objects: an object's number, made from its name,
-    modulo the number of the head's classes is its class. With many more classes than objects few
-    share one. Of objects that training has not met it says nothing. Source: the supervised stage of
-    T3 (Zhao et al. 2024).
+    Data is streamed, so the number of objects is unknown: the class of an object is its number, a
+    hash of its name, modulo the number of the head's classes. With many more classes than objects
+    few objects share one. Objects not seen in training have no meaningful class. Source: the
+    supervised stage of T3 (Zhao et al. 2024).
     """
 
     head: ClassVar[str] = "classify"
     needs: ClassVar[frozenset[str]] = frozenset({"object"})
 
     def forward(self, prediction: Tensor, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
-        """The loss; logs the share of clips whose class scores highest."""
+        """Computes the loss; logs the accuracy of the highest score."""
         known = batch["object"] >= 0
         label = batch["object"].remainder(prediction.shape[-1])
         loss = F.cross_entropy(prediction, label, reduction="none")

@@ -17,17 +17,18 @@ class Dino(nn.Module):
     """Divergence of the student's prototypes from the teacher's.
 
     ``sum_k p_k log(p_k / q_k)`` with ``p = softmax(teacher / its temperature)`` and ``q =
-    softmax(student / temperature)``, averaged over clips: DINO's cross-entropy less the teacher's
+    softmax(student / temperature)``, averaged over clips: DINO's cross-entropy minus the teacher's
     own entropy, which has no gradient. The teacher's cosines are centred. The centre keeps one
-    prototype from taking all clips, the low temperature of the teacher keeps clips from being
-    spread over all prototypes alike. It logs the information (nats) that the teacher's prototype
-    gives about the clip, the entropy of the mean less the mean of the entropies: near 0 either has
-    happened. Source: DINO (Caron et al. 2021, section 3.1); temperatures are Sparsh's.
+    prototype from taking all clips, and the low temperature of the teacher keeps clips from being
+    spread evenly over all prototypes. It logs the information (nats) of the teacher's prototype
+    about the clip, the entropy of the mean minus the mean of the entropies: near 0 the teacher has
+    collapsed in one of these two ways. Source: DINO (Caron et al. 2021, section 3.1); temperatures
+    are Sparsh's.
 
     Args:
-        temperature: Of the student.
-        teacher_temperature: Of the teacher, at the first step and after its warm-up.
-        warmup: Share of the run in which the teacher's temperature rises.
+        temperature: Temperature of the student.
+        teacher_temperature: Temperatures of the teacher, at the first step and after its warm-up.
+        warmup: Share of the run for the rise of the teacher's temperature, 0 to 1.
     """
 
     head: ClassVar[str] = "dino"
@@ -52,7 +53,7 @@ class Dino(nn.Module):
         self.teacher_temperature.fill_(self.low + share * (self.high - self.low))
 
     def forward(self, prediction: Distilled, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
-        """The loss, averaged over clips."""
+        """Computes the loss, averaged over clips."""
         teacher = F.log_softmax(prediction.teacher / self.teacher_temperature, dim=-1)
         student = F.log_softmax(prediction.student / self.temperature, dim=-1)
         loss = F.kl_div(student, teacher, reduction="batchmean", log_target=True)

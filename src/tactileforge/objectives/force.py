@@ -16,26 +16,27 @@ from tactileforge.heads.force import Forces
 from tactileforge.means import Mean
 from tactileforge.objectives.r_squared import r_squared
 
-#: Losses by name, of errors in units of what counts as 1; ``huber`` is linear from 1 on.
+#: Losses by name, of normalised errors; ``huber`` is linear from 1 on.
 _LOSSES = {"l1": F.l1_loss, "huber": F.smooth_l1_loss, "mse": F.mse_loss}
 
 
 class Force(nn.Module):
-    """Errors of the force of frames 2..T and of its change from the frame before.
+    """Errors of the force of frames 2..T and of its change from the previous frame.
 
-    Forces are normalised by the sensor's force scale; ``scaled`` divides the errors of each axis by
-    its own deviation in the training data besides, which is kept in the checkpoint. An axis that a
-    clip has no label for stays out. Source: AnyTouch 2, section Physical-Level Dynamic Properties
-    (L1, not scaled).
+    Forces are normalised by the sensor's force scale; ``scaled`` also divides the errors of each
+    axis by its own standard deviation in the training data, stored in the checkpoint. An axis
+    without a label in a clip is left out. Source: AnyTouch 2, section Physical-Level Dynamic
+    Properties (L1, not scaled).
 
     Args:
-        delta: Strength of the change of force.
+        delta: Weight of the change of force.
         shear: Whether x and y are learned too, or z alone.
-        loss: ``l1``, ``huber`` or ``mse``.
-        scaled: Whether an axis that varies little counts as much as one that varies much.
+        loss: Loss of the errors: ``l1``, ``huber`` or ``mse``.
+        scaled: Whether to divide errors by each axis's deviation, so that an axis with small forces
+            has the same weight as one with large forces.
 
     Raises:
-        ConfigError: An unknown loss.
+        ConfigError: The loss is unknown.
     """
 
     head: ClassVar[str] = "force"
@@ -52,18 +53,19 @@ class Force(nn.Module):
         self.shear = shear
         self.loss = loss
         self.scaled = scaled
-        #: Of force and of its change along x, y and z, in units of the force scale; (2, 3).
+        #: Deviation of force and of its change along x, y and z, in units of the force scale;
+        #: (2, 3).
         self.register_buffer("deviation", torch.ones(2, 3))
 
     def prepare(self, clips: TrainingClips) -> None:
-        """Measures the deviations, in one pass over the forces; see `contracts.Prepared`."""
+        """Measures the deviations in one pass over the forces; see `contracts.Prepared`."""
         if self.scaled:
             self.deviation.copy_(torch.from_numpy(force_spread(clips)))
-        else:  # weights to start from may have brought others
+        else:  # weights of an earlier run, loaded by init=, may have set others
             self.deviation.fill_(1)
 
     def forward(self, prediction: Forces, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
-        """The loss; logs the mean absolute error of each labelled axis, mN."""
+        """Computes the loss; logs the mean absolute error of each labelled axis, mN."""
         first = 0 if self.shear else 2
         valid = batch["force_valid"][:, first:]
         scale = batch["force_scale"][:, None]
@@ -92,10 +94,10 @@ class Force(nn.Module):
         return torch.stack([part.sum((0, 1)) for part in parts])
 
     def scores(self, sums: Tensor) -> dict[str, float]:
-        """Mean absolute error and deviation of what is predicted, mN, and R2, by axis.
+        """Mean absolute error and deviation of the predictions, mN, and R2, by axis.
 
-        An axis without labels is left out, and R2 of one that does not vary. An axis whose
-        predictions hardly deviate has collapsed: the same is said of every clip.
+        An axis without labels is left out, and so is R2 of a constant force. A deviation near 0
+        means that the axis has collapsed to the same prediction for every clip.
         """
         scores: dict[str, float] = {}
         for i, axis in enumerate(AXES):

@@ -15,15 +15,15 @@ from tactileforge.means import Mean
 
 
 class Match(nn.Module):
-    """Binary cross-entropy of a positive and a negative for every clip that was drawn for matching.
+    """Binary cross-entropy of a positive and a negative for every clip drawn for matching.
 
-    Positives share the anchor's ``group``, and its object with another sensor, or its action.
-    Negatives are any clips of the batch with another known object or action. Source: AnyTouch 2,
-    section Semantic-Level Tactile Features, L_obj + L_act.
+    Positives share the anchor's ``group``, and its object with a different sensor, or its action.
+    Negatives are any clips of the batch with a different known object or action. Source: AnyTouch
+    2, section Semantic-Level Tactile Features, L_obj + L_act.
 
     Args:
-        of_object: Strength of matching objects.
-        of_action: Strength of matching actions.
+        of_object: Weight of matching objects.
+        of_action: Weight of matching actions.
     """
 
     head: ClassVar[str] = "match"
@@ -36,7 +36,7 @@ class Match(nn.Module):
         self.of_action = of_action
 
     def forward(self, prediction: PairScores, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
-        """The loss; logs both parts."""
+        """Computes the loss; logs both parts."""
         group = batch["group"]
         together = (group[:, None] == group) & (group >= 0)
         together.fill_diagonal_(False)
@@ -51,12 +51,12 @@ class Match(nn.Module):
 
 
 def pair_loss(scores: Tensor, label: Tensor, together: Tensor) -> Mean:
-    """``-log s(positive) - log(1 - s(negative))``, averaged over the anchors that have both.
+    """``-log s(positive) - log(1 - s(negative))``, averaged over anchors with both.
 
     Args:
         scores: float (B, B), logits.
-        label: int64 (B,), -1 unknown.
-        together: bool (B, B), pairs that may be positive.
+        label: int64 (B,), objects or actions; -1 for unknown.
+        together: bool (B, B), allowed positive pairs.
     """
     known = (label[:, None] >= 0) & (label >= 0)
     same = label[:, None] == label

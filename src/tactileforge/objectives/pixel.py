@@ -20,5 +20,5 @@ class Pixel(nn.Module):
     needs: ClassVar[frozenset[str]] = frozenset()
 
     def forward(self, prediction: Reconstruction, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
-        """The loss, averaged over frames, masked tubes and pixels."""
+        """Computes the loss, averaged over frames, masked tubes and pixels."""
         return prediction.loss, {}

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-#: Least variance that can be explained.
+#: Smallest variance for which R2 is defined.
 _LEAST = 1e-12
 
 
 def r_squared(count: float, total: float, square: float, error: float) -> float | None:
-    """Share of the variance that is explained.
+    """Share of explained variance.
 
     Args:
         count: Number of true values.
-        total: Their sum.
+        total: Sum of the true values.
         square: Sum of their squares.
-        error: Sum of the squared errors of what was predicted.
+        error: Sum of the squared errors of the predictions.
 
     Returns:
-        At most 1; None where there is nothing to explain.
+        R2, at most 1; None without values or without variance.
     """
     if not count:
         return None

@@ -15,10 +15,10 @@ from tactileforge.objectives.r_squared import r_squared
 
 
 class Surface(nn.Module):
-    """Squared error of the surface's displacement, coded as a square root, x, y and z alike.
+    """Squared error of the surface's displacement along x, y and z, coded as a square root.
 
-    Each axis is divided by its deviation over all that a simulated touch shows, so that shear
-    counts as much as depth. A clip without a known surface stays out.
+    Each axis is divided by its deviation over simulated touches, so that shear has the same weight
+    as depth. A clip without a known surface is left out.
 
     Args:
         deviation: Deviation of the coded displacement along x, y and z.
@@ -34,7 +34,7 @@ class Surface(nn.Module):
         self.register_buffer("deviation", scale, persistent=False)
 
     def forward(self, prediction: Tensor, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
-        """The loss, averaged over frames and places."""
+        """Computes the loss, averaged over frames and positions."""
         true = displacement.coded_displacement(batch["surface"])
         errors = ((prediction.float() - true) / self.deviation) ** 2
         return masked_mean(errors.mean((1, 2, 3, 4)), batch["surface_valid"]), {}
@@ -48,6 +48,6 @@ class Surface(nn.Module):
         return torch.stack([part.sum((0, 1, 3, 4)) for part in parts])
 
     def scores(self, sums: Tensor) -> dict[str, float]:
-        """R2 along each axis over all places and clips."""
+        """R2 along each axis over all positions and clips."""
         scores = {f"r2_{axis}": r_squared(*sums[:, i].tolist()) for i, axis in enumerate(AXES)}
         return {name: score for name, score in scores.items() if score is not None}

@@ -27,7 +27,7 @@ class Curve:
     values: NDArray[np.float64]
 
     def thinned(self, count: int = 400) -> Curve:
-        """Means of at most ``count`` neighbourhoods of points."""
+        """Averages neighbouring points down to at most ``count``."""
         if len(self.steps) <= count:
             return self
         parts = np.array_split(np.arange(len(self.steps)), count)
@@ -53,7 +53,7 @@ def read_metrics(folder: Path) -> dict[str, Curve]:
 
 
 def metric_rows(path: Path) -> list[dict[str, str]]:
-    """Rows of a CSV file of metrics, without one that a killed process cut off; none if absent."""
+    """Rows of a CSV file of metrics, without an incomplete last one; none if absent."""
     if not path.is_file():
         return []
     with path.open(newline="", encoding="utf-8") as file:
@@ -67,6 +67,6 @@ def _curve(points: dict[int, float]) -> Curve:
 
 
 def weighed(values: Curve, weights: Curve) -> Curve:
-    """Values times weights, at the steps at which both were logged."""
+    """Values times weights, at the steps common to both."""
     steps, at, of = np.intersect1d(values.steps, weights.steps, return_indices=True)
     return Curve(steps, values.values[at] * weights.values[of])

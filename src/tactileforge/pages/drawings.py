@@ -1,4 +1,4 @@
-"""Figures of a page as images, for those who show no page."""
+"""Figures of a page as images, for use outside of the page."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Drawing:
     """A figure as an image.
 
     Attributes:
-        name: In words; no two of a page have the same.
-        pixels: uint8 (H, W, 3), on white.
+        name: Name in words, unique on the page.
+        pixels: uint8 (H, W, 3), on a white background.
     """
 
     name: str
@@ -35,7 +35,7 @@ _drawings: ContextVar[list[Drawing] | None] = ContextVar("drawings", default=Non
 
 @contextmanager
 def collected_drawings(wanted: bool = True) -> Iterator[list[Drawing]]:
-    """Collects the figures that are drawn meanwhile as images; none where they are not wanted."""
+    """Collects figures drawn in the context as images; none if ``wanted`` is False."""
     drawings: list[Drawing] = []
     token = _drawings.set(drawings if wanted else None)
     try:
@@ -45,12 +45,14 @@ def collected_drawings(wanted: bool = True) -> Iterator[list[Drawing]]:
 
 
 def collect(figure: Figure, words: str, colours: Mapping[str, str]) -> None:
-    """Adds a figure where figures are collected; it cannot be drawn for the page after.
+    """Adds a figure to the collected ones, if any are collected.
+
+    The figure is recoloured in place, so draw it for the page first.
 
     Args:
-        figure: As drawn for the page.
-        words: Its name, but for a number where another has it.
-        colours: Stand-ins of the page's colours, and what they are on white.
+        figure: Figure as drawn for the page.
+        words: Name of the figure; a number is added if another figure has it.
+        colours: Colours on white, by their placeholders for the colours of the page.
     """
     drawings = _drawings.get()
     if drawings is None:

@@ -1,4 +1,4 @@
-"""Figures as inline SVG, whose colours follow the page's light or dark theme."""
+"""Figures as inline SVG in the colours of the page's light or dark theme."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from tactileforge.pages.curves import Curve
 from tactileforge.pages.drawings import collect
 
-#: Colours of classes, light and dark theme. After Okabe and Ito: the colour-blind tell them apart.
+#: Colours of classes, light and dark theme, after Okabe and Ito so that colour-blind readers can
+#: tell them apart.
 CLASSES = (
     ("#0072b2", "#4ba7e0"),
     ("#d55e00", "#ff8a3d"),
@@ -30,11 +31,12 @@ CLASSES = (
     ("#b98000", "#f0b83c"),
     ("#3f4a9e", "#9aa5f5"),
 )
-#: Shapes of classes: with six colours, 18 classes.
+#: Shapes of classes: with six colours, 18 classes differ.
 MARKERS = "o^s"
-#: Classes that stand for the splits.
+#: Classes of the splits.
 SPLITS = {"train": 0, "val": 1}
 TRAIN, VAL = CLASSES[0][0], CLASSES[1][0]
+# placeholders, since matplotlib takes no CSS variables: `svg` replaces them
 INK, _LINE, _OTHER, SHADE = "#010203", "#040506", "#070809", "#0a0b0c"
 _VARIABLES = {
     INK: "currentColor",
@@ -68,7 +70,7 @@ _STYLE = {
 
 #: Times and values.
 Series = tuple[NDArray[Any], NDArray[Any]]
-#: Points, class of each (-1 for those that have none), and how strongly to draw them.
+#: x, y, class of each point (-1 without a class), and opacity 0..1.
 Points = tuple[NDArray[Any], NDArray[Any], NDArray[np.int64], float]
 
 
@@ -86,12 +88,12 @@ def curve_figure(
 
     Args:
         label: Name of the value.
-        last_step: End of the axis.
-        train: A line.
-        val: Points, joined.
-        weight: Weight of the objective, a shaded area on an axis of its own.
+        last_step: End of the horizontal axis.
+        train: Training values, drawn as a line.
+        val: Validation values, drawn as joined points.
+        weight: Weight of the objective, drawn as a shaded area on an axis of its own.
         unit: Name of a step.
-        of: What has the value.
+        of: Name of the owner of the value, such as an objective.
     """
     with drawing(4.2, 2.4) as (figure, axes):
         if weight is not None:
@@ -114,8 +116,8 @@ def lines_figure(label: str, last_step: int, lines: Mapping[str, Curve]) -> Mark
 
     Args:
         label: Name of the values.
-        last_step: End of the axis.
-        lines: By name.
+        last_step: End of the horizontal axis.
+        lines: Curves by name.
     """
     with drawing(4.2, 2.4) as (figure, axes):
         for number, curve in enumerate(lines.values()):
@@ -143,8 +145,8 @@ def scatter_figure(groups: Sequence[Points], labels: tuple[str, str]) -> Markup:
     """Points coloured and shaped by class, on axes without a scale.
 
     Args:
-        groups: Drawn one over the other.
-        labels: Of the axes.
+        groups: Groups of points, later ones drawn over earlier ones.
+        labels: Labels of the x and y axes.
     """
     with drawing(3.9, 3.6) as (figure, axes):
         for points in groups:
@@ -156,11 +158,11 @@ def scatter_figure(groups: Sequence[Points], labels: tuple[str, str]) -> Markup:
 
 
 def draw_points(axes: Any, points: Points) -> None:
-    """Draws points, coloured and shaped by class; what they span does not change the axes.
+    """Draws points, coloured and shaped by class.
 
     Args:
-        axes: Of matplotlib.
-        points: One group.
+        axes: Axes of matplotlib.
+        points: Group of points.
     """
     x, y, classes, strength = points
     size = 4 if strength > 0.6 else 3
@@ -179,7 +181,7 @@ def draw_points(axes: Any, points: Points) -> None:
 
 
 def _dots(x: NDArray[Any], y: NDArray[Any], size: float, style: Mapping[str, Any]) -> PathPatch:
-    """All dots as one path, a short round line each: a tenth of the bytes of markers."""
+    """All dots as one path, each a short round line, for a tenth of the bytes of markers."""
     length = float(np.ptp(x)) / 2000
     ends = np.stack([np.stack([x, y], 1), np.stack([x + length, y], 1)], 1).reshape(-1, 2)
     codes = np.tile([Path.MOVETO, Path.LINETO], len(x))
@@ -201,14 +203,14 @@ def drawing(width: float, height: float) -> Iterator[tuple[Figure, Any]]:
 
 
 def _log_if_wide(axes: Any, values: NDArray[np.float64]) -> None:
-    """A logarithmic axis where positive values span more than 30 to 1."""
+    """Makes the axis logarithmic for positive values spanning more than 30 to 1."""
     values = values[np.isfinite(values)]
     if len(values) and values.min() > 0 and values.max() > 30 * values.min():
         axes.set_yscale("log")
 
 
 def svg(figure: Figure, words: str) -> Markup:
-    """Inline SVG without size, fonts and colours of its own; its ids are in no other figure."""
+    """Inline SVG without own size, fonts and colours, and with ids unique on the page."""
     file = io.StringIO()
     figure.savefig(
         file, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))

@@ -24,9 +24,9 @@ from tactileforge.pages.figures import (
     svg,
 )
 
-#: Samples of a force curve that are drawn.
+#: Largest number of drawn samples of a force curve.
 _SAMPLES = 400
-#: Share of the time axis that the name of an action needs, a letter.
+#: Width of a letter of an action's name, as a share of the time axis.
 _LETTER = 0.022
 
 
@@ -38,14 +38,15 @@ def agreement_figure(
     words: str = "",
     name: str = "",
 ) -> Markup:
-    """Predicted against measured values, with the line on which they agree.
+    """Predicted against measured values, with the line of agreement.
 
     Args:
-        groups: Drawn one over the other; classes by colour and shape.
-        labels: Of the axes, with units.
-        limits: Of both axes; points beyond lie on the edge. None for the span of the points.
-        words: Written into the corner.
-        name: Description for those who cannot see it; made of the labels if empty.
+        groups: Groups of points, later ones drawn over earlier ones; classes by colour and shape.
+        labels: Labels of the x and y axes, with units.
+        limits: Lowest and highest value of both axes; points beyond lie on the edge. None for the
+            span of the points.
+        words: Text in the upper left corner.
+        name: Description for screen readers; made of the labels if empty.
     """
     groups = [_finite(group) for group in groups]
     low, high = limits or _span(groups)
@@ -63,7 +64,7 @@ def agreement_figure(
 
 
 def _finite(points: Points) -> Points:
-    """Those that can be drawn."""
+    """Drops points with a NaN or infinite coordinate."""
     x, y, classes, strength = points
     known = np.isfinite(x) & np.isfinite(y)
     return x[known], y[known], classes[known], strength
@@ -80,9 +81,9 @@ def prediction_figure(
     """One axis of the force of a recording over time, in N, and its predictions.
 
     Args:
-        measured: Lines, one for each part of the recording.
-        predicted: Points, by split.
-        axis: Its name.
+        measured: Times and measured forces, one line for each part of the recording.
+        predicted: Times and predicted forces, drawn as points, by split.
+        axis: Name of the axis: x, y or z.
     """
     with drawing(4.2, 2.4) as (figure, axes):
         for times, values in measured:
@@ -100,11 +101,11 @@ def force_curves_figure(
     """Several curves of force over time, N and s, each in the colour of its class.
 
     Args:
-        curves: Times and values, and the class; classes of odd number are dashed, so that curves
-            that lie on each other are both seen.
-        label: Of the axis of force.
-        words: Description for those who cannot see it.
-        height: Of the figure, inches.
+        curves: Times, values and class of each curve; odd classes are dashed, so that two curves
+            on top of each other are both visible.
+        label: Label of the axis of force.
+        words: Description for screen readers.
+        height: Height of the figure, inches.
     """
     with drawing(4.2, height) as (figure, axes):
         for (times, values), number in curves:
@@ -116,11 +117,11 @@ def force_curves_figure(
 
 
 def recording_figure(recording: Recording, shown: Sequence[float]) -> Markup:
-    """Force along x, y and z over time; stretches of one action are shaded and named.
+    """Force along x, y and z over time, with shaded and named stretches of one action.
 
     Args:
-        recording: With force, or with actions.
-        shown: Times of the frames that are shown above, s; marked on the axis.
+        recording: Recording with force or actions.
+        shown: Times of the frames shown above the figure, s; marked on the axis.
     """
     times = recording.times
     if recording.force is not None and not np.isfinite(recording.force).any():
@@ -139,8 +140,8 @@ def draw_recording(axes: Any, recording: Recording, shade: str = SHADE) -> None:
     """Draws force along x, y and z over time, N and s; shades and names stretches of one action.
 
     Args:
-        axes: Of matplotlib.
-        recording: With force, or with actions.
+        axes: Axes of matplotlib.
+        recording: Recording with force or actions.
         shade: Colour of a stretch.
     """
     if recording.force is not None:
@@ -162,14 +163,14 @@ def draw_recording(axes: Any, recording: Recording, shade: str = SHADE) -> None:
 def draw_force(
     axes: Any, times: NDArray[Any], force: NDArray[Any], colours: Sequence[str], label: str
 ) -> None:
-    """Draws force over time, at most 400 samples of it; NaN leaves a gap.
+    """Draws force over time, at most 400 samples; NaN leaves a gap.
 
     Args:
-        axes: Of matplotlib.
-        times: (T,) in s.
-        force: (T, n) in N, a line for each column.
-        colours: Of the columns.
-        label: Of the axis of force.
+        axes: Axes of matplotlib.
+        times: Times, float (T,), s.
+        force: Forces, float (T, n), N; one line for each column.
+        colours: Colours of the columns.
+        label: Label of the axis of force.
     """
     rows = np.unique(np.linspace(0, len(times) - 1, _SAMPLES).round().astype(int))
     for values, colour in zip(force[rows].T, colours, strict=False):
@@ -178,7 +179,7 @@ def draw_force(
 
 
 def _leave_room(axes: Any) -> None:
-    """Keeps 0.2 N in sight, so that noise alone does not fill the panel."""
+    """Widens the axis of force to at least 0.2 N, so noise alone does not fill the panel."""
     low, high = axes.get_ylim()
     room = max(0.0, 0.1 - (high - low) / 2)
     axes.set_ylim(low - room, high + room)
@@ -187,7 +188,7 @@ def _leave_room(axes: Any) -> None:
 def _stretches(
     action: NDArray[np.int64], times: NDArray[np.float64]
 ) -> list[tuple[str, float, float]]:
-    """Name, start and end of each stretch of one known action, with a gap between neighbours."""
+    """Name, start and end (s) of each stretch of one known action, with gaps between them."""
     edges = [0, *(np.flatnonzero(np.diff(action)) + 1).tolist(), len(action)]
     gap = 0.002 * float(times[-1] - times[0])
     return [

@@ -1,4 +1,4 @@
-"""Images that are part of a page."""
+"""Images embedded in a page."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from torch import Tensor
 
 from tactileforge.pages.templating import piece
 
-#: Pixels; wider frames are shrunk.
+#: Largest width of an embedded frame, pixels.
 _WIDEST = 144
 #: Grey level of no change in a difference image.
 _GREY = 128
@@ -25,7 +25,7 @@ def frame_data_url(frame: Tensor) -> tuple[str, int, int]:
     """A frame as a data URL, and its width and height in pixels.
 
     Args:
-        frame: float (3, H, W) in 0..1.
+        frame: Frame, float (3, H, W) in 0..1.
     """
     image = Image.fromarray((frame.permute(1, 2, 0) * 255).round().to(torch.uint8).numpy())
     if image.width > _WIDEST:
@@ -42,7 +42,7 @@ def image(pixels: NDArray[np.uint8] | Tensor, alt: str) -> Markup:
 
     Args:
         pixels: uint8 (H, W, 3), or a float tensor (3, H, W) in 0..1.
-        alt: Plain text.
+        alt: Description for screen readers, plain text.
     """
     if isinstance(pixels, np.ndarray):
         pixels = torch.from_numpy(pixels).permute(2, 0, 1) / 255
@@ -53,8 +53,8 @@ def difference(change: ArrayLike, gain: float) -> NDArray[np.uint8]:
     """An amplified change as an image around mid-grey.
 
     Args:
-        change: (H, W, 3), grey levels.
-        gain: Grey levels of the image for one of the change.
+        change: Change, (H, W, 3), grey levels.
+        gain: Factor of amplification.
     """
     levels = np.clip(np.round(_GREY + gain * np.asarray(change)), 0, 255)
     return np.asarray(levels, np.uint8)
@@ -86,10 +86,10 @@ def figure(
     """Small images in a row, and a caption below.
 
     Args:
-        pictures: uint8 (H, W, 3) each.
-        caption: Plain text.
-        alt: Of all images, or of each.
-        columns: Images in a row.
+        pictures: Images, each uint8 (H, W, 3).
+        caption: Caption, plain text.
+        alt: Description for screen readers, of all images or of each.
+        columns: Number of images in a row.
         width: Largest width of the row, pixels.
     """
     words = [alt] * len(pictures) if isinstance(alt, str) else alt

@@ -20,9 +20,9 @@ class Section:
     """A part of the page.
 
     Attributes:
-        name: Its anchor.
-        title: Plain text.
-        body: Markup; `joined` puts pieces together.
+        name: Name of the anchor.
+        title: Title, plain text.
+        body: Markup of the section; `joined` joins pieces.
     """
 
     name: str
@@ -34,9 +34,9 @@ def page(title: str, top: Markup, sections: Sequence[Section]) -> str:
     """The whole page.
 
     Args:
-        title: Plain text.
+        title: Title, plain text.
         top: Markup between the title and the table of contents.
-        sections: In order.
+        sections: Sections in order.
     """
     colours = [
         ";".join(f"--c{i}:{themes[theme]}" for i, themes in enumerate(CLASSES)) for theme in (0, 1)
@@ -48,13 +48,14 @@ def page(title: str, top: Markup, sections: Sequence[Section]) -> str:
 def table(
     name: str, head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = ""
 ) -> Markup:
-    """A table whose first column names the rows.
+    """A table with the names of rows in the first column.
 
     Args:
-        name: Its id.
-        head: Plain text, as are the rows; a cell may begin with a class (``good|``, ``text|``).
-        rows: One sequence a row.
-        caption: Plain text, above the table.
+        name: Id of the table.
+        head: Cells of the head, plain text; any cell may begin with a class (``good|``, ``bad|``,
+            ``text|``).
+        rows: Cells of each row, plain text.
+        caption: Caption above the table, plain text.
     """
     cells = [(first, [_cell(text) for text in rest]) for first, *rest in rows]
     return piece("table", name, [_cell(text) for text in head], cells, caption)
@@ -67,17 +68,17 @@ def _cell(text: str) -> tuple[str, str]:
 
 
 def paragraph(text: str, soft: bool = False) -> Markup:
-    """Plain text."""
+    """A paragraph of plain text; ``soft`` for a paler one."""
     return piece("paragraph", text, soft)
 
 
 def heading(text: str) -> Markup:
-    """The heading of a part of a section."""
+    """A heading inside a section."""
     return piece("heading", text)
 
 
 def facts(about: Mapping[str, str]) -> Markup:
-    """Facts by name, as small cards; those without a value are left out."""
+    """Facts by name, as small cards; empty values are left out."""
     return piece("facts", {key: value for key, value in about.items() if value})
 
 
@@ -92,17 +93,17 @@ def items(lines: Iterable[str]) -> Markup:
 
 
 def details(title: str, body: str, is_open: bool = False) -> Markup:
-    """A part that folds away."""
+    """A collapsible part of a page."""
     return piece("details", title, body, is_open)
 
 
 def preformatted(text: str) -> Markup:
-    """Plain text with its line breaks."""
+    """Plain text with preserved line breaks."""
     return piece("preformatted", text)
 
 
 def panel(title: str, drawing: str, caption: str = "") -> Markup:
-    """A drawing with its title, and a line below it; both plain text."""
+    """A drawing with a title above and a caption below; both plain text."""
     return piece("panel", title, drawing, caption)
 
 
@@ -112,12 +113,12 @@ def panels(parts: Iterable[str], wide: bool = False) -> Markup:
 
 
 def card(title: str, body: Markup, caption: str = "") -> Markup:
-    """Strips and drawings of one recording, with a title and a line below; both plain text."""
+    """Strips and drawings of one recording, with a title and a caption; both plain text."""
     return piece("card", title, body, caption)
 
 
 def cards(parts: Iterable[str], rem: float = 11) -> Markup:
-    """Cards side by side, as many as fit at a least width."""
+    """Cards side by side, as many as fit at a smallest width of ``rem``."""
     return piece("cards", list(parts), rem)
 
 
@@ -127,7 +128,7 @@ def stack(parts: Iterable[str]) -> Markup:
 
 
 def group_name(name: str, rest: str) -> Markup:
-    """The name of a group of figures, and a few words on it."""
+    """The name of a group of figures, with a short description."""
     return piece("group_name", name, rest)
 
 
@@ -135,10 +136,10 @@ def legend(names: Mapping[int, str], line: str = "", area: str = "", ink: str = 
     """The legend of a drawing.
 
     Args:
-        names: By the number of the class; -1 is grey.
-        line: Meaning of a line in the colour of the text.
-        area: Meaning of a shaded area.
-        ink: Meaning of points in the colour of the text; first.
+        names: Names of the classes by number; -1 is grey.
+        line: Meaning of a line in the colour of the text; "" for none.
+        area: Meaning of a shaded area; "" for none.
+        ink: Meaning of points in the colour of the text, listed first; "" for none.
     """
     keys = [("o", "currentColor", ink)] * bool(ink)
     keys += [
@@ -151,7 +152,7 @@ def legend(names: Mapping[int, str], line: str = "", area: str = "", ink: str = 
 
 
 def number(value: float) -> str:
-    """Three digits; a dash for what is not a number."""
+    """A number with three digits; a dash for NaN."""
     return f"{value:.3g}".replace("-", MINUS) if value == value else NONE
 
 
@@ -165,7 +166,7 @@ def percent(share: float, signed: bool = False) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as people say them.
+    """A duration in s as readable text.
 
     Example:
         >>> duration(75), duration(7500), duration(4.2)

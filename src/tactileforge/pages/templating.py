@@ -27,8 +27,8 @@ def piece(name: str, *values: Any) -> Markup:
     """Renders a macro of ``pieces.html``.
 
     Args:
-        name: Of the macro.
-        values: Its arguments.
+        name: Name of the macro.
+        values: Arguments of the macro.
     """
     return Markup(getattr(_pieces(), name)(*values))
 
@@ -39,5 +39,5 @@ def _pieces() -> Any:
 
 
 def joined(parts: Iterable[str]) -> Markup:
-    """Parts of a page one after the other; what is plain text is escaped."""
+    """Joins parts of a page and escapes plain text."""
     return Markup().join(parts)

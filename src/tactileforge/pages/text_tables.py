@@ -18,8 +18,8 @@ def markdown_table(
 
     Args:
         rows: Cells, in Markdown.
-        right: Columns that are aligned to the right.
-        aligned: Pads the cells, so that the source reads as a table too.
+        right: Numbers of the columns to align to the right.
+        aligned: Whether to pad the cells, for a readable source.
 
     Example:
         >>> print(markdown_table([("task", "R2"), ("force", "0.9")], right={1}, aligned=True))

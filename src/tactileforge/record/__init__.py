@@ -1,1 +1,1 @@
-"""Live sensors: read in threads, recorded to shards (`docs/record.md`)."""
+"""Recording of live sensors: read in threads, written to shards (`docs/record.md`)."""

@@ -18,13 +18,13 @@ from tactileforge.data.frames.image_codecs import encode_image
 
 @dataclass(frozen=True)
 class PendingFrame:
-    """A frame whose encoding is pending.
+    """A frame with pending encoding.
 
     Attributes:
-        time: Monotonic seconds.
-        encoded: The picture, for each codec.
-        raw: See `contracts.Frame`.
-        depth: Height map, int16 (h, w), micrometres into the gel, where it is measured.
+        time: Monotonic time, s.
+        encoded: Encoded image, by codec.
+        raw: Raw values of the frame, see `contracts.Frame`; None for an image.
+        depth: Height map, int16 (h, w), micrometres into the gel; None if it is not measured.
     """
 
     time: float
@@ -34,21 +34,21 @@ class PendingFrame:
 
 
 class FrameQueue:
-    """Queue of frames of one sensor, encoded in a pool, kept until they are cut and written.
+    """Queue of frames of one sensor, encoded in a pool and kept until they are cut and written.
 
-    Nothing waits: a frame that finds too many before it is dropped and counted.
+    Adding a frame never blocks: if the queue is full, the frame is dropped and counted.
 
     Args:
-        pool: Encodes.
-        codecs: Of `data.shards.shards.CODECS`.
-        quality: Of JPEG.
-        queue: Frames that may wait to be encoded.
-        hold: Frames that may wait to be written.
+        pool: Executor for encoding.
+        codecs: Names of codecs, of `data.shards.shards.CODECS`.
+        quality: Quality of JPEG.
+        queue: Largest number of frames waiting for encoding.
+        hold: Largest number of frames waiting to be written.
 
     Attributes:
-        waiting: Frames that wait to be encoded.
-        dropped: Frames dropped since `start`.
-        measure: Gives the height map of a picture; None measures none.
+        waiting: Number of frames waiting for encoding.
+        dropped: Number of frames dropped since `start`.
+        measure: Function from an image to its height map; None for no height maps.
     """
 
     def __init__(
@@ -63,13 +63,13 @@ class FrameQueue:
         self._from = self._end = math.inf
 
     def start(self, time: float, end: float) -> None:
-        """Keeps frames from a time on, and before another."""
+        """Starts keeping frames from ``time`` to before ``end``, monotonic s."""
         self._shots.clear()
         self.dropped = 0
         self._from, self._end = time, end
 
     def stop(self) -> None:
-        """Keeps no more frames."""
+        """Stops keeping frames."""
         self._from = math.inf
 
     def take(self, frame: Frame) -> None:
@@ -109,17 +109,17 @@ class SampleBuffer:
     """Buffer of the samples of a wrench sensor or robot, kept until they are cut and written.
 
     Args:
-        hold: Samples that may wait; more are dropped and counted.
-        width: Numbers of a sample.
+        hold: Largest number of kept samples; more are dropped and counted.
+        width: Number of values of a sample.
 
     Attributes:
-        dropped: Samples dropped since `start`.
+        dropped: Number of samples dropped since `start`.
     """
 
     def __init__(self, hold: int, width: int = 6) -> None:
         self.hold = hold
         self.dropped = 0
-        # arrays from the start: to make them of thousands of samples would hold up every thread
+        # allocated once: converting thousands of samples later would hold the GIL and block threads
         self._times = np.empty(hold, np.float64)
         self._values = np.empty((hold, width), np.float32)
         self._count = 0
@@ -127,13 +127,13 @@ class SampleBuffer:
         self._from = math.inf
 
     def start(self, time: float, end: float) -> None:
-        """Keeps samples from a time on; also those after the end, to interpolate."""
+        """Starts keeping samples from ``time``, also after ``end`` for interpolation."""
         with self._lock:
             self._count = self.dropped = 0
             self._from = time
 
     def stop(self) -> None:
-        """Keeps no more samples."""
+        """Stops keeping samples."""
         self._from = math.inf
 
     def take(self, frame: Frame) -> None:
@@ -149,7 +149,7 @@ class SampleBuffer:
             self._count += 1
 
     def all(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Times (N,) and values (N, width) of what is kept."""
+        """Times (N,) and values (N, width) of the kept samples."""
         with self._lock:
             return self._times[: self._count].copy(), self._values[: self._count].copy()
 

@@ -19,10 +19,10 @@ def merge_segments(paths: Sequence[Path]) -> list[shards.Packed]:
     """Merges the recordings of several segments into one per sensor.
 
     Args:
-        paths: Segments of one take, in order.
+        paths: Files of the segments of one take, in order.
 
     Raises:
-        DataError: One of them is damaged.
+        DataError: A segment is damaged.
     """
     by_sensor: dict[str, list[Recording]] = {}
     for path in paths:

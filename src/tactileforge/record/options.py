@@ -13,38 +13,39 @@ from tactileforge.sensors.background import Background
 
 @dataclass(frozen=True, kw_only=True)
 class RecordOptions:
-    """The keys of ``tactileforge record``, beside its sensors.
+    """Keys of ``tactileforge record``, except its sensors.
 
     Attributes:
-        out: Folder of the shards; takes are added to those that it holds.
-        takes: How many; None until stopped.
-        seconds: How long each lasts; None until stopped.
-        pause: Seconds between two.
-        split: ``train`` or ``val``.
-        object: What is touched, by the same name for every sensor.
-        text: Caption.
-        action: One of `contracts.ACTIONS` for the whole take.
-        tier: Of the tactile dynamic pyramid; None for 1 with forces, 3 with an action, else 2.
-        labels: Whatever else is known, for example {operator: ana}.
-        source: Where the recordings come from.
-        licence: SPDX identifier.
-        background: How frames without contact are taken.
-        axes: Axes of the wrench sensor that are x, y and z of a gel, for example [x,-y,-z]; of all,
-            or by sensor: {digit: [x,-y,-z], gelsight_mini: [x,y,z]}.
-        calibration: Files of `tactileforge calibrate`, by sensor, that go along as a label:
+        out: Folder of the shards; takes are added to existing ones.
+        takes: Number of takes; None until stopped.
+        seconds: Duration of a take, s; None until stopped.
+        pause: Time between two takes, s.
+        split: Split of the recordings: ``train`` or ``val``.
+        object: Name of the touched object, for all sensors.
+        text: Caption of the recordings.
+        action: Action of the whole take, one of `contracts.ACTIONS`.
+        tier: Tier of the tactile dynamic pyramid, 1 to 5; None for 1 with forces, 3 with an action,
+            else 2.
+        labels: Further labels, for example {operator: ana}.
+        source: Source of the recordings, in words.
+        licence: SPDX identifier of the recordings.
+        background: Options of the frames without contact.
+        axes: Axes of the wrench sensor along x, y and z of a gel, for example [x,-y,-z]; for all
+            sensors, or by sensor: {digit: [x,-y,-z], gelsight_mini: [x,y,z]}.
+        calibration: Files of `tactileforge calibrate`, by sensor, stored as a label:
             {digit: digit.yaml}.
-        depth: Optical calibrations, by sensor, whose depth is kept as the track ``depth_um``: a
-            name that ships, or a file, as in {digit: digit}; needs a background.
-        tare: Whether the wrench without contact is subtracted.
-        codec: How pictures are stored: jpg, or without loss png or webp; those of arrays always
+        depth: Optical calibrations, by sensor, for the track ``depth_um``: a shipped name or a
+            file, as in {digit: digit}; needs a background.
+        tare: Whether to subtract the wrench without contact.
+        codec: Format of stored images: jpg, or without loss png or webp; those of arrays are always
             without loss.
-        quality: Of JPEG.
-        segment: Seconds after which what was recorded is written and safe.
-        join: Whether the segments of a take become one shard when it ends.
-        queue: Frames of a sensor that may wait to be encoded; more are dropped.
-        workers: Threads that encode.
-        reconnect: Seconds for which a sensor that is lost is waited for.
-        min_free_gb: Space on the disk, GB, below which recording ends.
+        quality: Quality of JPEG, 1 to 100.
+        segment: Duration of a segment, s; segments are written to disk at once.
+        join: Whether to join the segments of a take into one shard at its end.
+        queue: Largest number of frames of a sensor waiting for encoding; more are dropped.
+        workers: Number of encoding threads.
+        reconnect: Time to wait for a lost sensor, s.
+        min_free_gb: Free space on the disk below which recording ends, GB.
     """
 
     out: str

@@ -18,16 +18,16 @@ from numpy.typing import NDArray
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
 
-#: What a member that carries raw values is called.
+#: Name of a member of a shard with raw values.
 _RAW = re.compile(r"raw\.(?P<name>.+)\.npz")
 
 _DAMAGE = (
     *(ValueError, KeyError, OSError, EOFError, BadZipFile, zlib.error),
-    *(MemoryError, NotImplementedError, RuntimeError),  # a size, a method, a password that lie
+    *(MemoryError, NotImplementedError, RuntimeError),  # wrong size, method, password
     *(ArithmeticError, SyntaxError, TokenError, TypeError),  # numpy reads headers as Python
 )
 
-#: Times, float64 (N,), and values, float32 (N, ...), of what a device gave.
+#: Times, float64 (N,), s, and values, float32 (N, ...), of a device.
 Raw: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float32]]
 
 
@@ -49,14 +49,14 @@ def read_raw(path: Path) -> dict[str, Raw]:
     """Raw values of the devices in a recorded shard.
 
     Args:
-        path: The shard.
+        path: File of the shard.
 
     Returns:
-        By name of the sensor: times, float64 (N,), s since the take began, and values, float32
-        (N, ...): of a wrench sensor (N, 6) in N and N m, in its own axes and without tare.
+        Times, float64 (N,), s since the begin of the take, and values, float32 (N, ...), by name of
+        the sensor; (N, 6) in N and N m for a wrench sensor, in its own axes and without tare.
 
     Raises:
-        DataError: The file is no shard, or is damaged.
+        DataError: The file is not a shard, or is damaged.
     """
     values_by_name: dict[str, Raw] = {}
     for name, content in shards.members(path):
@@ -69,7 +69,8 @@ def read_raw(path: Path) -> dict[str, Raw]:
 
 
 def _arrays(content: bytes) -> Raw:
-    with ZipFile(io.BytesIO(content)) as archive:  # ours are not compressed: no byte is many
+    # our files are not compressed, so a larger size is a damaged file or a decompression bomb
+    with ZipFile(io.BytesIO(content)) as archive:
         if (size := sum(member.file_size for member in archive.infolist())) > len(content):
             raise ValueError(f"{len(content)} bytes that state to be {size}")
     with np.load(io.BytesIO(content), allow_pickle=False) as held:

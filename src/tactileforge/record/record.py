@@ -30,23 +30,23 @@ def record(
     status: RecordStatus | None = None,
     robot: Sensor | None = None,
 ) -> RecordSummary:
-    """Records takes until there are enough, the sources end, or it is stopped.
+    """Records takes until their number is reached, the sources end, or ``stop`` is set.
 
     Args:
-        options: What and how.
-        sensors: Cameras and arrays, by the name of their recordings; not open.
-        force: A wrench sensor.
-        camera: A camera that looks on.
-        stop: Ends it when set; everything until then is written.
-        say: Is told what happens, a line at a time.
-        status: Shows how it goes; None for silence.
-        robot: Its state and actions become tracks of every recording.
+        options: Options of the recording.
+        sensors: Cameras and arrays by name, not open; names become part of the recordings' keys.
+        force: Wrench sensor; None for none.
+        camera: Camera for views of the scene; None for none.
+        stop: Event to end the recording; all data until then is written.
+        say: Function for messages to the user, one line each.
+        status: Status line; None for none.
+        robot: Robot, for its state and actions as tracks of every recording; None for none.
 
     Raises:
         SensorError: A sensor cannot be opened, is lost, or is touched while the background is
-            taken. What was recorded before is kept.
+            taken. Earlier data is kept.
         ConfigError: The folder holds something else, or the sensors do not fit.
-        TactileForgeError: The disk is full; says what is safe.
+        TactileForgeError: The disk is full; says how much is safe.
     """
     stop = stop or threading.Event()
     summary = RecordSummary(0, 0.0, dict.fromkeys(sensors, 0), {}, 0)
@@ -66,7 +66,7 @@ def record(
                     break
                 Take(rig, store, matrices, known, summary, say, status).run(stop)
                 count += 1
-    except BrokenPipeError:  # nobody reads what is told
+    except BrokenPipeError:  # of standard output, not of the disk
         raise
     except OSError as error:
         raise TactileForgeError(
@@ -82,11 +82,11 @@ def _axes(options: RecordOptions, name: str) -> Any:
 
 
 def _calibrations(rig: Rig) -> dict[str, dict[str, str]]:
-    """Calibration labels of the sensors that have one.
+    """Labels of calibrations, by sensor.
 
     Raises:
         DataNotFoundError: There is no such file.
-        ConfigError: It is wrong, or of another unit; or no sensor has that name.
+        ConfigError: A calibration is invalid or of a different unit, or no sensor has that name.
     """
     given = rig.options.calibration
     devices = {device.name: device.sensor for device in rig.devices}

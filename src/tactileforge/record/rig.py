@@ -24,15 +24,15 @@ from tactileforge.sensors.capture import Capture, check
 from tactileforge.sensors.opening import open_all
 from tactileforge.sensors.specs import spec
 
-#: Devices that give no frames: their name, and the group that they are chosen with.
+#: Name and group of options of each kind of device without frames.
 _GROUPS = {"wrench": ("wrench sensor", "force"), "robot": ("robot", "robot")}
-#: Seconds of frames, beside two segments, that may wait for the disk.
+#: Duration of frames waiting for the disk, beyond two segments, s.
 _SLACK = 10.0
-#: Seconds in which every device must begin to send.
+#: Time limit for the first frame or sample of every device, s.
 _PATIENCE = 10.0
-#: Rows of the height map that is kept of a frame; the frames give finer ones.
+#: Rows of a stored height map; finer ones can be computed from the frames.
 DEPTH_ROWS = 16
-#: Frames that are looked at for a background; more would only take memory.
+#: Approximate largest number of frames for a background; more would only take memory.
 _LOOKED_AT = 60
 
 
@@ -41,14 +41,14 @@ class RigSensor:
     """One sensor of a recording.
 
     Attributes:
-        name: The key of its recordings.
-        sensor: The sensor.
-        capture: The thread that reads it.
-        keeps: What it gives during a take: `FrameQueue` of a camera or array, `SampleBuffer` of a
-            wrench sensor or robot.
+        name: Name of the sensor, part of the keys of its recordings.
+        sensor: Sensor, open inside of `Rig`.
+        capture: Thread that reads the sensor.
+        keeps: Data of a take: `FrameQueue` for a camera or array, `SampleBuffer` for a wrench
+            sensor or robot.
         background: Encoded frames without contact.
-        rest: float64 (6,), the wrench without contact.
-        seen: Frames for the next background; None while none is taken.
+        rest: Wrench without contact, float64 (6,), N and N m.
+        seen: Frames for the next background; None while no background is taken.
     """
 
     name: str
@@ -60,7 +60,7 @@ class RigSensor:
     seen: list[Frame] | None = None
 
     def sink(self, frame: Frame) -> None:
-        """Receives a frame in the sensor's thread."""
+        """Adds a frame; called in the sensor's thread."""
         seen = self.seen
         if seen is not None:
             seen.append(frame)
@@ -71,20 +71,20 @@ class Rig:
     """Opens the sensors of a recording, reads them, and closes them.
 
     Args:
-        sensors: Cameras and arrays, by the name of their recordings.
-        force: A wrench sensor.
-        camera: A camera that looks on.
-        options: How to record.
-        robot: A robot, for its state and actions.
+        sensors: Cameras and arrays, by name.
+        force: Wrench sensor; None for none.
+        camera: Camera for views of the scene; None for none.
+        options: Options of the recording.
+        robot: Robot, for its state and actions; None for none.
 
     Attributes:
-        devices: Of ``sensors``.
+        devices: Devices of ``sensors``.
         force: The wrench sensor, if any.
-        camera: The camera that looks on, if any.
+        camera: The camera for views, if any.
         robot: The robot, if any.
 
     Raises:
-        ConfigError: There is no sensor, one is of the wrong kind, or of a type nobody knows.
+        ConfigError: There is no sensor, or one is of the wrong kind or an unknown type.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class Rig:
             if sensor.spec.kind in _GROUPS:
                 what, group = _GROUPS[sensor.spec.kind]
                 raise ConfigError(f"{name} is a {what}: choose it with {group}={name}")
-            spec(sensor.spec.name)  # or nobody could read its recordings
+            spec(sensor.spec.name)  # raises for an unknown type, whose recordings could not be read
         if force is not None and force.spec.kind != "wrench":
             raise ConfigError(f"force={force.spec.name} is no wrench sensor: choose it as sensor=")
         if camera is not None and camera.spec.kind != "image":
@@ -120,7 +120,7 @@ class Rig:
 
     @property
     def all(self) -> list[RigSensor]:
-        """Every device."""
+        """All devices."""
         return [
             *self.devices,
             *(d for d in (self.force, self.camera, self.robot) if d is not None),
@@ -131,10 +131,10 @@ class Rig:
         return "png" if device.sensor.spec.kind == "array" else self.options.codec
 
     def __enter__(self) -> Self:
-        """Opens all sensors, and starts to read them.
+        """Opens all sensors and starts reading them.
 
         Raises:
-            SensorError: One cannot be opened, or two are the same device.
+            SensorError: A sensor cannot be opened, or two are the same device.
         """
         options = self.options
         with ExitStack() as stack:
@@ -164,19 +164,19 @@ class Rig:
         self._stack.close()
 
     def check(self) -> None:
-        """Raises the error of the first device that has ended with one."""
+        """Raises the error of the first failed device."""
         check([device.capture for device in self.all])
 
     @property
     def is_over(self) -> bool:
-        """Whether no sensor will deliver another frame."""
+        """Whether no sensor will deliver further frames."""
         return all(device.capture.is_done for device in self.devices)
 
     def take_background(self) -> None:
         """Takes frames without contact, and the wrench without load.
 
         Raises:
-            SensorError: Something touches a sensor, or one gives nothing.
+            SensorError: Something touches a sensor, or a sensor delivers nothing.
         """
         given = self.options.background
         self._wait_for_all()
@@ -226,7 +226,7 @@ class Rig:
             force.rest = np.mean(wrenches, axis=0, dtype=np.float64)
 
     def start(self, time: float, end: float) -> None:
-        """Starts keeping frames and samples from a time on, and before another."""
+        """Starts keeping frames and samples from ``time`` to before ``end``, monotonic s."""
         for device in self.all:
             device.keeps.start(time, end)
 
@@ -236,6 +236,6 @@ class Rig:
             device.keeps.stop()
 
     def has_passed(self, time: float) -> bool:
-        """Whether all frames and samples before a time have arrived, as far as can be known."""
+        """Whether all frames and samples before a time have arrived; lost devices do not count."""
         waits = [d for d in self.all if not (d.capture.is_done or d.capture.is_lost)]
         return all(device.capture.latest >= time for device in waits)

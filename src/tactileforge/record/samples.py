@@ -15,7 +15,7 @@ class SegmentSamples:
     """Samples of one device during a take.
 
     Args:
-        device: The device.
+        device: Wrench sensor or robot.
     """
 
     def __init__(self, device: RigSensor) -> None:
@@ -24,7 +24,11 @@ class SegmentSamples:
         self._last: Raw | None = None
 
     def cut(self, until: float) -> tuple[Raw, Raw]:
-        """Removes the samples before a time: with their neighbours on both sides, and alone."""
+        """Removes the samples before a time.
+
+        Returns:
+            The samples with their neighbours on both sides, for interpolation, and without.
+        """
         later, values = self.keeps.all()
         own = self.keeps.cut(until)
         before, self._last = self._last, self._last
@@ -40,18 +44,18 @@ def robot_tracks(
 ) -> dict[str, NDArray[np.float32]]:
     """Tracks ``state`` and ``robot_action`` at the times of frames.
 
-    The state is interpolated. The action is the first command at or after the frame: one that
-    answers what the frame shows.
+    The state is interpolated. The action is the first command at or after the frame, since it can
+    be a response to the frame.
 
     Args:
-        wanted: float64 (T,), s.
+        wanted: Times of frames, float64 (T,), s.
         samples: Times (N,) and values (N, states + actions) of the robot.
-        states: How many of the values are the state.
-        period: Seconds between its samples.
+        states: Number of values of the state.
+        period: Seconds between samples of the robot.
 
     Returns:
-        float32 (T, states) and (T, actions); NaN where no sample is near. No ``robot_action`` where
-        the robot gives none.
+        float32 (T, states) and (T, actions); NaN without a sample nearby. ``robot_action`` is
+        absent for a robot without actions.
     """
     times, values = samples
     gap = max(GAP, 2 * period)

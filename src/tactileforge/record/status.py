@@ -14,7 +14,7 @@ from tactileforge.sensors.status import Status
 if TYPE_CHECKING:
     from tactileforge.record.rig import Rig, RigSensor
 
-#: Seconds between two lines: on a terminal, where each takes the place of the last, and elsewhere.
+#: Time between two lines, s: on a terminal, overwriting the previous line, and elsewhere.
 _TERMINAL, _ELSEWHERE = 0.25, 5.0
 
 
@@ -23,14 +23,13 @@ class RecordSummary:
     """Totals of a recording.
 
     Attributes:
-        takes: Takes with at least one segment.
-        seconds: Their duration together, s.
-        frames: Frames of each sensor.
-        dropped: Frames of each device that found the queues full.
-        bytes: Size of the shards.
-        reasons: All frames of each device that were dropped, by reason; ``late`` found the queues
-            full.
-        noticed: What is odd about frames of each device that were kept; see `Capture.noticed`.
+        takes: Number of takes with at least one segment.
+        seconds: Total duration, s.
+        frames: Number of frames of each sensor.
+        dropped: Number of frames of each device dropped because of full queues.
+        bytes: Size of the shards, bytes.
+        reasons: Numbers of dropped frames of each device, by reason; ``late`` for full queues.
+        noticed: Oddities of kept frames of each device; see `Capture.noticed`.
     """
 
     takes: int
@@ -43,10 +42,10 @@ class RecordSummary:
 
 
 class RecordStatus(Status):
-    """Writes the line, and a warning when the images of a sensor become invalid.
+    """Status line of a recording, with warnings of invalid images.
 
     Args:
-        to: Where to; None for standard error.
+        to: Text stream; None for standard error.
     """
 
     def __init__(self, to: TextIO | None = None) -> None:
@@ -54,7 +53,7 @@ class RecordStatus(Status):
         self._warned: set[tuple[str, str]] = set()
 
     def show(self, rig: Rig, take: int, seconds: float, summary: RecordSummary) -> None:
-        """Writes the line when it is due."""
+        """Writes the line if it is due."""
         now = time.monotonic()
         if now < self._next:
             return
@@ -80,7 +79,7 @@ class RecordStatus(Status):
 
 
 def device_status(device: RigSensor) -> str:
-    """Status of one device: rate, frames waiting, frames lost."""
+    """Status of one device: rate, waiting frames, lost frames."""
     capture, keeps = device.capture, device.keeps
     if capture.is_lost:
         return f"{device.name} LOST"

@@ -1,8 +1,8 @@
 """The folder of a recording: segments, durable once written, joined into one shard per take.
 
-A segment is written beside its place, forced to the disk and renamed; then the index is, in the
-same way. So what was acknowledged is in the index, and the index names only what is whole. What a
-killed run has left is put in order when the folder is opened again.
+A segment is written beside its place, synced to the disk and renamed, and then the index in the
+same way. The order matters: every acknowledged segment is in the index, and the index lists only
+complete files. Files left by a killed run are cleaned up when the folder is opened again.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from tactileforge.locks import locked
 from tactileforge.record.merge_segments import merge_segments
 from tactileforge.record.raw import Raw, append_raw, merge_raw
 
-#: Folder, beside the shards, for what is not yet whole.
+#: Folder of incomplete files, beside the shards.
 NOTES = ".record"
-#: What made the index.
+#: Name of the index's author, to recognise our own index.
 _BY = "tactileforge record"
 _SEGMENT = re.compile(r"(?P<split>train|val)-(?P<take>\d{6})\.(?P<number>\d{4,})\.tar")
 _TAKE = re.compile(r"(?P<split>train|val)-(?P<take>\d{6})\.tar")
@@ -35,11 +35,11 @@ class TakeStore:
     """Takes in a folder, with one writer at a time.
 
     Args:
-        out: The folder.
-        split: ``train`` or ``val``.
+        out: Folder of the recording.
+        split: Split of new takes: ``train`` or ``val``.
 
     Attributes:
-        notes: What was put in order when it was opened, one line each.
+        notes: Repairs made when the folder was opened, one line each.
     """
 
     def __init__(self, out: Path, split: str) -> None:
@@ -52,8 +52,8 @@ class TakeStore:
         """Opens the folder.
 
         Raises:
-            ConfigError: It holds other shards, or another program records into it.
-            OSError: It cannot be written.
+            ConfigError: The folder holds other shards, or another program records into it.
+            OSError: The folder cannot be written.
         """
         ours = (self.out / NOTES).is_dir()
         taken = f"{self.out}: another program records into it; give another out="
@@ -85,7 +85,7 @@ class TakeStore:
             refuse_shards(self.out)
 
     def _recover(self) -> None:
-        """Drops partial files, keeps complete ones, and joins interrupted takes."""
+        """Deletes partial files, keeps complete ones, and joins interrupted takes."""
         for path in (self.out / NOTES).glob("*.tar*"):
             path.unlink()
         for name in list(self._entries):
@@ -98,7 +98,7 @@ class TakeStore:
         takes = {name for name in self._entries if _TAKE.fullmatch(name)}
         segments = [path for path in self.out.glob("*.tar") if _SEGMENT.fullmatch(path.name)]
         spare = [path for path in segments if _whole(path.name) in takes]
-        for path in spare:  # the run was killed after it had joined them
+        for path in spare:  # the run was killed after joining, before deleting the segments
             self._entries.pop(path.name, None)
         if self._entries:
             self._save()
@@ -118,7 +118,7 @@ class TakeStore:
             self.notes.append(f"{path.name} is left out of the index: {error}")
 
     def new_take(self) -> int:
-        """The number of the next take."""
+        """Returns the number of the next take."""
         parts = [_parts(path.name) for path in self.out.glob("*.tar")]
         return max((int(part["take"]) for part in parts if part), default=-1) + 1
 
@@ -129,16 +129,16 @@ class TakeStore:
         recordings: Sequence[shards.Packed],
         raw: Mapping[str, Raw],
     ) -> IndexEntry:
-        """Writes one segment; it is on disk when this returns.
+        """Writes one segment. On return it is synced to the disk.
 
         Args:
-            take: Which take.
-            number: Which segment of it.
-            recordings: One a sensor.
-            raw: Values as devices gave them, by name.
+            take: Number of the take.
+            number: Number of the segment in the take.
+            recordings: Recordings, one for each sensor.
+            raw: Raw values of devices, by name.
 
         Raises:
-            OSError: It cannot be written; what was written before stays.
+            OSError: The segment cannot be written; earlier ones stay.
         """
         return self._commit(f"{self.split}-{take:06d}.{number:04d}.tar", recordings, raw)
 
@@ -146,10 +146,10 @@ class TakeStore:
         """Joins the segments of a take into one shard.
 
         Returns:
-            Its row of the index; None where there are no segments, or no room for it.
+            Row of the shard in the index; None without segments, or without room for the shard.
 
         Raises:
-            OSError: It cannot be written; the segments stay.
+            OSError: The shard cannot be written; the segments stay.
         """
         return self._join(f"{self.split}-{take:06d}.tar")
 
@@ -211,7 +211,7 @@ def _parts(name: str) -> dict[str, str] | None:
 
 
 def _whole(name: str) -> str:
-    """Name of the shard of the whole take; "" for a file that is not a recording."""
+    """Name of the shard of the whole take; "" for other files."""
     parts = _parts(name)
     return f"{parts['split']}-{parts['take']}.tar" if parts else ""
 

@@ -27,24 +27,24 @@ from tactileforge.record.wrench import GAP, interpolate_samples, rotate_wrenches
 from tactileforge.sensors.capture import check
 from tactileforge.sensors.opening import unit_of
 
-#: Seconds that frames may be late before a segment is written without them (the next has them).
+#: Longest delay of frames, s; a segment is then written without them, and they go into the next.
 _LATE = 2.0
-#: Seconds between two looks at everything.
+#: Period of the loop, s.
 _TICK = 0.05
 _NO_FRAMES = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))
 
 
 class Take:
-    """One take.
+    """One take of a recording.
 
     Args:
-        rig: The sensors, open.
-        store: Takes what is recorded.
-        matrices: From the axes of the wrench sensor to those of each gel.
+        rig: Open sensors.
+        store: Store of the segments.
+        matrices: Rotations from the axes of the wrench sensor to those of each gel, by sensor.
         known: Labels of calibrations, by sensor.
-        summary: Counts what is recorded.
-        say: Is told what happens.
-        status: Shows how it goes.
+        summary: Totals of the recording, updated in place.
+        say: Function for messages to the user, one line each.
+        status: Status line; None for none.
     """
 
     def __init__(
@@ -72,8 +72,9 @@ class Take:
         """Records the take.
 
         Raises:
-            SensorError: A sensor is lost; what came before is written.
-            OSError: The disk is full; segments written before are safe.
+            SensorError: A sensor is lost; earlier data is written.
+            TactileForgeError: The disk has less free space than ``min_free_gb``; data is written.
+            OSError: The disk is full; earlier segments are safe.
         """
         if self.options.background.seconds:
             self.say("background: nothing may touch the sensors")
@@ -112,7 +113,7 @@ class Take:
             )
 
     def _finish(self) -> None:
-        """Writes the remaining frames, and joins the segments."""
+        """Writes the remaining frames and joins the segments."""
         end = min(time.monotonic(), self.end)
         patience = time.monotonic() + _LATE
         while not self.rig.has_passed(end) and time.monotonic() < patience:
@@ -138,13 +139,13 @@ class Take:
         self.say(f"take {self.number}: {end - self.start:.1f} s")
 
     def _save(self, until: float) -> None:
-        """Writes everything before a time as one segment."""
+        """Writes all data before a time as one segment."""
         rig, shots = self.rig, {}
         for device in rig.devices:
             assert isinstance(device.keeps, FrameQueue)
             shots[device.name] = device.keeps.cut(until)
         begun, self.saved = self.saved, until
-        if not any(shots.values()):  # all are lost: forces and views wait for the next segment
+        if not any(shots.values()):  # all sensors are lost: forces and views wait for the next one
             return
         views = rig.camera.keeps.cut(until) if rig.camera is not None else []
         raw = {name: _raw(held, self.start) for name, held in shots.items() if _has_raw(held)}
@@ -167,7 +168,7 @@ class Take:
     def _packed(
         self, device: RigSensor, shots: list[PendingFrame], views: Any, known: Mapping[str, Raw]
     ) -> shards.Packed:
-        """One sensor's part of a segment."""
+        """Recording of one sensor in a segment."""
         options, codec = self.options, self.rig.codec(device)
         times = np.array([shot.time for shot in shots], np.float64)
         tracks = self._tracks(device, times, known)
@@ -203,7 +204,7 @@ class Take:
     def _tracks(
         self, device: RigSensor, times: NDArray[np.float64], known: Mapping[str, Raw]
     ) -> dict[str, NDArray[Any]]:
-        """Wrenches in the axes of a gel, and the robot's state and actions, at some times."""
+        """Wrenches in the axes of a gel, and the robot's state and actions, at times of frames."""
         rig = self.rig
         tracks: dict[str, NDArray[Any]] = {}
         if rig.force is not None:
@@ -217,7 +218,7 @@ class Take:
         return tracks
 
     def _episode(self, device: RigSensor) -> dict[str, str | float]:
-        """Labels of a demonstration, where the robot is recorded."""
+        """Labels of a demonstration; none without a robot."""
         if self.rig.robot is None:
             return {}
         folder = self.store.out.resolve().name

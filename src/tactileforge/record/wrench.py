@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError
 
-#: Seconds between two samples above which what lies between them is not known.
+#: Longest time between two samples for interpolation, s.
 GAP = 0.1
 
 
@@ -19,17 +19,17 @@ def interpolate_samples(
     samples: NDArray[np.floating],
     gap: float = GAP,
 ) -> NDArray[np.float32]:
-    """Samples at other times, interpolated linearly.
+    """Interpolates samples linearly to other times.
 
     Args:
-        wanted: float64 (T,), seconds.
-        times: float64 (N,), seconds of the samples, ascending.
-        samples: Float (N, width).
-        gap: Longest time between two samples, s, over which is interpolated.
+        wanted: Times of the result, float64 (T,), s.
+        times: Times of the samples, float64 (N,), s, ascending.
+        samples: Values of the samples, float (N, width).
+        gap: Longest time between two samples for interpolation, s.
 
     Returns:
-        float32 (T, width); a row of NaN where there is no sample on both sides, or they are too far
-        apart.
+        float32 (T, width); a row of NaN without a sample on both sides, or with a longer gap
+        between them.
     """
     out = np.full((len(wanted), samples.shape[1]), np.nan, np.float32)
     if len(times) < 2:
@@ -46,11 +46,11 @@ def axes_matrix(axes: Sequence[str]) -> NDArray[np.float64]:
     """Rotation from the axes of a wrench sensor to those of a gel, float64 (3, 3).
 
     Args:
-        axes: Which axis of the wrench sensor, with its sign, is x, y and z of the gel: for example
+        axes: Axes of the wrench sensor, with signs, along x, y and z of the gel: for example
             ``[x, -y, -z]``. See `contracts` for the axes of a gel.
 
     Raises:
-        ConfigError: They are not three different axes, or a mirror image.
+        ConfigError: They are not three different axes, or they are a mirror image.
 
     Example:
         >>> (axes_matrix(["-y", "x", "z"]) @ [1.0, 2.0, 3.0]).tolist()
@@ -70,6 +70,6 @@ def axes_matrix(axes: Sequence[str]) -> NDArray[np.float64]:
 def rotate_wrenches(
     wrenches: NDArray[np.float32], matrix: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """Rotates wrenches (N, 6) into other axes."""
+    """Rotates wrenches (N, 6) to other axes."""
     both = [wrenches[:, :3] @ matrix.T, wrenches[:, 3:] @ matrix.T]
     return np.concatenate(both, axis=1).astype(np.float32)

@@ -17,11 +17,12 @@ class AxisScore:
 
     Attributes:
         mae: Mean absolute error, mN.
-        median: MAE of always giving the median of the training clips, mN.
-        correlation: Of measured and predicted; NaN where one of them does not vary.
-        r2: Share of the variance that is explained; NaN where the force does not vary.
-        measured: Deviation of what was measured, mN.
-        predicted: Deviation of what is predicted, mN.
+        median: MAE of a constant guess, the median of the training clips, mN.
+        correlation: Correlation of measured and predicted force, -1 to 1; NaN if one of them does
+            not vary.
+        r2: Share of explained variance, at most 1; NaN if the force does not vary.
+        measured: Standard deviation of the measured force, mN.
+        predicted: Standard deviation of the predicted force, mN.
     """
 
     mae: float
@@ -43,9 +44,9 @@ def axis_score(
     """Scores of predictions, mN.
 
     Args:
-        measured: Float of any shape, N; NaN where there is no label.
-        predicted: Alike, N.
-        known: Forces of the training clips, N, whose median is the guess.
+        measured: Measured forces, float of any shape, N; NaN without a label.
+        predicted: Predicted forces, same shape, N.
+        known: Forces of the training clips, N; their median is the constant guess.
     """
     labelled = np.isfinite(measured)
     true, estimated = (part[labelled].astype(np.float64) for part in (measured, predicted))

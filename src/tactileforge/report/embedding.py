@@ -28,9 +28,9 @@ class Embedding:
 
     Attributes:
         vectors: float64 (n, d), unit length.
-        recordings: Key of the recording of each clip, without the part of it that was cut.
-        held_out: bool (n,), validation clips.
-        labels: By kind (sensor, object, action), the name of each clip's class, "" unknown.
+        recordings: Key of the whole recording of each clip, without the suffix of a part.
+        held_out: bool (n,), True for validation clips.
+        labels: Names of the clips' classes, by kind (sensor, object, action); "" for unknown.
     """
 
     vectors: NDArray[np.float64]
@@ -44,10 +44,10 @@ class NeighbourScore:
     """Accuracy of classification by nearest neighbours in other recordings.
 
     Attributes:
-        accuracy: Mean over classes.
-        chance: Accuracy of a guess.
-        clips: Clips asked for.
-        classes: Classes they have.
+        accuracy: Accuracy, mean over classes, 0 to 1.
+        chance: Accuracy of a guess, 0 to 1.
+        clips: Number of classified clips.
+        classes: Number of their classes.
     """
 
     accuracy: float
@@ -57,11 +57,11 @@ class NeighbourScore:
 
 
 def embedding_of(data: TouchData, looks: dict[str, ClipSample]) -> Embedding:
-    """Puts the clips of the splits together, but those whose embedding is not finite.
+    """Joins the clips of the splits and drops clips with a non-finite embedding.
 
     Args:
-        data: The data of the run.
-        looks: Embedded clips by split, ``train`` and ``val``.
+        data: Data of the run.
+        looks: Embedded clips, by split: ``train`` and ``val``.
     """
     recordings: list[str] = []
     labels: dict[str, list[str]] = {"sensor": [], "object": [], "action": []}
@@ -86,12 +86,12 @@ def embedding_of(data: TouchData, looks: dict[str, ClipSample]) -> Embedding:
 def neighbours(embedding: Embedding, kind: str) -> NeighbourScore | None:
     """Leave-one-recording-out k-NN accuracy, by the five nearest clips of other recordings.
 
-    Validation clips are asked for (training clips where there are none), among the clips of both
-    splits. A clip whose class no other recording has cannot be answered and is left out. Votes are
-    weighted by ``exp(cosine / 0.07)``.
+    Validation clips (training clips without a validation split) are classified by their neighbours
+    in both splits. A clip is left out if no other recording has its class. Votes are weighted by
+    ``exp(cosine / 0.07)``.
 
     Returns:
-        The score; None where there are less than two classes, or no clip that can be answered.
+        The score; None with less than two classes, or without a clip to classify.
     """
     names = np.array(embedding.labels[kind])
     known = names != ""
@@ -117,7 +117,7 @@ def neighbours(embedding: Embedding, kind: str) -> NeighbourScore | None:
 
 
 def principal(vectors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places on the first two principal axes (n, 2), and the share of variance of every axis."""
+    """Coordinates on the first two principal axes (n, 2), and every axis's share of variance."""
     centred = vectors - vectors.mean(0)
     _, sizes, axes = np.linalg.svd(centred, full_matrices=False)
     axes *= np.sign(axes[np.arange(len(axes)), np.abs(axes).argmax(1)])[:, None]
@@ -126,7 +126,7 @@ def principal(vectors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
 
 
 def embedding_section(embedding: Embedding, scores: dict[str, NeighbourScore | None]) -> Section:
-    """The map, coloured by what is known of the clips, and the scores."""
+    """The maps, one for each kind of label, and the scores."""
     name, title = "embedding", "Embedding map"
     if len(embedding.vectors) < 3:
         return Section(

@@ -1,4 +1,4 @@
-"""Outputs of a trained module on its data, which the report shows beside the metrics."""
+"""Outputs of a trained module on its data, for the report."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from tactileforge.report.forces import ForceResult, force_results
 from tactileforge.report.pictures import Strips, strips_of
 from tactileforge.report.samples import ClipReader, explained, liveliest, predictions, spread
 
-#: Clips of a split that are embedded and whose forces are read, clips that are reconstructed, and
-#: clips that are shown; at most.
+#: Largest numbers of clips per split to embed and read forces of, to reconstruct, and to show.
 _CLIPS = 200
 _REBUILT = 64
 _SHOWN = 6
@@ -24,17 +23,17 @@ _SHOWN = 6
 
 @dataclass(frozen=True)
 class RunFindings:
-    """Outputs of a module that the report shows.
+    """Outputs of a module, for the report.
 
     Attributes:
-        split: Split of the clips that are shown: ``val``, or ``train`` without validation.
-        clips: The clips of that split.
-        shown: Numbers of those that are shown.
-        strips: Their images.
-        explained: Share of the variance of hidden pixels that is explained, by kind.
-        forces: One for each head that predicts force.
-        embedding: Of both splits.
-        scores: Scores of nearest neighbours, by kind.
+        split: Split of the shown clips: ``val``, or ``train`` without validation.
+        clips: Clips of that split.
+        shown: Numbers of the shown clips.
+        strips: Images of the shown clips.
+        explained: Share of the variance of hidden pixels explained by reconstructions, by kind.
+        forces: Results of force heads, one for each.
+        embedding: Embedded clips of both splits.
+        scores: Scores of nearest neighbours, by kind of label.
         skipped: Recordings that could not be read, one line each.
     """
 
@@ -55,10 +54,10 @@ def run_findings(
     """Runs a module on some clips of its data.
 
     Args:
-        module: Trained.
-        data: Set up.
+        module: Trained module.
+        data: Data of the run, set up.
         skipped: Recordings that training could not read.
-        learned: Clips that it was trained on; not more of a split are looked at.
+        learned: Number of clips trained on, an upper limit of the clips of a split to run.
 
     Raises:
         DataError: The data is not set up.

@@ -33,13 +33,13 @@ from tactileforge.report.samples import ClipReader, ForceReading, spread, spread
 
 @dataclass(frozen=True)
 class ForceResult:
-    """Forces that one head predicts, and their scores.
+    """Forces predicted by one head, and their scores.
 
     Attributes:
-        objective: Its name.
-        readings: By split, ``val`` first; splits without labelled clips are absent.
-        recording: Key of the recording that is shown over time.
-        curve: The readings of its parts, by split.
+        objective: Name of the objective of the head.
+        readings: Readings by split, ``val`` first; splits without labelled clips are absent.
+        recording: Key of the recording shown over time.
+        curve: Readings of the parts of that recording, by split.
     """
 
     objective: str
@@ -59,12 +59,12 @@ class ForceResult:
 def force_results(
     readers: Mapping[str, ClipReader], keys: Sequence[str], count: int
 ) -> list[ForceResult]:
-    """Predicts the forces of labelled clips with every head that can.
+    """Predicts the forces of labelled clips with every force head.
 
     Args:
-        readers: By split.
+        readers: Readers of clips, by split.
         keys: Objectives whose heads predict forces.
-        count: Clips of a split that are read, at most, and as many of one recording.
+        count: Largest number of clips to read, per split and for the recording shown over time.
     """
     results = []
     for key in keys:
@@ -91,7 +91,7 @@ def _has_force(recording: Recording) -> bool:
 
 
 def _liveliest(readers: Mapping[str, ClipReader], readings: Mapping[str, ForceReading]) -> str:
-    """The recording whose force varies most, of those that are held out at least in part."""
+    """Key of the recording with the most varying force, among those of the first split."""
     forces: dict[str, list[NDArray[np.float32]]] = {}
     for split, reading in readings.items():
         clips = readers[split].clips
@@ -104,7 +104,7 @@ def _liveliest(readers: Mapping[str, ClipReader], readings: Mapping[str, ForceRe
 
 
 def _spread(force: NDArray[np.float32]) -> float:
-    """Deviations of the axes that have labels, together, N."""
+    """Sum of the standard deviations of the labelled axes, N."""
     known = (axis[np.isfinite(axis)] for axis in force.T)
     return float(sum(values.std() for values in known if len(values)))
 
@@ -112,13 +112,13 @@ def _spread(force: NDArray[np.float32]) -> float:
 def forces_section(
     results: list[ForceResult], data: TouchData, curves: Mapping[str, Curve], last_step: int
 ) -> Section:
-    """Scatter and numbers of each axis, R2 over the run, and one recording over time.
+    """Scatter plot and scores of each axis, R2 over the run, and one recording over time.
 
     Args:
-        results: Of each head that predicts force.
-        data: The data of the run.
-        curves: Logged values.
-        last_step: End of the run.
+        results: Results of each force head.
+        data: Data of the run.
+        curves: Logged values, by name.
+        last_step: Last step of the run.
     """
     name, title = "force", "Force"
     if not results:
@@ -243,5 +243,5 @@ def _over_time(result: ForceResult, data: TouchData) -> Markup:
 
 
 def milli(value: float) -> str:
-    """Millinewton, whole above ten."""
+    """A force in mN as text: whole above ten, two digits below."""
     return NONE if value != value else f"{value:.0f}" if value >= 10 else f"{value:.2g}"

@@ -12,7 +12,7 @@ from torch import Tensor
 from tactileforge.contracts import Encoder
 from tactileforge.heads.decoder import Reconstruction
 
-#: Colour of what is hidden (sRGB, 0..1); frames are grey where nothing touches.
+#: Colour of hidden tubes (sRGB, 0..1), unlike the grey of frames without contact.
 _HIDDEN = (0.09, 0.09, 0.13)
 
 
@@ -21,9 +21,9 @@ class Strips:
     """One clip and its reconstructions.
 
     Attributes:
-        rows: Frames of each row by its name, float (n, 3, H, W) in 0..1.
-        gain: By what differences are amplified; they lie around mid-grey.
-        explained: Share of the variance of masked pixels that a reconstruction explains, by kind.
+        rows: Frames of each row, float (n, 3, H, W) in 0..1, by name of the row.
+        gain: Factor of amplified differences; no difference is mid-grey.
+        explained: Share of the variance of masked pixels explained by a reconstruction, by kind.
     """
 
     rows: dict[str, Tensor]
@@ -37,9 +37,10 @@ def kind_of(reconstruction: Reconstruction, frames: int) -> str:
 
 
 def residuals(reconstruction: Reconstruction, kind: str) -> Tensor:
-    """Squared error and variance of hidden pixels, summed for each clip: float (B, 2).
+    """Squared error and variance of hidden pixels, summed per clip: float (B, 2).
 
-    Frames vary around the mean of each channel of the clip's hidden pixels, differences around 0.
+    The variance of frames is around the mean of each channel over the clip's hidden pixels; the
+    variance of differences is around 0.
     """
     target = reconstruction.target.float()
     wrong = (target - reconstruction.predicted.float()).square().sum((1, 2, 3))
@@ -50,10 +51,10 @@ def residuals(reconstruction: Reconstruction, kind: str) -> Tensor:
 
 
 def share(residual: Tensor) -> float:
-    """Share of the variance that is explained; NaN where nothing varies.
+    """Share of explained variance; NaN without variance.
 
     Args:
-        residual: float (2,), see `residuals`.
+        residual: Squared error and variance, float (2,), see `residuals`.
     """
     wrong, variance = residual.tolist()
     return 1 - wrong / variance if variance > 1e-9 else float("nan")
@@ -65,10 +66,10 @@ def strips_of(
     """Rows of images of one clip of a batch.
 
     Args:
-        encoder: Made the patches.
-        patches: float (B, slots, N, 3 * tube * patch * patch).
+        encoder: Encoder of the patches.
+        patches: Patches of the batch, float (B, slots, N, 3 * tube * patch * patch).
         predictions: Reconstructions of the batch.
-        row: Number of the clip in the batch.
+        row: Index of the clip in the batch.
     """
     frames = _framewise(patches[row], encoder.tube)
     count = frames.shape[1]
@@ -97,14 +98,14 @@ def strips_of(
 
 
 def _framewise(patches: Tensor, tube: int) -> Tensor:
-    """(slots, N, 3 * tube * P) to (N, slots * tube, 3 * P)."""
+    """Splits tubes into frames: (slots, N, 3 * tube * P) to (N, slots * tube, 3 * P)."""
     slots, count, _ = patches.shape
     x = patches.float().cpu().view(slots, count, 3, tube, -1).permute(1, 0, 3, 2, 4)
     return x.reshape(count, slots * tube, -1)
 
 
 def _canvas(encoder: Encoder, x: Tensor) -> Tensor:
-    """(N, n, 3 * patch * patch) to (n, 3, H, W)."""
+    """Assembles patches to frames: (N, n, 3 * patch * patch) to (n, 3, H, W)."""
     _, rows, columns = encoder.grid
     side = encoder.patch
     x = x.reshape(rows, columns, -1, 3, side, side).permute(2, 3, 0, 4, 1, 5)
@@ -112,14 +113,14 @@ def _canvas(encoder: Encoder, x: Tensor) -> Tensor:
 
 
 def _pasted(frames: Tensor, reconstruction: Reconstruction, row: int) -> Tensor:
-    """The frames (N, n, P), masked positions as predicted."""
+    """Replaces the masked positions of frames (N, n, P) by their predictions."""
     out = frames.clone()
     out[reconstruction.masked[row].cpu()] = reconstruction.predicted[row].float().cpu()
     return out
 
 
 def _masked(encoder: Encoder, frames: Tensor, hidden: Tensor) -> Tensor:
-    """The frames (n, 3, H, W) with the hidden positions painted over."""
+    """Paints over the hidden positions of frames (n, 3, H, W)."""
     _, rows, columns = encoder.grid
     where = torch.zeros(rows * columns, dtype=torch.bool)
     where[hidden] = True
@@ -129,17 +130,17 @@ def _masked(encoder: Encoder, frames: Tensor, hidden: Tensor) -> Tensor:
 
 
 def _spread(encoder: Any) -> Tensor:
-    """Standard deviation of pixels in 0..1; a quarter where the encoder does not give one."""
+    """Standard deviation of pixels in 0..1; 0.25 for an encoder without one."""
     return _normalisation(encoder, "std", 0.25)
 
 
 def _normalisation(encoder: Any, name: str, otherwise: float) -> Tensor:
-    """Mean or standard deviation of pixels (3, 1, 1); over all sensors where each has its own."""
+    """Mean or standard deviation of pixels (3, 1, 1), averaged over sensors with their own."""
     pixels = getattr(encoder, "pixels", None)
     value: Tensor = getattr(pixels, name, torch.full((3, 1, 1), otherwise))
     return value.float().cpu().reshape(-1, 3, 1, 1).mean(0)
 
 
 def _colour(encoder: Any, frames: Tensor) -> Tensor:
-    """Normalised frames to colours in 0..1."""
+    """Turns normalised frames into colours in 0..1."""
     return (frames * _spread(encoder) + _normalisation(encoder, "mean", 0.5)).clamp(0, 1)

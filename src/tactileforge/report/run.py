@@ -22,17 +22,17 @@ from tactileforge.report.findings import RunFindings, run_findings
 
 
 def report_of_run(folder: Path) -> Path:
-    """Writes the report of a run again, from what the run left in its folder.
+    """Writes the report of a run again, from the files in its folder.
 
     Args:
-        folder: Folder of the run, with ``config.yaml`` and ``checkpoints/last.ckpt``. The data that
-            it was trained on must still be where it was.
+        folder: Folder of the run, with ``config.yaml`` and ``checkpoints/last.ckpt``. The training
+            data must still be in its place.
 
     Returns:
-        The report.
+        Path of the report.
 
     Raises:
-        DataNotFoundError: The folder is not that of a run, or the data is gone.
+        DataNotFoundError: The folder is not of a run, or the data is missing.
         ConfigError: The checkpoint does not fit the configuration.
     """
     from tactileforge.assemble import build_data
@@ -53,20 +53,20 @@ def report_of_run(folder: Path) -> Path:
 def write_report(
     folder: Path, module: TouchModule, data: TouchData, skipped: Skipped, labels: Labels
 ) -> Path:
-    """Writes ``report.html`` of a run that has ended.
+    """Writes ``report.html`` of a finished run.
 
-    The report depends on the weights, the data and the files of the run alone: written twice, it is
-    the same. It uses up no random numbers, and leaves the module as it was.
+    The report depends only on the weights, the data and the files of the run, so writing it twice
+    gives the same file. Neither the random generators nor the module change.
 
     Args:
         folder: Folder of the run.
-        module: Trained.
-        data: Set up.
+        module: Trained module.
+        data: Data of the run, set up.
         skipped: Recordings that training could not read.
-        labels: Labels that objectives met in training.
+        labels: Counts of the labels seen by each objective in training.
 
     Returns:
-        The report.
+        Path of the report.
     """
     config = _config(folder)
     curves = read_metrics(folder)
@@ -100,7 +100,7 @@ def write_report(
 def _of_clips(
     findings: RunFindings | None, data: TouchData, curves: Mapping[str, Curve], steps: int
 ) -> list[Section]:
-    """Sections on what the module makes of single clips."""
+    """Sections on the module's outputs for single clips; none for data other than touch."""
     if findings is None:
         return []
     return [
@@ -115,7 +115,7 @@ def _config(folder: Path) -> dict[str, Any]:
 
 
 def _progress(folder: Path, curves: Mapping[str, Curve]) -> tuple[int, float | None]:
-    """Steps done, and seconds of training over all of a run's processes where they were kept."""
+    """Number of steps, and seconds of training over all restarts; None if not recorded."""
     if not (folder / run_folder.LAST).is_file():
         return max((int(curve.steps[-1]) + 1 for curve in curves.values()), default=0), None
     state = read_checkpoint(folder)

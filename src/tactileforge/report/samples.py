@@ -30,7 +30,7 @@ class ForceReading:
     Attributes:
         measured: float32 (n, T - 1, 3), newton; NaN along axes without a label.
         predicted: float32 (n, T - 1, 3), newton.
-        clips: int64 (n,), which clips.
+        clips: int64 (n,), numbers of the clips in their split.
     """
 
     measured: NDArray[np.float32]
@@ -40,12 +40,12 @@ class ForceReading:
 
 @dataclass(frozen=True)
 class ClipSample:
-    """Clips as the encoder sees them.
+    """Embedded clips of a split.
 
     Attributes:
-        clips: int64 (n,), which clips.
+        clips: int64 (n,), numbers of the clips in their split.
         cls: float32 (n, projected), projected class tokens.
-        moved: float32 (n,), mean change from the first frame, in grey levels.
+        moved: float32 (n,), mean absolute change from the first frame, grey levels.
     """
 
     clips: NDArray[np.int64]
@@ -54,7 +54,7 @@ class ClipSample:
 
 
 class _Row(NamedTuple):
-    """One clip: its class token, its motion, and forces of frames 2..T in newton."""
+    """One clip: its class token, its motion, and its forces of frames 2..T, N."""
 
     cls: NDArray[np.float32]
     moved: NDArray[np.float32]
@@ -64,7 +64,7 @@ class _Row(NamedTuple):
 
 @contextmanager
 def quiet(module: TouchModule, seed: int = 0) -> Iterator[None]:
-    """Evaluation mode, no gradients, the same random numbers each time; none used up outside."""
+    """Evaluation mode without gradients, with a fixed seed and untouched outer random state."""
     devices = [module.device] if module.device.type == "cuda" else []
     modes = [(part, part.training) for part in module.modules()]
     module.eval()
@@ -80,7 +80,7 @@ def quiet(module: TouchModule, seed: int = 0) -> Iterator[None]:
 def spread(
     clips: Clips, count: int, keep: Callable[[Recording], bool] = lambda _: True
 ) -> list[int]:
-    """At most ``count`` clips, shared out evenly over the recordings that are kept."""
+    """Chooses at most ``count`` clips, spread evenly over the recordings passed by ``keep``."""
     which = clips.index[:, 0]
     numbers = [int(n) for n in np.unique(which) if keep(clips.recordings[n])]
     if len(numbers) > count:
@@ -94,18 +94,18 @@ def spread(
 
 
 def whole_key(recording: Recording) -> str:
-    """Key of the recording that a part was cut from (see `Recording.part`), or its own."""
+    """Key of a recording without the suffix of a part, see `Recording.part`."""
     return re.sub(r"(\[\d+:\d+\])+$", "", recording.key)
 
 
 def spread_places(length: int, count: int) -> NDArray[np.int64]:
-    """``count`` places spread over ``0..length - 1``: the middles of equal parts."""
+    """Indices spread over ``0..length - 1``: the middles of ``count`` equal parts."""
     count = min(length, count)
     return ((np.arange(count) + 0.5) * length / max(1, count)).astype(np.int64)
 
 
 def batches(module: TouchModule, clips: Clips, which: Sequence[int]) -> Iterator[Batch]:
-    """Small batches of clips, on the module's device, as the encoder gets them in validation."""
+    """Small batches of clips on the module's device, prepared as in validation."""
     for start in range(0, len(which), _BATCH):
         batch = collate([clips[clip] for clip in which[start : start + _BATCH]])
         fill_captions(batch)
@@ -113,11 +113,11 @@ def batches(module: TouchModule, clips: Clips, which: Sequence[int]) -> Iterator
 
 
 class ClipReader:
-    """Reads clips of a split, each of them once.
+    """Runs the module on clips of a split, once for each clip.
 
     Args:
         module: The trained module.
-        clips: The split.
+        clips: Clips of the split.
         forces: Objectives whose heads predict `heads.force.Forces`.
         skipped: Recordings that could not be read; grows by a line for each new one.
     """
@@ -131,7 +131,7 @@ class ClipReader:
         self._rows: dict[int, _Row] = {}
 
     def embed(self, which: Sequence[int]) -> ClipSample:
-        """Class tokens and motion of clips, in the order of their numbers."""
+        """Returns class tokens and motion of clips, ordered by number."""
         places = np.unique(self._read(which))
         rows = [self._rows[place] for place in places.tolist()]
         return ClipSample(
@@ -139,7 +139,7 @@ class ClipReader:
         )
 
     def forces(self, which: Sequence[int], key: str) -> ForceReading | None:
-        """Forces as measured and as one head predicts them; None without a labelled clip."""
+        """Returns measured forces and those of one head; None without a labelled clip."""
         kept = [clip for clip in self._read(which) if np.isfinite(self._rows[clip].measured).any()]
         if not kept:
             return None
@@ -148,7 +148,7 @@ class ClipReader:
         return ForceReading(measured, np.stack([row.forces[key] for row in rows]), np.array(kept))
 
     def _read(self, which: Sequence[int]) -> list[int]:
-        """The clips that stand for those asked for: others, where a recording is unreadable."""
+        """Runs clips and returns their numbers; an unreadable clip is replaced by another one."""
         missing = [clip for clip in which if clip not in self._asked]
         read: list[int] = []
         with quiet(self._module):
@@ -176,9 +176,9 @@ class ClipReader:
 
 
 def liveliest(clips: Clips, seen: ClipSample, count: int) -> list[int]:
-    """Clips that change much, of different recordings: sensors in turn, and new objects first.
+    """Chooses clips with much motion, of different recordings: sensors in turn, new objects first.
 
-    A clip of a new object is taken before one that changes up to four times as much.
+    A clip of a new object is preferred to one with up to four times its motion.
     """
     queues: dict[str, list[tuple[float, int]]] = {}
     used: set[int] = set()
@@ -209,7 +209,7 @@ def liveliest(clips: Clips, seen: ClipSample, count: int) -> list[int]:
 def predictions(
     module: TouchModule, clips: Clips, which: Sequence[int]
 ) -> tuple[Tensor, dict[str, Any]]:
-    """The patches of one batch of clips, and the predictions of every head, by objective."""
+    """Patches of one batch of clips, and the predictions of every head, by objective."""
     with quiet(module):
         batch = next(batches(module, clips, which))
         views = module.encoder.views(batch)
@@ -219,12 +219,12 @@ def predictions(
 def explained(
     module: TouchModule, clips: Clips, which: Sequence[int], keys: Sequence[str]
 ) -> dict[str, float]:
-    """Share of the variance of hidden pixels that reconstructions explain over all clips, by kind.
+    """Share of the variance of hidden pixels explained by reconstructions, over all clips, by kind.
 
     Args:
         module: The trained module.
-        clips: The split that the clips belong to.
-        which: Clips to reconstruct.
+        clips: Clips of the split.
+        which: Numbers of the clips to reconstruct.
         keys: Objectives whose heads predict `heads.decoder.Reconstruction`.
     """
     sums: dict[str, Tensor] = {}

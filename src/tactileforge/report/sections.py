@@ -47,7 +47,7 @@ _FRAMES = 6
 
 
 def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: int) -> Section:
-    """One panel per objective; then the learning rate and the chance of the universal token."""
+    """One panel per objective, the learning rate, and the chance of the universal token."""
     if not any(key.startswith("train/") for key in curves):
         text = (
             "No metrics were logged; lower trainer.log_every_n_steps to see curves of short runs."
@@ -88,7 +88,7 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
 
 
 def _absent(train: Curve | None, val: Curve | None, weight: Curve | None) -> str:
-    """Why an objective has no training loss; "" where it has one."""
+    """Reason for a missing training loss of an objective; "" if it has one."""
     if train is not None:
         return ""
     if weight is not None and weight.values.any():
@@ -99,7 +99,7 @@ def _absent(train: Curve | None, val: Curve | None, weight: Curve | None) -> str
 def balance(
     curves: Mapping[str, Curve], objectives: Sequence[str], last_step: int
 ) -> list[Section]:
-    """Share of each objective in the encoder's gradient; empty where it was not measured."""
+    """Share of each objective in the encoder's gradient; empty if it was not measured."""
     norms = {key: curves[f"gradient/{key}"] for key in objectives if f"gradient/{key}" in curves}
     if not norms:
         return []
@@ -156,7 +156,7 @@ def _card(clips: Clips, clip: int, strips: Strips) -> Markup:
 
 
 def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
-    """The training data: recordings, sources, and files that could not be read."""
+    """The training data: recordings, sources, and unreadable files."""
     rows = []
     sources: Counter[tuple[str, str, int]] = Counter()
     for split in ("train", "val"):
@@ -182,7 +182,7 @@ def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
 
 
 def facts(known: Mapping[str, Any]) -> Section:
-    """What the data set says of its samples, which heads are built for."""
+    """Facts about the samples from the data set, used to build heads."""
     rows = [(key.replace("_", " "), f"text|{_listed(value)}") for key, value in known.items()]
     return Section("facts", "Samples", table("facts", ("Of the samples", "text|is"), rows))
 
@@ -204,7 +204,7 @@ def _row(counts: Sequence[Count]) -> list[str]:
 
 
 def kept_versions(folder: Path) -> dict[str, Any]:
-    """Content of a run's ``versions.json``; empty where it is absent."""
+    """Content of a run's ``versions.json``; empty if it is absent."""
     return run_folder.read_versions(folder)
 
 

@@ -12,7 +12,7 @@ from tactileforge.pages.page import number, percent
 
 
 def speed_fact(curves: Mapping[str, Curve]) -> str:
-    """Clips a second, share of the time spent waiting, and MFU, as medians; "" where not logged."""
+    """Medians of clips per second, share of time spent waiting, and MFU; "" if not logged."""
     values = {key: float(np.median(curve.values)) for key, curve in _logged(curves).items()}
     if "clips_per_s" not in values:
         return ""
@@ -21,7 +21,7 @@ def speed_fact(curves: Mapping[str, Curve]) -> str:
 
 
 def speed_verdict(curves: Mapping[str, Curve]) -> list[tuple[str, str]]:
-    """A finding where the loader was the limit; none else."""
+    """A finding if the loader limited the speed; otherwise none."""
     waiting = _logged(curves).get("waiting")
     if waiting is None or not (share := float(np.median(waiting.values))) > WAITING:
         return []

@@ -1,4 +1,4 @@
-"""The top of the page: did the run go well?"""
+"""The top of the page: facts and verdict of the run."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from tactileforge.report.findings import RunFindings
 from tactileforge.report.forces import ForceResult, milli
 from tactileforge.report.speed import speed_fact, speed_verdict
 
-#: A loss that changes by less has not changed; a reconstruction that explains less shows nothing.
+#: Smallest relative change of a loss to count as a change.
 _LEAST = 0.01
+#: Share of explained variance above which a reconstruction counts as learnt.
 _LEARNT = 0.05
 _NAMED = ("tactileforge", "torch")
 _HEAD = (
@@ -78,7 +79,7 @@ def run_verdict(
     held_out: bool,
     skipped: Sequence[str],
 ) -> Markup:
-    """The run in a few sentences, each marked as good, bad or plain; then the losses as a table."""
+    """A few sentences on the run, each marked as good, bad or plain, and a table of the losses."""
     lines = [_fell(curves, weights, "train")]
     if held_out:
         lines.append(_fell(curves, weights, "val"))

@@ -1,4 +1,4 @@
-"""Buffer of the newest clip of a sensor, cut by time, never a queue."""
+"""Buffer of the newest clip of a sensor, cut by time; old frames never queue up."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frame
 from tactileforge.data.frames.cut import clip_rows, frame_period, is_slow
 
-#: Frames that are kept at most, whatever the rate.
+#: Largest number of buffered frames, for any frame rate.
 _MOST = 512
-#: Seconds of frames that are kept beyond a clip, so that the rate can be told.
+#: Duration of frames kept beyond a clip, s, for an estimate of the frame rate.
 _BEYOND = 0.5
 
 
 @dataclass(frozen=True)
 class FrameWithClip:
-    """A frame and the clip that ends with it, as one snapshot.
+    """A frame and the clip ending with it, as one snapshot.
 
     Attributes:
-        number: Of the frame, counted from 1.
-        frame: As the sensor gave it.
-        clip: uint8 (T, h, w, 3), as the model is shown it; None while too few frames have come.
+        number: Number of the frame, counted from 1.
+        frame: Frame of the sensor, unprepared.
+        clip: Prepared clip, uint8 (T, h, w, 3); None before enough frames have arrived, or with a
+            gap in them.
         period: Seconds between frames; 0 before the second.
     """
 
@@ -38,14 +39,14 @@ class FrameWithClip:
 
 
 class ClipBuffer:
-    """Keeps the frames of one clip; one thread writes, another reads the newest clip.
+    """Keeps the frames of one clip. One thread writes, another reads the newest clip.
 
-    A clip is cut as those a model is trained on, see `data.frames.cut`.
+    Clips are cut as in training, see `data.frames.cut`.
 
     Args:
-        frames: Of a clip, T.
-        spacing: Seconds between them; 0 for one frame.
-        prepare: Makes of an image what the model is shown.
+        frames: Number of frames of a clip, T.
+        spacing: Seconds between the frames of a clip; 0 for one frame.
+        prepare: Function from an image to the model's input.
     """
 
     def __init__(
@@ -61,7 +62,7 @@ class ClipBuffer:
         self._lock = threading.Lock()
 
     def push(self, frame: Frame) -> None:
-        """Adds a frame and drops those that no clip needs any more."""
+        """Adds a frame and drops frames too old for the next clip."""
         image = self.prepare(frame.array)
         horizon = frame.time - (self.frames - 1) * self.spacing - _BEYOND
         with self._lock:
@@ -85,13 +86,13 @@ class ClipBuffer:
 
 
 def warn_of_slow_frames(period: float, spacing: float, frames: int, stacklevel: int = 3) -> None:
-    """Warns where frames come too seldom for clips as a model was trained on.
+    """Warns of a frame rate too low for the clips of a model.
 
     Args:
-        period: Seconds between the frames that come.
-        spacing: Seconds between the frames of a clip, as trained.
-        frames: Of a clip.
-        stacklevel: See `warnings.warn`.
+        period: Seconds between arriving frames.
+        spacing: Seconds between the frames of a clip in training.
+        frames: Number of frames of a clip.
+        stacklevel: Level of the warning in the call stack, see `warnings.warn`.
     """
     if is_slow(period, spacing, frames):
         warnings.warn(

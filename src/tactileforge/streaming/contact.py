@@ -18,8 +18,8 @@ class ContactOptions:
     """Thresholds of contact.
 
     Attributes:
-        begin: Difference with the background, grey levels, from which on there is contact.
-        end: Difference below which it ends.
+        begin: Difference to the background from which contact begins, grey levels.
+        end: Difference to the background below which contact ends, grey levels.
     """
 
     begin: float = 8.0
@@ -37,10 +37,11 @@ class SlipOptions:
     """Thresholds of slip.
 
     Attributes:
-        friction: Ratio of shear to normal force, the slope of the friction cone, at which it slips.
-        least: Normal force, N, below which nothing is said: the ratio of small numbers is noise.
-        drop: Share of the shear that must go within ``window`` while the normal force stays.
-        window: Seconds.
+        friction: Ratio of shear to normal force at slip, the slope of the friction cone.
+        least: Normal force below which slip is not estimated, N: ratios of small forces are noise.
+        drop: Share of the shear that has to vanish within ``window`` at a steady normal force, 0
+            to 1.
+        window: Time window of ``drop``, s.
     """
 
     friction: float = 0.5
@@ -58,12 +59,12 @@ class SlipOptions:
 class BackgroundChange:
     """Difference of images from the background, in grey levels.
 
-    Both are averaged over squares of eight pixels; a hundredth of the squares may differ more, in
-    their strongest colour, than the result. Of an array it is the taxel that differs most.
+    Both are averaged over squares of eight pixels. The result is the 99th percentile over squares
+    of the change in their strongest colour, or the largest change of a taxel for arrays.
 
     Args:
-        background: uint8 (H, W, 3).
-        camera: Whether images are of a camera.
+        background: Frame without contact, uint8 (H, W, 3).
+        camera: Whether images are of a camera, not of an array.
     """
 
     def __init__(self, background: NDArray[np.uint8], camera: bool = True) -> None:
@@ -72,7 +73,7 @@ class BackgroundChange:
         self._percent = 99 if camera else 100
 
     def __call__(self, image: NDArray[np.uint8]) -> float:
-        """The difference of uint8 (H, W, 3), grey levels."""
+        """Computes the difference of an image, uint8 (H, W, 3), grey levels."""
         change = np.abs(squares(image, self._camera) - self._still).max(-1)
         return float(np.percentile(change, self._percent))
 
@@ -85,7 +86,7 @@ class ContactDetector:
         self.is_on = False
 
     def update(self, difference: float) -> bool:
-        """Whether there is contact, given the difference of the newest image."""
+        """Updates contact with the difference of the newest image; returns whether it is on."""
         self.is_on = difference >= (self.options.end if self.is_on else self.options.begin)
         return self.is_on
 
@@ -93,9 +94,9 @@ class ContactDetector:
 class SlipEstimator:
     """Estimates slip from forces alone: slip is inferred, not observed.
 
-    It slips where the shear reaches the friction cone (Coulomb), and until the ratio is a fifth
-    below; and for a moment where shear goes at once while the normal force stays, as it does when
-    an object that stuck lets go. The true friction of an object is not known: set it.
+    Slip begins when the shear reaches the friction cone (Coulomb), and ends when the ratio is a
+    fifth below. It is also on for a moment after a sudden drop of shear at a steady normal force,
+    as of a sticking object that comes loose. The true friction of an object is not known: set it.
     """
 
     def __init__(self, options: SlipOptions) -> None:
@@ -107,9 +108,9 @@ class SlipEstimator:
         """Updates slip from the newest force; returns whether it slips.
 
         Args:
-            time: Seconds.
-            force: (3,), N.
-            contact: Whether anything touches.
+            time: Time of the force, s.
+            force: Force along x, y and z, (3,), N.
+            contact: Whether there is contact.
         """
         options = self.options
         shear, normal = math.hypot(force[0], force[1]), float(force[2])
@@ -119,7 +120,7 @@ class SlipEstimator:
             return False
         while self._recent and self._recent[0][0] < time - options.window:
             self._recent.popleft()
-        # a slipping contact sticks again a fifth below the cone: noise must not toggle it
+        # hysteresis: slip ends a fifth below the cone, so that noise does not toggle it
         edge = options.friction * (0.8 if self.is_on else 1.0)
         self.is_on = shear >= edge * normal or self._has_let_go(shear, normal)
         self._recent.append((time, shear, normal))

@@ -19,15 +19,16 @@ Image: TypeAlias = NDArray[np.uint8]
 
 
 def median_image(images: Sequence[Image]) -> Image:
-    """The median of images, uint8 (H, W, 3)."""
+    """Median of images, uint8 (H, W, 3)."""
     return np.asarray(np.median(images, axis=0), np.uint8)
 
 
 def known_as(name: str, model: HeadModel | None, unknown_sensor: str) -> str:
-    """The name by which the model knows a type of sensor.
+    """Name of a type of sensor in the model's table.
 
     Raises:
-        ConfigError: It does not know it, and ``unknown_sensor`` is ``error``.
+        ConfigError: The model does not know the sensor, and ``unknown_sensor`` is ``error`` or the
+            model has no universal tokens.
     """
     if unknown_sensor not in ("error", "universal"):
         raise ConfigError(f"unknown_sensor={unknown_sensor}: give error or universal")
@@ -41,10 +42,10 @@ def known_as(name: str, model: HeadModel | None, unknown_sensor: str) -> str:
 
 
 def background_options(background: Image | str | Background | None) -> Background:
-    """Options of a background that is not given as an image.
+    """Options for taking a background, if it is not an image.
 
     Raises:
-        ConfigError: An unknown word.
+        ConfigError: The word is not ``first``.
     """
     if isinstance(background, str):
         if background != "first":
@@ -54,13 +55,13 @@ def background_options(background: Image | str | Background | None) -> Backgroun
 
 
 def checked_image(what: str, image: Image) -> Image:
-    """A copy of an image: whoever gave it may write the next frame into it.
+    """Checks and copies an image, since the caller may reuse its memory for the next frame.
 
     Args:
-        what: It is, for errors.
+        what: Name of the image, for errors.
         image: uint8 (H, W, 3).
 
     Raises:
-        DataError: It is something else; says what was found.
+        DataError: The type or shape is wrong; says what was found.
     """
     return np.array(checked_pixels(image, what, 3))

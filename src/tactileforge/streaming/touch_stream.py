@@ -1,4 +1,4 @@
-"""From frames, as they come, to contact, force, slip and vectors."""
+"""Online estimates from frames: contact, force, slip and vectors."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ if TYPE_CHECKING:
     from tactileforge.calibration.file import Calibration
     from tactileforge.hub.head_model import HeadModel
 
-#: Frames that are looked at for a background.
+#: Largest number of frames for a background.
 _LOOKED_AT = 60
 
 
 @dataclass(frozen=True, kw_only=True)
 class Prediction:
-    """Contact, force and slip, estimated from one frame and the clip that ends with it.
+    """Contact, force and slip, estimated from one frame and the clip ending with it.
 
     Attributes:
-        number: Of the frame, counted from 1.
-        time: When it was taken, s, on the clock of whoever gave it.
-        difference: From the background, grey levels.
-        contact: Whether anything touches; None where the image is invalid or the light has changed.
-        force: N, x, y and z, axes as in `contracts`; None where the model gives none, the image is
-            invalid, the light has changed or the force is beyond the sensor's scale.
-        slip: See `contact.SlipEstimator`; None without forces.
+        number: Number of the frame, counted from 1.
+        time: Time of the frame, s, on the clock of its source.
+        difference: Difference to the background, grey levels.
+        contact: Whether there is contact; None if the image is invalid or the light has changed.
+        force: Force along x, y and z, N, axes as in `contracts`; None if the model gives none, the
+            image is invalid, the light has changed or the force is beyond the sensor's scale.
+        slip: Whether it slips, see `contact.SlipEstimator`; None without forces.
         trouble: One of `sensors.health.TROUBLES`; "" for none.
-        embedding: float32 (projected,), the model's vector; None where it is not asked for.
+        embedding: Vector of the model, float32 (projected,); None if it is not requested.
     """
 
     number: int
@@ -68,31 +68,33 @@ class Prediction:
 class TouchStream:
     """Predictions of the newest frame of one sensor.
 
-    `push` takes a frame and predicts. Where frames come in another thread, that thread calls `add`,
-    and `predict` gives the newest: frames between are skipped, never queued.
+    `push` adds a frame and predicts. If frames arrive in a different thread, that thread calls
+    `add`, and `predict` uses the newest frame: frames in between are skipped, never queued.
 
     Args:
-        model: What encodes clips; None for contact alone.
-        sensor: Name of the sensor; None where the model knows one, or none.
-        background: The frame without contact, uint8 (H, W, 3); ``first``, the first frame,
-            unchecked; or how it is taken: None and `Background` take the median of the first
-            ``seconds``, in which nothing may touch.
-        contact: When something touches.
-        slip: When something slips.
-        embedding: Whether predictions carry the model's vector.
-        unknown_sensor: What to do where the model does not know the sensor: ``error`` or
-            ``universal``, see `Model.encode`.
-        calibration: Of this unit, for the model's forces; see `Model.force`.
-        camera: Whether frames are of a camera; pictures of taxels are never black or saturated.
+        model: Model for vectors and forces; None for contact alone.
+        sensor: Name of the sensor; None if the model knows only one, or any.
+        background: Frame without contact, uint8 (H, W, 3); or ``first``, the first frame,
+            unchecked; or options for taking it: None and `Background` take the median of the first
+            ``seconds``, without contact meanwhile.
+        contact: Thresholds of contact; None for the defaults.
+        slip: Thresholds of slip; None for the defaults.
+        embedding: Whether predictions include the model's vector.
+        unknown_sensor: Treatment of a sensor unknown to the model: ``error`` or ``universal``, see
+            `Model.encode`.
+        calibration: Calibration of this unit, for the model's forces; see `Model.force`. None for
+            none.
+        camera: Whether frames are of a camera; images of taxels are not checked for exposure and
+            light.
 
     Attributes:
-        background: uint8 (H, W, 3), the frame without contact; None before it is taken.
-        done: Frames of which a prediction was made.
-        skipped: Frames of which none was made, because a newer one had come.
-        shown: The frame of the newest prediction.
+        background: Frame without contact, uint8 (H, W, 3); None before it is taken.
+        done: Number of frames with a prediction.
+        skipped: Number of frames without a prediction because a newer one had arrived.
+        shown: Frame of the newest prediction.
 
     Raises:
-        ConfigError: The model does not know the sensor, or the calibration is of another.
+        ConfigError: The model does not know the sensor, or the calibration is of a different one.
     """
 
     def __init__(
@@ -136,14 +138,15 @@ class TouchStream:
 
         Args:
             frame: uint8 (H, W, 3), RGB.
-            time: When it was taken, s, on any clock that goes forward.
+            time: Time of the frame, s, on any increasing clock.
 
         Returns:
-            None while the background is taken, and while too few frames have come for a clip, or
-            have a gap in them.
+            The prediction; None while the background is taken, before enough frames have arrived
+            for a clip, and with a gap in them.
 
         Raises:
-            DataError: No image, one of another size than before, or a time that does not go on.
+            DataError: The frame is not an image, its size has changed, or its time does not
+                increase.
             SensorError: Something touches while the background is taken, or the images are black or
                 saturated.
         """
@@ -170,25 +173,25 @@ class TouchStream:
         return self.predict()
 
     def add(self, frame: Frame) -> None:
-        """Adds a frame, from any one thread; `predict` may run in another."""
+        """Adds a frame, from one thread; `predict` may run in a different one."""
         seen = self._seen
         if seen is not None and len(seen) < _LOOKED_AT:
             seen.append(frame.array)
         self.buffer.push(frame)
 
     def begin_background(self) -> None:
-        """Begins to keep frames without contact."""
+        """Starts collecting frames for the background."""
         self._seen = []
 
     def take_background(
         self, options: Background | None = None, image: Image | None = None, name: str = "stream"
     ) -> None:
-        """Takes the background from the frames since `begin_background`, or as given.
+        """Takes the background from an image, or from the frames since `begin_background`.
 
         Args:
-            options: ``seconds`` 0 takes the newest frame, unchecked.
+            options: Options for taking it; None or ``seconds`` 0 take the newest frame, unchecked.
             image: uint8 (H, W, 3), RGB; None takes the frames.
-            name: Of the sensor, for errors.
+            name: Name of the sensor, for errors.
 
         Raises:
             SensorError: Something touches, or there is no image.
@@ -208,16 +211,16 @@ class TouchStream:
         self._light = LightCheck(image)
 
     def prepare(self, image: Image) -> Image:
-        """Prepares an image as in training, once, however many clips it is part of."""
+        """Resizes an image as in training, once for all clips with it."""
         return image if self.model is None else self.model.squash(image)
 
     @property
     def is_fresh(self) -> bool:
-        """Whether a frame has come since the last prediction."""
+        """Whether a frame has arrived since the last prediction."""
         return self.buffer.count > self._last
 
     def predict(self) -> Prediction | None:
-        """The prediction of the newest frame; None where there is no new one, or no clip yet."""
+        """Predicts for the newest frame; None without a new frame or a full clip."""
         shot = self.buffer.newest()
         if shot is None or shot.number == self._last:
             return None
@@ -274,7 +277,7 @@ class TouchStream:
             self._still,
             self.sensor,
             calibration=self.calibration,
-            check=False,  # done already, in the picture as it came
+            check=False,  # already checked on the frame before resizing
         )
         vector = reading.vector.cpu().numpy() if self.embedding else None
         if reading.force is None:

@@ -38,17 +38,18 @@ def check(
     Args:
         kind: ``sensor``, ``dataset``, ``encoder``, ``head``, ``objective``, ``optimizer`` or
             ``verb``, or its plural.
-        plugin: An installed name, or a class; of a sensor or data set also an instance; of a verb
-            a module.
-        head: Class of the head that feeds an objective; None takes the installed head that the
-            objective names.
+        plugin: An installed name, or a class; for sensors and data sets also an instance; for
+            verbs a module.
+        head: Class of the head that feeds an objective; None for the installed head named by the
+            objective.
         options: Constructor arguments.
 
     Returns:
-        One result a check, in a fixed order. Check by check, a failure does not stop the others.
+        One result per check, in a fixed order. A failed check does not stop the others.
 
     Raises:
-        PluginError: Unknown kind or name, or an instance of something that has to be built anew.
+        PluginError: The kind or name is unknown, or an instance was given for a kind whose checks
+            have to build the plugin themselves.
 
     Example:
         >>> {result.status for result in check("objective", "force")} <= {"ran", "skipped"}

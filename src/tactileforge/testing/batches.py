@@ -19,15 +19,15 @@ _SENSORS = ("gelsight", "digit")
 
 
 def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Batch:
-    """A synthetic batch: soft dents that grow under rising forces, fully labelled.
+    """Draws a synthetic batch: soft dents growing under rising forces, fully labelled.
 
     Rows come in twos: one object and one action, touched by two sensors, in a group of their own.
 
     Args:
-        size: Samples (B).
-        frames: Frames of a clip (T).
-        image: Height and width of frames, background and camera image.
-        seed: The same seed gives the same batch.
+        size: Number of samples B.
+        frames: Number of frames T of a clip.
+        image: Height and width of frames, background and camera image, pixels.
+        seed: Seed of the random generator; the same seed gives the same batch.
 
     Returns:
         Every key of the table in `tactileforge.contracts`.
@@ -70,23 +70,23 @@ def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Bat
 
 
 def _as_read(pixels: Tensor) -> Tensor:
-    """Pixels (..., 3, H, W) as readers lay them out in memory: colours beside each other."""
+    """Pixels (..., 3, H, W) with channels last in memory, as data readers give them."""
     return pixels.movedim(-3, -1).contiguous().movedim(-1, -3)
 
 
-#: Numbers of a step of an extra column.
+#: Width of one step of an extra column.
 _STEP = 2
 
 
 def with_columns(made: Batch, plugins: Iterable[type[Any]]) -> Batch:
-    """The batch with the columns that heads and objectives declare with their default options.
+    """Adds the columns declared by heads and objectives with their default options.
 
-    Floats go along with the normal force at the end of the clip, whole numbers are 0 and 1.
+    Floats are proportional to the normal force at the end of the clip; whole numbers are 0 and 1.
 
     Args:
-        made: See `batch`.
-        plugins: Classes. The static method ``example(batch)`` of one gives ``facts``, and further
-            keys that its data set gives by itself.
+        made: Batch made by `batch`.
+        plugins: Classes of heads and objectives. A static method ``example(batch)`` of a class
+            returns ``facts``, and the further keys provided by its data set.
     """
     size, frames = made["frames"].shape[:2]
     pressed = made["force"][:, -1, 2] / made["force_scale"][:, 2]
@@ -103,7 +103,7 @@ def with_columns(made: Batch, plugins: Iterable[type[Any]]) -> Batch:
 
 
 def context_of(plugins: Iterable[type[Any]]) -> dict[str, Any]:
-    """Sizes of the columns and facts that `with_columns` goes with."""
+    """Sizes of the columns and facts for a batch of `with_columns`."""
     sizes = {
         one.name: ColumnSize(shape=(_STEP,), mean=(0.5,) * _STEP, deviation=(0.25,) * _STEP)
         for one in _declared(plugins)
@@ -118,7 +118,7 @@ def _declared(plugins: Iterable[type[Any]]) -> tuple[Column, ...]:
 
 
 def _surface(dent: Tensor, rise: Tensor) -> Tensor:
-    """Coded displacements of dents (B, H, W) that go along with their forces (B, T, 3)."""
+    """Coded displacements of dents (B, H, W), proportional to their forces (B, T, 3)."""
     small = F.adaptive_avg_pool2d(dent[:, None], displacement.SHAPE)
     moved = 0.3 * rise[..., None, None] * small[:, None]
     coded = displacement.encode_displacement(moved.movedim(2, -1).numpy())
@@ -126,20 +126,20 @@ def _surface(dent: Tensor, rise: Tensor) -> Tensor:
 
 
 def rows_of(batch: Batch, rows: slice) -> Batch:
-    """Some samples of a batch."""
+    """Selects samples of a batch."""
     return {key: value[rows] for key, value in batch.items()}
 
 
 def half_labelled(need: str, plugins: Iterable[type[Any]] = ()) -> Batch:
-    """Six samples of which the last three lack a label; garbage stands where it would be.
+    """Six samples, three labelled and three with garbage in place of a label.
 
-    The labelled three leave nothing to chance for a loss that draws partners: two samples of one
-    object and action by two sensors, and one other, all in one group.
+    The three labelled samples leave no random choice to a loss that draws partners: two samples of
+    one object and action by two sensors, and a third one, all in one group.
 
     Args:
         need: An entry of `contracts.Objective.needs`: one label, or several joined by ``|``; or the
             name of a column.
-        plugins: See `with_columns`.
+        plugins: Classes of heads and objectives, see `with_columns`.
     """
     made = with_columns(batch(size=6), plugins)
     labels = need.split("|")
@@ -162,5 +162,5 @@ def half_labelled(need: str, plugins: Iterable[type[Any]] = ()) -> Batch:
 
 
 def without(batch: Batch, need: str) -> Batch:
-    """A batch that does not have the keys of a need."""
+    """Drops the keys of a need from a batch."""
     return {key: value for key, value in batch.items() if key not in need.split("|")}

@@ -1,4 +1,4 @@
-"""Clocks for tests of sensors: no verdict hangs on how busy the machine is.
+"""Clocks for tests of sensors, so that results do not depend on the load of the machine.
 
 Put one in place of the module ``time`` in a driver::
 
@@ -12,10 +12,10 @@ from collections.abc import Iterable, Iterator
 
 
 class FakeTime:
-    """The part of the module ``time`` that drivers use; it passes only where somebody sleeps.
+    """A stand-in for the module ``time`` in drivers. Its time passes only during `sleep`.
 
     Attributes:
-        now: Monotonic seconds.
+        now: Current monotonic time, s.
 
     Example:
         >>> clock = FakeTime(5.0)
@@ -28,22 +28,22 @@ class FakeTime:
         self.now = now
 
     def monotonic(self) -> float:
-        """Monotonic seconds."""
+        """Current monotonic time, s."""
         return self.now
 
     def sleep(self, seconds: float) -> None:
-        """Lets the time pass."""
+        """Advances the clock."""
         self.now += max(0.0, seconds)
 
 
 class TimedLink:
-    """A link whose packets arrive when they are due, on a clock of its own.
+    """A link with packets arriving at a fixed rate of a fake clock.
 
     Args:
-        clock: The clock, which waiting moves on.
-        packets: One after the other; may be endless.
-        fps: Packets a second.
-        delay: Seconds until the first.
+        clock: Clock to advance while waiting.
+        packets: Packets in order; may be endless.
+        fps: Packets per second.
+        delay: Time until the first packet, s.
     """
 
     address = "timed"
@@ -56,7 +56,7 @@ class TimedLink:
         self._due = clock.now + delay
 
     def receive(self, timeout: float) -> bytes:
-        """The next packet; b"" where it is not due within ``timeout`` seconds, or was the last."""
+        """The next packet; b"" if it is not due within ``timeout`` seconds, or after the last."""
         wait = self._due - self.clock.now
         self.clock.sleep(min(wait, timeout))
         if wait > timeout:
@@ -69,7 +69,7 @@ class TimedLink:
         return packet
 
     def send(self, data: bytes) -> None:
-        """Takes what is sent, and does nothing."""
+        """Ignores the data."""
 
     def close(self) -> None:
         """Does nothing."""

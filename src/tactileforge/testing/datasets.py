@@ -29,19 +29,19 @@ def _first(dataset: Any, split: str, most: int = 8) -> list[Recording]:
 
 
 def keys_are_what_it_provides(subject: CheckSubject) -> None:
-    """Nothing promised that no recording has, nothing carried that is not promised."""
+    """Labels of the recordings and ``provides`` are the same."""
     dataset = subject.build()
     provides = dataset.provides
     require(isinstance(provides, frozenset), f"provides is {provides!r}, not a frozenset")
     require(isinstance(dataset.skipped, list), f"skipped is {dataset.skipped!r}, not a list")
-    if hasattr(dataset, "cut"):  # its samples may have further keys
+    if hasattr(dataset, "cut"):  # a data set that cuts its own samples may have further keys
         provides &= set(LABELS)
     require(provides <= set(LABELS), f"provides {sorted(provides)}; labels are {LABELS}")
     keys: set[str] = set()
     for split in _SPLITS:
         for recording in _first(dataset, split):
             keys |= _labels(recording)
-    if not provides <= keys:  # a label may be a rare one
+    if not provides <= keys:  # a label may be rare
         keys = keys.union(*map(_labels, _first(dataset, "train", _MOST)))
     require(keys <= provides, f"recordings carry {sorted(keys - provides)}, not in provides")
     require(provides <= keys, f"no recording seen has {sorted(provides - keys)}, in provides")
@@ -101,7 +101,7 @@ def same_index_same_sample(subject: CheckSubject) -> None:
 
 
 def recordings_go_to_other_processes(subject: CheckSubject) -> None:
-    """Pickled and read there, as the workers of a run of several processes do."""
+    """Recordings can be pickled and read in other processes, as by the workers of a run."""
     for recording in _first(subject.build(), "train"):
         try:
             there = pickle.loads(pickle.dumps(recording))
@@ -141,7 +141,7 @@ def _source(recording: Recording) -> str:
 
 
 def missing_data_names_the_folder_and_the_fix(subject: CheckSubject) -> None:
-    """A `DataNotFoundError`, of a data set that reads from a folder ``root``."""
+    """An empty folder ``root`` raises a `DataNotFoundError` with the folder and a fix."""
     if "root" not in registry.parameters(subject.plugin):
         raise Skip("it has no option 'root'")
     if subject.instance is not None:
@@ -160,7 +160,7 @@ def missing_data_names_the_folder_and_the_fix(subject: CheckSubject) -> None:
 
 
 def plot_gives_a_figure(subject: CheckSubject) -> None:
-    """With something drawn on it."""
+    """`plot` returns a matplotlib figure with something drawn on it."""
     from matplotlib import pyplot
     from matplotlib.figure import Figure
 

@@ -1,6 +1,6 @@
 """Emulated devices: they speak a protocol over a pseudo-terminal or a loopback socket.
 
-Authors of plugins test their drivers with them, with the faults that real lines have::
+Authors of plugins test their drivers with them, including faults of real lines::
 
     with PtyDevice() as device, MySensor(port=device.port) as sensor:
         device.play(packets, fps=100, faults=Faults(split=3, garbage=0.1))
@@ -24,14 +24,14 @@ from typing import Any, Self
 
 @dataclass(frozen=True, kw_only=True)
 class Faults:
-    """Faults of a line; the same seed, the same faults.
+    """Faults of a line; the same seed gives the same faults.
 
     Attributes:
-        split: Bytes that are written at once; 0 writes whole packets.
-        merge: Packets that are written together.
-        lose: Share of the bytes that never arrive.
-        garbage: Share of the packets before which random bytes arrive.
-        seed: Of all this.
+        split: Bytes written at once; 0 writes whole packets.
+        merge: Number of packets written together.
+        lose: Share of lost bytes, 0 to 1.
+        garbage: Share of packets preceded by random bytes, 0 to 1.
+        seed: Seed of the random faults.
     """
 
     split: int = 0
@@ -42,7 +42,7 @@ class Faults:
 
 
 def chunks(packets: Iterable[bytes], faults: Faults) -> Iterator[list[bytes]]:
-    """Writes for every ``faults.merge`` packets, as a list."""
+    """Yields a list of writes for every ``faults.merge`` packets."""
     rng = random.Random(faults.seed)
     pending = bytearray()
     for count, packet in enumerate(packets, 1):
@@ -62,11 +62,11 @@ def _split(data: bytes, size: int) -> list[bytes]:
 
 
 class _Device:
-    """Plays packets in a thread, and keeps what the driver sends.
+    """Plays packets in a thread and stores the bytes sent by the driver.
 
     Attributes:
-        received: All bytes that the driver has sent.
-        sent: Packets played so far.
+        received: All bytes sent by the driver.
+        sent: Number of packets played so far.
     """
 
     def __init__(self) -> None:
@@ -85,9 +85,9 @@ class _Device:
         """Sends packets from a thread of its own.
 
         Args:
-            packets: One after the other; may be endless.
-            fps: Packets a second; 0 sends them as fast as they are taken.
-            faults: What goes wrong; None for nothing.
+            packets: Packets in order; may be endless.
+            fps: Packets per second; 0 sends them as fast as the driver reads them.
+            faults: Faults of the line; None for none.
         """
         line_faults = faults or Faults()
         step = line_faults.merge / fps if fps else 0.0
@@ -113,11 +113,11 @@ class _Device:
 
     @property
     def is_playing(self) -> bool:
-        """Whether anything that was given to `play` is still to be sent."""
+        """Whether packets given to `play` are still to be sent."""
         return any(thread.is_alive() for thread in self._threads)
 
     def wait(self, timeout: float = 10.0) -> None:
-        """Waits until all that was given to `play` is sent."""
+        """Waits until all packets given to `play` are sent."""
         for thread in self._threads:
             thread.join(timeout)
 
@@ -161,12 +161,12 @@ class PtyDevice(_Device):
         self._ours, theirs = os.openpty()
         tty.setraw(theirs)
         os.set_blocking(self._ours, False)
-        self._theirs = theirs  # kept open, or the port hangs up when nobody has it open
+        self._theirs = theirs  # kept open: a pseudo-terminal hangs up when its last user closes it
         Path(self.port).unlink(missing_ok=True)
         os.symlink(os.ttyname(theirs), self.port)
 
     def disconnect(self) -> None:
-        """Unplugs the device: the port is gone, and a driver that has it open gets an error."""
+        """Unplugs the device: the port disappears, and a driver using it gets an error."""
         self.halt()
         if self._ours >= 0:
             Path(self.port).unlink(missing_ok=True)
@@ -175,7 +175,7 @@ class PtyDevice(_Device):
             self._ours = -1
 
     def write(self, data: bytes) -> None:
-        """Sends bytes; waits while the driver does not read. Takes what the driver has sent."""
+        """Sends bytes, waiting while the driver does not read, and stores the driver's bytes."""
         left = memoryview(data)
         while left and not self._stop.is_set():
             readable, writable, _ = select.select([self._ours], [self._ours], [], 0.05)
@@ -185,7 +185,7 @@ class PtyDevice(_Device):
                 left = left[os.write(self._ours, left) :]
 
     def poll(self) -> bytes:
-        """All bytes that the driver has sent."""
+        """All bytes sent by the driver."""
         while select.select([self._ours], [], [], 0.0)[0]:
             self.received += os.read(self._ours, 65536)
         return bytes(self.received)
@@ -197,11 +197,11 @@ class PtyDevice(_Device):
 
 
 class UdpDevice(_Device):
-    """A device that answers over UDP: it sends to whoever has sent to it last.
+    """A UDP device. It sends to the address of the last datagram it received.
 
     Attributes:
-        host: Where it is.
-        port: Its port.
+        host: Address of the device.
+        port: Port of the device.
     """
 
     def __init__(self) -> None:
@@ -219,7 +219,7 @@ class UdpDevice(_Device):
         return data
 
     def write(self, data: bytes) -> None:
-        """Sends one datagram, once a driver has asked."""
+        """Sends one datagram; waits for a datagram of a driver first."""
         if self._peer is None:
             self.wait_for_driver()
         self._socket.sendto(data, self._peer)
@@ -231,11 +231,11 @@ class UdpDevice(_Device):
 
 
 class TcpDevice(_Device):
-    """A device that one driver at a time connects to.
+    """A TCP device for one driver at a time.
 
     Attributes:
-        host: Where it is.
-        port: Its port.
+        host: Address of the device.
+        port: Port of the device.
     """
 
     def __init__(self) -> None:
@@ -252,7 +252,7 @@ class TcpDevice(_Device):
         self._peer.sendall(data)
 
     def read(self, size: int, timeout: float = 5.0) -> bytes:
-        """Bytes that the driver sends next, at most so many."""
+        """Reads the next bytes of the driver, at most ``size``."""
         if self._peer is None:
             self.write(b"")
         assert self._peer is not None

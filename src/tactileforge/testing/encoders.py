@@ -1,6 +1,6 @@
 """The checks of encoders: touch encoders, and the towers of text and camera images.
 
-Which one it is, its attribute ``modality`` says: ``touch`` (the default), ``text`` or ``image``.
+The attribute ``modality`` of an encoder is ``touch`` (the default), ``text`` or ``image``.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def _modality(encoder: Any) -> str:
 
 
 def _inputs(encoder: Any, size: int) -> tuple[Any, ...]:
-    """Arguments of a call: ``size`` samples, of another image size than the encoder's own."""
+    """Arguments of a call: ``size`` samples, whose image size differs from the encoder's own."""
     if _modality(encoder) == "touch":
         made = batch(size, frames=encoder.frames, image=48)
         rows = [encoder.sensors.get(name, 0) for name in known_sensors(encoder, size)]
@@ -50,7 +50,7 @@ def _call(encoder: Any, size: int) -> list[Tensor]:
 
 
 def declared_sizes_are_true(subject: CheckSubject) -> None:
-    """Shapes that an encoder declares are those that come out."""
+    """Outputs have the shapes declared by the encoder."""
     encoder = _build(subject)
     out = _call(encoder, 4)
     require(finite(out), "not every output is finite")
@@ -92,7 +92,7 @@ def views_are_what_they_declare(subject: CheckSubject) -> None:
 
 
 def eval_is_deterministic(subject: CheckSubject) -> None:
-    """Twice the same input, twice the same output."""
+    """The same input gives the same output twice."""
     encoder = _build(subject)
     require_equal(_call(encoder, 4), _call(encoder, 4), "two calls in eval mode differ")
 

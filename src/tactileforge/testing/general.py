@@ -27,7 +27,7 @@ from tactileforge.testing.results import Check, CheckSubject, Skip, require
 
 
 def name_is_snake_case(subject: CheckSubject) -> None:
-    """The word users type: lower case, digits, single underscores; an action is VERB.ACTION."""
+    """The name has lower case, digits and single underscores; an action is VERB.ACTION."""
     if not subject.name:
         raise Skip("the class is not installed as a plugin, so it has no name")
     word = r"[a-z][a-z0-9]*(_[a-z0-9]+)*"
@@ -36,8 +36,8 @@ def name_is_snake_case(subject: CheckSubject) -> None:
 
 
 def parameters_are_explicit(subject: CheckSubject) -> None:
-    """Every parameter has a name of its own: they become the configuration."""
-    if subject.plugin.__init__ in (nn.Module.__init__, Sensor.__init__):  # none of its own
+    """Every parameter has a name of its own, since parameters become keys of the configuration."""
+    if subject.plugin.__init__ in (nn.Module.__init__, Sensor.__init__):  # an inherited one
         return
     for parameter in signature(subject.plugin).parameters.values():
         explicit = parameter.kind in (Parameter.POSITIONAL_OR_KEYWORD, Parameter.KEYWORD_ONLY)
@@ -60,7 +60,7 @@ def _plain(value: Any) -> bool:
 
 
 def constructing_does_no_io(subject: CheckSubject) -> None:
-    """Files, devices, processes and threads wait until they are asked for."""
+    """The constructor opens no file or device and starts no process or thread."""
     is_part = subject.kind in ("heads", "objectives")
     context = small_context() | context_of([subject.plugin]) if is_part else {}
     if subject.instance is not None:
@@ -99,7 +99,7 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
     frame: FrameType | None = sys._getframe()
     while frame := frame.f_back if frame else None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
-            return  # a lazy import reads files, and may
+            return  # a lazy import may read files
     events.append(f"{event} {arguments[0]!r}" if arguments else event)
 
 
@@ -119,7 +119,7 @@ def _watched() -> Iterator[list[str]]:
 
 
 def module_imports_no_vendor_sdk(subject: CheckSubject) -> None:
-    """Options can be listed and read where the vendor's software is not installed.
+    """Options can be listed and read without the vendor's software.
 
     At top level a sensor's package may import what ``pip install tactileforge`` brings, and other
     packages of plugins, which are checked likewise; other kinds also what their own distribution
@@ -147,7 +147,7 @@ def module_imports_no_vendor_sdk(subject: CheckSubject) -> None:
 
 
 def _imports(module: str, seen: set[str]) -> set[str]:
-    """Packages that a module, and what it imports of its own package, imports at top level."""
+    """Packages imported at top level by a module and by the modules it imports of its package."""
     try:
         spec = None if module in seen else find_spec(module)
     except (ImportError, ValueError):
@@ -184,7 +184,7 @@ def _canonical(name: str) -> str:
 
 @cache
 def _closure(distribution: str) -> frozenset[str]:
-    """A distribution and all that it requires, extras left out."""
+    """A distribution and all its requirements, extras left out."""
     seen: set[str] = set()
     todo = [distribution]
     while todo:

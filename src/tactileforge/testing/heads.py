@@ -30,7 +30,7 @@ def _predict(head: Any, views: FrozenViews, made: Batch) -> list[Tensor]:
 
 
 def _parts(subject: CheckSubject, seed: int = 0) -> tuple[Any, FrozenViews, Batch]:
-    """A head in eval mode, and four samples for it."""
+    """A head in eval mode, and views and batch of four samples for it."""
     context = small_context()
     made = with_columns(batch(4), [subject.plugin])
     views = views_of(context["encoder"], made)
@@ -49,7 +49,7 @@ def sizes_follow_the_encoder(subject: CheckSubject) -> None:
 
 
 def eval_is_deterministic(subject: CheckSubject) -> None:
-    """Twice the same input, twice the same prediction."""
+    """The same input gives the same prediction twice."""
     head, views, made = _parts(subject)
     first = _predict(head, views, made)
     with torch.no_grad():  # in another state of the random generator
@@ -64,7 +64,7 @@ def batch_of_one_equals_a_row(subject: CheckSubject) -> None:
 
 
 class _OfTensors(nn.Module):
-    """A head as a function of tensors, which is what ``torch.export`` takes."""
+    """A head as a function of tensors, since ``torch.export`` takes no dataclasses or strings."""
 
     def __init__(self, head: nn.Module, views: FrozenViews, made: Batch) -> None:
         super().__init__()

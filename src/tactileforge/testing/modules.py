@@ -15,7 +15,7 @@ from tactileforge.testing.results import require
 
 
 def small_context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, Any]:
-    """A small touch encoder and the small towers, as the framework would give them."""
+    """A small touch encoder and small towers, under the names of the framework's context."""
     torch.manual_seed(seed)
     touch = {"name": "tactile_vit", "size": "tiny", "frames": frames, "image_size": image}
     return {
@@ -28,7 +28,7 @@ def small_context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, 
 
 @dataclass(frozen=True)
 class FrozenViews:
-    """Views that are computed, cut from their encoder, and can be taken apart by samples."""
+    """Computed views, detached from their encoder, with access to single samples."""
 
     patches: Tensor
     full: Features
@@ -41,11 +41,11 @@ class FrozenViews:
             return cls(views.patches, views.full, views.masked)
 
     def rows(self, rows: slice) -> FrozenViews:
-        """Some samples of the batch."""
+        """Selects samples of the batch."""
         return self.with_tensors({key: value[rows] for key, value in self.tensors().items()})
 
     def tensors(self) -> dict[str, Tensor]:
-        """All tensors, each with one row a sample."""
+        """All tensors, each with one row per sample."""
         return {
             "patches": self.patches,
             "tokens": self.full.tokens,
@@ -76,7 +76,7 @@ def views_of(encoder: Any, batch: Batch) -> FrozenViews:
 
 
 def leaves(value: Any) -> list[Tensor]:
-    """The tensors in a prediction: of dataclasses, dicts, lists and tuples, in order."""
+    """Tensors in a prediction of nested dataclasses, dicts, lists and tuples, in order."""
     if isinstance(value, Tensor):
         return [value]
     if is_dataclass(value):
@@ -110,7 +110,7 @@ def require_close(first: list[Tensor], second: list[Tensor], message: str) -> No
 
 
 def require_row(batched: list[Tensor], single: list[Tensor]) -> None:
-    """Fails unless a batch of one gives what the first row of a larger batch gives.
+    """Fails unless a batch of one gives the first row of a larger batch.
 
     Axes along which a prediction grows with the batch (pairs have two) are cut to their first
     entry.
@@ -133,12 +133,12 @@ def reloaded(source: nn.Module, target: nn.Module) -> None:
 
 
 def require_export(module: nn.Module, arguments: tuple[Any, ...]) -> None:
-    """Fails unless ``torch.export`` takes a module and its program gives the same numbers."""
+    """Fails unless ``torch.export`` accepts a module and its program gives the same numbers."""
     import warnings
 
     module.eval()
     with torch.no_grad(), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of torch.export itself
+        warnings.simplefilter("ignore")  # torch.export warns about its own internals
         program = torch.export.export(module, arguments)
         torch.manual_seed(0)
         exported = leaves(program.module()(*arguments))

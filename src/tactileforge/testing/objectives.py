@@ -94,7 +94,7 @@ def head_and_needs_are_declared(subject: CheckSubject) -> None:
 
 
 def loss_is_a_finite_scalar(subject: CheckSubject) -> None:
-    """So are the logs."""
+    """Loss and logged values are finite scalars."""
     term = _parts(subject).term(_batch(subject))
     means = {"loss": term.loss, **term.extra}
     for name, value in {name: mean.value for name, mean in means.items()}.items():
@@ -103,7 +103,10 @@ def loss_is_a_finite_scalar(subject: CheckSubject) -> None:
 
 
 def every_own_parameter_gets_gradient(subject: CheckSubject) -> None:
-    """Of head and objective; three steps, as a layer may start at zero and hide those before it."""
+    """Every parameter of head and objective gets a gradient within three steps.
+
+    A layer initialised with zeros hides the layers before it in the first step.
+    """
     parts = _parts(subject)
     shared = {id(parameter) for parameter in parts.encoder.parameters()}
     parameters = {
@@ -124,7 +127,7 @@ def every_own_parameter_gets_gradient(subject: CheckSubject) -> None:
 
 
 def twenty_steps_lower_the_loss(subject: CheckSubject) -> None:
-    """On one batch, with encoder and head, at the first of three learning rates that does."""
+    """Training on one batch lowers the loss at one of three learning rates."""
     ends = []
     for rate in (1e-4, 1e-5, 1e-6):
         first, last = _twenty_steps(subject, rate)
@@ -149,13 +152,13 @@ def _twenty_steps(subject: CheckSubject, rate: float) -> tuple[float, float]:
 
 
 def same_seed_same_loss(subject: CheckSubject) -> None:
-    """Built twice, computed twice."""
+    """Two builds with the same seed give the same loss."""
     first, second = (float(_parts(subject)(_batch(subject)).detach()) for _ in range(2))
     require(first == second, f"{first!r}, then {second!r}")
 
 
 def bf16_autocast_works(subject: CheckSubject) -> None:
-    """The loss is within 10 % of that in fp32, gradients are finite."""
+    """The loss is within 10 % of the loss in fp32, and gradients are finite."""
     parts = _parts(subject)
     full = float(parts(_batch(subject)).detach())
     with torch.autocast("cpu", torch.bfloat16):
@@ -168,7 +171,7 @@ def bf16_autocast_works(subject: CheckSubject) -> None:
 
 
 def unlabelled_samples_change_nothing(subject: CheckSubject) -> None:
-    """The loss of a half labelled batch is that of its labelled half; none labelled is fine too."""
+    """A half labelled batch has the loss of its labelled half. Without labels it is finite."""
     needs = _needs(subject)
     parts = _parts(subject)
     for need in needs:
@@ -190,7 +193,7 @@ def unlabelled_samples_change_nothing(subject: CheckSubject) -> None:
 
 
 def labels_are_counted(subject: CheckSubject) -> None:
-    """A loss over labels is a `means.Mean`, whose count is 0 where there is none."""
+    """A loss over labels is a `means.Mean` with a count of 0 for a batch without labels."""
     needs = _needs(subject)
     parts = _parts(subject)
     for need in needs:
@@ -206,7 +209,7 @@ def labels_are_counted(subject: CheckSubject) -> None:
 
 
 def missing_key_is_named(subject: CheckSubject) -> None:
-    """A batch without what the objective needs is an error that says what is missing."""
+    """A batch without a needed key raises an error with the name of the key."""
     needs = _needs(subject)
     parts = _parts(subject)
     for need in needs:

@@ -31,7 +31,7 @@ def _step(network: nn.Module, optimizer: torch.optim.Optimizer, number: int) -> 
 
 
 def each_parameter_is_in_one_group(subject: CheckSubject) -> None:
-    """`build` gives a ``torch.optim.Optimizer`` that has each parameter once."""
+    """`build` returns a ``torch.optim.Optimizer`` with each parameter once."""
     network = _network()
     optimizer = _built(subject, network)
     kind = type(optimizer).__name__
@@ -56,7 +56,7 @@ def fifty_steps_lower_the_loss(subject: CheckSubject) -> None:
 
 
 def learning_rate_0_changes_nothing(subject: CheckSubject) -> None:
-    """The schedule sets ``lr`` of each group, and every change of a weight is scaled by it."""
+    """Every change of a weight scales with ``lr`` of its group, as set by the schedule."""
     network = _network()
     before = {name: p.detach().clone() for name, p in network.named_parameters()}
     optimizer = _built(subject, network)
@@ -68,7 +68,7 @@ def learning_rate_0_changes_nothing(subject: CheckSubject) -> None:
 
 
 def goes_on_bit_identically(subject: CheckSubject) -> None:
-    """Its state is kept in a checkpoint, as tensors and plain data, and goes on from there."""
+    """Its state is tensors and plain data, and training resumes from a checkpoint bit by bit."""
     network = _network()
     optimizer = _built(subject, network)
     for number in range(3):
@@ -90,7 +90,7 @@ def goes_on_bit_identically(subject: CheckSubject) -> None:
 
 
 def parameters_without_gradient_stay(subject: CheckSubject) -> None:
-    """A head whose objective has not begun gets no gradient: its weights stay as they are."""
+    """Parameters without gradient do not change, such as a head before its objective begins."""
     network = _network()
     optimizer = _built(subject, network)
     before = {name: p.detach().clone() for name, p in network.named_parameters()}

@@ -16,10 +16,10 @@ class CheckResult:
     """Result of one check.
 
     Attributes:
-        name: The check, in words.
-        status: ``ran`` (and holds), ``failed``, ``expected`` (fails, and the plugin says so) or
-            ``skipped`` (cannot be made here).
-        detail: Why, where the status is not ``ran``.
+        name: Name of the check, in words.
+        status: ``ran`` (the check holds), ``failed``, ``expected`` (fails as announced in
+            ``expected_failures``) or ``skipped`` (cannot run here).
+        detail: Reason for a status other than ``ran``; "" otherwise.
     """
 
     name: str
@@ -28,7 +28,7 @@ class CheckResult:
 
 
 class Skip(Exception):
-    """A check cannot be made here; says why."""
+    """A check cannot run here; says why."""
 
 
 class Violation(Exception):
@@ -46,12 +46,12 @@ class CheckSubject:
     """A plugin under test.
 
     Attributes:
-        kind: One of `registry.KINDS`.
-        plugin: Its class.
-        name: The name it is installed by; "" if it is not.
+        kind: Kind of plugin, of `registry.KINDS` or `registry.MODULES`.
+        plugin: Class of the plugin; for verbs the module.
+        name: Name of the installed plugin; "" if it is not installed.
         options: Constructor arguments.
-        instance: One that exists already, copied instead of building a new one.
-        head: The class that feeds an objective; None takes the one the objective names.
+        instance: Existing instance, to copy instead of building a new one; None builds.
+        head: Class of the head that feeds an objective; None for the head named by the objective.
     """
 
     kind: str
@@ -62,10 +62,10 @@ class CheckSubject:
     head: type[Any] | None = None
 
     def build(self, **context: Any) -> Any:
-        """A new plugin; it takes of the context what its constructor names.
+        """Builds a plugin from its options and the context named by its constructor.
 
         Raises:
-            Skip: An option without a default is not given.
+            Skip: An option without a default is missing.
         """
         if self.instance is not None:
             return deepcopy(self.instance)
@@ -81,7 +81,7 @@ class CheckSubject:
 
 
 def construct(plugin: type[Any], options: Mapping[str, Any], context: Mapping[str, Any]) -> Any:
-    """Builds a class with its options, and with what its constructor names of the context."""
+    """Builds a class with its options and the entries of the context named by its constructor."""
     wanted = registry.context(plugin)
     return plugin(**options, **{key: context[key] for key in wanted if key in context})
 
@@ -90,7 +90,7 @@ Check: TypeAlias = Callable[[CheckSubject], None]
 
 
 def run_check(check: Check, subject: CheckSubject) -> CheckResult:
-    """Makes one check. Whatever it raises becomes its result."""
+    """Runs one check and turns any exception into its result."""
     name = check.__name__.replace("_", " ")
     reason = getattr(subject.plugin, "expected_failures", {}).get(name)
     try:

@@ -1,4 +1,4 @@
-"""The checks of sensors. Those that need an open device are skipped where it cannot be opened."""
+"""The checks of sensors. Checks of an open device are skipped if it cannot be opened."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def _require_closed(sensor: Sensor, when: str) -> None:
 
 
 def spec_is_a_sensor_spec(subject: CheckSubject) -> None:
-    """A live sensor says what its frames are before it is opened."""
+    """A sensor has a `SensorSpec` of its frames before it is opened."""
     sensor = subject.build()
     require(isinstance(sensor, Sensor), "it lacks a method or the attribute 'spec' of a Sensor")
     require(isinstance(sensor.spec, SensorSpec), f"spec is {sensor.spec!r}, not a SensorSpec")
 
 
 def discover_with_nothing_attached_gives_nothing(subject: CheckSubject) -> None:
-    """An empty list, not an error."""
+    """`discover` returns a list of addresses, empty without a device, and raises no error."""
     addresses = subject.build().discover()
     good = isinstance(addresses, list) and all(isinstance(address, str) for address in addresses)
     require(good, f"discover() gives {addresses!r}, not a list of addresses")
@@ -57,19 +57,19 @@ def discover_with_nothing_attached_gives_nothing(subject: CheckSubject) -> None:
 
 
 def read_before_open_raises(subject: CheckSubject) -> None:
-    """A `TactileForgeError`."""
+    """Reading before `open` raises a `TactileForgeError`."""
     _require_closed(subject.build(), "before open")
 
 
 def close_twice_does_nothing(subject: CheckSubject) -> None:
-    """Also where it was never open."""
+    """Closing a sensor twice raises no error, even if it was never open."""
     sensor = subject.build()
     sensor.close()
     sensor.close()
 
 
 def frames_are_as_specified(subject: CheckSubject) -> None:
-    """uint8 RGB of the spec's height and width, and the values that the spec's kind has."""
+    """Frames are uint8 RGB of the spec's size, with the raw values of the spec's kind."""
     with _opened(subject) as sensor:
         frame = sensor.read(_TIMEOUT)
         require(isinstance(frame, Frame), f"read gives a {type(frame).__name__}, not a Frame")
@@ -101,7 +101,7 @@ def _require_raw(frame: Frame, spec: SensorSpec) -> None:
 
 
 def time_strictly_increases(subject: CheckSubject) -> None:
-    """Over five frames, or as many as a finite source has."""
+    """Times of five frames strictly increase; a finite source may have fewer frames."""
     with _opened(subject) as sensor:
         times: list[float] = []
         try:
@@ -122,7 +122,7 @@ def closes_for_good(subject: CheckSubject) -> None:
 
 
 def closes_on_exception(subject: CheckSubject) -> None:
-    """As a context manager, which opens it; the exception goes on."""
+    """An exception in the ``with`` block of a sensor closes it and is passed on."""
     with _opened(subject) as sensor:
         sensor.close()
 

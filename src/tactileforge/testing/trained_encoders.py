@@ -1,4 +1,4 @@
-"""Checks of touch encoders that do what a run does: train, resume, pack, load, export."""
+"""Checks of touch encoders through a whole run: train, resume, pack, load, export."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from tactileforge.testing.batches import batch
 from tactileforge.testing.modules import require_close, require_equal, small_context
 from tactileforge.testing.results import Check, CheckSubject, Skip, require
 
-#: Objectives that an encoder without ``serves`` is trained with.
+#: Objectives for an encoder without the attribute ``serves``.
 SERVED = ("pixel", "diff", "align", "match", "force")
-#: Types of sensors of a run, for an encoder that names none.
+#: Types of sensors of a run, for an encoder without a table of sensors.
 SENSORS = ("gelsight", "digit")
 _SAMPLES = 4
 
@@ -38,10 +38,10 @@ def known_sensors(encoder: Any, size: int) -> list[str]:
 
 
 def build_for_run(subject: CheckSubject, seed: int = 0) -> Any:
-    """A touch encoder with a row for each sensor of the data, as a run builds it.
+    """Builds a touch encoder with a row for each sensor of the data, like a run.
 
     Raises:
-        Skip: It encodes something else.
+        Skip: The encoder is not for touch.
     """
     torch.manual_seed(seed)
     encoder = subject.build()
@@ -59,7 +59,7 @@ def build_for_run(subject: CheckSubject, seed: int = 0) -> Any:
 
 
 def rows_of_run(encoder: Any) -> dict[str, int]:
-    """The encoder's table, with free rows for sensors of a run that it lacks."""
+    """Table of the encoder's sensors, with free rows added for other sensors of a run."""
     table = dict(encoder.sensors)
     for name in SENSORS:
         table.setdefault(name, next(row for row in range(99) if row not in table.values()))
@@ -67,7 +67,7 @@ def rows_of_run(encoder: Any) -> dict[str, int]:
 
 
 def made_for(encoder: Any) -> Batch:
-    """A labelled batch of frames of the encoder's size, laid out in memory as readers do it."""
+    """A labelled batch of frames of the encoder's size, channels last as data readers give them."""
     made = batch(_SAMPLES, frames=encoder.frames, image=encoder.image_size[0])
     if encoder.image_size[0] != encoder.image_size[1]:
         made |= batch(_SAMPLES, frames=encoder.frames, image=48)
@@ -126,7 +126,7 @@ def a_step_of_each_objective_it_serves(subject: CheckSubject) -> None:
             loss = _Run.of(encoder, name).step(made_for(encoder), 0)
         except Exception as error:
             if isinstance(error, ConfigError) and encoder.frames == 1 and name != "pixel":
-                continue  # it reads what changes from frame to frame
+                continue  # the objective needs changes between frames
             said = f"{type(error).__name__}: {error}"
             require(False, f"objective {name}: {said}; if it cannot serve it, say so in 'serves'")
         require(bool(torch.isfinite(loss)), f"objective {name}: the loss is {loss.item()}")
@@ -136,7 +136,7 @@ def a_step_of_each_objective_it_serves(subject: CheckSubject) -> None:
 
 
 def resumes_to_the_same_bits(subject: CheckSubject) -> None:
-    """Three steps, and one, a new process, and two more: the same weights."""
+    """Three steps in one go, and one step, a reload and two steps, give the same weights."""
     for name in _served(subject)[:1]:
         encoder = build_for_run(subject).train()
         made = made_for(encoder)
@@ -169,7 +169,7 @@ def packed_and_loaded_it_is_the_same(subject: CheckSubject) -> None:
 
 
 def exported_it_is_the_same(subject: CheckSubject) -> None:
-    """The file of `tactileforge.export.export` (ONNX where it is installed) computes the same."""
+    """The file of `tactileforge.export.export` computes the same; ONNX if it is installed."""
     format_ = "onnx" if all(map(find_spec, ("onnx", "onnxruntime"))) else "torch_export"
     with tempfile.TemporaryDirectory() as folder:
         _, model = _packed(subject, Path(folder))
@@ -178,7 +178,7 @@ def exported_it_is_the_same(subject: CheckSubject) -> None:
 
 
 def _packed(subject: CheckSubject, folder: Path) -> tuple[Any, Any]:
-    """An encoder in eval mode, and the model that is loaded from its file."""
+    """An encoder in eval mode, and the model loaded from its file."""
     if not subject.name:
         raise Skip("the class is not installed as a plugin, so no file can name it")
     encoder = build_for_run(subject).eval()

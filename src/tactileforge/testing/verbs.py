@@ -1,4 +1,4 @@
-"""Checks of verbs: modules that add a command to the command line."""
+"""Checks of verbs: modules with commands for the command line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def its_first_line_is_its_help(subject: CheckSubject) -> None:
 
 
 def it_has_commands(subject: CheckSubject) -> None:
-    """``COMMANDS`` are what it does, by action."""
+    """The module has ``COMMANDS``, a dict of commands by action."""
     commands = _commands(subject)
     require(bool(commands), "COMMANDS is empty: give a Command by action, or by '' for none")
     blank = [action for action in commands if not isinstance(action, str) or " " in action]
@@ -25,7 +25,7 @@ def it_has_commands(subject: CheckSubject) -> None:
 
 
 def its_commands_are_described(subject: CheckSubject) -> None:
-    """Every command has a docstring, and a dataclass of keys whose meaning is said."""
+    """Every command has a docstring, and a dataclass of documented keys."""
     for action, command in _commands(subject).items():
         where = f"COMMANDS[{action!r}]"
         require(callable(getattr(command, "run", None)), f"{where} is not a Command")

@@ -1,7 +1,7 @@
-"""Published touch encoders as ours: read the user's own download, recognise it, convert it.
+"""Import of published touch encoders: reads the user's download, recognises and converts it.
 
-Nothing is left random and nothing is left over: each tensor of a file is used or named as not
-needed, each tensor of the encoder is filled, or there is an error that lists what is wrong::
+Each tensor of a file is used or known to be unneeded, and each tensor of the encoder is filled;
+otherwise an error lists the exceptions::
 
     converted = convert(read("checkpoint-4frames.pth"))
     encoder = converted.build()
@@ -45,7 +45,8 @@ __all__ = [
     "recognise",
 ]
 
-#: Every layout that can be imported. The first that fits is taken: AnyTouch's files hold a CLIP.
+#: Layouts that can be imported. The first match is taken, so AnyTouch comes before CLIP: its files
+#: also hold a CLIP.
 LAYOUTS: tuple[WeightLayout, ...] = (
     *anytouch.LAYOUTS,
     *sparsh.LAYOUTS,
@@ -54,7 +55,7 @@ LAYOUTS: tuple[WeightLayout, ...] = (
     tvl.LAYOUT,
     *clip.LAYOUTS,
 )
-#: Tensors that tell a head for classes.
+#: Tensors of a head for classes.
 _CLASS_HEADS = {"head.weight", "head.probe.0.weight"}
 _CLASSES: dict[str, type[Backbone]] = {"tactile_vit": TactileViT, "plain_vit": PlainViT}
 
@@ -64,13 +65,13 @@ class Converted:
     """A published encoder under our names.
 
     Attributes:
-        name: Name of its layout, e.g. ``anytouch2``.
-        encoder_config: ``name`` of the encoder plugin, and its constructor's arguments.
-        state: What it loads, strictly.
-        unused: Why tensors of the file are not needed -> their names.
-        head: The published force head, if the file has one: what
-            ``tactileforge.heads.force.ForceDecoder(width, 1, 16)`` loads, strictly.
-        probe: The published head for classes, if it has one, see `class_head`.
+        name: Name of the layout, e.g. ``anytouch2``.
+        encoder_config: ``name`` of the encoder plugin, and arguments of its constructor.
+        state: State dict of the encoder, to load strictly.
+        unused: Names of unneeded tensors of the file, by reason.
+        head: State dict of the published force head, to load strictly into
+            ``tactileforge.heads.force.ForceDecoder(width, 1, 16)``; None without one.
+        probe: State dict of the published head for classes, see `class_head`; None without one.
     """
 
     name: str
@@ -82,7 +83,7 @@ class Converted:
 
     @property
     def report(self) -> str:
-        """Tensors that were taken and those that were not, in words."""
+        """Summary in words of the used and unused tensors."""
         count = sum(tensor.numel() for tensor in self.state.values()) / 1e6
         options = self.encoder_config
         what = f"{options['size']}, {options['depth']} blocks, {options['frames']} frames"
@@ -93,7 +94,7 @@ class Converted:
         return "\n".join(lines)
 
     def build(self) -> Backbone:
-        """The encoder with its weights, in evaluation mode."""
+        """Builds the encoder with its weights, in evaluation mode."""
         options = {key: value for key, value in self.encoder_config.items() if key != "name"}
         encoder = _CLASSES[self.encoder_config["name"]](**options)
         encoder.load_state_dict(self.state, strict=True)
@@ -104,10 +105,10 @@ def recognise(state: State) -> WeightLayout:
     """Recognises the published layout of a file by names and shapes of its tensors.
 
     Args:
-        state: See `read_tensors`.
+        state: Tensors of the file, see `read_tensors`.
 
     Raises:
-        ConfigError: None; lists the nearest layouts and what they lack.
+        ConfigError: No layout matches; lists the nearest ones and their missing tensors.
     """
     candidates = [(layout, *layout.locate(state)) for layout in LAYOUTS]
     for layout, _, lost in candidates:
@@ -127,16 +128,16 @@ def recognise(state: State) -> WeightLayout:
 
 
 def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted:
-    """A published file as one of our encoders.
+    """Converts a published file to one of our encoders.
 
     Args:
-        state: See `read_tensors`.
-        options: Constructor arguments of the encoder that replace those inferred, e.g.
+        state: Tensors of the file, see `read_tensors`.
+        options: Constructor arguments of the encoder, in place of inferred ones, e.g.
             ``{"activation": "quick_gelu"}`` for OpenAI's CLIP weights.
 
     Raises:
-        ConfigError: The layout is not known; or tensors are missing, left over, of the wrong shape
-            or not finite: the message lists them.
+        ConfigError: The layout is unknown, or tensors are missing, left over, of the wrong shape or
+            not finite; the message lists them.
     """
     layout = recognise(state)
     prefix, _ = layout.locate(state)
@@ -181,7 +182,7 @@ def _plan(layout: WeightLayout, state: State) -> ConversionPlan:
 
 
 def _refuse_other_numbers(layout: WeightLayout, state: State) -> None:
-    """Raises a ConfigError where weights are whole or complex numbers."""
+    """Raises a ConfigError for weights of whole or complex numbers."""
     strange = [f"{key} ({x.dtype})" for key, x in state.items() if not x.is_floating_point()]
     if strange:
         names = first_names(sorted(strange))
@@ -189,7 +190,7 @@ def _refuse_other_numbers(layout: WeightLayout, state: State) -> None:
 
 
 def _wrong(plan: ConversionPlan, made: dict[str, Tensor]) -> list[str]:
-    """Tensors that the encoder lacks or has in another shape, and numbers that are none."""
+    """Describes missing or unknown tensors, mismatched shapes, and non-finite numbers."""
     with torch.device("meta"):
         expected = _CLASSES[plan.encoder](**plan.options).state_dict()
     wrong = [f"{key} is not filled" for key in expected.keys() - made.keys()]

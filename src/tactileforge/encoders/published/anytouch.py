@@ -25,7 +25,7 @@ from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
 from tactileforge.errors import ConfigError
 
 _IMAGE = 224
-#: Rows that were trained. AnyTouch 2 reserves row 5 for DM-Tac, which its training did not use.
+#: Trained rows of the sensor table. Row 5 is reserved for DM-Tac, unused in AnyTouch 2's training.
 _SENSORS = {name: row for name, row in PUBLISHED_SENSORS.items() if row < 5}
 #: Seconds between frames at 30 Hz: every second frame, every sixth, every frame.
 _SPACING = {4: 2 / 30, 2: 6 / 30, 3: 1 / 30}
@@ -108,7 +108,7 @@ _HEAD = {
 
 
 def force_head(state: State) -> dict[str, Tensor]:
-    """The force head of an AnyTouch 2 checkpoint, as `heads.force.ForceDecoder` loads it.
+    """Force head of an AnyTouch 2 checkpoint, as a state dict of `heads.force.ForceDecoder`.
 
     It has one query and 16 attention heads.
 
@@ -116,7 +116,7 @@ def force_head(state: State) -> dict[str, Tensor]:
         state: Tensors of the file; those below ``head.`` are read.
 
     Raises:
-        ConfigError: Tensors of the head are missing, or left over; names them.
+        ConfigError: Tensors of the head are missing or left over; the message lists them.
     """
     keys: Keys = {"pooler.queries": _QUERIES, **norms(_HEAD)}
     return _head(keys, state, "the force head of AnyTouch 2")
@@ -135,16 +135,16 @@ def _head(keys: Keys, state: State, what: str) -> dict[str, Tensor]:
 
 
 def class_head(state: State) -> dict[str, Tensor]:
-    """The head of an AnyTouch 2 checkpoint that names classes, under the names of ours.
+    """Head for classes of an AnyTouch 2 checkpoint, under our names.
 
-    `heads.published.PublishedProbe` loads what has a pooler (Cloth), `heads.classify.ClassifyHead`
-    what is linear in the projected class token (Touch and Go).
+    `heads.published.PublishedProbe` loads a head with a pooler (Cloth), and
+    `heads.classify.ClassifyHead` a linear one on the projected class token (Touch and Go).
 
     Args:
         state: Tensors of the file; those below ``head.`` are read.
 
     Raises:
-        ConfigError: Tensors of the head are missing, or left over; names them.
+        ConfigError: Tensors of the head are missing or left over; the message lists them.
     """
     keys: Keys = norms({"linear": "head"})
     if _QUERIES in state:

@@ -17,7 +17,7 @@ from tactileforge.encoders.published.layout import (
     square,
 )
 
-#: Our module in a block -> that of transformers' CLIP.
+#: Our names of modules in a block -> names in the CLIP of ``transformers``.
 HF_BLOCK: dict[str, str | tuple[str, ...]] = {
     "norm1": "layer_norm1",
     "attention.qkv": ("self_attn.q_proj", "self_attn.k_proj", "self_attn.v_proj"),
@@ -45,7 +45,7 @@ PIXELS: dict[str, Any] = {
 
 
 def single_frame(width: int, depth: int, positions: int, patch: int, what: str) -> dict[str, Any]:
-    """Options of a `TactileViT` that sees one frame and knows no sensors."""
+    """Options of a `TactileViT` for one frame, without sensor tokens."""
     return {
         "size": size_of_width(width, what),
         "depth": depth,

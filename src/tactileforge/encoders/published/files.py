@@ -1,4 +1,4 @@
-"""Reads checkpoints as published: tensors only, and never a line of code that is in the file."""
+"""Reads published checkpoints: tensors only, without running any code in the file."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from torch import Tensor
 
 from tactileforge.errors import DataError, DataNotFoundError
 
-#: Where training programs keep the weights inside a checkpoint.
+#: Keys of the weights inside a checkpoint of a training program.
 _CONTAINERS = ("state_dict", "model", "model_state_dict")
-#: Modules whose objects training programs leave in checkpoints beside the weights: command lines,
-#: schedules, optimisers. A `_Leftover` stands in for each; a file with any other is refused.
+#: Modules of objects left in checkpoints by training programs, beside the weights: command lines,
+#: schedules, optimisers. A `_Leftover` replaces each; a file with objects of other modules is
+#: refused.
 _PROGRAMS = (
     "argparse.",
     "collections.",
@@ -33,7 +34,7 @@ _PROGRAMS = (
     "torch.optim.",
     "typing.",
 )
-#: Types of plain values, of which the same holds.
+#: Types of plain values, replaced by a `_Leftover` too.
 _PLAIN: tuple[str, ...] = (
     "bool",
     "bytes",
@@ -46,7 +47,7 @@ _PLAIN: tuple[str, ...] = (
     "object",
 )
 _PLAIN += ("set", "str", "tuple", "long", "unicode")
-#: What makes tensors, and nothing else: those that torch itself runs with ``weights_only``.
+#: Functions that make tensors and nothing else, also allowed by torch with ``weights_only``.
 _TENSORS: dict[str, Any] = {
     "collections.OrderedDict": OrderedDict,
     "torch.Size": torch.Size,
@@ -57,7 +58,7 @@ _TENSORS: dict[str, Any] = {
 
 
 class _Leftover(dict[Any, Any]):
-    """In place of an object of a training program: it takes what it is given and does nothing."""
+    """An inert stand-in for an object of a training program: accepts anything, does nothing."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__()
@@ -69,17 +70,17 @@ class _Leftover(dict[Any, Any]):
         return _Leftover()
 
     def append(self, item: Any) -> None:
-        """Takes an item, as a list or a set does."""
+        """Ignores an item; for stand-ins of lists and sets."""
 
     add = extend = append
     __hash__ = object.__hash__  # type: ignore[assignment]
 
 
 class _Unpickler(pickle.Unpickler):
-    """Makes tensors, plain values and leftovers; any other name in a file is an error."""
+    """Makes tensors, plain values and leftovers; any other name in a file raises an error."""
 
     def find_class(self, module: str, name: str) -> Any:
-        """Inert stand-in for a name of a file."""
+        """Resolves a name of a file to a maker of tensors or an inert stand-in."""
         full = f"{module}.{name}"
         if full in _TENSORS:
             return _TENSORS[full]
@@ -94,7 +95,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 class _Pickles:
-    """Interface that `torch.load` asks of a module that reads pickles."""
+    """A stand-in for the module ``pickle``, with the interface needed by `torch.load`."""
 
     __name__ = "tactileforge"
     Unpickler = _Unpickler
@@ -107,14 +108,14 @@ class _Pickles:
 
 
 def read_tensors(path: str | Path) -> dict[str, Tensor]:
-    """The tensors of a checkpoint: safetensors, or a file of ``torch.save``.
+    """Reads the tensors of a checkpoint: safetensors, or a file of ``torch.save``.
 
-    T3 publishes several files for one model: give the folder that holds ``trunk.pth`` and
-    ``encoders/``. Their tensors are then named ``trunk.*`` and ``encoders.NAME.*``.
+    T3 publishes several files for one model: give the folder with ``trunk.pth`` and ``encoders/``.
+    Their tensors are then named ``trunk.*`` and ``encoders.NAME.*``.
 
     Raises:
-        DataNotFoundError: No such file.
-        DataError: It is damaged, holds no tensors, or would run code. It is not run.
+        DataNotFoundError: There is no such file.
+        DataError: The file is damaged, holds no tensors, or would run code; no code is run.
     """
     path = Path(path)
     if path.is_dir():
@@ -161,7 +162,10 @@ def _load(path: Path) -> Any:
 
 
 def _is_safetensors(path: Path) -> bool:
-    """Whether a file is one by its content: a length below its own, then JSON."""
+    """Whether a file is safetensors, by its suffix or by its content.
+
+    The content begins with the length of a header, below the size of the file, followed by JSON.
+    """
     with path.open("rb") as file:
         start = file.read(9)
     length = int.from_bytes(start[:8], "little")
@@ -189,7 +193,7 @@ def _check_sums(path: Path) -> None:
 
 
 def _short(error: Exception) -> str:
-    """The line of torch's long messages that says what is wrong."""
+    """The reason from a long error message of torch, in one line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     reason = next((line for line in lines if "Unsupported" in line or "GLOBAL" in line), None)
     return f"{type(error).__name__}: {(reason or (lines or ['no reason given'])[0])[:200]}"

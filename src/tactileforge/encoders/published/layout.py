@@ -1,4 +1,4 @@
-"""Published layouts of weights, and their conversion to ours: all tensors, or an error."""
+"""Published layouts of weights, and their complete conversion to ours."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from tactileforge.encoders.transformer import SIZES
 from tactileforge.errors import ConfigError
 
 State: TypeAlias = Mapping[str, Tensor]
-#: Sizes of a tensor; None is any.
+#: Sizes of a tensor; None for any size.
 Shape: TypeAlias = tuple[int | None, ...]
-#: Our name -> theirs, or several of theirs, which are joined along their first axis.
+#: Published name of each tensor of ours; several are concatenated along their first axis.
 Keys: TypeAlias = dict[str, str | tuple[str, ...]]
 
 
 @dataclass(frozen=True)
 class ConversionPlan:
-    """Plan by which one file becomes an encoder.
+    """Plan of the conversion of one file to an encoder.
 
     Attributes:
         encoder: Name of the encoder plugin.
-        options: Its constructor's arguments.
-        keys: Which of their tensors makes which of ours.
-        change: What is done to a tensor of ours after it is gathered, by our name.
+        options: Arguments of its constructor.
+        keys: Published names of tensors, by our name.
+        change: Functions applied to gathered tensors, by our name.
     """
 
     encoder: str
@@ -43,14 +43,15 @@ class WeightLayout:
     """A published layout of a checkpoint.
 
     Attributes:
-        name: Ours, e.g. ``anytouch2``.
-        title: As people know it.
-        marks: Tensors that tell it, with their shapes; the first one finds the prefix.
-        plan: Makes the plan of a file, given its tensors without the prefix.
-        prefixes: What the encoder's tensors may be called before their name, the likeliest first.
-        beside: A tensor of the training program that tells it from a layout with the same marks.
-        unused: Pattern of a name below the prefix -> why it is not needed.
-        outside: Why what is not below the prefix is not needed.
+        name: Our name of the layout, e.g. ``anytouch2``.
+        title: Name for readers, e.g. ``AnyTouch 2``.
+        marks: Tensors that identify the layout, with their shapes; the first one finds the prefix.
+        plan: Function from the tensors of a file, without the prefix, to a plan.
+        prefixes: Possible prefixes of the encoder's tensors, the likeliest first.
+        beside: Tensor of the training program that distinguishes it from a layout with the same
+            marks; "" for none.
+        unused: Reasons why tensors below the prefix are not needed, by pattern of their names.
+        outside: Reason why tensors outside of the prefix are not needed.
     """
 
     name: str
@@ -63,7 +64,7 @@ class WeightLayout:
     outside: str = "not part of the touch encoder"
 
     def locate(self, state: State) -> tuple[str, list[str]]:
-        """The prefix under which most marks are found, and the marks that are not."""
+        """Finds the prefix with the most marks, and the missing marks."""
         best = self.prefixes[0], [_mark(*mark) for mark in self.marks.items()]
         for prefix in self._prefixes(state):
             lost = [
@@ -78,7 +79,7 @@ class WeightLayout:
         return best
 
     def _prefixes(self, state: State) -> Iterator[str]:
-        """Each prefix as it stands in the file, where something may come before it."""
+        """The prefixes, and their longer forms in the file, such as ``model.PREFIX``."""
         yield from self.prefixes
         first = next(iter(self.marks))
         for prefix in filter(None, self.prefixes):
@@ -87,7 +88,7 @@ class WeightLayout:
                     yield key.removesuffix(first)
 
     def why_unused(self, key: str) -> str | None:
-        """The reason for which a tensor below the prefix is not needed; None if it is."""
+        """Reason why a tensor below the prefix is not needed; None if it is needed."""
         return next((why for name, why in self.unused.items() if fnmatchcase(key, name)), None)
 
 
@@ -104,10 +105,10 @@ def _fits(tensor: Tensor | None, shape: Shape) -> bool:
 
 
 def gather_tensors(plan: ConversionPlan, state: State) -> dict[str, Tensor]:
-    """Our tensors: float32, contiguous, sharing no memory with theirs.
+    """Gathers our tensors: float32, contiguous, sharing no memory with the file's.
 
     Raises:
-        ConfigError: Shapes of theirs that do not go together; names them.
+        ConfigError: Shapes in the file do not fit together; the message lists them.
     """
     made = {}
     for ours, theirs in plan.keys.items():
@@ -124,21 +125,21 @@ def gather_tensors(plan: ConversionPlan, state: State) -> dict[str, Tensor]:
 
 
 def source_keys(keys: Keys) -> list[str]:
-    """Their names that a key map uses."""
+    """Published names used by a key map."""
     return [
         name for value in keys.values() for name in ([value] if isinstance(value, str) else value)
     ]
 
 
 def blocks(ours: str, theirs: str, depth: int, names: Mapping[str, str | tuple[str, ...]]) -> Keys:
-    """The key map of a stack of blocks.
+    """Key map of a stack of blocks.
 
     Args:
         ours: Our name of the stack.
-        theirs: Theirs.
+        theirs: Published name of the stack.
         depth: Number of blocks.
-        names: Our module in a block -> theirs. ``{}`` in theirs stands for ``weight`` and
-            ``bias``, and is the name's end if it is not written.
+        names: Published names of the modules of a block, by our name. ``{}`` in a published name
+            stands for ``weight`` or ``bias``; without it they are appended.
     """
     return {
         f"{ours}.{i}.{mine}.{kind}": _named(f"{theirs}.{i}", yours, kind)
@@ -155,7 +156,7 @@ def _named(stack: str, names: str | tuple[str, ...], kind: str) -> str | tuple[s
 
 
 def norms(names: Mapping[str, str]) -> Keys:
-    """The key map of modules with weight and bias: our name -> theirs."""
+    """Key map of modules with weight and bias, from our names to the published ones."""
     return {f"{a}.{kind}": f"{b}.{kind}" for a, b in names.items() for kind in ("weight", "bias")}
 
 
@@ -163,7 +164,7 @@ def depth_of(state: State, stack: str) -> int:
     """Number of blocks in a stack ``stack.0``, ``stack.1``, ...
 
     Raises:
-        ConfigError: There is none.
+        ConfigError: There is no block.
     """
     start = f"{stack}."
     numbers = {key.removeprefix(start).split(".")[0] for key in state if key.startswith(start)}
@@ -174,10 +175,10 @@ def depth_of(state: State, stack: str) -> int:
 
 
 def size_of_width(width: int, what: str) -> str:
-    """The size with a width: the number of heads is known for these alone.
+    """Name of the size with a width, since weights do not tell the number of heads.
 
     Raises:
-        ConfigError: Another width.
+        ConfigError: No size has this width.
     """
     for size, (known, _, _) in SIZES.items():
         if known == width:
@@ -190,7 +191,7 @@ def square(count: int, what: str) -> int:
     """The side of a square grid of ``count`` patches.
 
     Raises:
-        ConfigError: It is not square.
+        ConfigError: ``count`` is not a square number.
     """
     side = isqrt(count)
     if side * side != count:
@@ -199,6 +200,6 @@ def square(count: int, what: str) -> int:
 
 
 def first_names(names: Sequence[str], most: int = 5) -> str:
-    """The first names, and how many there are."""
+    """The first names as text, with the total number if there are more."""
     more = f", ... ({len(names)} in all)" if len(names) > most else ""
     return ", ".join(names[:most]) + more

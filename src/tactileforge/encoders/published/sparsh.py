@@ -24,7 +24,7 @@ from tactileforge.errors import ConfigError
 
 _EMBED = "patch_embed.proj.weight"
 _BANDS = "pos_embed.frequency_bands"
-#: Our module in a block -> that of timm and DINOv2.
+#: Names of the modules of a block in timm and DINOv2, by our name.
 TIMM_BLOCK: dict[str, str | tuple[str, ...]] = {
     "norm1": "norm1",
     "attention.qkv": "attn.qkv",
@@ -33,12 +33,16 @@ TIMM_BLOCK: dict[str, str | tuple[str, ...]] = {
     "mlp.0": "mlp.fc1",
     "mlp.2": "mlp.fc2",
 }
-#: Patches of a frame -> its size.
+#: Height and width of a frame, by its number of patches.
 _SIZES = {20 * 15: [320, 240], 14 * 14: [224, 224]}
 
 
 def _plan(state: State) -> ConversionPlan:
-    """Their frames come newest first, ours oldest first: weights of frames and slots are turned."""
+    """Plans the conversion.
+
+    Sparsh's frames come newest first and ours oldest first, so weights of frames and slots are
+    reversed.
+    """
     video = state[_EMBED].ndim == 5
     depth = depth_of(state, "blocks")
     width = len(state["norm.weight"])
@@ -75,12 +79,12 @@ def _plan(state: State) -> ConversionPlan:
 
 
 def _image_patches(x: Tensor) -> Tensor:
-    """(width, frames * colours, rows, columns), newest first, to a matrix."""
+    """Reverses frames: (width, frames * colours, rows, columns), newest first, to a matrix."""
     return x.view(len(x), -1, 3, *x.shape[2:]).flip(1).transpose(1, 2).flatten(1)
 
 
 def _video_patches(x: Tensor) -> Tensor:
-    """(width, colours, frames, rows, columns), newest first, to a matrix."""
+    """Reverses frames: (width, colours, frames, rows, columns), newest first, to a matrix."""
     return x.flip(2).flatten(1)
 
 
@@ -93,7 +97,7 @@ def _image_size(state: State, slots: int) -> list[int]:
 
 
 def _check_bands(state: State, width: int, axes: int) -> None:
-    """The fixed positions are made anew: they must be those of the file."""
+    """Checks that the file's fixed positions are those computed by our encoder."""
     bands = state.get(_BANDS)
     if bands is None:
         raise ConfigError(f"not a whole Sparsh file; missing: pos_embed or {_BANDS}")
@@ -109,7 +113,7 @@ def _check_bands(state: State, width: int, axes: int) -> None:
 
 
 def _precision(values: Tensor) -> float:
-    """Relative precision of numbers: of half the bits where they went through such a type."""
+    """Relative precision of numbers, lower if they were stored in a 16-bit type."""
     for dtype in (torch.bfloat16, torch.float16):
         if torch.equal(values.to(dtype).to(values.dtype), values):
             return torch.finfo(dtype).eps
@@ -119,7 +123,7 @@ def _precision(values: Tensor) -> float:
 def _layout(
     name: str, title: str, patches: Shape, *prefixes: str, beside: str = ""
 ) -> WeightLayout:
-    # Without this mark, a file of DINO that lacks its register would pass for one without any.
+    # Without this mark, a DINO file with its register missing would pass for one without registers.
     registers: dict[str, Shape] = {"register_tokens": (1, None, None)}
     return WeightLayout(
         name=name,

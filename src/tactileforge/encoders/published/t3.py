@@ -1,4 +1,4 @@
-"""T3: a stem for each type of sensor, and a trunk that all share."""
+"""T3: a stem for each type of sensor, and a shared trunk."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from tactileforge.encoders.published.layout import (
 from tactileforge.encoders.published.sparsh import TIMM_BLOCK
 from tactileforge.errors import ConfigError, unknown
 
-#: Stem -> mean and standard deviation of its images, in T3's configurations of its data sets. A
-#: stem of several sets has those of the first: VisGel, tippur23 (first cylinder), cnc. The Mini's
-#: are those of AnyTouch 2's evaluation, as T3 has others for every set.
+#: Mean and standard deviation of the images of each stem, from T3's configurations of its data
+#: sets. A stem of several sets has the numbers of the first: VisGel, tippur23 (first cylinder),
+#: cnc. The Mini's are from AnyTouch 2's evaluation, as T3 has different ones for every set.
 _NORMS = {
     "digit": ((0.42094, 0.44041, 0.44151), (0.14661, 0.08972, 0.09041)),
     "gs_tag": ((0.51808, 0.50300, 0.51457), (0.13893, 0.11343, 0.13497)),
@@ -32,7 +32,7 @@ _NORMS = {
     "svelte": ((0.41175, 0.26801, 0.02041), (0.26641, 0.19636, 0.09754)),
     "densetact": ((0.20997, 0.28465, 0.26797), (0.29838, 0.36981, 0.33362)),
 }
-#: Stem -> our name of its type of sensor.
+#: Our name of the type of sensor of a stem.
 _ALSO = {"gs_tag": "gelsight", "gs_black": "gelslim", "mini": "gelsight_mini"}
 
 

@@ -35,8 +35,8 @@ def _plan(state: State) -> ConversionPlan:
     positions = state[_POSITION].shape[1]
     options = single_frame(width, depth, positions, state[_EMBED].shape[-1], "UniTouch")
     options |= {"projected": projected, "norm_in": False, "eps": 1e-6, "bias_kv": True}
-    # Vectors are normalised and multiplied by this; the published program has 5 where the file
-    # does not say.
+    # Vectors are normalised and multiplied by this; the published program uses 5 for a file
+    # without it.
     options["length"] = (
         round(float(state[_SCALE].float().exp().clamp(max=100)), 4) if _SCALE in state else 5.0
     )
@@ -50,7 +50,7 @@ def _plan(state: State) -> ConversionPlan:
     change = {
         "class_token": lambda x: x.flatten(),
         "position": lambda x: x[0],
-        # The one frame is shown twice to a tube of two.
+        # UniTouch repeats its one frame to fill a tube of two, so the weights of both add up.
         "embed.weight": lambda x: x.sum(2).flatten(1),
     }
     for i in range(depth):
