@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
+import tactileforge
 from tactileforge import moves, plugin, registry
 from tactileforge.errors import PluginError
 from tactileforge.objectives.force import Force
@@ -140,3 +141,10 @@ def test_a_field_that_changed_is_named_at_use(older):
 def test_a_fault_of_ours_keeps_its_traceback():
     with pytest.raises(RuntimeError, match="ours"), moves.explained(Force()):
         raise RuntimeError("ours")
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    page = (ROOT / "docs" / "reference.md").read_text()
+    shown = {line.rpartition(".")[2] for line in page.splitlines() if line.startswith("::: ")}
+    assert set(plugin.__all__) <= shown
+    assert set(tactileforge.__all__) - {"__version__"} <= shown
