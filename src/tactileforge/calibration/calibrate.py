@@ -246,6 +246,7 @@ def _force(
         raw = name if kind == "head" else None
         return fit_axis(joined, _choices(kind, name, joined), force, fold, name, raw)
 
+    # the lag is fitted on the last wanted axis: the normal force, if it is among them
     wanted = [name for name in AXES if name in options.axes]
     lag = 0.0
     if options.max_lag:

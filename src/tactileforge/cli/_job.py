@@ -52,6 +52,7 @@ def run_job(
     if stopped:
         log.info("goes on where it was stopped: %s (%s)", folder, said)
     try:
+        # a job of several processes needs new ones, see `_run_apart`
         if count_processes(config["trainer"]) > 1 and "LOCAL_RANK" not in os.environ:
             _run_apart(folder, words, anew, stopped)
             number = logged(folder, config)
@@ -84,7 +85,7 @@ def logged(folder: Path, config: dict[str, Any]) -> float:
 
 
 def _run_apart(folder: Path, words: Sequence[str], anew: Sequence[str], stopped: bool) -> None:
-    """Trains in a new process: the process group of an earlier job cannot be used again."""
+    """Trains in new processes, since those of an earlier job have ended with their group."""
     typed = sys.argv[2:]  # folders of options, then the words of the job
     given = anew if stopped else [word for word in words if not word.startswith("hydra")]
     place = "resume" if stopped else "hydra.run.dir"
