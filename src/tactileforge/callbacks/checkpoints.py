@@ -52,7 +52,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
                 with part.open("w+b") as file:
                     torch.save({**checkpoint, "run": self.run}, file)
                     seal(file)
-                    os.fsync(file.fileno())
+                    os.fsync(file.fileno())  # before the rename, so that a power cut leaves a file
                 part.replace(path)
         except (OSError, RuntimeError) as error:  # torch turns a full disk into a RuntimeError
             raise TactileForgeError(

@@ -73,7 +73,7 @@ def run_job(
 
 
 def logged(folder: Path, config: dict[str, Any]) -> float:
-    """Number of a run from its ``metrics.csv``; NaN where the file has none."""
+    """Number of a run from its ``metrics.csv``; NaN if the file has none."""
     curves = {key: float(curve.values[-1]) for key, curve in read_metrics(folder).items()}
     if name := config.get("optimized_metric"):
         return curves.get(name, math.nan)

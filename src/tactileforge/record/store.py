@@ -27,6 +27,7 @@ from tactileforge.record.raw import Raw, append_raw, merge_raw
 NOTES = ".record"
 #: Name of the index's author, to recognise our own index.
 _BY = "tactileforge record"
+# names of segments and of whole takes: SPLIT-TAKE.NUMBER.tar and SPLIT-TAKE.tar
 _SEGMENT = re.compile(r"(?P<split>train|val)-(?P<take>\d{6})\.(?P<number>\d{4,})\.tar")
 _TAKE = re.compile(r"(?P<split>train|val)-(?P<take>\d{6})\.tar")
 
