@@ -1,4 +1,4 @@
-"""Side-by-side timing in one process, and the JSON that results are kept in."""
+"""Side-by-side timing in one process, and writing of results as JSON."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def memory_mb(kind: str = "VmRSS") -> float:
     """Memory of this process now, MB (2**20).
 
     Args:
-        kind: ``VmRSS`` for all that is resident, ``RssAnon`` for what is not mapped from files.
+        kind: ``VmRSS`` for all resident memory, ``RssAnon`` for the part not mapped from files.
     """
     lines = Path("/proc/self/status").read_text().splitlines()
     return int(next(line for line in lines if line.startswith(kind)).split()[1]) / 1024
@@ -31,11 +31,11 @@ class Memory(threading.Thread):
     """Samples the memory of this process while its block runs.
 
     Args:
-        every: Seconds between samples.
-        kind: See `memory_mb`.
+        every: Interval between samples, s.
+        kind: ``VmRSS`` or ``RssAnon``, see `memory_mb`.
 
     Attributes:
-        mb: The samples, MB.
+        mb: Samples, MB (2**20).
     """
 
     def __init__(self, every: float, kind: str = "VmRSS") -> None:
@@ -63,16 +63,16 @@ def side_by_side(
     warmup: int = 1,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, dict[str, float]]:
-    """Times each subject once a round, in turn, so that all meet the same disturbances.
+    """Times each subject once a round, in turn: all meet the same disturbances.
 
     Args:
-        subjects: What to call, by name.
-        rounds: Timed rounds.
-        warmup: Rounds before them.
-        clock: ``time.process_time`` counts CPU time, so that other programs do not.
+        subjects: Functions to time, by name.
+        rounds: Number of timed rounds.
+        warmup: Number of rounds before them.
+        clock: Clock, s; ``time.process_time`` counts CPU time, excluding other programs.
 
     Returns:
-        Minimum, median and maximum seconds of each.
+        Minimum, median and maximum of each, s.
     """
     times: dict[str, list[float]] = {name: [] for name in subjects}
     for number in range(warmup + rounds):
@@ -97,13 +97,13 @@ def ratio(times: dict[str, dict[str, float]], ours: str, theirs: str) -> float:
 
 
 def save(name: str, result: dict[str, Any]) -> None:
-    """Writes a result with what it was measured on to `RESULTS`, and prints it."""
+    """Writes a result, with the machine and versions, to `RESULTS`, and prints it."""
     write(RESULTS / f"{name}.json", result)
     print(json.dumps(result, indent=2))
 
 
 def write(path: Path, result: dict[str, Any]) -> None:
-    """Writes a result with what it was measured on; the file is whole whenever it is read."""
+    """Writes a result, with the machine and versions, atomically."""
     packages = ("torch", "transformers", "opencv-contrib-python-headless")
     result["machine"] = {
         "processor": platform.machine(),

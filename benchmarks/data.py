@@ -1,14 +1,14 @@
-"""Reading: clips from shards against the plain way; memory and first batch of a large stream.
+"""Reading: clips from shards against a plain loader; memory and first batch of a large stream.
 
-- Clips a second on one core, from shards of simulated DIGIT frames (320 x 240, JPEG of quality 95),
-  beside a loader as published: PIL decodes four frames and the background of each clip, which
-  become float, lose the background, are clamped, resized with antialiasing and normalised. Ours
-  are counted where uint8 leaves the worker; the rest happens once a batch, on the device.
+- Clips per second on one core, from shards of simulated DIGIT frames (320 x 240, JPEG of quality
+  95), beside a published loader: PIL decodes four frames and the background of each clip; they are
+  converted to float, the background is subtracted, and the result is clamped, resized with
+  antialiasing and normalised. Ours are timed to uint8 leaving the worker; the remaining steps run
+  once a batch, on the device.
 - Seconds to read the index and to the first batch, and resident memory after 300 batches, of
   1,000 to 1,000,000 recordings of 20 s: 100 clips each. The index is real; its shards are one file
-  under many names, whose checksum is therefore not compared. Each is measured in a process of its
-  own.
-- Frames decoded for the frames that clips of a video ask for.
+  under many names, so checksums are not compared. Each size is measured in a process of its own.
+- Frames decoded for the frames requested by the clips of a video.
 
 Run: python data.py
 """
@@ -55,7 +55,7 @@ ROUNDS = 5
 
 
 def plain_way(clips: Clips) -> Callable[[int], torch.Tensor]:
-    """Clip number to float (4, 3, 224, 224), each picture decoded when it is asked for."""
+    """A function from a clip's number to float (4, 3, 224, 224), with decoding on request."""
     mean, std = (torch.tensor(each).view(3, 1, 1) for each in (CLIP_MEAN, CLIP_STD))
 
     def tensor(raw: bytes) -> torch.Tensor:
@@ -80,7 +80,7 @@ def plain_way(clips: Clips) -> Callable[[int], torch.Tensor]:
 
 
 def loaders() -> dict[str, Any]:
-    """Milliseconds a clip on one core, ours beside the plain way, on the same clips."""
+    """Milliseconds per clip on one core, ours beside the plain loader, on the same clips."""
     data = Sim(scenes=24, val=0, sensors=["digit"], size=240)
     recordings = [replace(one, image=None) for one in data.recordings("train")]
     every = {**CUT, "hop": 1 / 30}
@@ -98,7 +98,7 @@ def loaders() -> dict[str, Any]:
         return read
 
     plain = plain_way(Clips(recordings, **CUT, size=(224, 224)))
-    backgrounds = 8  # MB: they are kept, and hardly any frame
+    backgrounds = 8  # MB: enough for all backgrounds, and hardly any frame
     subjects = {
         "plain way": (
             lambda: [plain(number) for number in range(0, few, 2)],
@@ -164,7 +164,7 @@ def write(path: Path, numbers: range, size: int = 32) -> None:
 
 
 class Still:
-    """Frames of which only number and size matter."""
+    """Stub of frames, with a number and a size only."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self.shape = shape
@@ -173,7 +173,7 @@ class Still:
         return FRAMES
 
     def read(self, indices: object) -> NDArray[np.uint8]:
-        """Is not called: the shard is given encoded frames."""
+        """Raises: the shard takes encoded frames, and never calls this."""
         raise NotImplementedError
 
 
@@ -219,7 +219,7 @@ def streamed(folder: str) -> dict[str, float]:
 
 
 def large() -> dict[str, Any]:
-    """`streamed` of few and of many recordings, each in a fresh interpreter."""
+    """Results of `streamed` for few and many recordings, each in a fresh interpreter."""
     found: dict[str, Any] = {}
     for recordings in (1_000, 10_000, 1_000_000):
         with tempfile.TemporaryDirectory() as folder:
@@ -231,7 +231,7 @@ def large() -> dict[str, Any]:
 
 
 class Counting(VideoFrames):
-    """A video that counts the frames it is asked for."""
+    """A video with a counter of requested frames."""
 
     asked = 0
 
@@ -251,7 +251,7 @@ def video(path: Path, frames: int) -> None:
 
 
 def decoding() -> dict[str, float]:
-    """Clips a second from one video, and what was decoded for them."""
+    """Clips per second from one video, and frames decoded for them."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "touch.mp4"
         video(path, 300)

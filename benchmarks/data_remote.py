@@ -1,7 +1,7 @@
-"""Reading from a URL: a first pass over shards behind a server of this machine.
+"""Reading from a URL: a first pass over shards behind a local server.
 
-Beside the same pass over the folder, and beside the bare download of the files; each pass starts
-with an empty cache.
+It is compared with the same pass over the folder, and with the bare download of the files; each
+pass starts with an empty cache.
 
 Run: python data_remote.py
 """
@@ -31,7 +31,7 @@ from tactileforge.datasets.shards import Shards
 
 
 def remote() -> dict[str, Any]:
-    """A first pass over shards behind a server of this machine, beside the folder itself."""
+    """Rates of a first pass over shards behind a local server, and over the folder itself."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "shards"
         paths = [folder / f"train-{number:06d}.tar" for number in range(8)]
@@ -56,7 +56,7 @@ def remote() -> dict[str, Any]:
 
 
 def rates(url: str, folder: Path, paths: list[Path], place: Path, mb: float) -> dict[str, Any]:
-    """Megabytes and clips a second from the URL, from the folder, and of the bare download."""
+    """Megabytes per second of download and fetch, and times of passes from URL and folder."""
     passes = itertools.count()
 
     def download() -> object:

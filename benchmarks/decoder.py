@@ -1,7 +1,7 @@
-"""The masked decoder with tokens by visibility, against one with them in the order of their places.
+"""The masked decoder with tokens sorted by visibility, against one with tokens sorted by place.
 
-The latter reads for all tokens in its last block too, and picks the masked ones by a gather.
-Forward and backward, the paper's size, in turn in one process on one thread; medians of CPU time
+The latter computes all tokens in its last block too, and gathers the masked ones. Forward and
+backward, the paper's size, in turn in one process on one thread; medians of CPU time
 (`time.process_time`).
 
 Run: python benchmarks/decoder.py
@@ -27,7 +27,7 @@ SLOTS, PATCHES, PREFIX = 2, 196, 6
 
 
 def by_place(decoder: MaskedDecoder, features: MaskedFeatures) -> Tensor:
-    """The decoder as it was."""
+    """The former decoder, with tokens sorted by place."""
     x = decoder.embed(features.tokens)
     prefix, visible = x.split([features.prefix, x.shape[1] - features.prefix], dim=1)
     tokens = decoder._placed(visible.unflatten(1, (SLOTS, -1)), features)

@@ -1,8 +1,8 @@
-"""A training step on a CPU, numbers below 1e-38 kept, and set to 0 as in `threads.flushed`.
+"""A CPU training step with denormals (below 1e-38) kept, and flushed to 0 as in `threads.flushed`.
 
-A decoder that starts at the neighbours (``scale=tiny``) looks elsewhere with weights as small as
-that. Both take turns in one process, on one thread. CPU time counts, so that other programs do not;
-medians are kept, without the first round.
+A decoder initialised to attend to neighbours (``scale=tiny``) has attention weights as small as
+that elsewhere. Both take turns in one process, on one thread. CPU time counts, excluding other
+programs; the medians leave out the first round.
 
 Run: python benchmarks/denormals.py
 """

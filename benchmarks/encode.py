@@ -1,8 +1,8 @@
-"""Encoding clips against Hugging Face's CLIP vision tower on as many tokens.
+"""Encoding of clips, against Hugging Face's CLIP vision tower on as many tokens.
 
-10 x 11 patches in 2 slots and 6 prefix tokens are 226, as are 15 x 15 patches and a class token.
-Also at the recipe's size: 398 tokens against the nearest square, 401. Ours includes preprocessing
-from uint8.
+10 x 11 patches in 2 slots and 6 prefix tokens are 226 tokens, as are 15 x 15 patches and a class
+token. At the recipe's size, 398 tokens are compared with the nearest square, 401. Ours includes
+preprocessing from uint8.
 
 Run: python benchmarks/encode.py
 """

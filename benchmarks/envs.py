@@ -1,8 +1,8 @@
-"""Steps a second of the four tasks, on one thread, and what the expert and a replay achieve there.
+"""Steps per second of the four tasks, on one thread, and success of the expert and of a replay.
 
-Episodes of the scripted expert on several sensors, 64 pixels; the time of a step holds the search
-for the equilibrium, both frames and the third-person view. ``--replays N`` also moves the gripper
-along the expert's way in one episode through another: what a policy without any feedback achieves.
+Episodes of the scripted expert on several sensors, 64 pixels; the time of a step includes the
+search for the equilibrium, both frames and the third-person view. ``--replays N`` also moves the
+gripper along the expert's path of another episode: the success of a policy without feedback.
 ``--picture FILE`` draws an episode of each task.
 """
 
@@ -25,7 +25,7 @@ SENSORS = ("digit", "gelsight_mini", "duragel")
 
 
 def episode(env: gymnasium.Env[Any, Any], seed: int, way: list[Any] | None = None) -> Any:
-    """An episode of the expert, or along the states of another: infos and what was observed."""
+    """An episode of the expert, or along the states of another: last info, and observations."""
     seen, info = env.reset(seed=seed)
     plain: Any = env.unwrapped
     act, shown, over = plain.expert(), [seen], False
@@ -43,7 +43,7 @@ def episode(env: gymnasium.Env[Any, Any], seed: int, way: list[Any] | None = Non
 def speed(task: str, sensor: str, episodes: int, first: int) -> dict[str, Any]:
     """Speed and success of the expert."""
     env = gymnasium.make(envs.env_id(task), sensor=sensor)
-    episode(env, first)  # kernels and units are made once
+    episode(env, first)  # warm-up: kernels and units are computed once
     steps, won, start, wall = 0, 0, time.process_time(), time.perf_counter()
     for seed in range(first, first + episodes):
         info, shown = episode(env, seed)
@@ -61,11 +61,11 @@ def speed(task: str, sensor: str, episodes: int, first: int) -> dict[str, Any]:
 
 
 def replays(task: str, count: int) -> dict[str, Any]:
-    """Success of the expert's way through other episodes."""
+    """Success of the expert's path replayed in other episodes."""
     env = gymnasium.make(envs.env_id(task), size=16)
     plain: Any = env.unwrapped
     blank = {name: np.zeros((16, 16, 3), np.uint8) for name in plain.fingers}
-    # Nobody looks at the frames.
+    # A replay ignores the frames: blank ones save their rendering.
     plain._fingers.pictures = lambda moment: {name: one.copy() for name, one in blank.items()}
     ends = [episode(env, 2000 + s, episode(env, 1000 + s)[1])[0] for s in range(count)]
     return {

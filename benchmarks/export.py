@@ -1,11 +1,11 @@
 """AnyTouch 2 base from uint8 frames: ours, its exported files, and a plain implementation.
 
-`encoder` gives tokens and class tokens like its peers; `Model.features` gives tokens, and
-`Model.encode` projected class tokens, what a loaded model is asked for.
+`encoder` returns tokens and class tokens like its peers; `Model.features` returns tokens, and
+`Model.encode` projected class tokens, the usual requests to a loaded model.
 
-The peer is transformers' CLIP vision tower with a Conv3d of tubes for the embedding and sensor
-tokens after the class token, as the published weights have it; same weights, random ones. With
-`eager` attention it is what its authors ran (transformers 4.42), with `sdpa` what it is today.
+The peer is transformers' CLIP vision tower with a Conv3d of tubes as embedding, and with sensor
+tokens after the class token, the architecture of the published weights. Both have the same random
+weights. `eager` attention is that of its authors (transformers 4.42), `sdpa` today's default.
 
 Run: OMP_NUM_THREADS=1 python benchmarks/export.py
 """
@@ -61,7 +61,7 @@ class Peer(nn.Module):
         self.std = torch.tensor(CLIP_STD).view(3, 1, 1)
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
-        """As `contracts.Encoder`."""
+        """Tokens and projected class token of clips; see `contracts.Encoder`."""
         x = frames.float() / 255 - background[:, None].float() / 255 + 130 / 255
         x = x.clamp(0, 1).flatten(0, 1)
         x = F.interpolate(x, (224, 224), mode="bilinear", antialias=True)
@@ -75,7 +75,7 @@ class Peer(nn.Module):
 
     @torch.no_grad()
     def take(self, ours: TactileViT) -> None:
-        """Takes the weights of our encoder."""
+        """Copies the weights of our encoder."""
         assert ours.sensor_table is not None
         self.tower.embeddings.class_embedding.copy_(ours.class_token)
         self.position.weight.copy_(ours.position)
@@ -114,7 +114,7 @@ def runner(done: Exported) -> Callable[..., list[Any]]:
 
 
 def loaded(ours: TactileViT) -> dict[str, Callable[..., Any]]:
-    """The encoder as `tactileforge.load` gives it, asked for tokens and for vectors."""
+    """Functions for tokens and for vectors of a loaded model, see `tactileforge.load`."""
     header = make_header(ours, {"name": "tactile_vit"}, licence="NOASSERTION", spacing=ours.spacing)
     model = Model(ours, header)
     names = {row: name for name, row in ours.sensors.items()}
@@ -130,7 +130,7 @@ def loaded(ours: TactileViT) -> dict[str, Callable[..., Any]]:
 
 
 def difference(subject: Callable[..., Any], ours: TactileViT, inputs: tuple[Tensor, ...]) -> float:
-    """Largest difference of tokens and class tokens, or of the one of them that it gives."""
+    """Largest difference of a subject's tokens and class tokens from the encoder's."""
     expected = dict(zip(("tokens", "projected"), ours(*inputs), strict=True))
     given = subject(*inputs)
     found = given if isinstance(given, dict) else dict(zip(expected, given, strict=True))

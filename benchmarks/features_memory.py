@@ -1,8 +1,8 @@
-"""Memory while features are computed: the same clips again and again, few and ten times as many.
+"""Memory during the extraction of features: the same clips repeatedly, few and ten times as many.
 
-What counts is anonymous memory of the process at its highest, sampled ten times a second; the
-features themselves lie in a mapped file. Processes that read clips hold two batches each, whatever
-the number of clips, and are not counted.
+The result is the highest anonymous memory of the process, sampled ten times a second; the features
+themselves are in a mapped file. Workers hold two batches each, independent of the number of clips,
+and are not counted.
 
     python features_memory.py [clips]
 """
@@ -41,7 +41,7 @@ def main(count: int = 500) -> None:
         store = FeatureStore(Path(place), workers=2, batch=16)
         extract_features(
             store, subject, source, np.resize(clips, 100), ["tokens"]
-        )  # what is kept for good
+        )  # warm-up: allocations kept for good
         for many in (count, 10 * count):
             with Memory(0.1, "RssAnon") as memory:
                 arrays = extract_features(

@@ -1,13 +1,13 @@
-"""Training on one card: clips a second, MFU, memory, and what the loader costs; under 8 minutes.
+"""Training on one GPU: clips per second, MFU, memory, and cost of the loader; under 8 minutes.
 
 A step is forward in bf16 autocast, backward, clipping and fused AdamW; ours also preprocesses
 uint8 frames. The peer is `VideoMAEForPreTraining` of transformers, of equal size (a decoder of 12
-layers, for our two of 6), given finished floats. MFU is `train_subjects.step_flops` over time and
-the dense bf16 peak of the card; what `torch.utils.flop_counter` counts in the same step stands
-beside it. Every row is written when it is measured, so a run that is stopped leaves what it has.
+layers, for our two of 6), on preprocessed floats. MFU is `train_subjects.step_flops` over time and
+the GPU's dense bf16 peak; the count of `torch.utils.flop_counter` for the same step is reported
+beside it. Every row is written as soon as it is measured, so a stopped run keeps its rows.
 
 Run: python gpu_train.py
-With no card, to see that it works: python gpu_train.py --tiny --device cpu
+Smoke test without a GPU: python gpu_train.py --tiny --device cpu
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from tactileforge.data.batches.transfer import Transfer, pin
 from tactileforge.data.labels.augment import fill_captions
 from tactileforge.processes import cpus
 
-#: Seconds that a row is timed for, steps before that, and most steps.
+#: Timed duration of a row, s; warm-up steps; and largest number of timed steps.
 SECONDS, WARMUP, STEPS = 3.0, 3, 60
 GIB = 2**30
 
@@ -69,7 +69,7 @@ def cases() -> list[Case]:
 
 
 def tiny_cases() -> list[Case]:
-    """Each kind of row once, for a machine without a card."""
+    """Each kind of row once, for a machine without a GPU."""
     size: dict[str, Any] = {"size": "tiny", "frames": 2, "image": 32, "layers": 1, "scenes": 3}
     rows = [Case(name, batch=4, **size) for name in ("pixel+diff", "videomae", "all five")]
     rows += [Case("pixel+diff", batch=2, **size), Case("pixel+diff", batch=0, **size)]
@@ -80,12 +80,12 @@ def measure(case: Case, device: torch.device, seconds: float) -> dict[str, Any]:
     """Times a case.
 
     Args:
-        case: Of `cases`.
-        device: Where it runs.
-        seconds: Of timing, at least.
+        case: One of `cases`.
+        device: Device of the step.
+        seconds: Duration of timing, s; at least two rounds of five steps are timed.
 
     Returns:
-        Clips a second, MFU, memory and operations; None where a value is not known here.
+        Clips per second, MFU, memory and operations; None for values unknown on this device.
     """
     begun = time.perf_counter()
     subject = build(case)
@@ -117,7 +117,7 @@ def measure(case: Case, device: torch.device, seconds: float) -> dict[str, Any]:
 
 
 def stepper(subject: Subject, device: torch.device) -> Callable[[Batch], None]:
-    """A training step of a subject, on batches that are on its device."""
+    """A training step of a subject, for batches on its device."""
     parameters = [p for p in subject.module.parameters() if p.requires_grad]
     optimizer = torch.optim.AdamW(parameters, lr=1e-4, fused=True)
 
@@ -133,7 +133,7 @@ def stepper(subject: Subject, device: torch.device) -> Callable[[Batch], None]:
 
 
 def source(case: Case, subject: Subject, device: torch.device) -> Iterator[Batch]:
-    """Batches of a case, on the device, without end."""
+    """An endless iterator of a case's batches on the device."""
     transfer = Transfer()
     if case.data == "resident":
         return repeat(transfer(subject.batch, device))
@@ -153,7 +153,7 @@ def _captioned(batch: Batch) -> Batch:
 
 
 def count(subject: Subject, batch: Batch, device: torch.device) -> int:
-    """Operations of a step as torch counts them, attention as matrix products."""
+    """Operations of a step, counted by torch with attention as matrix products."""
     counter = FlopCounterMode(display=False)
     few = {key: value[:1] for key, value in batch.items() if key != "skipped"}
     size = len(batch["frames"])
@@ -164,7 +164,7 @@ def count(subject: Subject, batch: Batch, device: torch.device) -> int:
 
 
 def timed(step: Callable[[], None], device: torch.device, seconds: float) -> list[float]:
-    """Seconds of a step, by rounds of steps of which only the end is waited for."""
+    """Seconds per step, in rounds of five steps with one synchronisation at their end."""
     times: list[float] = []
     end = time.perf_counter() + seconds
     while len(times) < 2 or (time.perf_counter() < end and 5 * len(times) < STEPS):
@@ -183,13 +183,13 @@ def finish(device: torch.device) -> None:
 
 
 def attempt(case: Case, device: torch.device, seconds: float) -> dict[str, Any]:
-    """A row: what was measured, or why it was not; memory is given back."""
+    """A row of measurements, or of the error; frees memory."""
     row = dataclasses.asdict(case)
     try:
         row |= measure(case, device, seconds)
     except torch.OutOfMemoryError:
         row["error"] = "out of memory"
-    except Exception as error:  # one row; the others go on
+    except Exception as error:  # a failed row must not end the others
         row["error"] = f"{type(error).__name__}: {str(error)[:300]}"
     torch.compiler.reset()
     gc.collect()
@@ -199,7 +199,7 @@ def attempt(case: Case, device: torch.device, seconds: float) -> dict[str, Any]:
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Ratios to VideoMAE, what loading costs, and memory a clip, of what was measured."""
+    """Ratios to VideoMAE, cost of loading, and memory per clip, from the measured rows."""
     known = {_key(row): row for row in rows if "clips_per_s" in row}
     found: dict[str, Any] = {}
     for key, row in known.items():

@@ -1,4 +1,4 @@
-"""Time to import the package, to list the zoo, and to load a model of the size that ships."""
+"""Time to import the package, to list the zoo, and to load models of the zoo's and paper's size."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tactileforge.hub import files
 from tactileforge.hub.loading import load
 
 ROUNDS = 9
-#: As `scale=demo` trains it, and as the paper does.
+#: Encoders of `scale=demo` and of the paper.
 NODES = {
     "tiny": {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 64, "patch": 8},
     "base": {"name": "tactile_vit", "size": "base", "frames": 4},

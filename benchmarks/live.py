@@ -1,10 +1,10 @@
-"""From frame to force: latency of `tactileforge live` at 30 Hz, and frames that it skips.
+"""From frame to force: latency of `tactileforge live` at 30 Hz, and number of skipped frames.
 
-A synthetic camera of 320 x 240 gives a picture every 1/30 s, in the thread that live reads it in.
-The encoders are AnyTouch 2's with random weights, which take as long as trained ones: ``tiny`` is
-that of ``anytouch2.tiny`` (64 pixels, 4 blocks), ``small`` and ``base`` read 224 pixels. Give
-``--model NAME`` to time a model of the zoo. Nobody looks at the page unless ``--page`` asks for its
-state and pictures twenty times a second.
+A synthetic camera of 320 x 240 returns a picture every 1/30 s, in the reading thread of live. The
+encoders are AnyTouch 2's with random weights, as fast as trained ones: ``tiny`` is that of
+``anytouch2.tiny`` (64 pixels, 4 blocks), ``small`` and ``base`` take 224 pixels. ``--model NAME``
+times a model of the zoo. ``--page`` adds a viewer: requests of the page's state and pictures
+twenty times a second.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ ENCODERS: dict[str, dict[str, Any]] = {
 
 
 class SyntheticCamera:
-    """Pictures with noise and a spot that moves, each at its time; late ones are lost."""
+    """Pictures of a moving spot with noise, each at its time; late ones are lost."""
 
     def __init__(self) -> None:
         self.spec = SensorSpec(
@@ -62,7 +62,7 @@ class SyntheticCamera:
         self.start, self.number, self.lost = 0.0, 0, 0
 
     def discover(self) -> list[str]:
-        """None is attached."""
+        """Returns an empty list: there is no device."""
         return []
 
     def open(self) -> None:
@@ -70,7 +70,7 @@ class SyntheticCamera:
         self.start, self.number = time.monotonic(), 0
 
     def read(self, timeout: float = 1.0) -> Frame:
-        """The next frame that is not past."""
+        """The next frame, after a wait for its time; overdue ones are skipped."""
         late = int((time.monotonic() - self.start) * FPS) - self.number
         if late > 0:
             self.number += late
@@ -81,7 +81,7 @@ class SyntheticCamera:
         return Frame(array=self.pictures[self.number % len(self.pictures)], time=due)
 
     def close(self) -> None:
-        """Nothing to do."""
+        """Does nothing."""
 
     def __enter__(self) -> Self:
         self.open()
@@ -92,7 +92,7 @@ class SyntheticCamera:
 
 
 def random_model(name: str) -> Model:
-    """A model of that size that has learned nothing."""
+    """An untrained model of a size."""
     node = {"name": "tactile_vit", **ENCODERS[name]}
     torch.manual_seed(0)
     encoder = TactileViT(**ENCODERS[name])
@@ -112,7 +112,7 @@ def random_model(name: str) -> Model:
 
 
 def look(url: str, stop: threading.Event) -> None:
-    """Requests of a browser."""
+    """Requests the page's data like a browser, until ``stop``."""
     while not stop.wait(0.05):
         for what in ("state", "frame/camera", "difference/camera"):
             with urllib.request.urlopen(url + what, timeout=10) as answer:
@@ -128,7 +128,7 @@ def run(model: Model, seconds: float, with_page: bool) -> dict[str, float]:
         view = stack.enter_context(LiveSession({"camera": camera}, model, options))
         view.take_background()
         clip = np.zeros((model.frames, 64, 64, 3), np.uint8)
-        model.readings(clip, "first", "digit")  # packs the weights
+        model.readings(clip, "first", "digit")  # warm-up: packs the weights
         stop = threading.Event()
         if with_page:
             page = stack.enter_context(LivePage(view))

@@ -1,9 +1,9 @@
-"""Packing: frames a second per core, and the share of the time that is neither codec.
+"""Packing: frames per second and core, and the share of the time outside both codecs.
 
-Simulated presses on a DIGIT, 320 x 240, lie as JPEG files, as published data does. They are packed
-by us, and the plain way: Pillow decodes and encodes, `webdataset.TarWriter` writes. Both in this
-process, on one thread, at JPEG quality 95. Seconds are those that the process had a core, so that
-others on the machine count little; the files are cached by then.
+Simulated presses on a DIGIT, 320 x 240, are stored as JPEG files, like published data. They are
+packed by us, and in a plain way: Pillow decodes and encodes, `webdataset.TarWriter` writes. Both
+run in this process, on one thread, at JPEG quality 95. CPU time counts, so other programs matter
+little; the files are in the page cache.
 
 Run: python benchmarks/packing.py
 """
@@ -41,7 +41,7 @@ class Presses:
     """Simulated presses, as JPEG files.
 
     Args:
-        folder: Where they are written.
+        folder: Folder of the files.
     """
 
     provides = frozenset({"force", "object"})
@@ -69,15 +69,15 @@ class Presses:
             )
 
     def recordings(self, split: str) -> Iterator[Recording]:
-        """All of them, in train."""
+        """Yields all presses for ``train``."""
         yield from self.found if split == "train" else []
 
     def plot(self, recording: Recording) -> Any:
-        """Not needed."""
+        """Does nothing: packing makes no figures."""
 
 
 class Clock:
-    """Seconds spent in a function that it stands for."""
+    """Wrapper of a function with a sum of its CPU seconds."""
 
     def __init__(self, function: Any) -> None:
         self.function = function
@@ -93,13 +93,13 @@ class Clock:
 
 
 def ours(presses: Presses, out: Path, options: PackOptions) -> None:
-    """One shard, checksums and index entry included."""
+    """Writes one shard, with checksums and index entry."""
     (job,) = plan_pack(presses, out, options).jobs
     work.make_shard(job)
 
 
 def plain(presses: Presses, out: Path) -> None:
-    """The plain way: the same files and labels, no checksums."""
+    """Writes the same files and labels in the plain way, without checksums."""
     with webdataset.TarWriter(str(out / "plain.tar")) as tar:
         for number, one in enumerate(presses.found):
             assert isinstance(one.frames, ImageFrames)
@@ -114,7 +114,7 @@ def plain(presses: Presses, out: Path) -> None:
 
 
 def encoded(path: str) -> bytes:
-    """A picture decoded and encoded by Pillow."""
+    """A picture, decoded and encoded again by Pillow."""
     file = io.BytesIO()
     with Image.open(path) as image:
         image.convert("RGB").save(file, "JPEG", quality=95)
@@ -122,7 +122,7 @@ def encoded(path: str) -> bytes:
 
 
 def shares(presses: Presses, out: Path, options: PackOptions) -> dict[str, float]:
-    """Shares of the time that are decoding, encoding and neither; the median of some rounds."""
+    """Shares of decoding, encoding and the rest in the time; the median of `ROUNDS` rounds."""
     found = []
     for _ in range(ROUNDS):
         decode, encode = Clock(ImageFrames.read), Clock(shards.encode_image)
@@ -148,7 +148,7 @@ def frames_of(presses: Presses) -> int:
 
 
 def bare(presses: Presses, shown: NDArray[np.uint8]) -> dict[str, float]:
-    """Milliseconds that the codecs alone take for a frame."""
+    """Milliseconds per frame of the codecs alone."""
     paths = [path for one in presses.found for path in one.frames.paths]  # type: ignore[attr-defined]
 
     def decode() -> None:
@@ -168,7 +168,7 @@ def bare(presses: Presses, shown: NDArray[np.uint8]) -> dict[str, float]:
 
 
 def core_seconds(subjects: dict[str, Callable[[], None]]) -> dict[str, dict[str, float]]:
-    """Seconds of a core that each subject takes; all are run in turn, once a round."""
+    """CPU seconds of each subject; all run in turn, once a round."""
     found: dict[str, list[float]] = {name: [] for name in subjects}
     for number in range(1 + ROUNDS):
         for name, subject in subjects.items():

@@ -1,7 +1,7 @@
-"""The frozen network of photographs, its norms in its convolutions, against both one by one.
+"""The frozen photo network with norms folded into convolutions, against the unfolded one.
 
-Both take turns in one process, on one thread. CPU time counts, so that other programs do not;
-medians are kept, without the first round.
+Both take turns in one process, on one thread. CPU time counts, excluding other programs; the
+medians leave out the first round.
 
 Run: python benchmarks/photo_network.py
 """
@@ -20,8 +20,9 @@ PICTURES, SIZE, ROUNDS = 32, 128, 5
 
 
 def one_by_one() -> Lite0:
-    """The same network whose convolutions and norms are computed one after another."""
+    """The same network with convolutions and norms computed one after another."""
     network = Lite0().eval()
+    # Training mode turns the folding off; the norms stay in evaluation mode for equal outputs.
     for module in network.modules():
         if isinstance(module, torch.nn.BatchNorm2d):
             continue

@@ -1,8 +1,9 @@
-"""From what a robot perceives to its command: the time of `Policy.step`, p50 and p99.
+"""From a robot's observation to its command: the time of `Policy.step`, p50 and p99.
 
-Two fingers of 320 x 240, a camera of 96 x 96 and six numbers of state, with noise. Steps that
-predict a chunk and steps that take the next command of one are timed apart. Weights do not matter
-for time: the encoder is ``anytouch2.tiny``, the head is new. ``--size paper`` is the paper's U-Net.
+Two fingers of 320 x 240, a camera of 96 x 96 and six numbers of state, with noise. Steps with the
+prediction of a chunk, and steps with the next command of a chunk, are timed separately. Weights do
+not affect the time: the encoder is ``anytouch2.tiny``, the head is untrained. ``--size paper``
+takes the paper's U-Net.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ ROBOT = Robot(
 
 
 def build(size: str) -> Policy:
-    """A policy of the recipe, at a scale."""
+    """An untrained policy of the recipe ``diffusion_policy``, at a scale."""
     words = [f"scale={size}", "data=demonstrations", "data.root=-"]
     node: Any = OmegaConf.to_container(
         compose("diffusion_policy", words).head.denoise, resolve=True
@@ -43,7 +44,7 @@ def build(size: str) -> Policy:
 
 
 def run(policy: Policy, count: int) -> dict[str, dict[str, float]]:
-    """Milliseconds of steps that predict, and of those that do not: of the clock and of the CPU."""
+    """Wall and CPU milliseconds of steps with and without a prediction."""
     rng = np.random.default_rng(0)
     touches = rng.integers(0, 255, (8, 240, 320, 3)).astype(np.uint8)
     camera = rng.integers(0, 255, (96, 96, 3)).astype(np.uint8)

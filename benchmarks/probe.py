@@ -1,8 +1,9 @@
-"""A force probe as published, the encoder in every epoch, against features that are computed once.
+"""A force probe with the encoder in every epoch, as published, against features computed once.
 
-Few clips are measured and the rest is counted: 50 epochs of 4,000 clips as published take days on a
-CPU. The result says how many clips and epochs were measured. Both ways are also trained to their
-end on the same few clips, from the same seeds, and their errors on held-out touches are compared.
+Few clips are measured, and the times are extrapolated: 50 epochs of 4,000 clips as published take
+days on a CPU. The result gives the number of measured clips and epochs. Both ways are also trained
+to their end on the same few clips, from the same seeds, and their errors on held-out touches are
+compared.
 
     python probe.py [clips] [epochs]
 """
@@ -41,10 +42,11 @@ from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.encoders.transformer import AttentivePooler
 from tactileforge.hub.files import make_header
 
-#: What the times are counted for.
+#: Number of clips and epochs of the extrapolated times.
 CLIPS, EPOCHS = 4000, 50
+#: Batch size and learning rate of both ways.
 BATCH, RATE = 64, 2e-4
-#: Clips that are encoded at once for features.
+#: Batch of clips for the extraction of features.
 ENCODE = 16
 SEEDS = (0, 1, 2)
 NODE = {"name": "tactile_vit"}
@@ -66,7 +68,7 @@ def task(scenes: int) -> Task:
 
 
 class PublishedHead(nn.Module):
-    """The published head in the published order of its products."""
+    """The published head, with its products in the published order."""
 
     def __init__(self, like: nn.Module) -> None:
         super().__init__()
@@ -84,7 +86,7 @@ class PublishedHead(nn.Module):
 
 
 class Published:
-    """The encoder runs on every clip in every epoch."""
+    """Published training of a probe: the encoder runs on every clip in every epoch."""
 
     def __init__(
         self, prepared: PreparedTask, subject: FrozenEncoder, store: FeatureStore, seed: int
@@ -105,7 +107,7 @@ class Published:
             yield some, self.subject.features(batch, PLAIN, "error")["tokens"].clone()
 
     def train(self, places: Any) -> None:
-        """One epoch."""
+        """Trains for one epoch."""
         for some, tokens in self._tokens(places):
             loss = F.smooth_l1_loss(self.head(tokens), self.truth[some], beta=0.02)
             self.optimiser.zero_grad()
@@ -174,7 +176,7 @@ def ours(
     extraction = seconds(extract) / len(clips)
     kept = SourceFeatures(clips, found["x"])
     done: list[Any] = []
-    # the last epoch, as the published way is measured
+    # The metric of the last epoch, without selection, as for the published way.
     choice = choose_probe(prepared.task, {"epochs": epochs})
 
     def train(seeds: Any) -> None:
@@ -197,7 +199,7 @@ def ours(
 def extraction_speed(
     prepared: PreparedTask, subject: FrozenEncoder, folder: Path
 ) -> dict[str, Any]:
-    """Reading, encoding and keeping, against encoding clips that are in memory."""
+    """Times of reading, encoding and storing clips, against encoding clips from memory."""
     clips = prepared.target.clips[: 4 * ENCODE]
     ((reader, _),) = readers(subject, prepared.source, clips)
     store = FeatureStore(folder, workers=2, batch=ENCODE)

@@ -1,14 +1,14 @@
-"""Two processes on one machine: what their joint step costs; eight and 64 GPUs on paper.
+"""Cost of DDP: measured on two processes of one machine, projected to 8 and 64 GPUs.
 
-Measured: CPU seconds of a step in each of two gloo processes, whose products run on one thread,
-without DDP, with a static graph (ours) and with a search for unused parameters. CPU time, so other
-programs, and waiting for the other process, do not count: what is left is the work of DDP itself.
+Measured: CPU seconds of a step in each of two gloo processes of one thread, without DDP, with a
+static graph (ours) and with a search for unused parameters. CPU time excludes other programs and
+waiting for the other process: the difference is the work of DDP itself.
 
-On paper: DDP sends gradients in a ring while backward, two thirds of a step, still computes. A GPU
-sends ``2 (N - 1) / N`` times the bytes of the gradients, at the rate of the slowest link; what does
-not fit behind backward, and the last bucket of 25 MiB, is waited for. Efficiency is the time of a
-step over that with the wait. Flops are `train_subjects.step_flops`; links and MFU are assumed, and
-stand in the result.
+Projected: DDP sends gradients in a ring during backward, two thirds of a step. A GPU sends
+``2 (N - 1) / N`` times the bytes of the gradients, at the rate of the slowest link; the part beyond
+backward, and at least the last bucket of 25 MiB, is waited for. Efficiency is the time of a step
+over that with the wait. Flops are `train_subjects.step_flops`; links and MFU are assumed, and
+listed in the result.
 
 Run: python processes.py
 """
@@ -42,19 +42,20 @@ WAYS: dict[str, dict[str, Any] | None] = {
     "static graph": {"static_graph": True},
     "search for unused": {"find_unused_parameters": True},
 }
-#: Dense bf16 peak of an H100 SXM.
+#: Dense bf16 peak of an H100 SXM, FLOP/s.
 PEAK = 989e12
-#: GPUs, and bytes a second at which a ring sends: NVLink's, or that of the ports between machines.
+#: Number of GPUs, and rate of a ring in bytes/s: that of NVLink, or of the ports between machines.
 LINKS = {
     "8 GPUs, NVLink": (8, 300e9),
     "64 GPUs, eight 400 Gb/s ports a machine": (64, 300e9),
     "64 GPUs, one 400 Gb/s port a machine": (64, 40e9),
 }
+#: Assumed MFU, size of DDP's buckets (bytes), and bytes of a gradient's number.
 MFU, BUCKET, BYTES = 0.4, 25 * 2**20, 4
 
 
 class Losses(nn.Module):
-    """All objectives of a batch but align, whose gathering is no work of DDP."""
+    """Sum of the losses without align: its gathering is not work of DDP."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -69,7 +70,7 @@ class Losses(nn.Module):
 
 
 def process(rank: int, port: int, out: str) -> None:
-    """One of the two: rounds of steps, the ways in turn."""
+    """Entry point of one of the two processes: rounds of steps, the ways in turn."""
     os.environ |= {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port)}
     torch.set_num_threads(1)
     dist.init_process_group("gloo", rank=rank, world_size=2)
@@ -94,13 +95,13 @@ def process(rank: int, port: int, out: str) -> None:
 
 
 def projected(case: Case, parameters: int, gpus: int, rate: float) -> dict[str, float]:
-    """Efficiency of so many GPUs; see the top.
+    """Projected efficiency of data-parallel training; see the module's docstring.
 
     Args:
-        case: What each GPU computes.
-        parameters: Whose gradients are sent.
-        gpus: Number of them.
-        rate: Bytes a second that a GPU sends.
+        case: Step of each GPU.
+        parameters: Number of parameters with gradients.
+        gpus: Number of GPUs.
+        rate: Sending rate of a GPU, bytes/s.
     """
     step = step_flops(case) / (MFU * PEAK)
     share = 2 * (gpus - 1) / gpus

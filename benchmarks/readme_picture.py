@@ -1,4 +1,4 @@
-"""Draws the picture of the README: a touch, what a model makes of it, and what is read from that.
+"""Draws the picture of the README: a touch, its embedding, depth and forces.
 
 Run: python benchmarks/readme_picture.py [--out docs/assets/touch.png]
 """
@@ -51,7 +51,7 @@ def strength(recording: Recording) -> float:
 
 
 def read(recording: Recording) -> tuple[Array, Array, Array, Array, Array]:
-    """Frames, times, tokens of the strongest clip, read forces and depth of its last frame."""
+    """Frames, times, tokens of the strongest clip, estimated forces, depth of its last frame."""
     model = tactileforge.load("anytouch2.tiny")
     count = len(recording.frames)
     frames, rest = recording.frames.read(range(count)), np.asarray(recording.background())
@@ -88,7 +88,7 @@ def bare(axis: Axes, title: str) -> None:
 
 
 def draw(recording: Recording) -> Figure:
-    """The whole picture."""
+    """Draws the whole picture."""
     shown, times, tokens, forces, depth = read(recording)
     figure: Figure = plt.figure(figsize=(13.0, 3.3), dpi=150)
     grid = figure.add_gridspec(1, 4, width_ratios=[0.5, 1.0, 1.33, 1.5], wspace=0.16)

@@ -1,9 +1,9 @@
-"""Four cameras at 30 Hz and a wrench sensor at 1 kHz, recorded: drops, times, memory.
+"""Recording of four cameras at 30 Hz and a wrench sensor at 1 kHz: drops, times, memory.
 
-The cameras are synthetic: each picture carries its number, each is due at a known time, and its
-time is taken when the reader gets it, as from a driver without clock. A reader that is more than
-four frames late loses the oldest, as with the buffers of a driver. The wrench sensor is a process
-that speaks over a pseudo-terminal; each packet says its number, and when it was sent.
+The cameras are synthetic: each picture carries its number and is due at a known time, and is
+stamped when it is read, as from a driver without a clock. A reader more than four frames late
+loses the oldest, as with the buffers of a driver. The wrench sensor is a process on a
+pseudo-terminal; each packet carries its number and its time of sending.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from tactileforge.sensors.checksums import CHECKSUMS
 from tactileforge.sensors.drivers.force_torque import ForceTorque
 from tactileforge.testing.emulators import PtyDevice
 
-#: Buffers of a driver, and pixels on the side of a bit of a frame's number.
+#: Buffers of a driver; side of a bit of the frame's number, pixels; and number of bits.
 BUFFERS, BIT, BITS = 4, 8, 16
 HEADER, CHECKSUM = b"\x20\x4e", "crc16_modbus"
 FPS = 30.0
 
 
 class SyntheticCamera:
-    """A camera whose pictures say their number.
+    """A camera with the number of a frame in its picture.
 
     Args:
-        seed: Draws its pictures.
-        size: Height and width.
+        seed: Seed of its pictures.
+        size: Height and width, pixels.
     """
 
     def __init__(self, seed: int, size: tuple[int, int]) -> None:
@@ -62,7 +62,7 @@ class SyntheticCamera:
         self.start, self.number, self.lost = 0.0, 0, 0
 
     def discover(self) -> list[str]:
-        """None is attached."""
+        """Returns an empty list: there is no device."""
         return []
 
     def open(self) -> None:
@@ -70,7 +70,7 @@ class SyntheticCamera:
         self.start, self.number = time.monotonic(), 0
 
     def read(self, timeout: float = 1.0) -> Frame:
-        """The next frame, or the oldest that is still in the buffers."""
+        """The next frame, or the oldest one left in the buffers."""
         due = self.start + self.number / FPS
         late = int((time.monotonic() - due) * FPS) - BUFFERS
         if late > 0:
@@ -86,7 +86,7 @@ class SyntheticCamera:
         return Frame(array=array, time=taken)
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Does nothing."""
 
     def __enter__(self) -> Self:
         self.open()
@@ -97,13 +97,13 @@ class SyntheticCamera:
 
 
 def number_of(picture: NDArray[np.uint8]) -> int:
-    """The number that a picture carries."""
+    """The number in a picture."""
     bits = picture[: BIT - 1, : BITS * BIT].mean(axis=(0, 2)).reshape(BITS, BIT).mean(1) > 127
     return int((bits << np.arange(BITS)).sum())
 
 
 def packets(rate: float, start: float) -> Iterator[bytes]:
-    """Wrenches that say their number (Fx) and by how many ms they are sent late (Fy)."""
+    """Yields packets of wrenches with their number (Fx) and their delay of sending in ms (Fy)."""
     number = 0
     while True:
         late = time.monotonic() - start - number / rate
@@ -113,7 +113,7 @@ def packets(rate: float, start: float) -> Iterator[bytes]:
 
 
 def emulate(rate: float, pipe: Connection) -> None:
-    """The process of the wrench sensor."""
+    """Entry point of the wrench sensor's process."""
     with PtyDevice() as device:
         start = time.monotonic()
         pipe.send((device.port, start))

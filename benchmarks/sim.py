@@ -1,9 +1,9 @@
-"""Simulated touch: frames a second, the cost of five sensors, memory.
+"""Simulated touch: frames per second, the cost of five sensors, memory.
 
-- Finished frames a second at 320 x 240 (mechanics, optics, force): slides of four indenters on one
-  sensor, in one process, and with one process for each core as the data set does it.
-- What one contact costs on five sensors, against one.
-- Resident memory while one touch goes on and on.
+- Finished frames per second at 320 x 240 (mechanics, optics, force): slides of four indenters on
+  one sensor, in one process, and in two processes of one thread each.
+- Cost of one contact on five sensors, relative to one.
+- Peak resident memory of a short and of a long touch.
 
 Run: python benchmarks/sim.py
 """
@@ -37,12 +37,12 @@ def slide(name: str) -> Scene:
 
 
 def frames(name: str, sensors: tuple[str, ...]) -> int:
-    """Plays a slide; the number of finished frames."""
+    """Plays a slide, and returns the number of finished frames."""
     return sum(len(shots.pictures) for shots in play_scenes(slide(name), sensors, 240))
 
 
 def rate(sensors: tuple[str, ...]) -> dict[str, float]:
-    """Frames a second of each indenter, after a first round."""
+    """Frames per second of each indenter, after a warm-up."""
     out = {}
     for name in NAMES:
         frames(name, sensors)
@@ -52,7 +52,7 @@ def rate(sensors: tuple[str, ...]) -> dict[str, float]:
 
 
 def two_processes() -> float:
-    """Frames a second of two processes with one thread each, by their slower one."""
+    """Frames per second of two processes with one thread each: twice the slower one's."""
     code = (
         "import torch; torch.set_num_threads(1); from sim import *; r = rate(('digit',));"
         "print(len(NAMES) / sum(1 / v for v in r.values()))"
@@ -65,7 +65,7 @@ def two_processes() -> float:
 
 
 def memory() -> dict[str, float]:
-    """Megabytes after a short and after a long touch."""
+    """Peak memory after a short and after a long touch, MB."""
     out = {}
     base = slide("small_sphere")
     for repeats in (1, 20):

@@ -26,7 +26,7 @@ class Compare(CompareOptions):
     """A page with simulated and real touches side by side.
 
     Attributes:
-        out: The page.
+        out: Path of the page.
     """
 
     out: str = "compare.html"
@@ -45,7 +45,7 @@ def compare(keys: Compare, config: dict[str, Any]) -> None:
 
 
 def nearest(sensor: str, side: Side) -> str:
-    """Text: distances of the simulated touches of a sensor to each real source."""
+    """Text with the distances of a sensor's simulated touches to each real source."""
     lines = [f"{sensor}: {len(side.simulated.looks)} simulated touches"]
     for source, found in side.apart.items():
         numbers = ", ".join(
@@ -59,7 +59,7 @@ COMMAND = Command(run=compare, keys=Compare, groups={"data": "???"})
 
 
 def main(argv: Sequence[str]) -> int:
-    """Runs the command and gives its exit status."""
+    """Runs the command, and returns its exit status."""
     try:
         return _run.run("sim_compare", COMMAND, argv)
     except TactileForgeError as error:

@@ -1,10 +1,10 @@
 """Pictures of edges against a reference: the same gel, solved on a grid four times finer.
 
-Twelve indenters with edges are pressed 0.5 mm into a GelSight Mini. The reference is what was
-solved at 0.05 mm, with nothing added or smoothed, through the same optics. PSNR in the
-contact and a rim around it (dB), for pictures of 64, 128 and 240 rows, and the deviation of the
-surface (micrometre) at 240. Writes docs/assets/sim_edges.jpg too: ours, the reference, and eight
-times their difference.
+Twelve indenters with edges are pressed 0.5 mm into a GelSight Mini. The reference is the solution
+at a spacing of 0.05 mm, without refinement or smoothing, through the same optics. The scores are
+PSNR in the contact and a rim around it (dB), for pictures of 64, 128 and 240 rows, and the
+deviation of the surface (micrometre) at 240. Writes docs/assets/sim_edges.jpg too: ours, the
+reference, and eight times their difference.
 
 Run: python benchmarks/sim_edges.py
 """
@@ -59,7 +59,7 @@ def pressed(name: str, detail: int) -> ContactState:
 
 
 def reference(moment: ContactState, places: Tensor) -> Tensor:
-    """The displacement that was solved, at places of the picture."""
+    """The solver's displacement at places of the picture, mm."""
     n = moment.strain.shape[-1]
     layer = kernel(Gel(modulus=1.0), n, SPACING / DETAIL)
     pressure, shear = (
@@ -81,7 +81,7 @@ def grid(unit: SensorInstance) -> Tensor:
 
 
 def compared(name: str) -> tuple[dict[str, float], Tensor]:
-    """Scores, and the three pictures side by side at 240 rows."""
+    """Scores of an indenter, and the three pictures side by side at 240 rows."""
     fine = torch.from_numpy(shape(name).map(POINTS * DETAIL, SPACING / DETAIL))[None]
     surface = GelSurface(fine, SPACING, sensor_gel(SENSOR).gel)
     coarse, exact = pressed(name, 1), pressed(name, DETAIL)

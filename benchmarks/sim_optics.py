@@ -1,14 +1,15 @@
-"""Optics of the simulator against real pictures of ball presses that the fit has not seen.
+"""Optics of the simulator against real pictures of held-out ball presses.
 
-Per sensor: calibrated on every second press, scored on the others, in the square of 1.6 contact
-radii around the contact (the crop in which the bare background scores 21.55 dB on Taxim's
-GelSight), as means over presses. Beside it: the background alone; models of the normal alone; and
-the package `taxim`, calibrated by its authors on all presses. Taxim gets the best of several ways
-to tell it the press, and of its own picture and its change added to the real background.
+Each sensor is calibrated on every second press and scored on the others, in the square of 1.6
+contact radii around the contact (the crop with 21.55 dB for the bare background on Taxim's
+GelSight), as means over presses. Baselines: the background alone; models of the normal alone; and
+the package `taxim`, calibrated by its authors on all presses. Taxim's score is the best over
+several descriptions of the press, and over its own picture and its change added to the real
+background.
 
 Run: python benchmarks/sim_optics.py [--taxim-python PYTHON] [--write]
   --taxim-python  interpreter of an environment with taxim and jax
-  --write         fit on all presses, and write the calibrations that ship
+  --write         fit on all presses, and write the calibrations of the package
 """
 
 from __future__ import annotations
@@ -90,12 +91,12 @@ def baseline(train: Presses, test: Presses, which: slice, degree: int) -> dict[s
 
 
 def optics(calibration: OpticalCalibration, presses: Presses) -> Optics:
-    """The optics of the unit that the presses were made on."""
+    """The optics of the presses' unit."""
     return Optics(SensorInstance("", 0, presses.background, calibration, presses.spacing, 0.0))
 
 
 def validate(presses: Presses) -> dict[str, Any]:
-    """Scores on the odd presses of what was fitted on the even ones."""
+    """Scores on the odd presses of models fitted on the even ones."""
     train, test = presses.part(slice(0, None, 2)), presses.part(slice(1, None, 2))
     ours = optics(fit.fit_optics(train), presses)
     result: dict[str, Any] = {"presses fitted": len(train), "presses scored": len(test)}
@@ -107,7 +108,7 @@ def validate(presses: Presses) -> dict[str, Any]:
 
 
 def run_taxim(python: str, name: str, presses: Presses) -> dict[str, Any]:
-    """Scores of taxim on the odd presses, and its frames a second."""
+    """Scores of taxim on the odd presses, and its frames per second."""
     test = presses.part(slice(1, None, 2))
     with tempfile.TemporaryDirectory() as folder:
         told, answer = Path(folder) / "in.npz", Path(folder) / "out.npz"
@@ -137,7 +138,7 @@ def run_taxim(python: str, name: str, presses: Presses) -> dict[str, Any]:
 
 
 def speed() -> dict[str, float]:
-    """Frames a second of our optics on one core, 320 x 240, 8 frames at a time."""
+    """Frames per second of our optics on one core, 320 x 240, 8 frames at a time."""
     found = {}
     for sensor in SIMULATED:
         rig = Optics(draw_instance(sensor, 0, (240, 320)))
@@ -152,7 +153,7 @@ def speed() -> dict[str, float]:
 
 
 def write() -> None:
-    """Fits on all presses, and writes the calibrations that ship."""
+    """Fits on all presses, and writes the calibrations of the package."""
     folder = Path(lighting.__file__).parents[1] / "calibration"
     for name, source in SOURCES.items():
         made = fit.fit_optics(read(name))
@@ -182,7 +183,8 @@ def main() -> None:
             result[name]["taxim"] = run_taxim(wanted.taxim_python, name, presses)
         elif name in TAXIM:
             result[name]["taxim"] = "left out: not importable; give --taxim-python"
-    # The package's own annotations of the Mini miss the contacts; for whom they are the truth:
+    # Taxim's own annotations of the Mini miss the contacts, so the scores above use detected
+    # circles. These take the annotations as the truth.
     known = read("gelsight_mini")
     folder = DATA / KNOWN["gelsight_mini"][0]
     annotated = read_presses(folder, "background.jpg", known.spacing, "annotations.csv")

@@ -27,7 +27,7 @@ ROOT = Path(__file__).parents[1]
 ASSETS = ROOT / "docs" / "assets"
 REALDATA = Path(os.environ.get("TACTILEFORGE_REALDATA", ROOT / ".." / "shared" / "realdata"))
 SHAPES = ("pentagram", "small_sphere", "dense_circular_holes_68", "screw_m6")
-#: Force trials of ToucHD's demonstrations: sensor, its frames, sign and names of its columns.
+#: Sensors of the force trials in ToucHD's demonstrations.
 TRIALS = ("gelsight_mini", "digit")
 
 
@@ -52,7 +52,7 @@ def films(
 
 
 def gallery() -> None:
-    """Rows: sensors; columns: actions, each at the end of its phase; indenters in turn."""
+    """Draws a grid of sensors (rows) and actions (columns, near their end), indenters in turn."""
     sensors, cell = list(SIMULATED), 120
     rows: list[list[NDArray[np.uint8]]] = [[] for _ in sensors]
     for number, action in enumerate(ACTIONS):
@@ -80,7 +80,7 @@ def gallery() -> None:
 
 
 def curves() -> None:
-    """Forces and torque of a force trial on two sensors."""
+    """Draws the forces of a force trial on two sensors."""
     touch = scene("one_quarter_cylindrical", "force_trial", 0.5)
     figure = Figure(figsize=(9, 3), layout="constrained")
     for axes, sensor, (_, force) in zip(
@@ -96,14 +96,14 @@ def curves() -> None:
 
 
 def change(pictures: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Mean absolute difference of each picture from the first."""
+    """Mean absolute difference of each picture from the first, less the second one's."""
     still = pictures[0].astype(np.float32)
     found = np.array([float(np.abs(picture - still).mean()) for picture in pictures])
     return np.asarray(found - found[1], np.float64)
 
 
 def lag(response: NDArray[np.float64], normal: NDArray[np.float64]) -> tuple[int, float]:
-    """Frames by which pictures follow force, and their correlation then."""
+    """Delay of pictures behind force with the largest correlation, frames, and the correlation."""
     found = {}
     for shift in range(12):
         stop = len(normal) - shift
@@ -113,7 +113,7 @@ def lag(response: NDArray[np.float64], normal: NDArray[np.float64]) -> tuple[int
 
 
 def responses() -> dict[str, object]:
-    """Response of images to force: simulated beside measured (one trial per sensor)."""
+    """Draws the response of images to force, simulated beside measured, one trial per sensor."""
     out: dict[str, object] = {}
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     for axes, sensor in zip(figure.subplots(1, 2), TRIALS, strict=True):
@@ -126,6 +126,7 @@ def responses() -> dict[str, object]:
         peak = float(real[1].max())
         touch = scene("one_quarter_cylindrical", "force_trial", 0.2)
         ((_, probe),) = films(touch, [sensor], 16)
+        # The depth of the measured peak force, from a probe at 0.2 mm and force ~ depth^1.1.
         depth = 0.2 * (peak / float(probe[:, 2].max())) ** (1 / 1.1)
         touch = scene("one_quarter_cylindrical", "force_trial", depth)
         ((pictures, force),) = films(touch, [sensor], 240, viscosity=0.1)

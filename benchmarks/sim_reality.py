@@ -1,11 +1,10 @@
-"""Simulated pictures against real ones of the same type of sensor: every source, every number.
+"""Simulated pictures against real ones of the same type of sensor, per source and measure.
 
-For DIGIT and GelSight Mini: medians over the touches of each source (10 %, 50 % and 90 % where
-three numbers stand), the distances of simulated touches to each real source, and, as what can be
-hoped for, the distances of real sources to each other. Then a classifier of real against simulated
-patches, trained on one real source and tested on another (mean of three seeds), and the same
-classifier of one real source against another. Results stand under a name, so that those of two
-states of the simulator lie in one file.
+For DIGIT and GelSight Mini: medians over the touches of each source (10 %, 50 % and 90 % quantiles
+for triples), the distances of simulated touches to each real source, and, as the best possible
+result, the distances between real sources. Then a classifier of real against simulated patches,
+trained on one real source and tested on another (mean of three seeds). Results are stored under a
+name, so that one file can hold those of several versions of the simulator.
 
 Run: python benchmarks/sim_reality.py --name NAME [--scenes 40] [--sensors digit gelsight_mini]
 """
@@ -38,7 +37,7 @@ from tactileforge.datasets.recordings import Recordings
 
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("TACTILEFORGE_REALDATA", ROOT.parent / "shared" / "realdata"))
-#: Sources of `conf/data/public_samples.yaml` by sensor, and more that only tests may use.
+#: Sources of `conf/data/public_samples.yaml` by sensor, and those of `MORE`, for tests only.
 SOURCES = {
     "digit": ("fots_digit", "digit_edge", "touchd_force_digit"),
     "gelsight_mini": (
@@ -67,11 +66,12 @@ MORE: dict[str, dict[str, Any]] = {
         "background": "none",
     },
 }
-#: Real sources that classifiers are trained on, and tested on.
+#: Pairs of real sources for training and for testing of classifiers.
 PAIRS = {
     "digit": (("fots_digit", "touchd_force_digit"), ("touchd_force_digit", "fots_digit")),
     "gelsight_mini": (("octopi", "taxim_gelsight_mini"), ("taxim_gelsight_mini", "octopi")),
 }
+#: Recordings and patches per source, and seeds of the classifier.
 _TOUCHES = 60
 _PATCHES = 600
 _SEEDS = 3
@@ -92,7 +92,7 @@ def real(source: str) -> list[Recording]:
 
 
 def _with_median(recordings: list[Recording]) -> list[Recording]:
-    """Stills without a background, whose median over all is one: contacts are in many places."""
+    """Recordings with the median of all stills as background: contacts are in many places."""
     if recordings[0].no_contact is not None:
         return recordings
     shown = np.concatenate([one.frames.read([0]) for one in recordings])
@@ -101,7 +101,7 @@ def _with_median(recordings: list[Recording]) -> list[Recording]:
 
 
 def sensor_results(sensor: str, scenes: int) -> dict[str, Any]:
-    """All numbers of one sensor."""
+    """All results of one sensor."""
     start = time.perf_counter()
     played = _Cut(simulated(config(sensor), range(scenes)))
     ours = profile("simulated", sensor, played)
@@ -127,7 +127,7 @@ def sensor_results(sensor: str, scenes: int) -> dict[str, Any]:
 
 
 class _Cut:
-    """Recordings as they pass, and patches of each."""
+    """Iterator over recordings; collects patches of each."""
 
     def __init__(self, recordings: Iterable[Recording]) -> None:
         self._recordings = recordings
@@ -145,7 +145,7 @@ class _Cut:
 
 
 def real_patches(source: str) -> Array:
-    """About 600 patches of a source; a long recording gives many pictures."""
+    """About 600 patches of a source; a single long recording gives several pictures."""
     recordings = real(source)
     most = 1 if len(recordings) > 1 else 40
     pictures = sum(max(1, min(most, len(one.frames) // 8)) for one in recordings)
@@ -159,7 +159,7 @@ def _parts(frames: int, most: int) -> list[tuple[int, int]]:
 
 
 def classified(sensor: str, halves: tuple[Array, Array]) -> dict[str, Any]:
-    """Scores of classifiers by what they see, for each pair of real sources."""
+    """Scores of classifiers by view, for each pair of real sources."""
     sources = sorted({name for pair in PAIRS[sensor] for name in pair})
     held = {source: real_patches(source) for source in sources}
     out: dict[str, Any] = {}
@@ -204,12 +204,12 @@ def summary(one: Profile) -> dict[str, Any]:
 
 
 def listed(values: Iterable[float]) -> list[float | None]:
-    """Three decimals; None for what cannot be told."""
+    """Numbers with three decimals; None for NaN or infinity."""
     return [round(float(v), 3) if np.isfinite(v) else None for v in values]
 
 
 def rounded(values: dict[str, float]) -> dict[str, float | None]:
-    """The same by name."""
+    """Numbers by name, with three decimals; None for NaN or infinity."""
     return dict(zip(values, listed(values.values()), strict=True))
 
 

@@ -1,9 +1,9 @@
-"""Shear read from simulated pictures without markers, on indenters that were never seen.
+"""Estimation of shear from simulated pictures without markers, on unseen indenters.
 
 A small convolutional net is trained for some minutes on clips of four frames of slides and force
-trials; beside it a ridge on 16 x 16 pixels of the difference. R2 of Fx and Fy over all clips in
-contact, over those that slide (shear above 0.9 of friction times normal force), and over those that
-stick (below 0.6).
+trials; the baseline is a ridge regression on 16 x 16 pixels of the difference. The result is R2 of
+the forces over all clips in contact, over sliding ones (shear above 0.9 of friction times normal
+force), and over sticking ones (below 0.6).
 
 Run: python benchmarks/sim_shear.py --minutes 5
 """
@@ -27,7 +27,7 @@ from tactileforge.datasets.sim import Sim
 from tactileforge.sensors.specs import simulation
 from tactileforge.sim.geometry.shapes import INDENTERS
 
-#: Every fifth indenter is kept for the test.
+#: Pre-training indenters; every fifth is held out for the test.
 NAMES = [name for name, known in INDENTERS.items() if known.split == "pretrain"]
 UNSEEN = NAMES[::5]
 SEEN = [name for name in NAMES if name not in UNSEEN]
@@ -36,7 +36,7 @@ SIDE, FRAMES, SPACING = 64, 4, 1 / 15
 
 
 def clips(args: argparse.Namespace, names: list[str], count: int, seed: int) -> Iterator[list[Any]]:
-    """Clips as differences from the background, forces, and the share of friction that is used."""
+    """Yields clips as differences from the background, forces, and the used share of friction."""
     data = Sim(
         scenes=count,
         val=0,
@@ -87,7 +87,7 @@ def net() -> nn.Module:
 
 
 def train(pictures: Tensor, force: Tensor, minutes: float) -> tuple[nn.Module, Tensor, Tensor, int]:
-    """Trains for some minutes with flips (and their forces), and squared errors per deviation."""
+    """Trains for some minutes, with flips of pictures and forces, on squared normalised errors."""
     torch.manual_seed(0)
     model = net()
     middle, spread = force.mean(0), force.std(0)
@@ -111,7 +111,7 @@ def train(pictures: Tensor, force: Tensor, minutes: float) -> tuple[nn.Module, T
 
 
 def ridge(train_x: Tensor, train_y: Tensor, test_x: Tensor, penalty: float = 1e-2) -> Tensor:
-    """A ridge on 16 x 16 pixels of all frames."""
+    """Predictions of a ridge regression on 16 x 16 pixels of all frames."""
 
     def small(x: Tensor) -> Tensor:
         return F.adaptive_avg_pool2d(x.float(), 16).flatten(1)

@@ -1,7 +1,7 @@
-"""From the command to the first training step of `scale=demo` on data that is cached; `--help`.
+"""Time from the command to the first training step of `scale=demo` on cached data; and `--help`.
 
-CPU seconds (`getrusage`) of a process of its own, the median of three: other programs do not count.
-Readers, which work beside it, are not in it. Wall seconds stand beside, of the machine as it was.
+CPU seconds of a process of its own, the median of three, excluding other programs. Workers are not
+included. Wall seconds are reported beside them, for the machine's load at the time.
 
 Run: python startup.py
 """
@@ -20,7 +20,7 @@ from typing import Any
 
 ROUNDS = 3
 TRAIN = ("train", "scale=demo", "debug=none")
-#: In the process that is measured: marks, and the end after the first step.
+#: Code of the measured process: takes marks, and ends after the first step.
 CHILD = """
 import json, os, sys, time
 import tactileforge.cli as cli

@@ -1,7 +1,7 @@
-"""Parts of a training step of AnyTouch 2 (base, pixel + diff); what fused AdamW and bf16 give.
+"""Parts of a training step of AnyTouch 2 (base, pixel + diff), and gains of fused AdamW and bf16.
 
-Parts take turns in one process, on one thread. CPU time counts (`time.process_time`), so that other
-programs do not; medians are kept, without the first round.
+Parts take turns in one process, on one thread. CPU time counts (`time.process_time`), excluding
+other programs; the medians leave out the first round.
 
 Run: python benchmarks/step_parts.py
 """
@@ -35,7 +35,7 @@ PARTS = (
 
 
 def timed(what: Callable[[], Any]) -> tuple[float, Any]:
-    """CPU seconds, and what is returned."""
+    """CPU seconds and result of a call."""
     start = time.process_time()
     out = what()
     return time.process_time() - start, out
@@ -70,7 +70,7 @@ def main() -> None:
 
 
 def keep(rounds: Sequence[tuple[float, ...]]) -> None:
-    """Writes medians and what follows from them."""
+    """Writes medians, and shares and ratios of them."""
     of = dict(zip(PARTS, map(statistics.median, zip(*rounds[1:], strict=True)), strict=True))
     work = of["forward"] + of["backward"]
     half = of["forward, bf16"] + of["backward, bf16"]

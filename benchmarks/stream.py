@@ -1,7 +1,7 @@
 """From a frame to its prediction: the time of `TouchStream.push`, p50 and p99.
 
-Frames of 320 x 240 with noise and a spot that moves are pushed as fast as they are predicted, with
-times of a camera of 30 Hz. The model is ``anytouch2.tiny``; give ``--model NAME`` for others.
+Frames of 320 x 240 of a moving spot with noise are pushed as fast as predictions return, with the
+times of a 30 Hz camera. The model is ``anytouch2.tiny``; ``--model NAME`` takes others.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def run(model: Model, count: int) -> dict[str, float]:
     for number in range(count + 20):
         start = time.perf_counter()
         found = stream.push(images[number % len(images)], number / 30)
-        if number >= 20:  # a clip is there, and the weights are packed
+        if number >= 20:  # warm-up: by now a clip is complete, and the weights are packed
             assert found is not None
             milli.append(1000 * (time.perf_counter() - start))
     p50, p99 = np.percentile(milli, [50, 99])

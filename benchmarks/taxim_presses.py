@@ -1,4 +1,4 @@
-"""Ball presses by the package `taxim`, for sim_optics.py; runs in an environment that has it.
+"""Ball presses by the package `taxim`, for sim_optics.py; runs in an environment with it.
 
 Run: python taxim_presses.py IN.npz OUT.npz
 """
@@ -32,7 +32,7 @@ def balls(about: dict[str, Any], shape: tuple[int, int], ball: float, share: flo
 
 
 def main() -> None:
-    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])  # one core, as ours
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])  # one core, like ours
     about = dict(np.load(sys.argv[1]))
     folder = HERE / str(about["calibration"])
     simulator = taxim.Taxim(folder, backend="jax")

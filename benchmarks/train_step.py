@@ -5,9 +5,9 @@ and a fused AdamW step. Ours starts from uint8 frames, and subtracts, normalises
 them; VideoMAE is given finished floats. Our two decoders have 6 layers each, the peer's one has 12.
 
 Steps take turns in one process, on one thread, with a matrix product between them. CPU seconds
-count (`time.process_time`), so that other programs do not; medians are kept, without the first
-round. Operations are `train_subjects.step_flops`, and those of all five objectives are counted by
-torch; the share is of what the matrix product reaches.
+count (`time.process_time`), excluding other programs; the medians leave out the first round.
+Operations are `train_subjects.step_flops`, and those of all five objectives are counted by torch;
+the share is relative to the rate of the matrix product.
 
 Run: python train_step.py
 """
@@ -27,7 +27,7 @@ BATCH, ROUNDS, SIDE = 2, 7, 1024
 
 
 def stepper(case: Case) -> tuple[Callable[[], object], int]:
-    """A step, and its operations."""
+    """A training step, and its number of operations."""
     subject = build(case)
     flops = step_flops(case) or count(subject, subject.batch, torch.device("cpu"))
     optimizer = torch.optim.AdamW(subject.module.parameters(), lr=1e-4, fused=True)

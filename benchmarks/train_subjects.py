@@ -1,4 +1,4 @@
-"""Training steps that are timed: ours and VideoMAE's of equal size, and what they compute."""
+"""Timed training steps: ours and VideoMAE's of equal size, and their operations."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from tactileforge.testing import batch as make_batch
 
 #: Decoder of each of our two heads: width, heads.
 DECODER = (512, 8)
+#: Side of a patch (pixels), length of a tube (frames), and masked share of tubes.
 PATCH, TUBE, MASK = 16, 2, 0.75
 OBJECTIVES = {
     "pixel+diff": ["pixel", "diff"],
@@ -28,18 +29,19 @@ OBJECTIVES = {
 
 @dataclass(frozen=True)
 class Case:
-    """A step that is timed.
+    """A timed training step.
 
     Attributes:
         subject: ``pixel+diff``, ``all five`` or ``videomae``.
-        size: Of the encoder, a key of `SIZES`.
-        frames: Of a clip.
-        batch: Clips.
+        size: Size of the encoder, a key of `SIZES`.
+        frames: Frames per clip.
+        batch: Clips per batch.
         compiled: Whether blocks are compiled.
-        data: ``resident`` on the device, ``host`` memory, or ``loader``, decoded by workers.
+        data: Origin of batches: ``resident`` on the device, ``host`` memory, or ``loader``, decoded
+            by workers.
         image: Height and width, pixels.
         layers: Blocks of each of our two decoders.
-        scenes: Simulated touches that a loader reads.
+        scenes: Number of simulated touches of the loader.
     """
 
     subject: str
@@ -55,7 +57,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Subject:
-    """A module, the loss of a batch, and batches of it on the host."""
+    """A module, its loss of a batch, and a batch on the host."""
 
     module: nn.Module
     loss: Callable[[Batch], Tensor]
@@ -75,7 +77,7 @@ def build(case: Case) -> Subject:
 
 
 def config_of(case: Case) -> dict[str, Any]:
-    """The configuration of a run with our recipe."""
+    """The configuration of a run of our recipe for a case."""
     names = OBJECTIVES[case.subject]
     words = [f"objective=[{','.join(names)}]", f"encoder.size={case.size}", "data=sim"]
     words += [f"encoder.frames={case.frames}", f"encoder.image_size={case.image}"]
@@ -141,11 +143,11 @@ def _kept(count: int) -> int:
 def step_flops(case: Case) -> int:
     """Operations of matrix products of a step, from the sizes alone; 0 for ``all five``.
 
-    A product of (n, k) and (k, m) is 2 n k m; backward counts twice, and nothing is counted again
-    that is computed again. A block of width w on L tokens, of which it is read for R, has
-    ``6 L w^2 + 18 R w^2`` in its linear layers (keys, values and queries of all; the rest of
-    those it is read for) and ``4 L R w`` in attention. Masked tokens are tokens like others: this
-    is what is computed, not what is of use. The first layer has no gradient of its input.
+    A product of (n, k) and (k, m) is 2 n k m; backward counts twice, and recomputation does not
+    count. A block of width w on L tokens with R outputs has ``6 L w^2 + 18 R w^2`` in its linear
+    layers (queries, keys and values for all tokens; the others for the outputs) and ``4 L R w`` in
+    attention. Masked tokens count like others: these are computed operations, not useful ones. The
+    first layer has no gradient of its input.
     """
     if case.subject == "all five":
         return 0
@@ -169,5 +171,5 @@ def step_flops(case: Case) -> int:
 
 
 def block_flops(tokens: int, read: int, width: int) -> int:
-    """Operations of a block forward; see `step_flops`."""
+    """Operations of a block's forward pass; see `step_flops`."""
     return 6 * tokens * width**2 + 18 * read * width**2 + 4 * tokens * read * width

@@ -6,9 +6,10 @@ import torch
 from omegaconf import OmegaConf
 
 from tactileforge import registry
-from tactileforge.assemble import build_data, outline
+from tactileforge.assemble import build_data
 from tactileforge.compose import compose
 from tactileforge.errors import ConfigError
+from tactileforge.parts import outline
 
 RECIPES = ["anytouch1", "anytouch2", "dino", "mae", "t3", "unitouch", "vjepa"]
 

@@ -133,3 +133,19 @@ def test_numbers_that_change_in_steps() -> None:
 def test_mistakes_in_numbers_that_change(values: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         from_config({"values": values}, {}, 100, 10)
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ({"objektive": {}}, "unknown key in curriculum 'objektive'; did you mean 'objective'"),
+        ({"objective": {"force": 3}}, "curriculum.objective.force=3: give {start: A, end: B}"),
+        ({"objective": {"force": {"start": "x"}}}, "curriculum.objective.force.start=x"),
+        ({"objective": {"force": {"end": True}}}, "curriculum.objective.force.end=True"),
+        ({"universal": 0.5}, "curriculum.universal"),
+    ],
+)
+def test_mistakes_of_form_are_named(config: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigError) as raised:
+        from_config(config, {"force": 1.0}, 100, 10)
+    assert message in str(raised.value)

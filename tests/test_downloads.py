@@ -99,7 +99,7 @@ def test_silence_ends_in_an_error(
         request.send_header("Content-Length", "100")
         request.end_headers()
         request.wfile.write(b"a few")
-        release.wait(20)
+        release.wait(60)
 
     folder = ShardFolder(serve(stall), tmp_path)
     with pytest.raises(DataError, match=r"cannot be fetched \(.*(timed out|sends less than)"):

@@ -1,14 +1,19 @@
 """Parts of files that killed processes left, and places that cannot be written."""
 
+import ast
+import errno
 import os
+import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from tactileforge import cli, files
+from tactileforge.cli import plugins
 from tactileforge.errors import ConfigError
 from tactileforge.files import check_cache, check_writable, new_part, part_name, sweep_parts
 
@@ -98,6 +103,77 @@ def test_a_cache_that_cannot_be_written_names_its_variable(
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     with pytest.raises(ConfigError, match="set TACTILEFORGE_CACHE= to a folder"):
         check_cache()
+
+
+#: Functions and methods that write a file, and what a part or memory is called there.
+WRITE_FUNCTIONS = {"save", "savez", "savez_compressed", "save_file", "dump"}
+WRITE_METHODS = {"write_text", "write_bytes"}
+OURS = {"part", "record", "content", "file", "whole"}
+#: Others: locks, which hold nothing; and what is given a part, or a folder that is one.
+ALLOWED = {
+    ("packing/__init__.py", "(out / NOTES / 'lock')"),
+    ("record/store.py", "(self.out / NOTES / 'lock')"),
+    ("untrusted.py", "plain"),  # to text
+    ("testing/modules.py", "state"),  # to bytes
+    ("export/program.py", "path"),
+    ("export/onnx_file.py", "path"),
+    ("lerobot/touch.py", "(root / files[-1])"),
+}
+
+
+def written_places(tree: ast.AST) -> Iterator[str]:
+    """What each call in a module writes to, as source."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute | ast.Name):
+            continue
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else node.func.id
+        module = ast.unparse(node.func).rpartition(".")[0]
+        if name in WRITE_METHODS and module:
+            yield module
+        elif name == "open" and any(
+            isinstance(a, ast.Constant) and re.fullmatch("[wx]b?[+]?", str(a.value))
+            for a in [*node.args, *(keyword.value for keyword in node.keywords)]
+        ):
+            yield module.removeprefix("tarfile") or ast.unparse(node.args[0])
+        elif name in WRITE_FUNCTIONS and module in {"", "np", "torch", "onnx", "json", "yaml"}:
+            places = [
+                a for a in node.args if name not in {"save", "save_file"} or a is not node.args[0]
+            ]
+            if module == "np" or not places:
+                places = node.args[:1]
+            yield ast.unparse(places[0])
+
+
+def test_no_module_writes_a_file_in_its_place() -> None:
+    """All goes into a part, or into memory: what kills a command leaves no half of a file."""
+    source, found = Path(files.__file__).parent, set()
+    for path in source.rglob("*.py"):
+        name = str(path.relative_to(source))
+        found |= {(name, place) for place in written_places(ast.parse(path.read_text("utf-8")))}
+    assert len(found) > 10
+    assert {(name, place) for name, place in found if place not in OURS} <= ALLOWED
+
+
+def test_a_new_package_is_whole_or_absent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["plugins", "new", "objective", "mine", f"out={tmp_path}"]
+    kept, written = plugins.write_text, []
+
+    def half(path: Path, text: str) -> None:
+        if written:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        kept(path, text)
+        written.append(path)
+
+    monkeypatch.setattr(plugins, "write_text", half)
+    assert cli.run(words) == 1
+    assert "No space left on device); make room" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+    monkeypatch.undo()
+    assert cli.run(words) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["tactileforge-mine"]
+    assert "next: pip install" in capsys.readouterr().out
 
 
 #: Every command that writes, with what it is given beside its place.

@@ -10,7 +10,7 @@ from tactileforge.contracts import Batch
 from tactileforge.distributed import masked_mean
 from tactileforge.errors import ConfigError, PluginError
 from tactileforge.module import TouchModule
-from tactileforge.parts import check_size
+from tactileforge.parts import outline
 
 SMALL = ["scale=demo", "encoder.image_size=32"]
 TINY_DATA = ["data.scenes=3", "data.val=1", "data.size=32"]
@@ -139,13 +139,13 @@ def test_an_encoder_of_any_size_is_refused_before_it_is_built(
 ) -> None:
     node = {"name": "tactile_vit", "size": "tiny", "image_size": 32}
     before = torch.random.get_rng_state()
-    check_size(node)
+    outline(node)
     assert torch.equal(torch.random.get_rng_state(), before), "it draws nothing"
     with pytest.raises(ConfigError, match=r"image_size=\[32, 100000\]: at most 8192"):
-        check_size(node | {"image_size": [32, 100000]})
+        outline(node | {"image_size": [32, 100000]})
     monkeypatch.setattr(parts, "_MOST", 1000)
     with pytest.raises(ConfigError, match="weights, and at most 1,000 are built"):
-        check_size(node)
+        outline(node)
 
 
 @pytest.mark.parametrize(

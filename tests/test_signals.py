@@ -25,7 +25,7 @@ def test_an_event_is_set_and_the_second_ends_at_once(number: signal.Signals) -> 
     before = [signal.getsignal(one) for one in ENDING]
     with stopped_by_signals() as stop:
         os.kill(os.getpid(), number)
-        assert stop.wait(10)
+        assert stop.wait(60)
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), number)
     assert [signal.getsignal(one) for one in ENDING] == before

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tactileforge import train
+from tactileforge import fitting, train
 from tactileforge.compose import compose
 from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import read_metrics
@@ -22,15 +22,15 @@ from tactileforge.run_folder import LAST
     ],
 )
 def test_a_process_that_died_is_told_from_a_mistake(said: str, lost: bool) -> None:
-    assert bool(train._LOST.search(said)) is lost
+    assert bool(fitting._LOST.search(said)) is lost
 
 
 def test_the_way_back_is_quoted(tmp_path: Path) -> None:
     run = tmp_path / "my run"
-    assert train._kept(run) == "Nothing was saved before: give the same command again"
+    assert fitting._kept(run) == "Nothing was saved before: give the same command again"
     (run / LAST).parent.mkdir(parents=True)
     (run / LAST).touch()
-    assert train._kept(run).endswith(f"tactileforge train resume='{run}'")
+    assert fitting._kept(run).endswith(f"tactileforge train resume='{run}'")
 
 
 @pytest.mark.slow

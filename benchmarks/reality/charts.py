@@ -17,7 +17,7 @@ def spectra_chart(profiles: Sequence[Profile]) -> Markup:
     """Median spectrum of each source relative to its lowest frequencies; the first is black.
 
     Args:
-        profiles: The simulated one first.
+        profiles: Profiles of the sources, the simulated one first.
     """
     with drawing(5.2, 3.2) as (figure, axes):
         for start in measures.BANDS:
@@ -32,10 +32,10 @@ def spectra_chart(profiles: Sequence[Profile]) -> Markup:
 
 
 def touches_chart(profiles: Sequence[Profile]) -> Markup:
-    """Contrast against contact area, a point a touch.
+    """Contrast against contact area, one point per touch.
 
     Args:
-        profiles: The simulated one first.
+        profiles: Profiles of the sources, the simulated one first.
     """
     with drawing(5.2, 3.2) as (figure, axes):
         for number, profile in reversed(list(enumerate(profiles))):

@@ -1,7 +1,7 @@
-"""A classifier of real against simulated patches, to measure the gap between them.
+"""A classifier of real against simulated patches, as a measure of the gap between them.
 
-Trained on one real source and tested on another, so that it cannot know the unit, and on other
-simulated scenes. 0.5 is chance: the two cannot be told apart by what the classifier sees.
+It is trained on one real source and tested on another, so that it cannot learn the unit, and on
+other simulated scenes. 0.5 is chance: the inputs of the classifier do not separate the two.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from reality.measures import Array
 from reality.patches import patch_colours, patch_spectra
 from tactileforge.errors import ConfigError
 
-#: Fewest patches of a class.
+#: Least number of patches of a class.
 _LEAST = 16
-#: Variance that is added where contrast is taken out, so that noise does not become large.
+#: Variance added in the normalisation of contrast, so that noise is not amplified.
 _QUIET = 4.0
+#: Batch size, learning rate and weight decay of training.
 _BATCH, _RATE, _DECAY = 64, 2e-3, 1e-2
 
 
@@ -30,10 +31,10 @@ class ClassifierScore:
     """Accuracy and AUC of the classifier on held-out patches.
 
     Attributes:
-        accuracy: Share that is right, of as many real as simulated ones.
-        auc: Chance that a real patch is held for real more than a simulated one.
-        seen: Accuracy on the patches of training.
-        patches: Of each class, trained and tested.
+        accuracy: Accuracy on equal numbers of real and simulated patches, 0 to 1.
+        auc: Probability of a higher score for a real patch than for a simulated one.
+        seen: Accuracy on the training patches.
+        patches: Number of patches of each class, for training and for testing.
     """
 
     accuracy: float
@@ -47,18 +48,18 @@ class PatchSplit:
     """Patches (N, 48, 48, 3) of change images, see `patches.patches`.
 
     Attributes:
-        real: Of a real source.
-        simulated: Of simulated scenes.
+        real: Patches of a real source.
+        simulated: Patches of simulated scenes.
     """
 
     real: Array
     simulated: Array
 
     def balanced(self) -> PatchSplit:
-        """Subsamples to as many real as simulated patches, evenly spread.
+        """A subsample of equal numbers of real and simulated patches, evenly spread.
 
         Raises:
-            ConfigError: Fewer than 16 of one.
+            ConfigError: A class has fewer than 16 patches.
         """
         count = min(len(self.real), len(self.simulated))
         if count < _LEAST:
@@ -75,9 +76,9 @@ class PatchSplit:
 
 
 def _pixels(cut: Array) -> Array:
-    """Change images for a network, (N, 3, 48, 48): each of mean 0 and deviation 1.
+    """Change images for a network, (N, 3, 48, 48), each of mean 0 and deviation 1.
 
-    How strong a contrast is differs between sources, and would hide what does not.
+    The strength of contrast differs between sources, and would dominate everything else.
     """
     away = cut - cut.mean(axis=(1, 2), keepdims=True)
     deviation = np.sqrt(np.square(away).mean(axis=(1, 2, 3), keepdims=True) + _QUIET)
@@ -113,8 +114,8 @@ def told_apart(
         train: One real source, and simulated scenes.
         test: Another real source, and other simulated scenes.
         view: One of `VIEWS`.
-        seed: Of its weights and batches.
-        steps: Of training.
+        seed: Seed of its weights and batches.
+        steps: Number of training steps.
 
     Raises:
         ConfigError: Too few patches.
@@ -136,14 +137,14 @@ def told_apart(
 
 
 def _labelled(split: PatchSplit, shown: Callable[[Array], Array]) -> tuple[Tensor, Tensor]:
-    """Inputs, and 1 for real and 0 for simulated."""
+    """Inputs, and labels: 1 for real, 0 for simulated."""
     inputs = np.concatenate([shown(split.real), shown(split.simulated)])
     labels = torch.cat([torch.ones(len(split.real)), torch.zeros(len(split.simulated))])
     return torch.from_numpy(inputs), labels
 
 
 def _fit(net: nn.Module, x: Tensor, y: Tensor, steps: int) -> None:
-    """Adam with a cosine schedule; patches are mirrored, as lights differ from unit to unit."""
+    """Trains by AdamW with a cosine schedule; mirrors patches, as lights differ between units."""
     optimiser = torch.optim.AdamW(net.parameters(), _RATE, weight_decay=_DECAY)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
     for step in range(steps):
@@ -159,7 +160,7 @@ def _fit(net: nn.Module, x: Tensor, y: Tensor, steps: int) -> None:
 
 
 def auc(scores: Tensor, positive: Tensor) -> float:
-    """Chance that a positive has a larger score than a negative; ties count half.
+    """Probability of a larger score for a positive than for a negative; ties count half.
 
     Example:
         >>> auc(torch.tensor([0.1, 0.4, 0.4, 0.9]), torch.tensor([False, False, True, True]))

@@ -1,4 +1,4 @@
-"""Simulated touches beside those of a data set, per type of sensor and per source."""
+"""Comparison of simulated touches with a data set, per type of sensor and per source."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.inspection.frame_stats import evenly
 from tactileforge.sensors import specs
 
-#: Sources of one sensor that are told apart by the folder of their keys; more go by `source`.
+#: Largest number of sources by the first folder of their keys; more are grouped by `source`.
 _SOURCES = 8
 #: Name of the simulated touches.
 SIMULATED = "simulated"
@@ -25,15 +25,15 @@ class CompareOptions:
     """Options of a comparison.
 
     Attributes:
-        sensors: Types; None for all that the data has and the simulator knows.
-        recordings: Of each source that are read.
-        scenes: Simulated touches of each sensor.
-        trials: Simulated force trials, where a source has forces.
-        indenters: See `sim.config.SimConfig`, as are those below.
-        motions: Of the touches.
-        newton: Range of the largest normal force of the touches, N.
-        markers: Whether the simulated gels have markers.
-        seed: Another seed, other touches.
+        sensors: Types of sensors; None for all types in both the data and the simulator.
+        recordings: Largest number of recordings read per source.
+        scenes: Number of simulated touches of each sensor.
+        trials: Number of simulated force trials; only used for data with forces.
+        indenters: Indenters of the simulated touches, see `sim.config.SimConfig`.
+        motions: Motions of the simulated touches, see `sim.config.SimConfig`.
+        newton: Range of the largest normal force of the touches, lowest and highest, N.
+        markers: Whether the simulated gels have markers; None for their types' default.
+        seed: Seed of the simulated touches.
     """
 
     sensors: tuple[str, ...] | None = None
@@ -62,8 +62,8 @@ class Side:
     """One type of sensor, simulated and real.
 
     Attributes:
-        simulated: Its simulated touches.
-        real: A profile for each source.
+        simulated: Profile of the simulated touches.
+        real: Profiles of the real sources.
     """
 
     simulated: Profile
@@ -76,7 +76,7 @@ class Side:
 
     @cached_property
     def among(self) -> dict[tuple[str, str], dict[str, float]]:
-        """Distances of real sources to each other, the best that a simulator can reach."""
+        """Distances between real sources, a simulator's best possible result."""
         return {
             (a.name, b.name): distances(a, b)
             for i, a in enumerate(self.real)
@@ -103,11 +103,11 @@ def compare_reality(
         progress: Whether to show progress bars.
 
     Returns:
-        By type of sensor.
+        Both sides of the comparison, by type of sensor.
 
     Raises:
-        ConfigError: The data has no sensor that the simulator knows, or not one that was asked for.
-        DataError: Not one touch of a sensor can be measured.
+        ConfigError: The data has no simulated sensor, or lacks a requested one.
+        DataError: No touch of a sensor can be measured.
     """
     by_sensor = _by_sensor(dataset)
     wanted = options.sensors or tuple(name for name in specs.SIMULATED if name in by_sensor)
@@ -174,7 +174,7 @@ def _simulated(sensor: str, options: CompareOptions, forces: bool, progress: boo
 
 
 def by_source(recordings: Iterable[Recording]) -> dict[str, list[Recording]]:
-    """Recordings by the first part of their key, or by `source` where that makes too many."""
+    """Recordings by the first part of their key, or by `source` for more than `_SOURCES` keys."""
     sources: dict[str, list[Recording]] = {}
     listed = list(recordings)
     for recording in listed:

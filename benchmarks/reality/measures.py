@@ -17,27 +17,28 @@ from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[Any]
 
-#: Pixels on the shorter side at which images are compared.
+#: Shorter side of compared images, pixels.
 SIDE = 240
 #: Edges of the bands of frequency, cycles per pixel.
 BANDS = (0.06, 0.12, 0.2, 0.3, 0.5)
-#: Band powers are relative to the power below this frequency, that of the imprint as a whole.
+#: Upper end of the reference band, cycles per pixel: the imprint as a whole. Band powers are
+#: relative to the power below it.
 LOW = 0.03
-#: Centres of the rings in which a spectrum is drawn, cycles per pixel.
+#: Centres of the rings of a spectrum, cycles per pixel.
 RINGS = (np.arange(40) + 0.5) / 80
-#: Standard deviation (pixels) of the blur that a contact is found after, and share of the largest
-#: change that counts as contact.
+#: Detection of contact: standard deviation of the blur, pixels, and threshold as a share of the
+#: largest change.
 _BLUR, _SHARE = 3.0, 0.3
-#: Change after the blur, grey levels, from which on there is a touch to look at.
+#: Least change of a measurable touch after the blur, grey levels.
 FAINT = 5.0
-#: Standard deviation (pixels) of the blur whose rest is the fine detail.
+#: Standard deviation of the blur for fine detail, the difference from the blurred image, pixels.
 _FINE = 2.0
-#: Pixels around the contact that count neither as inside nor as outside.
+#: Width of the ignored rim around the contact, pixels.
 _BORDER = 16
 
 
 def sized(picture: Array) -> NDArray[np.float32]:
-    """The image, averaged down until its shorter side is `SIDE`; smaller ones stay as they are.
+    """The image, averaged down to a shorter side of `SIDE`; smaller images are unchanged.
 
     Args:
         picture: (H, W, 3), grey levels.
@@ -55,7 +56,7 @@ def density(change: Array) -> tuple[Array, Array]:
     """Power density of the grey change under a Hann window.
 
     Args:
-        change: float32 (H, W, 3).
+        change: float32 (H, W, 3), grey levels.
 
     Returns:
         Frequencies (H, W) in cycles per pixel, and powers (H, W) in squared grey levels: white
@@ -86,10 +87,10 @@ def radial(change: Array) -> Array:
 
 
 def bands(change: Array) -> Array:
-    """Log10 of the mean power density in each of `BANDS` over that below `LOW`.
+    """Log10 of the mean power density in each of `BANDS`, relative to the power below `LOW`.
 
     Returns:
-        float64 (4,), decades; NaN for a band that the pixels do not reach.
+        float64 (4,), decades; NaN for a band beyond the pixels' resolution.
     """
     far, power = density(change)
     low = power[far < LOW].mean()
@@ -104,12 +105,12 @@ def bands(change: Array) -> Array:
 def noise(still: Sequence[Array]) -> float:
     """Standard deviation over time of a pixel without contact, grey levels.
 
-    From neighbouring frames: half the variance of their difference over the image, its mean
-    removed, so that flicker of the whole light does not count. The median over the pairs of frames
-    leaves out a pair in which something moves.
+    It is half the variance of the difference of neighbouring frames over the image, its mean
+    removed to exclude flicker of the whole light. The median over the pairs of frames leaves out
+    pairs with motion.
 
     Args:
-        still: Frames in order, without contact; NaN for fewer than two.
+        still: Frames in order, without contact; the result is NaN for fewer than two.
     """
     steps = (np.subtract(after, before, dtype=np.float32) for before, after in pairwise(still))
     deviations = [np.sqrt(step.var(axis=(0, 1)).mean() / 2) for step in steps]
@@ -139,10 +140,10 @@ def contrast(change: Array, touched: NDArray[np.bool_]) -> float:
 def detail(change: Array, touched: NDArray[np.bool_]) -> tuple[float, float]:
     """Deviation of the fine detail of the grey change inside and outside the contact.
 
-    Fine is what a blur of 2 pixels takes away: above about 0.1 cycles per pixel.
+    Fine detail is removed by a blur of 2 pixels: above about 0.1 cycles per pixel.
 
     Returns:
-        Inside and outside, grey levels; NaN where there is no outside.
+        Inside and outside, grey levels; NaN for an empty region.
     """
     grey = change.mean(axis=-1)
     scale = min(grey.shape) / SIDE
@@ -165,14 +166,14 @@ def covariance(change: Array, touched: NDArray[np.bool_]) -> Array:
 def distance(ours: Array, theirs: Array) -> float:
     """Wasserstein-1 distance between two samples of a number.
 
-    0 for equal samples; for one that is the other plus a constant, the size of that constant.
+    0 for equal samples; for samples that differ by a constant, its absolute value.
 
     Args:
-        ours: (n,), NaN is left out.
-        theirs: (m,).
+        ours: Sample (n,); NaN is left out.
+        theirs: Sample (m,); NaN is left out.
 
     Returns:
-        In the unit of the samples; NaN where one of them is empty.
+        Distance in the unit of the samples; NaN if one of them is empty.
     """
     a, b = (np.sort(sample[np.isfinite(sample)]) for sample in (ours, theirs))
     if not len(a) or not len(b):

@@ -30,9 +30,9 @@ from tactileforge.pages.page import (
 )
 from tactileforge.pages.templating import joined
 
-#: Grey levels of the amplified difference for one of the change; the same everywhere.
+#: Gain of the amplified difference images, the same everywhere.
 _GAIN = 4.0
-#: Ratio to the distance between real sources from which on a distance is far.
+#: Threshold of a far distance, as a ratio to the distance between real sources.
 _FAR = 1.5
 _METHOD = """
 A touch is the frame that differs most from the picture without contact, and its change is the
@@ -60,7 +60,7 @@ def reality_page(name: str, sides: Mapping[str, Side]) -> str:
 
     Args:
         name: Name of the data set.
-        sides: By type of sensor, see `compare.compare`.
+        sides: Results by type of sensor, see `compare.compare_reality`.
     """
     verdicts = verdict(_verdict(sensor, side) for sensor, side in sides.items())
     top = paragraph(" ".join(_METHOD.split()), soft=True) + verdicts
@@ -71,7 +71,7 @@ def reality_page(name: str, sides: Mapping[str, Side]) -> str:
 
 
 def _verdict(sensor: str, side: Side) -> tuple[str, str]:
-    """Names the measures further from real sources than these are from each other."""
+    """Kind and text of a verdict: the measures further from real sources than these mutually."""
     ratios = {name: side.ratio(name) for name in DISTANCES}
     far = [f"{name} ({number(ratio)} times)" for name, ratio in ratios.items() if ratio > _FAR]
     if len(side.real) < 2:
@@ -211,7 +211,7 @@ def _middle_of(values: Array) -> str:
     return number(float(np.median(known))) if len(known) else NONE
 
 
-#: Rows of the table of numbers: a function of the profile each.
+#: Rows of the table of numbers, each with a function of the profile.
 _ROWS: dict[str, Callable[[Profile], str]] = {
     "stored as": lambda profile: f"text|{', '.join(profile.stored) or 'pixels'}",
     "log10 power, .06-.12, -.2, -.3, -.5": _bands,

@@ -14,22 +14,22 @@ from tactileforge.contracts import Recording
 
 #: Rows and columns of a patch.
 PATCH = 48
-#: Edges of the bands of a patch's spectrum, cycles per pixel: wider than its resolution.
+#: Edges of the bands of a patch's spectrum, cycles per pixel; each wider than its resolution.
 _BANDS = (0.03, 0.06, 0.09, 0.12, 0.16, 0.2, 0.25, 0.3, 0.36, 0.43, 0.5)
-#: Power below which nothing is told: a sixteenth of a grey level.
+#: Floor of a power, squared grey levels: a sixteenth of a grey level counts as nothing.
 _FLOOR = 1 / 256
 
 
 def patches(
     recordings: Iterable[Recording], each: int, most: int = 8, seed: int = 0
 ) -> NDArray[np.float32]:
-    """Cuts patches whose centre is in contact from change images.
+    """Cuts patches centred in the contact out of change images.
 
     Args:
-        recordings: Of one source.
-        each: Patches of an image.
-        most: Images of a recording.
-        seed: Chooses the places.
+        recordings: Recordings of one source.
+        each: Number of patches per image.
+        most: Largest number of images per recording.
+        seed: Seed of the places.
 
     Returns:
         float32 (N, 48, 48, 3), grey levels. The shorter side of an image is at most 240 pixels.
@@ -56,7 +56,7 @@ def patches(
 def patch_colours(cut: Array) -> Array:
     """Means and covariances of the channels of each patch, (N, 9).
 
-    Variances are logarithms and covariances correlations, so that all are of one order.
+    Variances are logarithms and covariances are correlations, so that all have one scale.
     """
     flat = cut.reshape(len(cut), -1, 3).astype(np.float64)
     mean = flat.mean(axis=1)

@@ -1,4 +1,4 @@
-"""All measures of a set of touches, and the distances between two sets."""
+"""Measures of a set of touches, and the distances between two sets."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from reality.touches import (
 from tactileforge.contracts import Frames, FrameSubset, Recording
 from tactileforge.inspection.frame_stats import evenly
 
-#: Smallest number of which a logarithm is compared: a hundredth of a grey level is nothing.
+#: Floor of compared logarithms: a hundredth of a grey level counts as nothing.
 _FLOOR = 0.01
-#: Touches of a source of which images are shown, and trials that are fitted.
+#: Number of touches per source with images on the page, and of fitted trials.
 SHOWN, _TRIALS = 3, 6
 
 
 @dataclass
 class Profile:
-    """The touches of one source by one type of sensor.
+    """The touches of one source on one type of sensor.
 
     Attributes:
-        name: Of the source.
+        name: Name of the source.
         sensor: Type of the sensor.
-        looks: The numbers of each touch.
-        responses: To force, of the trials that tell.
+        looks: Measures of each touch.
+        responses: Responses to force, one per usable trial.
         shown: A few touches, with images.
-        faint: Touches that were too faint to measure.
-        stored: Endings of the files that the frames come from, without the dot.
+        faint: Number of touches too faint to measure.
+        stored: Endings of the frames' files, without the dot.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Profile:
     stored: list[str] = field(default_factory=list)
 
     def of(self, name: str) -> Array:
-        """A number of all touches, stacked along the first axis."""
+        """One measure of all touches, stacked along the first axis."""
         return np.array([getattr(numbers, name) for numbers in self.looks], np.float64)
 
 
@@ -57,9 +57,9 @@ def profile(name: str, sensor: str, recordings: Iterable[Recording]) -> Profile:
     """Measures the recordings of a source, one in memory at a time.
 
     Args:
-        name: Of the source.
+        name: Name of the source.
         sensor: Type of the sensor of all recordings.
-        recordings: Each is one touch.
+        recordings: Recordings of touches.
 
     Raises:
         DataError: A recording cannot be read.
@@ -85,7 +85,7 @@ def profile(name: str, sensor: str, recordings: Iterable[Recording]) -> Profile:
 
 
 def _ending(frames: Frames) -> str:
-    """Of the first file of frames; "" where they come from none."""
+    """Ending of the first file of frames, or their codec; "" for frames without a file."""
     while isinstance(frames, FrameSubset):
         frames = frames.base
     if codec := getattr(frames, "codec", ""):
@@ -95,7 +95,7 @@ def _ending(frames: Frames) -> str:
     return Path(str(path)).suffix.lstrip(".").lower()
 
 
-#: The numbers that are compared: the unit of the distance, and what it is told in.
+#: Compared measures, each with the unit of its distance.
 DISTANCES = {
     "spectrum": "decades",
     "noise": "decades",
@@ -114,8 +114,8 @@ def distances(ours: Profile, theirs: Profile) -> dict[str, float]:
     """Distance between two sets by each measure, see `DISTANCES`; 0 for equal sets.
 
     All are Wasserstein distances over touches, see `measures.distance`, of base-10 logarithms
-    where the unit is decades (0.3 is a factor of 2), averaged over bands or channels. NaN where a
-    set does not tell.
+    where the unit is decades (0.3 is a factor of 2), averaged over bands or channels. NaN for a
+    measure missing from a set.
     """
     pairs = {name: (_sample(ours, name), _sample(theirs, name)) for name in DISTANCES}
     return {
@@ -127,10 +127,10 @@ def distances(ours: Profile, theirs: Profile) -> dict[str, float]:
 
 
 def ratio(apart: Iterable[float], among: Iterable[float]) -> float:
-    """Distance of simulated touches to real sources, over that of these to each other.
+    """Ratio of the distances of simulated touches to real sources and between these.
 
     Returns:
-        The median of one over the median of the other; NaN where there is no other.
+        The median of the former over the median of the latter; NaN without the latter.
     """
     ours, theirs = (
         np.array([distance for distance in pair if distance == distance]) for pair in (apart, among)

@@ -2,11 +2,11 @@
 
 When the object slides, its imprint moves in the image. Each change image is first moved back
 onto the strongest one, by the translation of largest enhanced correlation (Evangelidis and
-Psarakis, 2008). What is left is fitted pixel by pixel as ``a + b z + c z^2 + d x + e y`` of the
-forces x, y and z, and a quadratic of where the imprint was, because light differs from place to
-place. Trials slide forth and back: the same place is seen with shear of both signs. The fit is made
-on two halves of the trial, and the response is the part that both agree on: noise differs, and
-drops out of the product of their coefficients. What cannot be told from a motion of the imprint
+Psarakis, 2008). The result is fitted pixel by pixel as ``a + b z + c z^2 + d x + e y`` of the
+forces x, y and z, plus a quadratic of the imprint's place, because light varies over the image.
+Trials slide forth and back: each place is seen with shear of both signs. The fit is made on two
+halves of the trial, and the response is their common part: their noise is independent, and drops
+out of the product of their coefficients. A change indistinguishable from a motion of the imprint
 does not count.
 """
 
@@ -24,12 +24,12 @@ from reality.measures import Array
 from tactileforge.contracts import Recording
 from tactileforge.inspection.frame_stats import evenly
 
-#: Frames of a trial that are fitted, the share of the largest force from which on they are, and the
-#: frames of a block that goes to one half.
+#: Largest number of fitted frames of a trial; their least force, as a share of the largest; and
+#: length of the blocks assigned to the two halves in turn, frames.
 _FRAMES, _PRESSED, _BLOCK = 240, 0.25, 8
-#: Fewest frames in contact, and smallest deviation of a shear force (N), of which a fit tells.
+#: Requirements of a fit: frames in contact, and standard deviation of a shear force, N.
 _LEAST, _SHEARED = 120, 0.3
-#: Pixels by which the translation that is found may differ from that of the centre of the change.
+#: Largest difference of an estimated translation from that of the change's centre, pixels.
 _ASTRAY = 15.0
 #: Places on the curve of change against normal force, shares of the largest force.
 SHARES = (0.25, 0.5, 0.75)
@@ -42,8 +42,8 @@ class Response:
     Attributes:
         normal: Root mean square over the contact of the change by normal force at its mean, grey
             levels per N.
-        shear: The same by shear along x and along y, at constant normal force; NaN along an axis
-            that the trial does not shear.
+        shear: The same by shear along x and along y, at constant normal force; NaN for an axis
+            without shear in the trial.
         relative: Mean change by 1 N of shear over the mean change in the contact.
         curve: Mean change of the image at `SHARES` of the largest normal force, over that at the
             largest.
@@ -56,7 +56,7 @@ class Response:
 
 
 def response(recording: Recording) -> Response | None:
-    """Fits a trial; None where it has no force, no background, or too few frames in contact.
+    """Fits a trial; None without force, without background, or with too few frames in contact.
 
     Raises:
         DataError: A frame cannot be decoded.
@@ -76,7 +76,7 @@ def response(recording: Recording) -> Response | None:
 
 
 def _half(change: Array) -> Array:
-    """A quarter of the pixels: the response is smooth, and trials are long."""
+    """The change at half the width and height: the response is smooth, and trials are long."""
     height, width = change.shape[:2]
     out: Array = cv2.resize(change, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
     return out
@@ -108,7 +108,7 @@ def fitted(changes: Array, force: Array) -> Response | None:
 
 
 def _curve(size: Array, normal: Array) -> tuple[float, ...]:
-    """Median change near shares of the largest force, over that near the largest."""
+    """Median change near `SHARES` of the largest force, relative to the change near the largest."""
     share = normal / normal.max()
     near = [np.abs(share - at) < 0.1 for at in (*SHARES, 1.0)]
     medians = [float(np.median(size[rows])) if rows.any() else np.nan for rows in near]
@@ -119,8 +119,8 @@ def _aligned(changes: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Changes moved onto the strongest of them.
 
     Returns:
-        float32 (T, H, W, 3); where their imprints were (T, 2), pixels from the strongest, NaN for
-        those that were not found; and the contact of the strongest, bool (H, W).
+        Moved changes, float32 (T, H, W, 3); places of their imprints (T, 2), pixels from the
+        strongest, NaN if not found; and the contact of the strongest, bool (H, W).
     """
     strongest = _strongest(changes)
     sizes = [measures.smooth(change) for change in changes]
@@ -168,10 +168,10 @@ def _slopes(pixels: Array, force: Array, places: Array, axes: Sequence[int]) -> 
     """Size of the change per newton of normal force, and of shear along each of the axes.
 
     Args:
-        pixels: (T, P), grey levels.
-        force: (T, 3), N.
-        places: (T, 2), of the imprint, pixels.
-        axes: Of the shear that is fitted.
+        pixels: Changes (T, P), grey levels.
+        force: Forces (T, 3), N.
+        places: Places of the imprint (T, 2), pixels.
+        axes: Axes of the fitted shear, 0 for x and 1 for y.
     """
     normal = force[:, 2] - force[:, 2].mean()
     x, y = ((places - places.mean(axis=0)) / max(float(places.std()), 1e-6)).T

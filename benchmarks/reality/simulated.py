@@ -1,4 +1,4 @@
-"""Simulated touches to compare with real ones, one in memory at a time."""
+"""Simulated touches for comparison with real ones, one in memory at a time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from tactileforge.errors import DataError
 from tactileforge.sim.config import SimConfig
 from tactileforge.sim.generate import recordings
 
-#: The trial of the ToucHD demonstrations, at both sensors' forces; edges show where a fit fails.
+#: The trial of the ToucHD demonstrations, in the range of both sensors' forces; indenters with
+#: edges reveal failures of a fit.
 _TRIAL: dict[str, Any] = {
     "motions": "force_trial",
     "seconds": 2.0,
@@ -28,14 +29,14 @@ _TRIAL: dict[str, Any] = {
 
 
 def config(sensor: str, **changes: Any) -> SimConfig:
-    """Configuration of touches for a sensor, at the size at which images are compared.
+    """Configuration of touches for a sensor, at the size of compared images.
 
     Args:
-        sensor: Its type.
-        changes: Of `sim.config.SimConfig`, instead of what is chosen here.
+        sensor: Type of the sensor.
+        changes: Fields of `sim.config.SimConfig` that replace the defaults here.
 
     Raises:
-        ConfigError: The simulator does not know the sensor, or a word in ``given``.
+        ConfigError: The sensor is not simulated, or a value in ``changes`` is invalid.
     """
     how: dict[str, Any] = {
         "sensors": (sensor,),
@@ -48,7 +49,7 @@ def config(sensor: str, **changes: Any) -> SimConfig:
         "viscosity": 0.0,
         "lag": 0.0,
         "seed": 0,
-        "codec": "png",  # JPEG would be compared as well
+        "codec": "png",  # lossless: artefacts of JPEG would be measured too
     }
     return SimConfig(**(how | changes))
 
@@ -59,7 +60,7 @@ def trial(sensor: str, **changes: Any) -> SimConfig:
 
 
 def simulated(config: SimConfig, scenes: range, progress: bool = False) -> Iterator[Recording]:
-    """Plays scenes and yields their recordings; each can be read until the next is asked for.
+    """Plays scenes and yields their recordings; each is readable until the next is requested.
 
     All frames before the first contact are its background.
 

@@ -1,4 +1,4 @@
-"""A recording as one touch: without contact, and at its strongest."""
+"""Recordings as touches: the background, and the strongest contact."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from tactileforge.data.frames.crop import size_text
 from tactileforge.errors import DataError
 from tactileforge.inspection.frame_stats import evenly
 
-#: Frames of a part of a recording in which the strongest contact is looked for.
+#: Number of searched frames per part of a recording, for the strongest contact.
 _FRAMES = 24
-#: Frames without contact that are read.
+#: Largest number of background frames to read.
 _STILL = 15
-#: A recording counts as a touch for each so many frames, but not as more than so many.
+#: Frames per touch of a long recording, and largest number of touches of a recording.
 _LONG, _MOST = 64, 8
 
 
@@ -27,12 +27,12 @@ class StrongestTouch:
     """A recording at its strongest contact.
 
     Attributes:
-        key: Of the recording.
-        sensor: Its type.
+        key: Key of the recording.
+        sensor: Type of the sensor.
         background: float32 (H, W, 3), grey levels, at most `measures.SIDE` on the shorter side.
-        picture: float32 (H, W, 3), the frame that differs most from it.
-        touched: bool (H, W), its contact; nowhere if the touch is faint.
-        noise: Deviation of a pixel over time, grey levels; NaN where that cannot be told.
+        picture: float32 (H, W, 3), the frame most different from the background, grey levels.
+        touched: bool (H, W), its contact; all False for a faint touch.
+        noise: Standard deviation of a pixel over time, grey levels; NaN if unknown.
     """
 
     key: str
@@ -52,14 +52,14 @@ def strongest_touches(recording: Recording, most: int = _MOST) -> list[Strongest
     """Reads the strongest frame of each part of a recording.
 
     Args:
-        recording: Long ones have several parts, of at least 64 frames each.
-        most: Parts, at most.
+        recording: The recording; a long one has several parts of at least 64 frames each.
+        most: Largest number of parts.
 
     Returns:
-        Touches; none where the recording has no image without contact.
+        A touch per part; empty for a recording without a background.
 
     Raises:
-        DataError: A frame cannot be decoded, or the background has another size than the frames.
+        DataError: A frame cannot be decoded, or the background's size differs from the frames'.
     """
     still = recording.no_contact
     if still is None:
@@ -89,7 +89,7 @@ def strongest_touches(recording: Recording, most: int = _MOST) -> list[Strongest
 
 
 def _strongest(recording: Recording, part: Array, background: Array) -> NDArray[np.float32]:
-    """The frame that differs most from the background, of some of a part of a recording."""
+    """The frame most different from the background, among some of a part of a recording."""
     rows = part[evenly(len(part), _FRAMES)].tolist()
     frames = recording.frames.read(rows)
     away = [float(np.abs(frame - background).mean()) for frame in frames]
@@ -101,15 +101,15 @@ class TouchMeasures:
     """The numbers of one touch, see `measures`.
 
     Attributes:
-        bands: float64 (4,), decades.
+        bands: float64 (4,), power in bands, decades; see `measures.bands`.
         spectrum: float64 (40,), power density in rings, squared grey levels.
-        noise: Grey levels.
-        area: Share of the image that is touched.
-        contrast: Grey levels.
+        noise: Standard deviation of a pixel over time, grey levels.
+        area: Contact area, as a share of the image.
+        contrast: Mean absolute change in the contact, grey levels.
         inside: Fine detail in the contact, grey levels.
-        outside: Fine detail far from it.
+        outside: Fine detail away from the contact, grey levels.
         ground: float64 (3,), mean of each channel of the background, grey levels.
-        covariance: float64 (3, 3), of the channels' changes.
+        covariance: float64 (3, 3), covariance of the channels' changes, squared grey levels.
     """
 
     bands: Array
@@ -124,7 +124,7 @@ class TouchMeasures:
 
 
 def measure_touch(touch: StrongestTouch) -> TouchMeasures | None:
-    """Measures a touch; None where it is too faint."""
+    """Measures of a touch; None for a faint one."""
     if np.count_nonzero(touch.touched) < 9:
         return None
     change = touch.change

@@ -1,4 +1,4 @@
-"""``python -m tactileforge``."""
+"""Entry point of ``python -m tactileforge``."""
 
 from tactileforge.cli import main
 

@@ -1,14 +1,11 @@
-"""Builds the data of a run from a finished configuration, and the encoder that fits it."""
+"""Builds the data of a run and the matching encoder options from a finished configuration."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from inspect import signature
 from typing import Any
-
-import torch
 
 from tactileforge import registry
 from tactileforge.contracts import Column
@@ -16,24 +13,28 @@ from tactileforge.data.batches.columns import declared_columns
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.labels.augment import Augment
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.parts import outline
 from tactileforge.sensors.specs import spec
 
 log = logging.getLogger(__name__)
 
-#: Arguments of the data that are no keys of ``batch``.
+#: Arguments of `TouchData` that are not keys of ``batch``.
 _NOT_BATCH = {"dataset", "frames", "batch_size", "max_bad", "seed", "augment", "limit", "columns"}
-#: The least of its whole numbers.
+#: Smallest value of each whole number in ``batch``.
 _LEAST = {"size": 1, "window": 1, "workers": 0}
 
 
-def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
+def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchData, dict[str, Any]]:
     """Builds the data of a run: indexed, and checked against the needs of the objectives.
 
+    Args:
+        config: Finished configuration; see `compose.finish`.
+        encoder: Outline of its encoder, see `parts.outline`; None builds one.
+
     Returns:
-        The data, and the configuration of the encoder that fits it: with a row for every sensor
-        where it has the option ``sensors``.
-        Sensors that it does not know yet take the free rows in alphabetical order, and the
-        resolved configuration says so.
+        The data, and the configuration of the encoder. An encoder with the option ``sensors``
+        gets a row for every sensor of the training data: new sensors take the free rows in
+        alphabetical order, and the resolved configuration lists them.
 
     Raises:
         ConfigError: An unknown or impossible option of ``batch`` or ``augment``; see also
@@ -43,13 +44,13 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
     node = dict(config["data"])
     max_bad = node.pop("max_bad")
     dataset = registry.build("datasets", node)
-    encoder = outline(config["encoder"])
+    encoder = encoder or outline(config["encoder"])
     batch = dict(config["batch"])
     objectives = {
         key: registry.get("objectives", node["name"]) for key, node in config["objective"].items()
     }
     if not any(getattr(plugin, "pairs", False) for plugin in objectives.values()):
-        batch["match"] = 0.0
+        batch["match"] = 0.0  # no objective learns from pairs
     data = TouchData(
         dataset,
         frames=encoder.frames,
@@ -63,9 +64,9 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
         **batch,
     )
     needs = {key: plugin.needs for key, plugin in objectives.items()}
-    data.check(needs)
+    data.check(needs)  # by what the data set declares, before hours of reading
     data.setup()
-    data.check(needs)
+    data.check(needs)  # by what its recordings have
     names = data.summary("train").sensors
     if "sensors" not in registry.parameters(registry.get("encoders", config["encoder"]["name"])):
         return data, dict(config["encoder"])
@@ -73,7 +74,7 @@ def build_data(config: Mapping[str, Any]) -> tuple[TouchData, dict[str, Any]]:
 
 
 def _columns(config: Mapping[str, Any]) -> tuple[Column, ...]:
-    """Extra columns of the batch that heads and objectives of a run declare."""
+    """Extra columns of the batch, declared by the heads and objectives of a run."""
     nodes = [
         (f"{kind} {key!r}", registry.get(f"{kind}s", node["name"]), node)
         for kind in ("head", "objective")
@@ -86,10 +87,13 @@ def _columns(config: Mapping[str, Any]) -> tuple[Column, ...]:
 
 
 def limit_of(trainer: Mapping[str, Any]) -> float:
-    """``limit_train_batches``, which the data keeps: its epochs are as long as those of the run.
+    """Reads ``limit_train_batches``: a number of batches (int) or a share of them (float).
+
+    The data applies the limit in place of Lightning, so that its epochs are as long as those of
+    the run. 1.0 without a limit.
 
     Raises:
-        ConfigError: It is neither a whole number nor a share.
+        ConfigError: The limit is neither a whole number nor a share.
     """
     limit = trainer.get("limit_train_batches")
     limit = 1.0 if limit is None else limit
@@ -117,22 +121,7 @@ def _check(batch: Mapping[str, Any], augment: Mapping[str, Any]) -> None:
             raise ConfigError(f"batch.{key}={value}: give a whole number, {least} or more")
 
 
-def outline(node: Mapping[str, Any]) -> Any:
-    """Encoder on the meta device: it knows its sizes and sensors, but has no weights.
-
-    Random numbers that come after it are what they would be without it. An encoder whose
-    constructor computes with its tensors cannot do without weights, and is built with them.
-
-    Args:
-        node: Plugin and constructor arguments.
-    """
-    with torch.random.fork_rng(devices=[]):
-        with suppress(Exception), torch.device("meta"):
-            return registry.build("encoders", node)
-        return registry.build("encoders", node)
-
-
 def _rows(table: dict[str, int], names: Sequence[str]) -> dict[str, int]:
-    """Rows of sensors: those that there are, and the free ones for others by name."""
+    """Adds sensors to a sensor table: each new name takes the next free row."""
     free = (row for row in range(len(table) + len(names) + 1) if row not in table.values())
     return table | {spec(name).name: next(free) for name in names if name not in table}

@@ -1,7 +1,7 @@
 """Balances objectives by their gradients on the encoder.
 
-The curriculum says how much each objective is to count; a balance multiplies that by a factor. Its
-state are buffers, so a resumed run goes on with it, and it is the same on every rank.
+The curriculum sets the weight of each objective; a balance multiplies it by a factor. The state of
+a balance is kept in buffers, so a resumed run continues with it, and it is equal on every rank.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from tactileforge.errors import ConfigError, unknown
 
 
 class FixedWeights(nn.Module):
-    """Weights as the curriculum gives them.
+    """Keeps the weights of the curriculum unchanged; the base of all balances.
 
     Args:
-        keys: The objectives.
+        keys: Names of the objectives.
         every: Steps between two measurements of each objective's gradient; 0 measures none.
 
     Attributes:
         moves: Whether `update` changes the factors.
-        keys: As given.
-        factor: float (K,), what each weight is multiplied by.
-        norm: float (K,), norm of the gradient of each objective's loss, not weighted, on all of the
-            encoder's parameters, when last measured; 0 where it never was.
+        keys: Names of the K objectives, in the order of ``factor`` and ``norm``.
+        factor: float (K,), factor on the weight of each objective.
+        norm: float (K,), norm of the gradient of each objective's unweighted loss on all parameters
+            of the encoder, at its last measurement; 0 before the first.
     """
 
     moves: ClassVar[bool] = False
@@ -52,12 +52,12 @@ class FixedWeights(nn.Module):
         """The weighted sum of the losses of a training step.
 
         Args:
-            losses: Of the objectives that are computed.
-            weights: Of the curriculum.
+            losses: Loss of each computed objective on this rank, a scalar.
+            weights: Weight of each objective in the curriculum.
             step: Optimiser steps taken so far.
             shared: The touch encoder.
         """
-        if step == self._step:  # another batch of the same step, whose gradients add up
+        if step == self._step:  # gradient accumulation: the factors are fixed within a step
             return self._weighted(losses, weights)
         self._step = step
         if self.every and step % self.every == 0:
@@ -82,14 +82,15 @@ class FixedWeights(nn.Module):
         """Updates the factors; here they stay 1.
 
         Args:
-            losses: float (K,), of the joint batch; 0 for what is not computed or meets no label.
-            awake: bool (K,), which are computed.
-            weights: Of the curriculum.
+            losses: float (K,), losses of the joint batch; 0 for an objective that is not computed
+                or has no label in it.
+            awake: bool (K,), whether each objective is computed.
+            weights: Weight of each objective in the curriculum.
             step: Optimiser steps taken so far.
         """
 
     def logs(self, weights: Mapping[str, float]) -> dict[str, Tensor | float]:
-        """Effective weights, and norms of the gradients where they are measured."""
+        """Effective weights, and measured norms of the gradients, by name for the log."""
         values: dict[str, Tensor | float] = {}
         for i, key in enumerate(self.keys):
             values[f"weight/{key}"] = weights[key] * self.factor[i]
@@ -98,14 +99,14 @@ class FixedWeights(nn.Module):
         return values
 
     def _moved(self, values: Sequence[float]) -> Tensor:
-        """Numbers of the host on the device, which is not waited for."""
+        """Copies numbers from the host to the device, without waiting for it."""
         return torch.tensor(values).to(self.factor.device, non_blocking=True)
 
     def _followed(self, fresh: Tensor) -> Tensor:
         return fresh
 
     def _measured(self, losses: Mapping[str, Tensor], shared: Any) -> Tensor:
-        """Norms (K,) of the gradients of the joint batch; 0 where there is none."""
+        """Norms (K,) of the gradients of the joint batch; 0 for an objective without gradient."""
         parameters = [p for p in shared.parameters() if p.requires_grad]
         norms = torch.zeros_like(self.norm)
         for i, key in enumerate(self.keys):
@@ -118,8 +119,8 @@ class GradClip(FixedWeights):
     """Clips each objective's weighted gradient on the encoder by itself, in every step.
 
     Args:
-        keys: The objectives.
-        limit: Largest norm of one objective's gradient.
+        keys: Names of the objectives.
+        limit: Largest norm of one objective's weighted gradient.
     """
 
     moves: ClassVar[bool] = True
@@ -133,26 +134,26 @@ class GradClip(FixedWeights):
     def update(
         self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
     ) -> None:
-        """See `FixedWeights.update`."""
+        """Scales down weighted gradients above the limit; see `FixedWeights.update`."""
         weighted = self._moved([weights.get(key, 0.0) for key in self.keys]) * self.norm
         self.factor.copy_((self.limit / weighted.clamp(min=self.limit)).clamp(max=1))
 
 
 class GradNorm(FixedWeights):
-    """Factors that equalise the norms of the objectives' gradients on the encoder.
+    """Equalises the norms of the objectives' gradients on the encoder.
 
-    An objective whose loss has fallen less than the others' is given more: with loss ratio
-    ``r = (L / L first) / mean(L / L first)`` the norm of ``factor * gradient`` goes as
-    ``r ** alpha``. Source: GradNorm (Chen et al. 2018, equations 1 and 2), whose learned weights
-    are here set to what they are learned towards, on a moving average of the norms; their geometric
-    mean is 1, and each stays within ``bound`` times the curriculum's, so that a loss that has
-    nothing left to learn does not take over.
+    An objective whose loss has fallen less than the others' gets a larger factor: with loss ratio
+    ``r = (L / L first) / mean(L / L first)`` the norm of ``factor * gradient`` is proportional to
+    ``r ** alpha``. Source: GradNorm (Chen et al. 2018, equations 1 and 2). The paper learns its
+    weights; here each factor is set directly to the target of that learning, computed from moving
+    averages of norms and losses. The geometric mean of the factors is 1, and each is kept between
+    ``1 / bound`` and ``bound``, so that a loss with nothing left to learn does not take over.
 
     Args:
-        keys: The objectives.
-        every: Steps between two measurements; a measurement costs a backward pass an objective.
-        alpha: Strength with which training rates are made alike; 0 looks at norms alone.
-        keep: Share of the moving average that a measurement leaves.
+        keys: Names of the objectives.
+        every: Steps between two measurements; each costs one backward pass per objective.
+        alpha: Strength with which training rates are equalised; 0 equalises norms alone.
+        keep: Share of the old moving average kept by a measurement, 0 or more, below 1.
         bound: Largest factor; the smallest is its inverse.
     """
 
@@ -175,9 +176,9 @@ class GradNorm(FixedWeights):
         self.alpha = alpha
         self.keep = keep
         self.bound = bound
-        #: First losses, (K,); 0 before.
+        #: float (K,), first loss of each objective; 0 before it.
         self.register_buffer("first", torch.zeros(len(keys)))
-        #: Moving average of the losses, (K,); 0 before.
+        #: float (K,), moving average of each loss; 0 before the first.
         self.register_buffer("loss", torch.zeros(len(keys)))
 
     def _followed(self, fresh: Tensor) -> Tensor:
@@ -186,7 +187,7 @@ class GradNorm(FixedWeights):
     def update(
         self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
     ) -> None:
-        """See `FixedWeights.update`."""
+        """Sets the factors to their targets after a measurement; see `FixedWeights.update`."""
         if step % self.every:
             return
         met = losses > 0
@@ -195,7 +196,7 @@ class GradNorm(FixedWeights):
         self.loss.copy_(torch.where(met, moved, self.loss))
         known = awake & (self.norm > 0) & (self.first > 0)
         count = known.sum().clamp(min=1)
-        # Chen et al.: ratio is L~_i = L_i / L_i(0), rate r_i = L~_i / mean(L~); the norm wanted of
+        # Chen et al.: ratio is L~_i = L_i / L_i(0), rate r_i = L~_i / mean(L~); the target norm of
         # w_i G_i is mean(G) r_i^alpha, so log w_i = alpha log r_i - log G_i up to a constant
         ratio = torch.where(known, self.loss / self.first.clamp(min=1e-12), 0.0)
         rate = ratio / (ratio.sum() / count).clamp(min=1e-12)
@@ -206,17 +207,18 @@ class GradNorm(FixedWeights):
 
 
 class Uncertainty(FixedWeights):
-    """Factors ``exp(-s)``, where ``s`` follows the size of each loss.
+    """Weights each loss by a factor ``exp(-s)``, with ``s`` following the size of the loss.
 
-    Minimises ``exp(-s) * L + s`` over ``s`` by gradient descent, beside the network: where it
-    settles, each objective's loss counts 1. Source: Kendall, Gal and Cipolla 2018, equation 10,
-    for any positive loss.
+    Minimises ``exp(-s) * L + s`` over ``s`` by gradient descent, beside the training of the
+    network: at the minimum, factor times loss is 1 for each objective. Source: Kendall, Gal and
+    Cipolla 2018, equation 10, for any positive loss.
 
     Args:
-        keys: The objectives.
-        rate: Of the descent.
+        keys: Names of the objectives.
+        rate: Step size of the descent in ``s``.
         bound: Largest factor; the smallest is its inverse.
-        every: See `FixedWeights`.
+        every: Steps between two measurements of the gradient norms, for the log alone; 0 measures
+            none.
     """
 
     moves: ClassVar[bool] = True
@@ -232,7 +234,10 @@ class Uncertainty(FixedWeights):
     def update(
         self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
     ) -> None:
-        """See `FixedWeights.update`; a step without labels leaves its factor as it is."""
+        """Takes one step of the descent; see `FixedWeights.update`.
+
+        An objective without labels in the step keeps its factor.
+        """
         # Kendall et al.: s = log sigma^2; d/ds (exp(-s) L + s) = 1 - exp(-s) L
         log = self.factor.log()
         moved = log + self.rate * (1 - self.factor * losses)
@@ -242,11 +247,11 @@ class Uncertainty(FixedWeights):
 
 
 def joint_norm(loss: Tensor, parameters: Sequence[Tensor]) -> Tensor:
-    """Norm of the gradient of the joint batch; the graph is kept for the step.
+    """Norm of the gradient of the joint batch; the graph is kept for the step's own backward.
 
     Args:
-        loss: A scalar of this rank, whose mean over ranks is that of the joint batch.
-        parameters: What the gradient is of.
+        loss: Scalar of this rank; its mean over ranks is the loss of the joint batch.
+        parameters: Parameters to differentiate by.
     """
     grads = torch.autograd.grad(loss, parameters, retain_graph=True, allow_unused=True)
     flat = torch.cat(
@@ -259,7 +264,7 @@ def joint_norm(loss: Tensor, parameters: Sequence[Tensor]) -> Tensor:
     return norm
 
 
-#: By name; see `build_balance`.
+#: Balances by their name in the configuration; see `build_balance`.
 BALANCES: dict[str, type[FixedWeights]] = {
     "none": FixedWeights,
     "clip": GradClip,
@@ -269,7 +274,11 @@ BALANCES: dict[str, type[FixedWeights]] = {
 
 
 def build_balance(config: Mapping[str, Any] | None, keys: Sequence[str]) -> FixedWeights:
-    """Builds the balance of a configuration: its ``name``, and the options of that class.
+    """Builds a balance from its configuration.
+
+    Args:
+        config: ``name``, and the options of its class; None for `FixedWeights`.
+        keys: Names of the objectives.
 
     Raises:
         ConfigError: An unknown name or option, or a value that does not fit.

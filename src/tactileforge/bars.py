@@ -1,4 +1,4 @@
-"""Progress bars: on a terminal drawn over and over, in a file a line a minute."""
+"""Progress bars: redrawn in place on a terminal, one line a minute in a file."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ PAUSE = 60.0
 
 
 class Bar(tqdm):  # type: ignore[type-arg]
-    """A `tqdm` whose line is shared with no warning.
+    """A `tqdm` bar with a line of its own: warnings and logs are written above it.
 
     Args:
-        *args: See `tqdm.tqdm`.
-        **kwargs: Alike; ``file`` is stderr unless given.
+        *args: Positional arguments of `tqdm.tqdm`.
+        **kwargs: Keyword arguments of `tqdm.tqdm`; ``file`` is stderr unless given.
     """
 
     _open: ClassVar[int] = 0
@@ -34,7 +34,7 @@ class Bar(tqdm):  # type: ignore[type-arg]
         self._counts = False
         super().__init__(*args, **kwargs)
         if not self._is_drawn:
-            self.ncols = None  # a line of a file is as long as it is
+            self.ncols = None  # lines of a file are not cut to the width of a terminal
         if self._is_drawn and not self.disable:
             self._counts = True
             Bar._open += 1
@@ -43,7 +43,7 @@ class Bar(tqdm):  # type: ignore[type-arg]
 
     @staticmethod
     def status_printer(file: Any) -> Callable[[str], None]:
-        """What writes the bar: over the line before on a terminal, else as a line of its own."""
+        """Writer of the bar: over its last line on a terminal, else as a new line."""
         if getattr(file, "isatty", lambda: False)():
             return tqdm.status_printer(file)
 
@@ -55,8 +55,9 @@ class Bar(tqdm):  # type: ignore[type-arg]
         return write
 
     def close(self) -> None:
-        """Ends the bar, and its last line."""
+        """Closes the bar, after its last line."""
         if not self._is_drawn and not self.disable:
+            # tqdm's own close would add an empty line, because each line here has its line break
             self.sp(str(self))
             self.disable = True
             type(self)._instances.discard(self)  # type: ignore[attr-defined]
@@ -71,7 +72,7 @@ class Bar(tqdm):  # type: ignore[type-arg]
 
 @contextmanager
 def _apart() -> Iterator[None]:
-    """Writes what is logged or warned of above the bars."""
+    """Writes logs and warnings above the bars."""
     before = warnings.showwarning
 
     def show(

@@ -1,4 +1,4 @@
-"""Files of checkpoints: sealed with a checksum, read without executing code."""
+"""Checkpoint files: sealed with a checksum, read without executing code."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from torch import nn
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.run_folder import LAST
 
-#: A checkpoint is a zip file; its comment is this and the SHA-256 of all that comes before.
+#: A checkpoint is a zip file; its comment is this word and the SHA-256 of all bytes before.
 _SEAL = b"tactileforge sha256 "
 _SEALED = len(_SEAL) + 64
-#: What is read of a checkpoint, where it is there, and its kinds.
+#: Keys read from a checkpoint, and their types; all but ``state_dict`` may be absent.
 _KINDS: dict[str, type] = {
     **dict.fromkeys(("state_dict", "loops", "callbacks", "scores", "skipped", "labels"), dict),
     **dict.fromkeys(("optimizer_states", "lr_schedulers"), list),
     **dict.fromkeys(("global_step", "epoch", "processes"), int),
 }
 _ORDERED: dict[type, type] = {dict: OrderedDict}
-#: What a run goes on with.
+#: Keys that a resumed run needs.
 RESUMED = (
     *("global_step", "epoch", "loops", "callbacks", "optimizer_states", "lr_schedulers"),
     *("total", "epoch_steps", "processes", "skipped", "labels"),
 )
-#: What a zip file ends with where it has no comment: a record of 22 bytes.
+#: Signature and size, in bytes, of the last record of a zip file without a comment.
 _END, _END_BYTES = b"PK\x05\x06", 22
 
 
@@ -38,7 +38,7 @@ def find_checkpoint(path: str | Path) -> Path:
     """Finds the checkpoint of a run folder, or returns the file itself.
 
     Raises:
-        DataNotFoundError: There is none; says what to give.
+        DataNotFoundError: No checkpoint is there; states the fix.
     """
     path = Path(path)
     file = path / LAST if path.is_dir() else path
@@ -48,10 +48,10 @@ def find_checkpoint(path: str | Path) -> Path:
 
 
 def seal(file: IO[bytes]) -> None:
-    """Appends the checksum of a file of ``torch.save``, as the comment of the zip file it is.
+    """Appends a checksum to a file of ``torch.save``, as the comment of its zip format.
 
     Raises:
-        ValueError: The file is no such file, or is sealed.
+        ValueError: The file is not one of ``torch.save``, or is sealed already.
     """
     file.seek(-_END_BYTES, os.SEEK_END)
     end = file.read()
@@ -83,16 +83,17 @@ def _check_seal(path: Path) -> None:
 
 
 def read_own(path: str | Path, run: str | None, needs: Sequence[str] = ()) -> dict[str, Any]:
-    """Reads a checkpoint, which must be of one run.
+    """Reads a checkpoint of a given run.
 
     Args:
-        path: See `find_checkpoint`.
+        path: Folder of the run, or the checkpoint itself; see `find_checkpoint`.
         run: Identity of the run.
-        needs: Keys that it must have; `RESUMED` to go on with the run.
+        needs: Keys that the checkpoint must have; `RESUMED` to resume the run.
 
     Raises:
-        DataNotFoundError: See `find_checkpoint`.
-        ConfigError: See `read_checkpoint`; or it is another run's.
+        DataNotFoundError: No checkpoint is there.
+        ConfigError: The file cannot be read (see `read_checkpoint`), belongs to another run, or
+            lacks a key.
     """
     found = read_checkpoint(path)
     if found.get("run") != run:
@@ -113,8 +114,8 @@ def read_checkpoint(path: str | Path) -> dict[str, Any]:
     """Reads a checkpoint on the CPU; tensors and plain data only, no code.
 
     Raises:
-        DataNotFoundError: See `find_checkpoint`.
-        ConfigError: The file is not a checkpoint, or its checksum is another.
+        DataNotFoundError: No checkpoint is there.
+        ConfigError: The file is not a checkpoint, or its checksum does not match.
     """
     file = find_checkpoint(path)
     try:
@@ -131,7 +132,11 @@ def read_checkpoint(path: str | Path) -> dict[str, Any]:
 
 
 def _check_structure(checkpoint: Any) -> None:
-    """Raises a ValueError where what is in a checkpoint is not of the kind that is read."""
+    """Checks the entries of a checkpoint.
+
+    Raises:
+        ValueError: An entry has the wrong type or value, or there is no ``state_dict``.
+    """
     if not isinstance(checkpoint, dict) or "state_dict" not in checkpoint:
         raise ValueError("no state_dict in it")
     for key, kind in _KINDS.items():
@@ -149,17 +154,17 @@ def initialise(
 ) -> str:
     """Initialises a module from the weights of another run; the whole encoder must match.
 
-    Heads and objectives are taken where name and shape agree, because the new run may have others;
-    how they were balanced is not.
+    Tensors of heads and objectives are taken if name and shape match, because the new run may have
+    other ones. The state of the balance is not taken.
 
     Args:
-        module: Of the new run.
-        state: Weights.
-        new: Prefixes of the encoder tensors that may be missing. Where these make the encoder twice
-            as wide, what reads all of it starts from what read the half.
+        module: Module of the new run.
+        state: Tensors of the other run, by name.
+        new: Prefixes of the encoder tensors that may be missing. Where these double the width of
+            the encoder, the layers that read the whole width start from those that read half of it.
 
     Returns:
-        A line that says what was taken and what was not.
+        A line that names the tensors taken, new, and not used.
 
     Raises:
         ConfigError: Encoder tensors are missing, left over, or of another shape; names them.
@@ -181,17 +186,18 @@ def initialise(
     if wrong:
         some = "; ".join(wrong[:5])
         raise ConfigError(f"init: the encoder does not fit: {some} ({len(wrong)} in all)")
+    # not strict: heads and objectives may differ, and the encoder is checked above
     module.load_state_dict(fits, strict=False)
     fresh, left = (_parts(keys - fits.keys()) for keys in (current.keys(), state.keys()))
     return f"init: {len(fits)} tensors taken; new: {fresh}; not used: {left}"
 
 
 def left_out(module: nn.Module, state: Mapping[str, torch.Tensor]) -> list[str]:
-    """Parts of heads and objectives whose weights `initialise` does not take, ``heads.align``.
+    """Parts of heads and objectives not taken by `initialise`, such as ``heads.align``.
 
     Args:
-        module: Of the new run.
-        state: Weights.
+        module: Module of the new run.
+        state: Tensors of the other run, by name.
     """
     current = {key: value.shape for key, value in module.state_dict().items()}
     kept = (key for key in state if key.startswith(("heads.", "objectives.")))
@@ -203,7 +209,11 @@ def _part(key: str) -> str:
 
 
 def _widened(value: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
-    """A tensor made twice as long, where that is wanted; linear layers read nothing of the rest."""
+    """Doubles the last axis of a tensor, if the wanted shape asks for it.
+
+    The new half of a matrix is 0, so that a linear layer ignores its new inputs; the new half of a
+    vector is that of ``wanted``.
+    """
     if not value.ndim or wanted.shape != (*value.shape[:-1], 2 * value.shape[-1]):
         return value
     rest = wanted[..., value.shape[-1] :]
@@ -211,6 +221,6 @@ def _widened(value: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
 
 
 def _parts(keys: Iterable[str]) -> str:
-    """Parts of a module that some of its tensors belong to, such as ``heads.align``."""
+    """Parts of a module with at least one of the tensors, such as ``heads.align``."""
     parts = {".".join(key.split(".")[:-1][:2]) for key in keys}
     return ", ".join(sorted(parts)) or "none"

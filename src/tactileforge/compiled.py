@@ -10,27 +10,28 @@ from torch import nn
 from tactileforge.encoders.preprocess import Preprocess
 from tactileforge.encoders.transformer import Block
 
-#: Kernels that blocks may have: one a sequence length and width, with and without gradients.
+#: Most kernels of a block: one per sequence length and width, with and without gradients.
 _VARIANTS = 64
 
 
 def compile_blocks(module: nn.Module, **options: Any) -> int:
     """Compiles the preprocessing and the blocks of the encoder and the heads, in place.
 
-    Blocks of one shape share their kernels, which torch keeps on disk: a deep encoder compiles as
-    fast as a shallow one, and a second run sooner. Weights keep their names. Shapes are fixed, so
-    that a resumed run computes with the kernels of the run. Towers for text and images stay as they
-    are: they meet another number of captions in every batch.
+    Blocks of one shape share their kernels, which torch caches on disk: a deep encoder compiles as
+    fast as a shallow one, and a second run starts sooner. Weights keep their names. Shapes are
+    fixed, so that a resumed run computes with the kernels of the first. Towers for text and images
+    are not compiled, because the number of captions differs from batch to batch.
 
     Args:
-        module: Before its training, or a model.
-        **options: See `torch.compile`; shapes are fixed unless they say otherwise.
+        module: Module before its training, or a model.
+        **options: Options of `torch.compile`; ``dynamic`` is False unless given.
 
     Returns:
-        Number of modules that are compiled.
+        Number of compiled modules.
     """
+    # beyond its limit torch runs a block uncompiled, and its default is lower
     torch._dynamo.config.recompile_limit = _VARIANTS
-    # balance= differentiates one graph several times, and so may not give its memory away
+    # balance= differentiates one graph several times, which torch refuses with donated buffers
     torch._functorch.config.donated_buffer = False
     parts = [
         part
@@ -43,5 +44,5 @@ def compile_blocks(module: nn.Module, **options: Any) -> int:
 
 
 def _in_tower(name: str) -> bool:
-    """Whether the path of a module leads through a tower, as heads name them."""
+    """Whether a module belongs to a tower of a head, by its path."""
     return any(step.endswith("_encoder") for step in name.split("."))

@@ -1,8 +1,8 @@
 """Plugins as Hydra options, and `compose` for the API and for tests.
 
-Every entry point *is* an option: ``tactileforge train objective=[pixel,diff]`` works for whatever
-is installed. Listing options reads metadata; choosing one imports that one class, whose
-constructor's defaults become the node of the configuration.
+Every entry point is an option: ``tactileforge train objective=[pixel,diff]`` works for all
+installed plugins. Listing options reads metadata; choosing one imports its class, and the defaults
+of its constructor become the node of the configuration.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ class PluginSource(ConfigSource):
 
     @staticmethod
     def scheme() -> str:
-        """The scheme under which Hydra's search path names this source."""
+        """Scheme of this source in Hydra's search path."""
         return "tactileforge"
 
     def available(self) -> bool:
-        """Always."""
+        """Always True."""
         return True
 
     def is_group(self, config_path: str) -> bool:
@@ -55,7 +55,11 @@ class PluginSource(ConfigSource):
         return config_path == "" or config_path in GROUPS
 
     def is_config(self, config_path: str) -> bool:
-        """Whether a path is a plugin; a group of several takes any, to name an unknown one well."""
+        """Whether a path is a plugin.
+
+        A group of several options accepts any name, so that an unknown one gets an error of ours,
+        with the nearest name.
+        """
         group, _, name = config_path.removesuffix(".yaml").rpartition("/")
         return group in MULTI or (group in GROUPS and name in registry.names(GROUPS[group]))
 
@@ -83,16 +87,16 @@ class PluginSource(ConfigSource):
 
 
 class SearchPath(SearchPathPlugin):
-    """conf/ first, then zoo/, then each plugin's own YAML, then the bare plugins.
+    """Hydra's search path: conf/, then zoo/, then the YAML of packages, then bare plugins.
 
     Attributes:
-        also: Places that the command line names, where Hydra itself does not see to them.
+        also: Places named on the command line, if Hydra itself does not add them.
     """
 
     also: ClassVar[list[str]] = []
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
-        """Appends the places where options are looked for."""
+        """Appends the places of options to the search path."""
         for place in dict.fromkeys([*SearchPath.also, *_places_of_job()]):
             search_path.append("command-line", place)
         search_path.append("tactileforge-zoo", "pkg://tactileforge.zoo")
@@ -102,9 +106,10 @@ class SearchPath(SearchPathPlugin):
 
 
 def _places_of_job() -> list[str]:
-    """Places of options that the command line named for the job that runs, if one does.
+    """Places of options named on the command line of the running job, if any.
 
-    What a job composes itself, such as the preset of data of a suite, is looked for there too.
+    A job that composes further configurations, such as the data preset of a suite, searches there
+    too.
     """
     if not HydraConfig.initialized():
         return []
@@ -120,7 +125,7 @@ def node_of(group: str, name: str) -> dict[str, Any]:
     defaults = registry.parameters(registry.get(GROUPS[group], name))
     shared: dict[str, Any] = {"weight": 1.0} if group == "objective" else {}
     if group == "optim":
-        from tactileforge.optim import COMMON  # torch
+        from tactileforge.optim import COMMON  # imports torch
 
         shared = COMMON
     return (
@@ -136,11 +141,11 @@ def register() -> None:
     Plugins.instance().register(SearchPath)
 
 
-#: A layout that is left out: only the file of the data may define it.
+#: Override that leaves a layout out; the layout may be defined in the file of the data alone.
 _NO_LAYOUT = re.compile(r"data\.(sources\.[^.=]+\.)?layouts\.[^.=]+=null")
 #: Groups of presets, whose keys are those of the whole configuration.
 _PRESETS = ("recipe", "scale", "ablation", "debug", "tuned", "early")
-#: What every command but `train` wants of Hydra: no folder and no log of its own; jobs of ``-m``
+#: Hydra's settings for every command but `train`: no folder and no log of its own; jobs of ``-m``
 #: keep their record in one folder.
 _QUIET = {
     "run": {"dir": "."},
@@ -159,9 +164,9 @@ def declare(
     """Makes a configuration known to Hydra in this process: groups of options, and keys.
 
     Args:
-        name: By which it is composed.
-        groups: Default of each group; None for none, ``???`` for one that has to be given.
-        keys: Defaults; see `strict.node`.
+        name: Name to compose it by.
+        groups: Default option of each group; None for no option, ``???`` for a required one.
+        keys: Defaults of the keys; see `strict.node`.
         groups_last: Whether an option may change the keys, and not the other way round.
     """
     defaults: list[Any] = [{group: option} for group, option in groups.items()]
@@ -169,7 +174,7 @@ def declare(
         defaults.insert(0, {"scale": "paper"})
     defaults.insert(0 if groups_last else len(defaults), "_self_")
     quiet = {"override hydra/job_logging": "none"}, {"override hydra/hydra_logging": "none"}
-    # key={name: value} has to be able to fill what is empty
+    # Hydra refuses new keys in a struct: an empty mapping has to accept key={name: value}
     free = {
         key: OmegaConf.create({}, flags={"struct": False}) if value == {} else value
         for key, value in (keys or {}).items()
@@ -179,7 +184,7 @@ def declare(
 
 
 def compose(recipe: str = "anytouch2", overrides: Sequence[str] = ()) -> DictConfig:
-    """Composes the configuration of a training, as the command line does.
+    """Composes the configuration of a training run, as the command line does.
 
     Args:
         recipe: Name of a recipe in the zoo.
@@ -199,11 +204,11 @@ def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
     """Composes a configuration.
 
     Args:
-        name: Of a YAML in conf/, or one that was declared.
+        name: Name of a YAML in conf/, or of a declared configuration; see `declare`.
         overrides: ``key=value`` strings.
 
     Raises:
-        HydraException: An override that does not fit.
+        HydraException: An override does not fit.
     """
     register()
     if GlobalHydra.instance().is_initialized():
@@ -213,7 +218,10 @@ def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
 
 
 def without_layouts(overrides: Sequence[str]) -> list[str]:
-    """Overrides in which a layout may be null that only the file of the data defines.
+    """Overrides with ``++`` before each layout set to null.
+
+    Such a layout may be defined in the file of the data alone; without ``++`` Hydra would refuse
+    its unknown name.
 
     Args:
         overrides: ``key=value`` strings.
@@ -229,12 +237,12 @@ def option(group: str, overrides: Sequence[str]) -> dict[str, Any]:
     """One group's node, composed by itself, as plain data.
 
     Args:
-        group: Such as ``data``.
+        group: Name of the group, such as ``data``.
         overrides: ``key=value`` strings, one of which chooses the option.
 
     Raises:
-        ConfigError: A key without a value.
-        HydraException: An override that does not fit.
+        ConfigError: A required key has no value.
+        HydraException: An override does not fit.
     """
     declare(f"option_{group}", {group: "???"})
     options: dict[str, Any] = plain(composed(f"option_{group}", overrides))[group]
@@ -245,11 +253,11 @@ def plain(config: DictConfig) -> dict[str, Any]:
     """A configuration as plain data.
 
     Raises:
-        ConfigError: A key without a value.
+        ConfigError: A required key has no value.
     """
     try:
         missing = sorted(map(str, OmegaConf.missing_keys(config)))
-    except InterpolationToMissingValueError as error:  # a value that others are made of
+    except InterpolationToMissingValueError as error:  # other values interpolate a missing one
         missing = re.findall(r"[Mm]issing mandatory value: (\S+)", str(error))
     if missing:
         raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
@@ -258,7 +266,7 @@ def plain(config: DictConfig) -> dict[str, Any]:
 
 
 def check_presets(config: DictConfig) -> None:
-    """Checks that the keys of presets are where they are read.
+    """Checks the package line of presets.
 
     Raises:
         ConfigError: A recipe or another preset lacks its package line.
@@ -274,17 +282,17 @@ def check_presets(config: DictConfig) -> None:
 def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     """Completes a composed configuration: one head for each objective, no more, no fewer.
 
-    Rows that a recipe writes for objectives that are not chosen are left out, and so are heads that
-    no objective uses. An objective that is null (``objective.diff=null``) is not chosen. An
-    objective without a head is given the one its class names, with the options that are written for
-    it. Options of the encoder that a recipe or scale wrote for another one are left out.
+    An objective set to null (``objective.diff=null``) is not chosen. Curriculum rows of objectives
+    that are not chosen are left out, and so are heads without an objective. An objective without a
+    head gets the one named by its class, with the options given for it. Options of the encoder that
+    a recipe or scale set for another encoder are left out.
 
     Args:
-        config: As it was composed.
-        typed: The ``key=value`` strings that were typed: what they set is never left out.
+        config: Composed configuration; it is changed.
+        typed: Overrides typed by the user, ``key=value``; the options they set are never left out.
 
     Raises:
-        ConfigError: No objective, or a row for something that is not one.
+        ConfigError: No objective is chosen, or a curriculum row does not belong to an objective.
         PluginError: A plugin is not installed.
     """
     check_presets(config)
@@ -296,6 +304,7 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     if not config.get("curriculum"):
         config.curriculum = OmegaConf.create({}, flags={"struct": False})
     rows: Mapping[str, Any] = config.curriculum.get("objective") or {}
+    # checked before rows are left out below, where a misspelt one would vanish without a word
     for key in rows:
         if key not in chosen and key not in registry.names("objectives"):
             known = {*chosen, *registry.names("objectives")}
@@ -312,12 +321,12 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     return config
 
 
-#: Encoders for whose options recipes and scales are written.
+#: Encoders whose options are set by recipes and scales.
 _SIZED = ("tactile_vit", "plain_vit")
 
 
 def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
-    """Removes options of our own encoders from an encoder that does not have them."""
+    """Removes options of our own encoders from an encoder without such options."""
     if encoder["name"] in _SIZED or encoder["name"] not in registry.names("encoders"):
         return
     own = registry.parameters(registry.get("encoders", encoder["name"]))
@@ -332,13 +341,17 @@ def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
 
 
 def _own_head(objective: str, options: Any) -> Any:
-    """The head that an objective's class names, with what was said of it (by a scale, or a +)."""
+    """The default head of an objective, merged with its options (from a scale, or a +)."""
     node = node_of("head", registry.get("objectives", objective).head)
     return OmegaConf.merge(node, options or {})
 
 
 def _chosen(group: str, config: DictConfig) -> dict[str, Any]:
-    """The nodes of a group that name a plugin; the others must at least be named like one."""
+    """The nodes of a group with the name of a plugin.
+
+    Raises:
+        ConfigError: A node without a name has a key that is not the name of a plugin either.
+    """
     given: Mapping[str, Any] = config.get(group) or {}
     nodes = {key: node for key, node in given.items() if node is not None}
     for key, node in nodes.items():

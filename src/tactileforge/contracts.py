@@ -1,8 +1,8 @@
 """Contracts of sensors, data sets, encoders, heads and objectives, for plugin authors.
 
 A plugin is a class. Its constructor parameters are explicit, their defaults are plain data (they
-become the plugin's configuration), constructing does no I/O, and the module imports no vendor SDK
-at top level. Parameters named in `CONTEXT` are not configuration: the framework passes them in.
+become the plugin's configuration), its construction does no I/O, and the module imports no vendor
+SDK at top level. Parameters named in `CONTEXT` are not configuration: the framework passes them in.
 
 Data flows one way::
 
@@ -21,7 +21,7 @@ A batch is a plain dict:
 | `background` | uint8 (B, 3, H, W) | no-contact frame of the same recording |
 | `sensor` | list of B names | the encoder maps names to its own rows |
 | `force` | float32 (B, T, 3), `force_valid` bool (B, 3) | newton; which axes are labelled |
-| `force_scale` | float32 (B, 3) | newton that count as 1, from the `SensorSpec` |
+| `force_scale` | float32 (B, 3) | divisor of forces, newton, from the `SensorSpec` |
 | `action` | int64 (B,) | index into `ACTIONS`; -1 unknown |
 | `object` | int64 (B,) | identity across sensors; -1 unknown |
 | `text` | list of B strings | "" where there is none |
@@ -39,9 +39,9 @@ recordings:
 | NAME | float32 or int64 (B, steps, ...) | the track at the clip's frames, or in a window |
 | NAME `_valid` | bool (B, steps) | False without the track, at NaN, outside of the recording |
 
-A data set that cuts its recordings in a way of its own may give further keys, as its `provides`
-says, and ``tokens``, float16 (B, touches of a sample, L, width), of a frozen encoder in place of
-frames (`Remembering`).
+A data set with a ``cut`` of its own may add further keys, listed in its `provides`, and
+``tokens``, float16 (B, touches of a sample, L, width), of a frozen encoder in place of frames
+(`Remembering`).
 """
 
 from __future__ import annotations
@@ -84,10 +84,10 @@ ACTIONS = (
     "rotate_ccw",
 )
 
-#: Labels of a batch: what a data set may provide, and an objective may need.
+#: Labels of a batch, which data sets may provide and objectives may need.
 LABELS = ("force", "action", "object", "text", "image", "surface")
 
-#: Keys of every batch, which no column may have.
+#: Keys of the batch itself: no column may use one as its name.
 BATCH_KEYS = frozenset(
     {
         *("frames", "background", "sensor", "group", "clip", "skipped", "paired", "tokens"),
@@ -99,7 +99,7 @@ BATCH_KEYS = frozenset(
 #: Axes of a force, in the order of its columns.
 AXES = ("x", "y", "z")
 
-#: A background of this value, subtracted and offset by 130/255, leaves a frame as it is.
+#: Grey value of a background without effect: subtraction and the offset of 130/255 cancel.
 NEUTRAL_BACKGROUND = 130
 
 #: Constructor parameters that the framework fills in; they never appear in a configuration.
@@ -113,19 +113,20 @@ class SensorSpec:
     """A type of sensor, as data. A live driver, a data set and an encoder refer to it by name.
 
     Attributes:
-        name: The word users type.
+        name: Name that users type.
         height: Rows of a frame as the sensor gives it; 0 for a wrench or robot.
         width: Columns of a frame; 0 for a wrench or robot.
-        fps: Frames, or samples, per second that really arrive.
+        fps: Frames, or samples, received per second.
         area_mm: Height and width of the sensing area, mm; None where it is not public.
-        force_scale: Newton per axis (x, y, z) that count as 1; forces are normalised by it.
+        force_scale: Divisor of forces along x, y and z, newton.
         markers: Whether the gel carries markers.
         dome: Whether the gel is domed (else flat).
-        kind: What `Frame` carries: ``image`` pixels of a camera; ``array`` taxels, drawn as pixels,
-            and their values; ``wrench`` forces and torques alone; ``robot`` its state and action.
-        states: Values of a robot that are its state; they come first.
-        actions: Values of a robot that are the command after that state.
-        simulation: How it is simulated, see `sensors.simulation.Simulation`; None if it is not.
+        kind: Content of a `Frame`: ``image`` pixels of a camera; ``array`` taxels, drawn as pixels,
+            and their values; ``wrench`` forces and torques alone; ``robot`` its state and command.
+        states: Number of values of a robot's state, the first in `Frame.raw`.
+        actions: Number of values of a robot's command, after its state.
+        simulation: Parameters of the simulation, see `sensors.simulation.Simulation`; None without
+            one.
     """
 
     name: str
@@ -143,7 +144,7 @@ class SensorSpec:
 
 
 class Frames(Protocol):
-    """Lazy frames of one recording: decoded only when they are read."""
+    """Lazy frames of one recording, decoded when they are read."""
 
     def __len__(self) -> int:
         """The number of frames."""
@@ -155,7 +156,7 @@ class Frames(Protocol):
         ...
 
     def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
-        """Decodes the frames asked for, in that order.
+        """Decodes frames, in the order asked for.
 
         Args:
             indices: Frame numbers, each in ``0..len - 1``; repeats are allowed.
@@ -171,29 +172,29 @@ class Frames(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """One continuous touch by one sensor, with everything that its source provides.
+    """One continuous touch by one sensor, with all data of its source.
 
     Attributes:
-        key: Unique within its data set.
+        key: Name of the recording, unique within its data set.
         sensor: Name of a `SensorSpec`.
         frames: Lazy frames.
         times: float64 (T,), seconds, strictly increasing.
         no_contact: Frames without contact, whose median is the background; None where the source
             has none and says so (then nothing is subtracted).
-        force: float32 (T, 3), newton; NaN is no label: a frame without any is a row of NaN, and a
-            source that knows z alone has NaN in x and y.
+        force: float32 (T, 3), newton. NaN means no label: a frame without labels is a row of NaN,
+            and a source that knows z alone has NaN in x and y.
         action: int64 (T,), index into `ACTIONS`, -1 unknown.
-        object: Name of what is touched, the same for every sensor that touches it.
+        object: Name of the touched object, the same for every sensor that touches it.
         text: Caption; ``{action}`` in it stands for the action of the clip.
         image: Paired camera image.
         image_times: float64, seconds on the clock of ``times``, ascending, one for each view; None
             where they are spread evenly over the recording.
         surface: Displacement of the gel's surface, an image a frame; see `displacement`.
-        labels: Whatever else is known, by name.
-        tracks: Whatever else is known per frame: arrays (T, ...) by name.
-        source: Where the recording comes from.
+        labels: Further labels of the recording, by name.
+        tracks: Further values per frame: arrays (T, ...) by name.
+        source: Origin of the recording.
         tier: Tier of the tactile dynamic pyramid, 1 (force) to 5 (static).
-        licence: SPDX identifier, or the plain words where there is none.
+        licence: SPDX identifier, or plain words for a licence without one.
     """
 
     key: str
@@ -216,11 +217,11 @@ class Recording:
 
     @property
     def period(self) -> float:
-        """Median time between frames, s; 0 where there is one frame."""
+        """Median time between frames, s; 0 for a single frame."""
         return float(np.median(np.diff(self.times))) if len(self.times) > 1 else 0.0
 
     def background(self) -> NDArray[np.uint8] | None:
-        """Decodes the frames without contact: their median, uint8 (H, W, 3); None without any.
+        """Median of the frames without contact, uint8 (H, W, 3); None without any.
 
         Raises:
             DataError: A frame cannot be decoded.
@@ -232,7 +233,7 @@ class Recording:
         return median
 
     def select(self, rows: Sequence[int]) -> Recording:
-        """Some frames with all that is known per frame; background and camera views stay.
+        """Takes some frames with their labels and tracks; background and camera views stay.
 
         Args:
             rows: Frame numbers, ascending.
@@ -260,18 +261,18 @@ class Recording:
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """An extra column of the batch, which a head or objective declares.
+    """An extra column of the batch, declared by a head or objective.
 
-    Its class attribute ``columns`` is a tuple of them, or a function of its options (a static
-    method) that gives one. Flips of a clip do not change it.
+    The class attribute ``columns`` of the head or objective is a tuple of columns, or a function of
+    its options (a static method) that returns one. Flips of a clip do not change a column.
 
     Attributes:
         name: Key of the batch; ``NAME_valid``, bool (B, steps), says which steps are labelled.
-        track: Of `Recording.tracks`; "" for the one of this name.
+        track: Name in `Recording.tracks`; "" for the name of the column.
         window: Steps of the recording, from the first to the one after the last, counted from the
             last frame of the clip: ``(0, 8)`` is a chunk of that frame and the seven after it,
             ``(-1, 1)`` the one before it and itself. None takes the frames of the clip.
-        dtype: Of the batch.
+        dtype: Type of the values in the batch.
         statistics: Whether mean and deviation over the training data are measured.
     """
 
@@ -284,12 +285,12 @@ class Column:
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnSize:
-    """What a head is told of a column, in its parameter ``column_sizes``: a mapping by name.
+    """Size and statistics of a column; the parameter ``column_sizes`` of a head has one by name.
 
     Attributes:
-        shape: Of one step.
-        mean: Over all steps of the training data, flat; None where it was not asked for.
-        deviation: Alike.
+        shape: Shape of one step.
+        mean: Mean over all steps of the training data, flat; None without `Column.statistics`.
+        deviation: Standard deviation over the same steps, flat; None without `Column.statistics`.
     """
 
     shape: tuple[int, ...]
@@ -299,11 +300,11 @@ class ColumnSize:
 
 @dataclass(frozen=True)
 class FrameSubset:
-    """Some frames of other frames, still lazy.
+    """A lazy selection of other frames.
 
     Attributes:
-        base: The frames to take from.
-        rows: Which of them, in order.
+        base: Frames to take from.
+        rows: Numbers of the selected frames, in order.
     """
 
     base: Frames
@@ -318,22 +319,22 @@ class FrameSubset:
         return self.base.shape
 
     def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
-        """Decodes; see `Frames.read`."""
+        """Decodes frames of the selection; see `Frames.read`."""
         return self.base.read([self.rows[i] for i in indices])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """One frame of a live sensor; what it carries depends on `SensorSpec.kind`.
+    """One frame of a live sensor; its content depends on `SensorSpec.kind`.
 
     Attributes:
-        array: uint8 (H, W, 3), RGB. Of an ``array`` sensor its taxels, drawn by its layout: red,
+        array: uint8 (H, W, 3), RGB. For an ``array`` sensor its taxels, drawn by its layout: red,
             green and blue are x, y and z, and 128 is the value without contact (`sensors.taxels`).
-            Of a ``wrench`` or ``robot`` empty, (0, 0, 3).
-        time: Monotonic seconds (``time.monotonic()``) at which it was taken.
-        raw: float32, the values as the sensor gave them: of a ``wrench`` sensor (6,), forces x, y,
-            z in N and torques x, y, z in N m; of an ``array`` sensor (taxels, values of each); of a
-            ``robot`` (states + actions,), its state and the command that follows it; None of an
+            Empty, (0, 0, 3), for a ``wrench`` or ``robot``.
+        time: Time of capture, monotonic seconds (``time.monotonic()``).
+        raw: float32, the values as the sensor gave them: for a ``wrench`` sensor (6,), forces x, y,
+            z in N and torques x, y, z in N m; for an ``array`` sensor (taxels, values of each); for
+            a ``robot`` (states + actions,), its state and the command that follows it; None for an
             ``image`` sensor.
     """
 
@@ -346,16 +347,16 @@ class Frame:
 class Sensor(Protocol):
     """A live sensor: a camera, taxel array, wrench sensor or robot, as its ``spec.kind`` says.
 
-    Use it as a context manager; it closes on an exception. It needs no thread of its own: whoever
-    records or shows it reads it in one, and opens it again after a `SensorError`. So `open` works
-    again after `close`. A sensor that takes a zero in `open` has a ``reopen`` too, which is called
-    then in its place and keeps the zero.
+    A sensor is a context manager, and closes on an exception. It needs no thread of its own:
+    recorders and viewers read it in a thread of theirs, and open it again after a `SensorError`.
+    `open` must therefore work after `close`. A sensor that is zeroed in `open` also has ``reopen``,
+    which is then called in its place and keeps the zero.
 
-    A class that inherits from this one is opened and closed by ``with`` as it stands.
+    A class that inherits from this one is opened and closed by ``with`` without further code.
 
-    A sensor may have an ``address``, a string: which device is open, for example
-    ``/dev/video2``, "" while none is. Two open sensors must not have the same. It may also have a
-    ``unit``, the serial number of the open device, which it keeps wherever it is plugged in.
+    A sensor may have an ``address``, a string with the open device, for example ``/dev/video2``;
+    "" while none is open. Two open sensors must not have the same address. It may also have a
+    ``unit``, the serial number of the open device, which does not depend on the port.
     """
 
     spec: SensorSpec
@@ -368,7 +369,7 @@ class Sensor(Protocol):
         """Claims the device.
 
         Raises:
-            SensorError: It is absent, busy, or not what was asked for.
+            SensorError: The device is absent, busy, or not the one asked for.
             ConfigError: An option is missing or wrong.
         """
         ...
@@ -379,7 +380,7 @@ class Sensor(Protocol):
         Raises:
             TactileForgeError: The sensor is not open.
             SensorError: The device is gone; it may be opened again.
-            TimeoutError: No new frame within ``timeout`` seconds.
+            TimeoutError: No new frame came within ``timeout`` seconds.
             EOFError: A finite source has ended.
         """
         ...
@@ -398,15 +399,14 @@ class Sensor(Protocol):
 
 @runtime_checkable
 class Dataset(Protocol):
-    """A reader: yields recordings, and declares their labels.
+    """A data reader: yields recordings, and declares their labels.
 
-    ``provides`` holds batch keys, of `LABELS`. One that cuts its recordings in a way of its own has
-    ``cut``, which is called like `data.batches.clips.Clips`; what it returns may have ``provides``,
-    further keys of its samples, and ``facts``, plain data by name that heads are given as ``facts``
-    and a run keeps in its configuration.
-    ``skipped`` grows as `recordings` meets files it cannot read: one line each, which names the
-    file. ``notes``, where there is one, likewise grows by lines on recordings that are read, and
-    may be read wrongly.
+    ``provides`` holds batch keys from `LABELS`. A data set that cuts its recordings itself has
+    ``cut``, which is called like `data.batches.clips.Clips`. Its result may have ``provides``,
+    further keys of its samples, and ``facts``, plain data by name that is passed to heads as
+    ``facts`` and kept in the configuration of the run.
+    ``skipped`` gets one line, with the name of the file, for each file that `recordings` cannot
+    read. ``notes``, if there is one, gets a line for each recording that was read with doubt.
 
     A large data set may also have ``sources(split)``, see `data.batches.sources.Sharded`: it is
     then opened part by part while it is read, and not as a whole.
@@ -416,11 +416,11 @@ class Dataset(Protocol):
 
     @property
     def provides(self) -> frozenset[str]:
-        """Batch keys of the labels that at least one recording may carry."""
+        """Batch keys of the labels of the recordings; each recording may lack some."""
         ...
 
     def recordings(self, split: str) -> Iterable[Recording]:
-        """The recordings of a split (``train`` or ``val``), in an order that never changes.
+        """The recordings of a split (``train`` or ``val``), in a fixed order.
 
         Raises:
             DataNotFoundError: Something is missing; names the folder and the fix.
@@ -472,7 +472,7 @@ class MaskedFeatures:
 
 
 class Views(Protocol):
-    """One batch seen by an encoder; each view is computed once, when first asked for."""
+    """One batch seen by an encoder; each view is computed once, at its first use."""
 
     @property
     def patches(self) -> Tensor:
@@ -481,12 +481,12 @@ class Views(Protocol):
 
     @property
     def full(self) -> Features:
-        """Every patch is seen."""
+        """Features of the full view: every patch is visible."""
         ...
 
     @property
     def masked(self) -> MaskedFeatures:
-        """Masked patches are not embedded."""
+        """Features of the masked view: masked patches are not embedded."""
         ...
 
 
@@ -519,8 +519,8 @@ class Encoder(Protocol):
         """Starts the views of a batch; nothing is computed yet.
 
         Args:
-            batch: See the table above.
-            universal: Chance that a sample is given the universal sensor tokens.
+            batch: Batch in the format of this module's table.
+            universal: Chance that a sample takes the universal sensor tokens, 0 to 1.
         """
         ...
 
@@ -536,28 +536,28 @@ class Encoder(Protocol):
 
 
 class Head(Protocol):
-    """Features to a prediction (a ``torch.nn.Module``); ``head.K`` feeds ``objective.K``.
+    """Maps features to a prediction (a ``torch.nn.Module``); ``head.K`` feeds ``objective.K``.
 
-    It may declare ``columns``, see `Column`, and is given their sizes where its constructor has the
-    parameter ``column_sizes``. One that asks for ``facts`` of a data set may name in
-    ``fixed_facts`` those that have to be the same in a run that it starts from.
+    A head may declare ``columns``, see `Column`, and gets their sizes if its constructor has the
+    parameter ``column_sizes``. A head with the parameter ``facts`` may list in ``fixed_facts`` the
+    facts of a data set that must be equal in its run and in the run it is initialised from.
     """
 
     def __call__(self, views: Views, batch: Batch) -> Any:
-        """The prediction: whatever the objective of the same name understands."""
+        """The prediction, in the format of the objective of the same name."""
         ...
 
 
 @runtime_checkable
 class AfterStep(Protocol):
-    """A head or objective with state that is updated after each step, such as an EMA.
+    """A head or objective with state to update after each step, such as an EMA.
 
-    Having the method is enough. What it changes (EMA copies, temperatures) are buffers or frozen
-    parameters, so that checkpoints keep them and a resumed run goes on with them.
+    Having the method is enough. The state (EMA copies, temperatures) is kept in buffers or frozen
+    parameters, so that checkpoints hold it and a resumed run continues with it.
     """
 
     def after_step(self, encoder: Encoder, step: int, total: int) -> None:
-        """Called before the first step (``step`` is 0), and after each optimiser step.
+        """Updates the state, before the first step (``step`` is 0) and after each optimiser step.
 
         Args:
             encoder: The touch encoder, with the weights of this step.
@@ -568,22 +568,22 @@ class AfterStep(Protocol):
 
 
 class TrainingClips(Protocol):
-    """All clips that are cut from the training data, as `Prepared` is given them.
+    """All clips of the training data, for the measurements of `Prepared`.
 
-    An item is one row of a batch, decoded when it is asked for.
+    An item is one row of a batch, decoded on access.
     """
 
     @property
     def recordings(self) -> Sequence[Recording]:
-        """Recordings that are cut; some of those of a source that is read window by window."""
+        """Recordings of the clips; only some for a source read window by window."""
 
     @property
     def strides(self) -> NDArray[np.int32]:
-        """Of each recording: its frames from one frame of a clip to the next."""
+        """Stride of each recording: its frames from one frame of a clip to the next."""
 
     @property
     def scales(self) -> Mapping[str, tuple[float, float, float]]:
-        """Newton along x, y and z that count as 1, by sensor."""
+        """Divisor of forces along x, y and z, newton, by name of the sensor."""
 
     def __len__(self) -> int: ...
 
@@ -592,17 +592,17 @@ class TrainingClips(Protocol):
 
 @runtime_checkable
 class Remembering(Protocol):
-    """Clips that hold the tokens of a frozen encoder in place of frames (`Dataset`'s ``cut``).
+    """Clips with the tokens of a frozen encoder in place of frames (`Dataset`'s ``cut``).
 
     Having the method is enough.
     """
 
     def remember(self, encode: Callable[[Tensor, Tensor, Sequence[str]], Tensor]) -> None:
-        """Computes the tokens of every clip once; called before the first step where ``freeze``.
+        """Computes the tokens of every clip once, before the first step of a run with ``freeze``.
 
         Args:
-            encode: Tokens (n, L, width) of frames uint8 (n, T, 3, H, W), backgrounds
-                (n, 3, H, W) and names of sensors.
+            encode: Function from frames uint8 (n, T, 3, H, W), backgrounds uint8 (n, 3, H, W) and
+                names of sensors to tokens (n, L, width).
         """
         ...
 
@@ -611,45 +611,47 @@ class Remembering(Protocol):
 
 @runtime_checkable
 class Prepared(Protocol):
-    """A head or objective that measures its training data before the first step of a new run.
+    """A head or objective with measurements of its training data, made before a new run.
 
-    Having the method is enough. What it finds are buffers: a resumed run takes them from its
+    Having the method is enough. The results are kept in buffers: a resumed run takes them from its
     checkpoint.
     """
 
     def prepare(self, clips: TrainingClips) -> None:
-        """Called once, on every rank with the same clips; draws no random numbers.
+        """Measures the clips; called once, on every rank with the same ones.
+
+        It must draw no random numbers.
 
         Args:
-            clips: Those of the training data.
+            clips: Clips of the training data.
         """
         ...
 
 
 @runtime_checkable
 class Scored(Protocol):
-    """An objective with scores of a whole split that are not means over batches, such as R2.
+    """An objective with scores of a whole split, other than means over batches, such as R2.
 
-    In validation they take the place of its further scalars, which are logged in training.
+    In validation the scores replace its further scalars, which are logged in training alone.
     """
 
     def sums(self, prediction: Any, batch: Batch) -> Tensor:
-        """Sums of one batch that add up over batches and ranks; float64 of any shape."""
+        """Sums of one batch, to be added over the batches of the split; float64 of any shape."""
         ...
 
     def scores(self, sums: Tensor) -> dict[str, float]:
-        """Scores by name, from the sums of all batches; one that has no value is left out."""
+        """Scores by name, from the sums of all batches; undefined ones are left out."""
         ...
 
 
 class Objective(Protocol):
-    """A prediction and a batch to a loss (a ``torch.nn.Module``).
+    """Maps a prediction and a batch to a loss (a ``torch.nn.Module``).
 
     ``head`` names the head it is used with unless the configuration says otherwise. ``needs`` lists
     labels among `Dataset.provides`; ``"text|image"`` asks for at least one of the two. The
-    framework checks them against the data before the first step. It may declare ``columns``, see
-    `Column`. An objective with ``pairs = True``
-    asks for a share of each batch to be drawn in pairs of one ``group``.
+    framework checks them against the data before the first step. An objective may declare
+    ``columns``, see `Column`. An objective with ``pairs = True`` asks for a share of each batch to
+    be drawn in pairs of one ``group``.
     """
 
     head: ClassVar[str]
@@ -660,18 +662,18 @@ class Objective(Protocol):
     ) -> tuple[Tensor | Mean, Mapping[str, Tensor | Mean]]:
         """The loss, and further scalars to log by name.
 
-        A `means.Mean`, as `distributed.masked_mean` returns it, counts by its labels in validation,
-        and is absent where there are none. A tensor is a scalar, and counts by the clips of the
-        batch.
+        In validation a `means.Mean`, as returned by `distributed.masked_mean`, is weighted by its
+        number of labels, and left out without any. A tensor is a scalar, and is weighted by the
+        number of clips in the batch.
         """
         ...
 
 
 class OptimizerPlugin(Protocol):
-    """Options of an optimiser, and what builds it.
+    """Options of an optimiser, with the method to build it.
 
-    The constructor's parameters are the keys of ``optim``, beside ``warmup``, ``schedule`` and
-    ``clip``, which every optimiser has.
+    The constructor's parameters are the keys of ``optim``, in addition to ``warmup``, ``schedule``
+    and ``clip``, which every optimiser has.
     """
 
     def build(
@@ -680,10 +682,11 @@ class OptimizerPlugin(Protocol):
         """Builds the optimiser of a run.
 
         Args:
-            parameters: Names and parameters that are trained, in a fixed order.
-            fused: Whether a step may be one kernel; not with a scaler of gradients.
+            parameters: Names and trained parameters, in a fixed order.
+            fused: Whether a step may be one kernel; False with a gradient scaler.
 
         Returns:
-            A single optimiser. Its learning rate is scaled by the schedule, in each group alike.
+            A single optimiser. The schedule multiplies the learning rate of each group by the same
+            factor.
         """
         ...

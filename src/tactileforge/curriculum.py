@@ -14,6 +14,8 @@ from typing import Any, Literal
 
 from tactileforge.errors import ConfigError, unknown
 
+_KEYS = ("unit", "objective", "universal", "values")
+
 Unit = Literal["fraction", "epoch", "step"]
 
 
@@ -48,10 +50,10 @@ class Curriculum:
     """Weights of objectives, and the chance of the universal sensor token.
 
     Attributes:
-        ramps: One for each objective; ``high`` is its largest weight.
-        universal: Chance that a sample takes the universal sensor tokens.
-        values: Further numbers that change, such as ``encoder.mask_ratio``, by their place in the
-            configuration.
+        ramps: Ramp of each objective's weight; ``high`` is the largest weight.
+        universal: Chance that a sample takes the universal sensor tokens, 0 to 1.
+        values: Ramps of further numbers, by their place in the configuration, such as
+            ``encoder.mask_ratio``.
 
     Example:
         >>> plan = Curriculum({"pixel": Ramp(), "force": Ramp(start=50, end=100, high=0.1)})
@@ -87,17 +89,28 @@ def from_config(
         ConfigError: An unknown unit or key, a ramp that ends before it starts, a weight below 0, or
             a chance outside 0 to 1.
     """
+    for key in config:
+        if key not in _KEYS:
+            raise ConfigError(unknown("key in curriculum", key, _KEYS))
     units = {"fraction": total, "epoch": epoch, "step": 1}
     unit = config.get("unit", "fraction")
     if unit not in units:
         raise ConfigError(unknown("curriculum.unit", unit, units))
 
-    def ramp(where: str, row: Mapping[str, Any], low: float, high: float) -> Ramp:
+    def ramp(where: str, row: Any, low: float, high: float) -> Ramp:
+        if not isinstance(row, Mapping):
+            raise ConfigError(f"{where}={row}: give {{start: A, end: B}}")
         _check_keys(where, row)
+        for key in ("start", "end"):
+            value = row.get(key)
+            if value is not None and (
+                isinstance(value, bool) or not isinstance(value, int | float)
+            ):
+                raise ConfigError(f"{where}.{key}={value}: give a number, or null")
         start = float(row.get("start") or 0) * units[unit]
         end = row.get("end")
         stop = total if end is None else float(end) * units[unit]
-        if not math.isfinite(start + stop):
+        if not math.isfinite(start + stop):  # first, because NaN passes the comparison below
             raise ConfigError(f"{where}: start={row.get('start')}, end={end}; give finite numbers")
         if stop < start:
             raise ConfigError(f"{where}: ends at step {stop:g}, before it starts ({start:g})")
@@ -134,7 +147,11 @@ def _number(where: str, row: Mapping[str, Any], key: str) -> float:
 
 
 def value_rows(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Rows of numbers that change, by their place in the configuration."""
+    """Rows of the changing numbers, by their place in the configuration.
+
+    Raises:
+        ConfigError: A row is not a mapping.
+    """
     rows: dict[str, Any] = {}
     waiting = [("", config.get("values") or {})]
     while waiting:
@@ -151,12 +168,14 @@ def value_rows(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _rows(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Rows of objectives; null is none."""
+    """Rows of the objectives; a null row counts as absent."""
     return {key: row for key, row in (config.get("objective") or {}).items() if row is not None}
 
 
 def _universal(config: Mapping[str, Any]) -> Mapping[str, Any]:
-    row: Mapping[str, Any] = config.get("universal") or {"high": 0.0}
+    row = config.get("universal") or {"high": 0.0}
+    if not isinstance(row, Mapping):
+        raise ConfigError(f"curriculum.universal={row}: give {{low: A, high: B}}")
     return row
 
 
@@ -174,10 +193,10 @@ def _check_keys(where: str, row: Mapping[str, Any]) -> None:
 
 
 def in_steps(config: Mapping[str, Any], total: int, epoch: int) -> dict[str, Any]:
-    """The same curriculum in steps, which does not change with the length of the run.
+    """Converts a curriculum to steps, independent of the length of the run.
 
     Args:
-        config: See `from_config`.
+        config: Configuration of the curriculum; see `from_config`.
         total: Steps of the run.
         epoch: Steps of an epoch.
 

@@ -30,9 +30,9 @@ from tactileforge.sim.optics.lighting import (
 )
 from tactileforge.sim.optics.sensor_instances import pixel_spacing
 
-#: Largest depth in micrometres that is kept.
+#: Largest depth, micrometres, within the range of int16.
 _FAR = 32_000
-#: Bytes of a file of a calibration, at most.
+#: Largest size of a calibration file, bytes.
 _LARGEST = 1 << 20
 
 
@@ -40,20 +40,22 @@ class DepthReader:
     """Reads normals and depth of the gel from pictures of one sensor.
 
     A calibration maps normals to colours; it is inverted in each pixel, and the slopes are
-    integrated. Those that ship are of one unit of each type: another unit has other lights, so its
-    depths have the right shape rather than the right size. `sim.optics.fit` makes one of your unit.
+    integrated. The shipped calibrations are of one unit of each type. Another unit has other
+    lights, so its depths have the right shape but not the right scale; `sim.optics.fit` fits a
+    calibration of your unit.
 
     Args:
-        sensor: Type of the sensor, or the spec of one that is not installed under its name.
-        calibration: Name of one that ships, or a file of `sim.optics.fit.save_optics`; None takes
-            the one of the type.
-        rows: Rows of the height map, to which larger pictures are shrunk first.
-        mm_per_pixel: Of a picture as the sensor gives it; None takes the sensing area of the type.
+        sensor: Name of the sensor type, or the spec of a type that is not installed by name.
+        calibration: Name of a shipped calibration, or a file of `sim.optics.fit.save_optics`; None
+            takes the shipped one of the type.
+        rows: Rows of the height map; larger pictures are shrunk to as many first.
+        mm_per_pixel: Size of a pixel of the sensor's own picture, mm; None computes it from the
+            sensing area of the type.
 
     Raises:
-        ConfigError: None of its type is calibrated, its sensing area is not known, or ``rows`` or
+        ConfigError: No calibration of the type ships, its sensing area is not known, or ``rows`` or
             ``mm_per_pixel`` is not above 0.
-        DataNotFoundError: There is no such file.
+        DataNotFoundError: The calibration file does not exist.
         DataError: The file is not a calibration.
 
     Example:
@@ -80,22 +82,21 @@ class DepthReader:
         self._readers: dict[tuple[int, int], SurfaceReader] = {}
 
     def read(self, pictures: NDArray[np.uint8], background: NDArray[np.uint8]) -> Surface:
-        """The surface in one picture, or in each of several.
+        """Reads the surface in one picture, or in each of several.
 
         Args:
             pictures: uint8 (H, W, 3) or (B, H, W, 3), RGB.
-            background: uint8 (H, W, 3), without contact.
+            background: uint8 (H, W, 3), RGB, picture without contact.
 
-        Warns of pictures that differ from the background as light does and not as a touch
-        (`sensors.light`): they are read as flat. Warns, too, of pictures with red and blue the
-        other way round than the background.
+        Warns of pictures with another light than the background (`sensors.light`), and reads them
+        as flat. Also warns of pictures with red and blue swapped against the background.
 
         Returns:
             Slopes (2, h, w) and depth (h, w) in mm, with B in front for several pictures; ``rows``
             are h.
 
         Raises:
-            DataError: They are not pictures of one size, in grey levels.
+            DataError: Pictures or background are not uint8, or differ in size.
         """
         for what in (pictures, background):
             if not isinstance(what, np.ndarray) or what.dtype != np.uint8:
@@ -116,6 +117,7 @@ class DepthReader:
                 f"background was taken, and their depth is 0: {TROUBLES['light']}",
                 stacklevel=2,
             )
+            # a change of light would be read as depth; the background itself is read as flat
             several = np.where(np.array(lit)[:, None, None, None], background, several)
         reader = self._reader(height, width)
         shown = torch.stack([_shrunk(picture, reader.size) for picture in several])
@@ -145,17 +147,17 @@ class DepthReader:
 def depth_readers(
     given: Mapping[str, str], sensors: Mapping[str, Sensor], rows: int
 ) -> dict[str, DepthReader]:
-    """Readers of sensors that are open or will be.
+    """Builds the depth reader of each calibrated sensor.
 
     Args:
-        given: Calibration of each that has one, see `DepthReader`.
-        sensors: By name.
-        rows: See `DepthReader`.
+        given: Calibration by name of the sensor, see `DepthReader`.
+        sensors: Sensors by name; they need not be open yet.
+        rows: Rows of the height maps.
 
     Raises:
-        ConfigError: No sensor has that name; see `DepthReader`.
-        DataNotFoundError: See `DepthReader`.
-        DataError: See `DepthReader`.
+        ConfigError: A sensor is unknown, or one of the errors of `DepthReader`.
+        DataNotFoundError: A calibration file does not exist.
+        DataError: A file is not a calibration.
     """
     if strange := sorted(set(given) - set(sensors)):
         raise ConfigError(unknown("sensor of depth", strange[0], sensors))
@@ -163,7 +165,7 @@ def depth_readers(
 
 
 def _shrunk(picture: NDArray[np.uint8], size: tuple[int, int]) -> Tensor:
-    """A picture as float32 (3, h, w)."""
+    """Resizes a picture to float32 (3, h, w)."""
     fits = picture.shape[:2] == size
     small = picture if fits else cv2.resize(picture, size[::-1], interpolation=cv2.INTER_AREA)
     return torch.from_numpy(np.moveaxis(np.asarray(small, np.float32), -1, 0).copy())
@@ -185,7 +187,7 @@ def _calibration(sensor: str, calibration: str | Path | None) -> OpticalCalibrat
 
 
 def _height_mm(sensor: str | SensorSpec) -> float:
-    """Height of what the pictures of a sensor show, mm."""
+    """Height of the area shown in the pictures of a sensor, mm."""
     name = sensor if isinstance(sensor, str) else sensor.name
     with suppress(ConfigError):
         return pixel_spacing(name, 1)
@@ -201,11 +203,11 @@ def _height_mm(sensor: str | SensorSpec) -> float:
 
 
 def read_optics(path: str | Path) -> OpticalCalibration:
-    """A calibration from a file of `sim.optics.fit.save_optics`.
+    """Reads a calibration from a file of `sim.optics.fit.save_optics`.
 
     Raises:
-        DataNotFoundError: There is no such file.
-        DataError: It is no calibration.
+        DataNotFoundError: The file does not exist.
+        DataError: The file is not a valid calibration.
     """
     path = Path(path).expanduser()
     if not path.is_file():

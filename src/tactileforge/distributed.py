@@ -1,6 +1,6 @@
-"""Arithmetic over ranks: written so that N processes do what one would with the joint batch.
+"""Arithmetic over ranks: N processes compute the same as one with the joint batch.
 
-And the seeds of a step, of which all its randomness is a function.
+Also the seeds of a step: all its randomness is a function of them.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ _ALONE: ContextVar[bool] = ContextVar("alone", default=False)
 
 
 def count_processes(options: Mapping[str, Any]) -> int:
-    """Number of processes that a run is to have; where it is not known yet, at least 2.
+    """Number of processes of a run; at least 2 if it is not known yet.
 
     Args:
-        options: Of ``trainer``.
+        options: Options of ``trainer``.
     """
     devices = options["devices"]
     if devices in ("auto", -1, "-1"):
@@ -43,7 +43,7 @@ def world() -> tuple[int, int]:
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Within, this process computes as if it were the only one, on data that all of them have."""
+    """Lets this process compute as if it were the only one, on data shared by all of them."""
     token = _ALONE.set(True)
     try:
         yield
@@ -55,9 +55,9 @@ def seed_step(seed: int, number: int, stream: int) -> None:
     """Seeds torch for one step.
 
     Args:
-        seed: That of the run.
-        number: The batch, counted from 0.
-        stream: What is drawn: 0 a training step, -1 validation, ``rank + 1`` flips.
+        seed: Seed of the run.
+        number: Number of the batch, from 0.
+        stream: Purpose of the numbers: 0 a training step, -1 validation, ``rank + 1`` flips.
     """
     entropy = [seed, number + 1, stream + 1]
     state = np.random.SeedSequence(entropy).generate_state(1, np.uint64)[0]
@@ -68,7 +68,7 @@ def rand_rows(rows: int, *columns: int, device: torch.device) -> Tensor:
     """Uniform numbers (rows, *columns) for this rank's rows of the joint batch.
 
     Every rank draws for the joint batch from a generator in the same state and keeps its own rows,
-    so a sample is treated alike whether it is alone or shared out.
+    so a sample gets the same numbers with any number of ranks.
     """
     rank, size = world()
     return torch.rand(size * rows, *columns, device=device)[rank * rows : (rank + 1) * rows]
@@ -99,6 +99,7 @@ class _Gather(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> Tensor:
         grad = grads[0].contiguous()
+        # the losses of all ranks depend on these rows, so their gradients add up
         dist.all_reduce(grad)
         start = dist.get_rank() * ctx.rows
         return grad[start : start + ctx.rows]
@@ -107,7 +108,7 @@ class _Gather(torch.autograd.Function):
 def gather_rows(x: Tensor) -> Tensor:
     """Rows of every rank, in rank order, with gradients; ``x`` itself in a single process.
 
-    Every rank must give as many rows.
+    Every rank must give the same number of rows.
     """
     if world()[1] == 1:
         return x
@@ -119,12 +120,12 @@ def masked_mean(losses: Tensor, valid: Tensor) -> Mean:
     """Mean of the valid losses over all ranks, and how many there are.
 
     DDP averages gradients over ranks that may hold different numbers of labelled samples. Each
-    rank's sum is divided by the joint count and multiplied by the number of ranks, so that average
-    is the joint mean.
+    rank's sum is divided by the joint count and multiplied by the number of ranks, so that the
+    average is the joint mean.
 
     Args:
-        losses: float (B,), one a sample, or of any other shape.
-        valid: bool, alike.
+        losses: float (B,), one per sample, or of any other shape.
+        valid: bool, of the same shape.
 
     Returns:
         The mean, connected to the graph and 0 even when nothing is valid, and the joint count.

@@ -1,10 +1,10 @@
-"""What distributions bring beside plugins, and what those of `plugins/` would; imports nothing."""
+"""Options of installed distributions, and the content of those in `plugins/`; imports nothing."""
 
 from __future__ import annotations
 
 from importlib.metadata import entry_points
 
-#: Packages of our own in plugins/: what they provide, by kind of plugin, or group of options.
+#: Our own packages in plugins/: names they provide, by kind of plugin or group of options.
 _OURS: dict[str, dict[str, tuple[str, ...]]] = {
     "tactileforge-anyskin": {"sensors": ("anyskin", "reskin")},
     "tactileforge-arrays": {
@@ -34,11 +34,11 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
 
 
 def package_of(kind: str, name: str) -> str:
-    """The package of ours that provides a plugin or option; "" for none.
+    """Name of our package with a plugin or option; "" for none.
 
     Args:
-        kind: Of the plugin, or a group of options such as ``recipe``.
-        name: As users type it.
+        kind: Kind of the plugin, or a group of options such as ``recipe``.
+        name: Name that users type.
 
     Example:
         >>> package_of("recipe", "imitation")
@@ -49,5 +49,5 @@ def package_of(kind: str, name: str) -> str:
 
 
 def conf_packages() -> list[str]:
-    """Packages of YAML options, recipes and cards that installed distributions bring."""
+    """Packages of YAML options, recipes and cards in installed distributions."""
     return [entry.value for entry in entry_points(group="tactileforge.conf")]

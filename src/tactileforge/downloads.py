@@ -1,4 +1,4 @@
-"""Bytes behind a URL: no more than were stated, no waiting for ever, and retries that are said."""
+"""Downloads within stated limits of size and time, with retries shown to the user."""
 
 from __future__ import annotations
 
@@ -15,39 +15,44 @@ from typing import BinaryIO
 
 from tactileforge.links import SILENCE, Link, Refused
 
-#: Bytes that are needed in `SILENCE` seconds of waiting: 2 kB/s, less than any link has.
+#: Bytes required in `SILENCE` seconds of waiting: 2 kB/s, slower than any working link.
 _LEAST = 1 << 16
-#: Bytes a second on the whole, and the seconds before that counts.
+#: Average rate, bytes per second, for the time limit of a download, and the seconds added to it.
 _RATE, _START = 16_384, 600.0
-#: Attempts, and seconds before the second; then twice as many, and so on.
+#: Number of attempts, and seconds before the second; each further pause is twice as long.
 _ATTEMPTS, _PAUSE = 4, 0.5
-#: Seconds that a server may ask for between two attempts.
+#: Longest pause between two attempts that a server may ask for, s.
 _LONGEST = 60.0
-#: Answers after which another attempt may go well.
+#: Status codes below 500 after which another attempt may succeed: timeout, too early, too many
+#: requests.
 _BUSY = frozenset({408, 425, 429})
 _sleep = time.sleep
 _now = time.monotonic
 
 
+class _Final(OSError):
+    """Another attempt would fail in the same way."""
+
+
 class Dropped(OSError):
-    """A connection that ended before all bytes were sent, or a server that is busy.
+    """The connection ended before the last byte, or the server is busy.
 
     Attributes:
-        pause: Seconds that the server asks for; None where it does not.
+        pause: Pause that the server asks for, s; None without one.
     """
 
     pause: float | None = None
 
 
 class TooMuch(OSError):
-    """A body of more bytes than were stated."""
+    """A body of more bytes than stated."""
 
 
 class _Pace:
-    """Time that a download has left. Waiting for bytes counts; writing them does not.
+    """Time left to a download. Waiting for bytes counts; writing them does not.
 
     Args:
-        seconds: Time in all.
+        seconds: Total time, s.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -55,19 +60,19 @@ class _Pace:
         self.opens()
 
     def opens(self) -> None:
-        """Starts the time in which a server has to answer."""
+        """Starts the time limit of the server's first answer."""
         self.window, self.needed = 2 * SILENCE, 0
 
     def sends(self) -> None:
-        """Starts the time in which the next `_LEAST` bytes have to come."""
+        """Starts the time limit of the next `_LEAST` bytes."""
         self.window, self.needed = SILENCE, _LEAST
 
     def waits(self) -> float:
-        """Seconds that the next bytes may take."""
+        """Time left for the next bytes, s."""
         return max(0.0, min(self.left, self.window))
 
     def took(self, seconds: float, count: int) -> None:
-        """Counts bytes, and the seconds for which they were waited for."""
+        """Counts bytes, and the seconds of waiting for them."""
         self.left -= seconds
         self.window -= seconds
         self.needed -= count
@@ -75,7 +80,7 @@ class _Pace:
             self.sends()
 
     def error(self) -> TimeoutError:
-        """Says what took too long."""
+        """Error with the exceeded limit."""
         if self.left <= self.window:
             return TimeoutError("it takes longer than its size allows")
         if not self.needed:
@@ -93,22 +98,22 @@ def copy(
     headers: Mapping[str, str] | None = None,
     moved: Callable[[int], object] = lambda count: None,
 ) -> None:
-    """Copies a URL to a file; where the connection drops, from the start again.
+    """Copies a URL to a file, and starts again from the first byte after a dropped connection.
 
     Args:
-        url: Any that webdataset opens, but no command.
-        limit: Bytes that it may have; not one more is read than the first beyond.
-        out: It is emptied first.
-        whole: Whether all came, where the server states no length. What is short time after time
-            is left to the caller to judge.
-        seconds: Time in all; None for what ``limit`` bytes take on a slow link.
-        headers: Headers for the server of the URL; those it sends on to do not get them.
-        moved: Is told the bytes that are written so far.
+        url: URL of any scheme that webdataset opens, but no command.
+        limit: Largest number of bytes; at most one byte more is read.
+        out: File to write; it is emptied first.
+        whole: Function that tells whether all bytes came, for a server that states no length. A
+            body that is still short after the last attempt is left to the caller to judge.
+        seconds: Total time, s; None for the time of ``limit`` bytes on a slow link.
+        headers: Headers for the server of the URL; servers it redirects to do not get them.
+        moved: Function to call with the number of bytes written so far.
 
     Raises:
-        TooMuch: It sends more than ``limit`` bytes.
-        TimeoutError: It sends nothing, or too little, for too long.
-        OSError: It cannot be reached, or the connection dropped too often.
+        TooMuch: The server sends more than ``limit`` bytes.
+        TimeoutError: The server sends nothing, or too little, for too long.
+        OSError: The server cannot be reached, or the connection dropped too often.
     """
     pace = _Pace(_START + limit / _RATE if seconds is None else seconds)
     for attempt in range(1, _ATTEMPTS + 1):
@@ -121,6 +126,7 @@ def copy(
                     out.write(chunk)
                     count += len(chunk)
                     moved(count)
+            # without a stated length a connection that ends early looks like the end of the body
             if stated or whole() or attempt == _ATTEMPTS:
                 return
             raise Dropped(f"the connection ended after {count} bytes, and not all came")
@@ -128,12 +134,14 @@ def copy(
             if attempt == _ATTEMPTS:
                 raise OSError(f"{error}, attempt {attempt}") from error
             _wait(url, error, attempt, pace)
+        except _Final as error:
+            raise OSError(f"{error}, attempt {attempt}") from error
 
 
 def _chunks(
     url: str, limit: int, headers: Mapping[str, str], pace: _Pace
 ) -> Generator[bytes, None, None]:
-    """Yields the length that is stated, b"" for none; then the body, whoever sends it."""
+    """Yields the stated length, b"" for none, and then the body in chunks."""
     left = limit
     link = Link(url, limit + 1, headers)
     pace.opens()
@@ -147,7 +155,7 @@ def _chunks(
             yield chunk
     finally:
         link.leave()
-    # of a body that is cut off, http.client gives what there is
+    # http.client returns the part of a body that was cut off, without an error
     if stated and limit - left < int(stated):
         raise Dropped(f"the connection ended after {limit - left} of {int(stated)} bytes")
 
@@ -165,20 +173,24 @@ def _next(link: Link, pace: _Pace) -> bytes:
 
 
 def _named(error: BaseException) -> OSError:
-    """The error to raise: `Dropped` where another attempt may go well."""
+    """The error to raise: `Dropped` if another attempt may succeed."""
     text = str(error) or repr(error)
     if not isinstance(error, Refused):
         final = isinstance(error, ValueError | InvalidURL | FileNotFoundError | PermissionError)
-        return OSError(f"{text}, attempt 1") if final else Dropped(text)
+        return _Final(text) if final else Dropped(text)
     if error.code < 500 and error.code not in _BUSY:
-        return OSError(f"{text}, attempt 1")
+        return _Final(text)
     dropped = Dropped(text)
     dropped.pause = retry_after(error.headers)
     return dropped
 
 
 def _wait(url: str, error: Dropped, attempt: int, pace: _Pace) -> None:
-    """Says why there is another attempt, and waits for it."""
+    """Prints the reason for another attempt, and waits for it.
+
+    Raises:
+        OSError: The time left is shorter than the pause.
+    """
     pause = _PAUSE * 2 ** (attempt - 1)
     if error.pause is not None:
         pause = max(pause, min(error.pause, _LONGEST))
@@ -191,7 +203,7 @@ def _wait(url: str, error: Dropped, attempt: int, pace: _Pace) -> None:
 
 
 def retry_after(headers: Message) -> float | None:
-    """Seconds that a server asks for, as a number or a date; None where it says nothing usable.
+    """Pause asked for by a server, s, from a number or a date; None without a usable one.
 
     A date is compared with the server's own clock, where it states one.
 

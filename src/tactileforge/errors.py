@@ -1,4 +1,4 @@
-"""The errors that users meet. Each says what is wrong, where, and the fix."""
+"""The errors shown to users. Each says what is wrong, where, and the fix."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from difflib import get_close_matches
 
 
 class TactileForgeError(Exception):
-    """Base of every error the package raises on purpose; the CLI prints it without a traceback."""
+    """Base of the errors raised on purpose; the CLI prints them without a traceback."""
 
 
 class PluginError(TactileForgeError):
@@ -17,7 +17,7 @@ class PluginError(TactileForgeError):
 
 
 class ConfigError(TactileForgeError):
-    """The configuration contradicts itself, or the data it is to run on."""
+    """The configuration contradicts itself or its data."""
 
 
 class DataError(TactileForgeError):
@@ -29,15 +29,15 @@ class DataNotFoundError(DataError):
 
 
 class SensorError(TactileForgeError):
-    """A device is absent, busy or unplugged, or does not send what it should."""
+    """A device is absent, busy or unplugged, or sends invalid data."""
 
 
-#: What the system says where nothing more can be written.
+#: Error numbers of a full disk: no space, over the quota, file too large.
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 
 def full(error: OSError) -> str:
-    """Says that the disk is full, where, and the fix; "" for any other error.
+    """Message on a full disk, with its place and the fix; "" for any other error.
 
     Example:
         >>> full(OSError(errno.ENOSPC, "No space left on device", "runs/a/report.html"))
@@ -52,7 +52,7 @@ def full(error: OSError) -> str:
 
 
 def command(*words: str) -> str:
-    """A command of ours that can be pasted into a shell.
+    """Command of this package, quoted for a shell.
 
     Example:
         >>> command("train", "resume=runs/a b")
@@ -73,7 +73,7 @@ def nearest_name(name: str, known: Iterable[str]) -> str:
 
 
 def unknown(what: str, name: str, known: Iterable[str], fix: str = "") -> str:
-    """Says that a name is unknown, which names are known, and the nearest one.
+    """Message on an unknown name, with the known names and the nearest one.
 
     Example:
         >>> unknown("sensor", "digitt", ["digit", "gelsight"])

@@ -1,4 +1,4 @@
-"""Files: the cache folder, whole or absent, and their hashes."""
+"""Files: the cache folder, atomic writing, and checksums."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from tactileforge.untrusted import dump_yaml, load_json, load_yaml
 
 log = logging.getLogger(__name__)
 
-#: Seconds after which a part that nobody writes to is that of a process that was killed.
+#: Seconds without a write after which a part counts as left by a killed process.
 _ABANDONED = 3600.0
-#: Ending of the name of a part: its machine and process, before other words.
+#: Ending of the name of a part: its machine and process, then further words.
 _PART = re.compile(r"(?:\.([^.-]+)-(\d+)\.\w+|\.\w+)?\.part(?:\.\w+)?$")
-#: What the system says where nothing can be written.
+#: Error numbers of a place that cannot be written.
 _UNWRITABLE = frozenset({errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.ENAMETOOLONG})
 _CACHE_FIX = "set TACTILEFORGE_CACHE= to a folder that can be written"
-#: Bytes that a full disk has no room for.
+#: Bytes of a trial write, which fails on a full disk.
 _BLOCK = 4096
-#: First line of a sealed YAML, before the checksum of what follows.
+#: First line of a sealed YAML, up to the checksum of the text below it.
 _SEAL = "# sha256 (remove this line where you change the file): "
 
 
@@ -48,7 +48,7 @@ def cache_folder(path: str | None = None) -> Path:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a text file beside its place, then renames it; makes its folder."""
+    """Writes a text file beside its place, then renames it; creates its folder."""
     with new_part(path) as part:
         part.write_text(text, encoding="utf-8")
         part.replace(path)
@@ -56,14 +56,14 @@ def write_text(path: Path, text: str) -> None:
 
 @contextmanager
 def new_part(target: Path, suffix: str = "") -> Iterator[Path]:
-    """A name beside a file or folder, for the time in which it is written; of this process alone.
+    """A temporary name beside a file or folder, unique to this process, to write to.
 
-    It is removed at the end, if it is still there. So are parts of the same target that killed
-    processes left; see `sweep_parts`.
+    The part is removed at the end, if it still exists. Parts of the same target left by killed
+    processes are removed at the start; see `sweep_parts`.
 
     Args:
-        target: The file or folder.
-        suffix: Ending of the name, for a writer that looks at it.
+        target: The file or folder to write.
+        suffix: Ending of the name, for writers that choose a format by it.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     sweep_parts(target.parent, f".{target.name}.")
@@ -75,31 +75,31 @@ def new_part(target: Path, suffix: str = "") -> Iterator[Path]:
 
 
 def part_name(target: Path, suffix: str = "") -> Path:
-    """A new name beside a file, which says whose it is; see `sweep_parts`."""
+    """A new name beside a file, with its machine and process; see `sweep_parts`."""
     owner = f"{_node()}-{os.getpid()}"
     return target.with_name(f".{target.name}.{owner}.{uuid4().hex[:8]}.part{suffix}")
 
 
 def say_swept(folder: Path, count: int) -> None:
-    """Says how many parts `sweep_parts` removed, if any."""
+    """Logs the number of parts removed by `sweep_parts`, if any."""
     if count:
         parts = "1 part of a file" if count == 1 else f"{count} parts of files"
         log.warning("%s: removed %s that a stopped command had left", folder, parts)
 
 
 def sweep_parts(folder: Path, start: str = "", alone: bool = False) -> int:
-    """Removes parts of files that killed processes left in a folder.
+    """Removes parts of files left in a folder by killed processes.
 
-    A part is abandoned where its process, which its name says, is gone from this machine; or where
-    nobody has written to it for an hour.
+    A part is abandoned if the process in its name no longer runs on this machine, or if nobody has
+    written to it for an hour.
 
     Args:
-        folder: Where parts are looked for, not in folders below.
-        start: How their names begin.
+        folder: Folder of the parts; folders below are not searched.
+        start: Start of their names.
         alone: Whether no other process writes into the folder, so that every part is abandoned.
 
     Returns:
-        How many were removed.
+        Number of removed parts.
     """
     found = [path for path in _listed(folder) if path.name.startswith(start)]
     abandoned = [
@@ -115,7 +115,7 @@ def sweep_parts(folder: Path, start: str = "", alone: bool = False) -> int:
 def _listed(folder: Path) -> list[Path]:
     try:
         return list(folder.iterdir())
-    except OSError:  # it is not there, or has become a file
+    except OSError:  # it does not exist, or is a file
         return []
 
 
@@ -124,7 +124,7 @@ def _is_abandoned(path: Path, match: re.Match[str]) -> bool:
         return True
     try:
         return time.time() - path.stat().st_mtime > _ABANDONED
-    except FileNotFoundError:  # another process may do the same
+    except FileNotFoundError:  # another process has removed it meanwhile
         return False
 
 
@@ -133,7 +133,7 @@ def _runs(process: int) -> bool:
         os.kill(process, 0)
     except ProcessLookupError:
         return False
-    except PermissionError:  # of another user
+    except PermissionError:  # it runs, for another user
         return True
     return True
 
@@ -146,20 +146,20 @@ def _remove(part: Path) -> None:
 
 
 def _node() -> str:
-    """This machine, as the names of parts say it."""
+    """Name of this machine in the names of parts."""
     return re.sub(r"\W", "", os.uname().nodename) or "machine"
 
 
 def check_writable(path: Path, fix: str = "give another out=", folder: bool = False) -> None:
-    """Checks that a file or folder can be written, before the work that fills it.
+    """Checks whether a file or folder can be written, before work on its content.
 
     Args:
-        path: The file or folder; folders above it may still have to be made.
-        fix: What to do where it cannot.
-        folder: Whether it is a folder.
+        path: The file or folder; folders above it need not exist yet.
+        fix: Fix to state in the error.
+        folder: Whether ``path`` is a folder.
 
     Raises:
-        ConfigError: The place is read-only, full, or of the other kind; says the fix.
+        ConfigError: The place is read-only, full, or of the other kind; states the fix.
     """
     try:
         if path.is_dir() and not folder:
@@ -171,29 +171,29 @@ def check_writable(path: Path, fix: str = "give another out=", folder: bool = Fa
             raise NotADirectoryError(errno.ENOTDIR, f"{place} is a file, not a folder")
         with new_part(place / "probe") as part:
             part.write_bytes(bytes(_BLOCK))
-    except (OSError, ValueError) as error:  # a name may hold what no name can
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         reason = getattr(error, "strerror", None) or str(error)
         raise ConfigError(f"{path}: cannot be written ({reason}); {fix}") from error
 
 
 def check_cache(path: str | None = None) -> None:
-    """Checks that the cache can be written, before the work whose results it keeps.
+    """Checks whether the cache can be written, before work on its content.
 
     Args:
-        path: See `cache_folder`.
+        path: Folder of the cache; None for the default of `cache_folder`.
 
     Raises:
-        ConfigError: It cannot; says the fix.
+        ConfigError: The cache cannot be written; states the fix.
     """
     check_writable(cache_folder(path), _CACHE_FIX, folder=True)
 
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turns what goes wrong with a disk into an error of one line, with the fix.
+    """Turns disk errors into a one-line error with its fix.
 
     Args:
-        path: That is written.
+        path: File or folder being written.
 
     Raises:
         DataError: The disk is full or read-only, or the folder cannot be made.
@@ -212,7 +212,7 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def unwritable(error: OSError) -> str:
-    """Says that a place is read-only or full, and the fix; "" for any other error.
+    """Message on a read-only or full place, with the fix; "" for any other error.
 
     Example:
         >>> unwritable(OSError(errno.EROFS, "Read-only file system", "a"))
@@ -241,10 +241,10 @@ def sealed(plain: Mapping[str, Any]) -> str:
 
 
 def unsealed(text: str | bytes) -> dict[str, Any]:
-    """The data of a text that `sealed` made.
+    """The data of a text made by `sealed`.
 
     Raises:
-        ValueError: It is another text, or one byte that counts has changed.
+        ValueError: The text is not JSON, has no checksum, or does not match it.
     """
     plain = load_json(text)
     if not isinstance(plain, dict) or "sha256" not in plain:
@@ -256,27 +256,27 @@ def unsealed(text: str | bytes) -> dict[str, Any]:
 
 
 def refuse_shards(folder: Path) -> None:
-    """Refuses a folder that holds shards, or their index.
+    """Refuses a folder with shards, or with an index of shards.
 
     Raises:
-        ConfigError: It does; says the fix.
+        ConfigError: The folder has some; states the fix.
     """
     if any([*folder.glob("*.tar"), *folder.glob("index.json")]):
         raise ConfigError(f"{folder} holds shards of something else; give another out=")
 
 
 def claim(path: Path, made: Mapping[str, Any], what: str) -> None:
-    """Records in a folder what it is made with, or checks that it is made with the same.
+    """Records the settings of a folder's content, or checks them against the record.
 
-    Shards without a record are those of something else.
+    Shards without a record count as made with other settings.
 
     Args:
         path: File of the record.
-        made: Plain data.
+        made: Settings, as plain data.
         what: The content of the folder, for errors.
 
     Raises:
-        ConfigError: The folder is made with something else, or the record is damaged.
+        ConfigError: The folder was made with other settings, or the record is damaged.
     """
     wanted = json.loads(json.dumps(made))
     folders = [path.parent, *filter(Path.is_dir, _listed(path.parent))]
@@ -301,17 +301,19 @@ def sealed_yaml(plain: Mapping[str, Any], **options: Any) -> str:
 
     Args:
         plain: The data.
-        options: Of `untrusted.dump_yaml`.
+        options: Options of `untrusted.dump_yaml`.
     """
     text = dump_yaml(dict(plain), **options)
     return f"{_SEAL}{hashlib.sha256(text.encode()).hexdigest()}\n{text}"
 
 
 def unsealed_yaml(text: str) -> Any:
-    """Values of a text that `sealed_yaml` made; who changes it on purpose removes the first line.
+    """Values of a text made by `sealed_yaml`.
+
+    A text without the line of the checksum is not checked: users who edit the file remove the line.
 
     Raises:
-        ValueError: It is another text, or one byte that counts has changed.
+        ValueError: The text is not YAML, or does not match its checksum.
 
     Example:
         >>> text = sealed_yaml({"a": 1})
@@ -322,7 +324,7 @@ def unsealed_yaml(text: str) -> Any:
         ValueError: its checksum is another: it was changed, or damaged
     """
     first, _, rest = text.partition("\n")
-    is_sealed = "sha256" in first or "remove this line" in first  # one of them, at least
+    is_sealed = "sha256" in first or "remove this line" in first  # the line may be damaged
     if is_sealed and first != f"{_SEAL}{hashlib.sha256(rest.encode()).hexdigest()}":
         raise ValueError("its checksum is another: it was changed, or damaged")
     return load_yaml(text)

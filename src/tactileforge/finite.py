@@ -1,4 +1,4 @@
-"""Numbers that are not finite: where they began, and that they are never saved."""
+"""Non-finite numbers: their first step is found, and they are never saved."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tactileforge.errors import TactileForgeError
 
 
 class NotFiniteError(TactileForgeError):
-    """Training has left the finite numbers; what it has learned is lost back to its checkpoint."""
+    """Losses or weights are not finite; progress since the last checkpoint is lost."""
 
 
 class FiniteWatch:
-    """Notes the first step at which each loss is not finite, without waiting for the device.
+    """Notes the first step with a non-finite value of each loss, without waiting for the device.
 
     Args:
-        keys: The objectives.
+        keys: Names of the objectives.
     """
 
     def __init__(self, keys: Sequence[str]) -> None:
@@ -30,23 +30,24 @@ class FiniteWatch:
         self._odd: frozenset[str] = frozenset()
 
     def start(self, module: nn.Module) -> None:
-        """Notes what is not finite on purpose, as a mask of attention may be.
+        """Notes buffers with non-finite numbers on purpose, such as a mask of attention.
 
         Args:
-            module: Of the run, before its first step.
+            module: Module of the run, before its first step.
         """
         self._odd = frozenset(broken(module.named_buffers()))
 
     def note(self, losses: Mapping[str, Tensor], step: int) -> None:
-        """Looks at the losses of a step.
+        """Checks the losses of a step.
 
         Args:
-            losses: Scalars, of the objectives that are computed.
+            losses: Loss of each computed objective, a scalar.
             step: Optimiser steps taken so far.
         """
         some = next(iter(losses.values()), None)
         if some is None:
             return
+        # infinity stands for never: the minimum over steps and ranks keeps the first bad step
         never = torch.full((), torch.inf, device=some.device)
         if self._first is None:
             self._first = never.expand(len(self.keys)).clone()
@@ -59,17 +60,17 @@ class FiniteWatch:
         self._first = torch.minimum(self._first, torch.stack(bad))
 
     def check(self, module: nn.Module, optimizers: Iterable[Any], step: int) -> None:
-        """Refuses to save what is not finite: weights, EMA copies, or averages of the optimiser.
+        """Refuses to save non-finite weights, EMA copies, or averages of the optimiser.
 
-        Every process has to ask.
+        Every process has to call it, because the counts are summed over ranks.
 
         Args:
-            module: Of the run; its parameters may be shares of this process.
-            optimizers: Of the run.
+            module: Module of the run; its parameters may be shards of this process.
+            optimizers: Optimisers of the run.
             step: Optimiser steps taken so far.
 
         Raises:
-            NotFiniteError: There is such a number; names parts, objectives and steps.
+            NotFiniteError: A number is not finite; names parts, objectives and steps.
         """
         named = [
             *module.named_parameters(),
@@ -85,7 +86,10 @@ class FiniteWatch:
             )
 
     def began(self) -> str:
-        """Which losses were not finite, and since when; of all processes, which have to ask."""
+        """Message on the non-finite losses of all processes, with the first step of each.
+
+        Every process has to call it.
+        """
         if self._first is None:
             return ""
         first = self._first.clone()
@@ -98,7 +102,7 @@ class FiniteWatch:
 
 
 def broken(named: Iterable[tuple[str, Tensor]]) -> list[str]:
-    """Names of the tensors with a number that is not finite.
+    """Names of the tensors with a non-finite number.
 
     Example:
         >>> broken([("a", torch.ones(2)), ("b", torch.tensor([1.0, torch.nan]))])
@@ -118,7 +122,7 @@ def _is_finite(tensor: Tensor) -> Tensor:
 
 
 def _averages(optimizers: Iterable[Any], module: nn.Module) -> Iterator[tuple[str, Tensor]]:
-    """What an optimiser keeps of each parameter, by the parameter's name."""
+    """State tensors of the optimisers, named by parameter and kind."""
     names = {id(parameter): name for name, parameter in module.named_parameters()}
     for optimizer in optimizers:
         for parameter, state in optimizer.state.items():
@@ -128,6 +132,6 @@ def _averages(optimizers: Iterable[Any], module: nn.Module) -> Iterator[tuple[st
 
 
 def _part(name: str) -> str:
-    """The encoder, or the head or objective that a tensor belongs to."""
+    """Part of the model with a given tensor: the encoder, a head or an objective."""
     words = name.split(".")
     return ".".join(words[:2]) if words[0] in ("heads", "objectives") else words[0]

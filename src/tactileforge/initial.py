@@ -1,4 +1,4 @@
-"""Weights that a run starts from, ``init=``: a model, another run, photographs, or two of them."""
+"""Initial weights of a run, ``init=``: a model, another run, photographs, or two of them."""
 
 from __future__ import annotations
 
@@ -21,15 +21,19 @@ log = logging.getLogger(__name__)
 
 
 def start_from(plain: dict[str, Any]) -> Mapping[str, Tensor] | None:
-    """Weights that a run starts from; the encoder of a model of the zoo is taken with its options.
+    """Reads the initial weights of a run, and adapts its encoder options to them.
 
-    What an encoder does in training alone, as how much it masks, stays that of the run.
+    The encoder of a zoo model is taken with its options. Options that matter in training alone,
+    such as the mask ratio, stay those of the run.
+
+    Args:
+        plain: Configuration of the run; its ``encoder`` is changed.
 
     Returns:
-        None where all are random.
+        Tensors by name; None if all weights are random.
 
     Raises:
-        ConfigError: There are no such weights, or they do not go with the encoder.
+        ConfigError: The weights do not exist, or do not fit the encoder.
     """
     if not plain.get("init"):
         if plain["encoder"].get("photo_stream"):
@@ -50,7 +54,7 @@ def start_from(plain: dict[str, Any]) -> Mapping[str, Tensor] | None:
 
 
 def new_in(init: str) -> tuple[str, ...]:
-    """Prefixes of the encoder tensors that the weights of ``init=`` need not have."""
+    """Prefixes of the encoder tensors not required of the weights of ``init=``."""
     if init == run_folder.IMAGENET:
         return ("encoder.",)
     return ("encoder.photo_stream.project.",) if run_folder.with_photographs(init)[1] else ()
@@ -69,7 +73,7 @@ def _add_photo_stream(plain: dict[str, Any]) -> dict[str, Tensor]:
 
 
 def _weights_of(init: str, plain: dict[str, Any]) -> Mapping[str, Tensor]:
-    """Weights of a run or a model; the encoder is made to go with them."""
+    """Weights of a run or a model; adapts the encoder options to them."""
     if run_folder.is_run(init):
         state: Mapping[str, Tensor] = read_checkpoint(init)["state_dict"]
         _go_on_with(plain["encoder"], init)
@@ -87,15 +91,15 @@ def _weights_of(init: str, plain: dict[str, Any]) -> Mapping[str, Tensor]:
 
 
 def _config_of(init: str) -> dict[str, Any] | None:
-    """Configuration of a run, or of the run that a checkpoint belongs to; None of a file alone."""
+    """Configuration of a run, by its folder or a checkpoint; None for a file outside of a run."""
     folder = find_checkpoint(init).resolve().parents[1]
     return run_folder.read_config(folder) if (folder / run_folder.CONFIG).is_file() else None
 
 
 def _go_on_with(encoder: dict[str, Any], init: str) -> None:
-    """Gives sensors the rows that they have in the run that is started from, by its name.
+    """Takes over the sensor table of the initial run, unless the configuration has one.
 
-    Warns of other options that change what its weights compute.
+    Warns of other options with a different value, because they change what the weights compute.
     """
     config = _config_of(init)
     if config is None or config["encoder"]["name"] != encoder["name"]:
@@ -117,11 +121,11 @@ def _go_on_with(encoder: dict[str, Any], init: str) -> None:
 
 
 def warn_of_dropped(plain: Mapping[str, Any], left: Sequence[str]) -> None:
-    """Warns of parts of the weights of ``init=`` that the run does not take, and why.
+    """Warns of weights of ``init=`` not taken by the run, with the reasons.
 
     Args:
         plain: Configuration of the run.
-        left: See `checkpoint_file.left_out`.
+        left: Parts not taken; see `checkpoint_file.left_out`.
     """
     if not left:
         return
@@ -143,7 +147,7 @@ def warn_of_dropped(plain: Mapping[str, Any], left: Sequence[str]) -> None:
 
 
 def _changed(key: str, before: Mapping[str, Any], plain: Mapping[str, Any]) -> list[str]:
-    """Options of a head, its objective and its towers that were others."""
+    """Options of a head, its objective and its towers with another value than before."""
     places = ((f"head.{key}", "head"), (f"objective.{key}", "objective"))
     pairs = [
         (name, before.get(group, {}).get(key), plain[group].get(key)) for name, group in places
@@ -162,10 +166,11 @@ def _changed(key: str, before: Mapping[str, Any], plain: Mapping[str, Any]) -> l
 
 
 def check_facts(config: Mapping[str, Any]) -> None:
-    """Names a run that this one starts from, and whose heads were built for other data.
+    """Checks the initial run for heads built for other data.
 
     Raises:
-        ConfigError: A fact that a head keeps (`contracts.Head`) is another one.
+        ConfigError: A fact fixed by a head (``fixed_facts`` of `contracts.Head`) differs between
+            the runs.
     """
     init, _ = run_folder.with_photographs(str(config["init"] or ""))
     if not config["facts"] or not init or not run_folder.is_run(init):

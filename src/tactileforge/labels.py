@@ -1,4 +1,4 @@
-"""Counts the labels that objectives meet in training, and warns where there are none."""
+"""Counts the labels of each objective in training, and warns of objectives without any."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from tactileforge.contracts import AXES, Batch
 
 log = logging.getLogger(__name__)
 
-#: Batches of an objective after which one that has met no label is named.
+#: Batches of an objective after which it is warned of, if none of them had a label.
 PATIENCE = 20
 
 
 class Labels:
-    """Counts of the clips that each objective could learn from, on this process.
+    """Counts of labelled clips of each objective, on this process.
 
     Args:
-        counts: To go on from.
+        counts: Earlier counts to continue from; None starts at 0.
 
     Attributes:
-        counts: Of each objective that needs labels: ``batches`` and ``clips`` that it was given,
-            ``labelled`` clips, and of forces the clips labelled along ``x``, ``y`` and ``z``.
+        counts: For each objective that needs labels: its ``batches`` and ``clips`` so far, its
+            ``labelled`` clips, and for forces the clips labelled along ``x``, ``y`` and ``z``.
     """
 
     def __init__(self, counts: Mapping[str, Mapping[str, int]] | None = None) -> None:
         self.counts = {key: dict(count) for key, count in (counts or {}).items()}
 
     def add(self, key: str, needs: AbstractSet[str], batch: Batch) -> None:
-        """Counts a batch on the host, and warns of an objective that meets no label.
+        """Counts a batch on the host, and warns of an objective without labels.
 
         Args:
-            key: The objective.
-            needs: See `contracts.Objective`.
-            batch: See `tactileforge.contracts`.
+            key: Name of the objective.
+            needs: Labels that the objective needs; see `contracts.Objective`.
+            batch: Batch in the format of `tactileforge.contracts`.
         """
         if not needs:
             return
@@ -52,11 +52,11 @@ class Labels:
             log.warning(line)
 
     def missing(self, key: str, has_ended: bool = False) -> str:
-        """Problem with the labels of an objective; "" where there is none, or it is early.
+        """Problem with the labels of an objective; "" without one, or before `PATIENCE` batches.
 
         Args:
-            key: The objective.
-            has_ended: Whether no more batches come, however few there were.
+            key: Name of the objective.
+            has_ended: Whether no more batches come, so that few batches are judged too.
         """
         count = self.counts.get(key)
         if count is None or (count["batches"] < PATIENCE and not has_ended):
@@ -79,11 +79,11 @@ class Labels:
 
 
 def known(batch: Batch, needs: AbstractSet[str]) -> list[bool]:
-    """Whether each clip has every label that is needed, on the host.
+    """Whether each clip has every needed label, on the host.
 
     Args:
-        batch: See `tactileforge.contracts`.
-        needs: See `contracts.Objective`.
+        batch: Batch in the format of `tactileforge.contracts`.
+        needs: Labels that an objective needs; see `contracts.Objective`.
 
     Example:
         >>> known({"text": ["a ball", ""]}, {"text"})

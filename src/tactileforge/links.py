@@ -1,4 +1,4 @@
-"""A URL that a thread reads, so that whoever waits for it can leave it at any time."""
+"""Reads a URL in a thread, so the caller can stop waiting for it at any time."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from urllib.request import (
     url2pathname,
 )
 
-#: Seconds that one answer of a socket may take.
+#: Longest wait for one answer of a socket, s.
 SILENCE = 30.0
-#: Bytes of a read.
+#: Largest size of a read, bytes.
 _CHUNK = 1 << 16
-#: Chunks that are read before they are asked for.
+#: Chunks to read ahead.
 _AHEAD = 16
-#: Other places that a server may send to, one after another; and the answers that do.
+#: Most redirects in a row, and the status codes of a redirect.
 _REDIRECTS, _MOVED = 5, frozenset({301, 302, 303, 307, 308})
 
 
 class Refused(OSError):
-    """An HTTP server's answer that is no content.
+    """An error or unfollowed redirect in place of content, answered by an HTTP server.
 
     Args:
-        error: As urllib has it.
+        error: Error raised by urllib.
     """
 
     def __init__(self, error: HTTPError) -> None:
@@ -47,7 +47,7 @@ class Refused(OSError):
 
 
 class _Noted:
-    """A connection whose sockets others may shut."""
+    """A connection with a list of its sockets, for another thread to shut."""
 
     sock: socket.socket
 
@@ -89,18 +89,18 @@ class _OpenHttps(HTTPSHandler):
 
 
 class _Redirects(HTTPRedirectHandler):
-    """Follows none: urllib's own reads the whole body of a redirect, however long it is."""
+    """Follows no redirect: urllib's own handler reads the whole body of one, of any length."""
 
     def redirect_request(self, *given: Any) -> None:
         return None
 
 
 class Link:
-    """What a URL sends: its stated length (b"" for none), its chunks, and b"" at the end.
+    """Answers of a URL in order: its stated length (b"" for none), its chunks, b"" at the end.
 
     Args:
-        url: ``http://``, ``https://``, ``file://``, or any other that webdataset opens.
-        limit: Bytes that are read at most.
+        url: ``http://``, ``https://``, ``file://``, or any other scheme that webdataset opens.
+        limit: Largest number of bytes to read.
         headers: Headers for the server of the URL.
     """
 
@@ -113,20 +113,23 @@ class Link:
         threading.Thread(target=self._read, daemon=True).start()
 
     def next(self, seconds: float) -> bytes | BaseException | None:
-        """What came next, or the error that ended it; None where it takes longer."""
+        """The next answer, or the error at the end of the reading; None after ``seconds``."""
         with suppress(Empty):
             return self._arrived.get(timeout=seconds)
         return None
 
     def leave(self) -> None:
-        """Ends it: never by closing what the thread reads, which would wait for the thread."""
+        """Ends the reading, by shutting sockets or killing the program behind the URL.
+
+        The stream is never closed here, because closing it would wait for the thread.
+        """
         self._unwanted.set()
         for sock in list(self._sockets):
             with suppress(OSError):
                 sock.shutdown(socket.SHUT_RDWR)
         if self._process is not None and self._process.poll() is None:
             self._process.kill()
-        with suppress(Empty):  # makes room for what the thread has still to put
+        with suppress(Empty):  # the thread's last puts would block on a full queue
             while True:
                 self._arrived.get_nowait()
 
@@ -144,7 +147,7 @@ class Link:
                     break
                 left -= len(chunk)
                 self._arrived.put(chunk)
-            stream.close()  # a program that was started tells here that it failed
+            stream.close()  # raises if a program was started and has failed
             self._arrived.put(b"")
         except BaseException as error:
             self._arrived.put(error)
@@ -186,7 +189,7 @@ class Link:
 
 
 def _stated(stream: Any) -> bytes:
-    """The length that a server states, as digits; b"" where it states none."""
+    """The length stated by a server, in digits; b"" without one."""
     length = str(getattr(stream, "headers", {}).get("Content-Length") or "").strip()
     is_number = length.isascii() and length.isdigit() and len(length) < 20
     return length.encode() if is_number else b""

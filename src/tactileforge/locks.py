@@ -1,4 +1,4 @@
-"""Locks of folders and files, which end with the process that holds them."""
+"""Locks of folders and files, released at the end of their process."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import IO
 
 from tactileforge.errors import ConfigError
 
-#: Lock files that this process holds: the system lets a process lock a file twice, and forgets the
-#: lock as soon as the process closes any of its handles of that file.
+#: Lock files held by this process. The system lets a process lock a file twice, and drops the lock
+#: as soon as the process closes any of its handles of that file.
 _HELD: set[tuple[int, Path]] = set()
 
 
@@ -20,22 +20,23 @@ _HELD: set[tuple[int, Path]] = set()
 def locked(path: Path, taken: str | None = None) -> Iterator[IO[str]]:
     """Holds a lock file until the context is left or the process ends.
 
-    It is a POSIX record lock, which forked workers do not hold: the readers of a killed run outlive
-    it for a moment, and the run can be resumed all the same. (``flock``, and with it ``filelock``,
+    It is a POSIX record lock, which forked workers do not inherit: the workers of a killed run
+    outlive it for a moment without blocking its resumption. (``flock``, and with it ``filelock``,
     is inherited by a fork.)
 
     Args:
-        path: The file; it and its folder are made.
-        taken: What to say where another holds it, ``{holder}`` for what it wrote into the file;
-            None waits for it.
+        path: The lock file; it and its folder are created.
+        taken: Error text if another process holds it, with ``{holder}`` for the text in the file;
+            None waits for the lock.
 
     Raises:
         ConfigError: Another process, or this one, holds it.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     mine = os.getpid(), path.absolute()
-    if mine in _HELD:  # before it is opened: closing it again would free it
-        raise ConfigError(str(taken).replace("{holder}", f"{mine[0]}, this one"))
+    if mine in _HELD:  # checked before opening: closing the file would free the lock
+        words = taken or f"{path}: process {{holder}} waits for itself"
+        raise ConfigError(words.replace("{holder}", f"{mine[0]}, this one"))
     with path.open("a+") as file:
         try:
             fcntl.lockf(file, fcntl.LOCK_EX | (fcntl.LOCK_NB if taken else 0))

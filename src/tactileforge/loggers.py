@@ -16,19 +16,19 @@ from tactileforge.pages.curves import METRICS, metric_rows
 from tactileforge.pages.drawings import Drawing
 from tactileforge.untrusted import dump_yaml
 
-#: Where the identity that MLflow gave the run is kept, for when it is resumed.
+#: File with MLflow's identity of the run, for its resumption.
 MLFLOW_RUN = "mlflow_run.txt"
 
 
 class MetricsFile(Logger):
-    """Writes ``metrics.csv``, a row as soon as values are logged.
+    """Writes ``metrics.csv``, one row at each logging.
 
-    A resumed run goes on with the file. Rows of steps that it takes again are dropped, as is a row
-    that a killed process cut off.
+    A resumed run continues the file. Rows of steps that it repeats are dropped, as is a row cut off
+    by a killed process.
 
     Args:
         folder: Folder of the run.
-        step: Step from which the run goes on.
+        step: Optimiser steps taken before; 0 for a new run.
     """
 
     def __init__(self, folder: Path, step: int = 0) -> None:
@@ -52,7 +52,7 @@ class MetricsFile(Logger):
 
     @rank_zero_only
     def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
-        """Appends a row; writes the whole file anew where the row has new names."""
+        """Appends a row; rewrites the whole file if the row has new names."""
         row: dict[str, Any] = {"step": step, **metrics}
         if self._keys is not None and row.keys() <= self._keys:
             with self.path.open("a", newline="", encoding="utf-8") as file:
@@ -77,13 +77,13 @@ def _text(rows: Iterable[Mapping[str, Any]], keys: Iterable[str], head: bool = F
 def build_loggers(
     config: Mapping[str, Any], folder: Path, run: str | None = None, step: int = 0
 ) -> list[Logger]:
-    """The run's CSV file, and the logger asked for; a resumed run goes on in both.
+    """Builds the logger of the CSV file, and the configured one; a resumed run continues both.
 
     Args:
-        config: ``name`` (csv, tensorboard, wandb, mlflow) and ``project``.
+        config: Options of the logger: ``name`` (csv, tensorboard, wandb, mlflow) and ``project``.
         folder: Folder of the run.
         run: Identity of the run; see `run_folder.identity`.
-        step: Step from which the run goes on.
+        step: Optimiser steps taken before; 0 for a new run.
     """
     loggers: list[Logger] = [MetricsFile(folder, step)]
     name, project = config["name"], config.get("project", "tactileforge")
@@ -118,7 +118,7 @@ def log_config(loggers: Iterable[Logger], config: Mapping[str, Any], folder: Pat
             text = "".join(f"    {line}\n" for line in dump_yaml(dict(config)).splitlines())
             logger.experiment.add_text("config", text)
         elif isinstance(logger, MLFlowLogger):
-            (folder / MLFLOW_RUN).write_text(str(logger.run_id), "utf-8")
+            write_text(folder / MLFLOW_RUN, str(logger.run_id))
             logger.experiment.log_dict(logger.run_id, dict(config), "config.yaml")
 
 
@@ -126,13 +126,13 @@ def log_config(loggers: Iterable[Logger], config: Mapping[str, Any], folder: Pat
 def log_report(
     loggers: Iterable[Logger], report: Path, drawings: Iterable[Drawing], step: int
 ) -> None:
-    """Gives the report's figures to every logger but the CSV file, and the page where it is shown.
+    """Logs the report's figures everywhere but in the CSV file, and its page in MLflow.
 
     Args:
-        loggers: Of the run.
-        report: The page.
-        drawings: Its figures.
-        step: Step at which it was made.
+        loggers: Loggers of the run.
+        report: Page of the report.
+        drawings: Figures of the report.
+        step: Step of the report.
     """
     from lightning.pytorch.loggers import MLFlowLogger, TensorBoardLogger, WandbLogger
 

@@ -1,4 +1,4 @@
-"""A mean together with the number of labels that it was taken over."""
+"""A mean together with its number of labels."""
 
 from __future__ import annotations
 
@@ -12,24 +12,23 @@ from torch import Tensor
 
 from tactileforge.errors import PluginError
 
-#: What to write where a `Mean` is taken for a tensor.
+#: Fix for code that uses a `Mean` as a tensor.
 FIX = "write mean.map(FUNCTION), which keeps the count, or mean.value, which drops it"
 
 
 class NotATensorError(PluginError, AttributeError):
-    """A `Mean` was taken for a tensor."""
+    """A `Mean` was used as a tensor."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """A mean over labels, and how many: the weight that it has among those of other batches.
+    """A mean over labels, and their number: its weight among the means of other batches.
 
-    Scaled by a number or a tensor it keeps its count; a sum of two has the labels of both.
+    A product with a number or tensor keeps the count; a sum of two means adds their counts.
 
     Attributes:
-        value: A scalar, connected to the graph.
-        count: A scalar, of all ranks; where it is 0 there was nothing to take a mean of, and the
-            value says nothing.
+        value: Mean, a scalar connected to the graph.
+        count: Number of labels over all ranks, a scalar; if it is 0, the value has no meaning.
 
     Example:
         >>> import torch
@@ -47,7 +46,7 @@ class Mean:
         """Changes the value; the count stays.
 
         Args:
-            function: From the value to another scalar, for example ``torch.sqrt``.
+            function: Function from the value to another scalar, for example ``torch.sqrt``.
         """
         return Mean(function(self.value), self.count)
 
@@ -64,11 +63,11 @@ class Mean:
         return self.map(lambda value: value.float())
 
     def item(self) -> builtins.float:
-        """The value as a number, for which the device is waited for."""
+        """The value as a number; waits for the device."""
         return self.value.item()
 
     def backward(self) -> None:
-        """Adds the gradients of the value to those of what it was computed from."""
+        """Adds the gradients of the value to those of its leaves, such as parameters."""
         torch.autograd.backward(self.value)
 
     def __add__(self, other: Mean | Tensor | complex) -> Mean:
@@ -96,5 +95,5 @@ class Mean:
         return self.map(lambda value: value / other)
 
     def __getattr__(self, name: str) -> Any:
-        """Raises a `NotATensorError`: what else a tensor has."""
+        """Raises a `NotATensorError` for every other attribute, such as those of a tensor."""
         raise NotATensorError(f"what masked_mean returns is a Mean, which has no {name!r}: {FIX}")

@@ -34,20 +34,21 @@ class TouchModule(L.LightningModule):
 
     A step asks the encoder for at most one pass of each view, however many objectives there are. An
     objective whose weight is 0 is not computed, nor a view that only it needs. All randomness of a
-    step is a function of (seed, batch number, rank): a run that is resumed goes on exactly as it
-    would have.
+    step is a function of (seed, batch number, rank): a resumed run continues exactly as it would
+    have without the stop.
 
     Args:
         encoder: A touch encoder.
-        heads: One for each objective, by its name.
-        objectives: By name.
+        heads: Head of each objective, by the name of the objective.
+        objectives: Objectives by name.
         weights: Largest weight of each objective.
-        curriculum: See `curriculum.from_config`.
-        optim: See `optim.parse_optim`.
-        augment: Changes a batch on the device, or None.
+        curriculum: Configuration of the curriculum; see `curriculum.from_config`.
+        optim: Configuration of the optimiser; see `optim.parse_optim`.
+        augment: Module that changes a batch on the device; None for no augmentation.
         seed: Seed of the run.
-        balance: See `balance.build_balance`; None leaves weights as they are.
-        freeze: Whether the encoder stays as it is, in evaluation mode.
+        balance: Configuration of the balance; see `balance.build_balance`. None leaves weights
+            unchanged.
+        freeze: Whether the encoder is frozen, in evaluation mode.
     """
 
     def __init__(
@@ -78,13 +79,13 @@ class TouchModule(L.LightningModule):
         self.seed = seed
         self.plan: Curriculum | None = None
         self.total = self.epoch_steps = 0
-        #: Of validation: sums of scores; and of losses times labels, beside the labels.
+        #: Sums of the validation so far: of scores; and (2,) of loss times labels, and of labels.
         self._sums: dict[str, Tensor] = {}
         self._losses: dict[str, Tensor] = {}
-        #: Objectives that met no label in the last step that was logged.
+        #: Objectives without a label in the last logged step.
         self.unlabelled: list[str] = []
         self._sharded = False
-        #: Parts, and the names of their numbers that the curriculum changes.
+        #: Numbers changed by the curriculum, by place: the part, and the name of its attribute.
         self._changing: dict[str, tuple[Any, str]] = {}
         self.finite = FiniteWatch(list(objectives))
 
@@ -98,9 +99,9 @@ class TouchModule(L.LightningModule):
         """Builds every part from a finished configuration (see `compose.finish`).
 
         Args:
-            config: Plain data.
-            provides: Labels the data has; towers for others are not built.
-            augment: Changes a batch on the device, or None.
+            config: Finished configuration, as plain data.
+            provides: Labels of the data; towers for other labels are not built.
+            augment: Module that changes a batch on the device; None for no augmentation.
         """
         encoder, heads, objectives = build_parts(config, provides)
         weights = {k: float(node.get("weight", 1.0)) for k, node in config["objective"].items()}
@@ -125,7 +126,7 @@ class TouchModule(L.LightningModule):
         return self
 
     def configure_model(self) -> None:
-        """Shards the parameters, where the strategy says so (`strategies.Sharded`)."""
+        """Shards the parameters, if the strategy asks for it (`strategies.Sharded`)."""
         if self.device_mesh is not None and not self._sharded:
             shard(self, self.device_mesh)
             self._sharded = True
@@ -133,8 +134,8 @@ class TouchModule(L.LightningModule):
     def setup(self, stage: str) -> None:
         """Reads the curriculum, once the length of the run is known.
 
-        A run that is shorter than the interval between logged steps logs its last one, and an epoch
-        that is shorter than that between validations is validated at its end.
+        A run shorter than the logging interval logs its last step, and an epoch shorter than the
+        validation interval is validated at its end.
         """
         every = self.trainer.val_check_interval
         if isinstance(every, int) and self.trainer.check_val_every_n_epoch is not None:
@@ -148,17 +149,17 @@ class TouchModule(L.LightningModule):
         self._changing = {place: changing(place, self._parts()) for place in self.plan.values}
 
     def _parts(self) -> dict[str, Any]:
-        """Parts by their place in the configuration."""
+        """Encoder, heads and objectives, by their place in the configuration."""
         heads = {f"head.{key}": head for key, head in self.heads.items()}
         return {"encoder": self.encoder, **heads} | {
             f"objective.{key}": objective for key, objective in self.objectives.items()
         }
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keeps the length of the run and of its epochs in steps, processes, and scores.
+        """Adds the steps of the run and of an epoch, the number of processes, and scores.
 
         Raises:
-            NotFiniteError: A weight is not finite: it would take the place of one that is.
+            NotFiniteError: A weight is not finite: the file would replace a good checkpoint.
         """
         self.finite.check(self, self.trainer.optimizers, self.global_step)
         checkpoint["total"], checkpoint["epoch_steps"] = self.total, self.epoch_steps
@@ -173,7 +174,7 @@ class TouchModule(L.LightningModule):
         return self.plan.weights(self.global_step)
 
     def prepare(self, clips: Clips) -> None:
-        """Lets heads and objectives measure the training data, before a new run's first step."""
+        """Lets heads and objectives measure the training data, before the first step of a run."""
         for part in (*self.heads.values(), *self.objectives.values()):
             if isinstance(part, Prepared):
                 part.prepare(clips)
@@ -184,9 +185,9 @@ class TouchModule(L.LightningModule):
         """Computes the term of each objective on a batch.
 
         Args:
-            batch: See `tactileforge.contracts`, on this module's device.
-            weights: Objectives that are absent or have weight 0 are not computed.
-            universal: Chance of the universal sensor tokens.
+            batch: Batch on this module's device; see `tactileforge.contracts`.
+            weights: Weight of each objective; those absent or 0 are not computed.
+            universal: Chance of the universal sensor tokens, 0 to 1.
         """
         views = views_of(self.encoder, batch, universal)
         return {key: self._term(key, views, batch) for key in self.objectives if weights.get(key)}
@@ -199,12 +200,12 @@ class TouchModule(L.LightningModule):
     def losses(
         self, batch: Batch, weights: Mapping[str, float], universal: float = 0.0
     ) -> tuple[Tensor, dict[str, Mean]]:
-        """The weighted loss, and what to log: each objective's loss and its further scalars.
+        """The weighted loss; and for the log, each objective's loss and further scalars.
 
         Args:
-            batch: See `terms`.
-            weights: See `terms`.
-            universal: See `terms`.
+            batch: Batch on this module's device; see `tactileforge.contracts`.
+            weights: Weight of each objective; those absent or 0 are not computed.
+            universal: Chance of the universal sensor tokens, 0 to 1.
         """
         terms = self.terms(batch, weights, universal)
         total = torch.zeros((), device=self.device)
@@ -213,7 +214,7 @@ class TouchModule(L.LightningModule):
         return total, logs_of(terms)
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
-        """One step of all objectives whose weight is above 0."""
+        """Weighted loss of one batch, over all objectives with a weight above 0."""
         if self.augment:
             batch = self.augment(batch)
         seed_step(self.seed, self.trainer.fit_loop.total_batch_idx, 0)
@@ -226,7 +227,7 @@ class TouchModule(L.LightningModule):
         losses = {key: term.loss.value for key, term in terms.items()}
         self.finite.note(losses, self.global_step)
         total: Tensor = self.balance(losses, weights, self.global_step, self.encoder)
-        if not total.requires_grad:  # every objective is still asleep
+        if not total.requires_grad:  # every objective still has weight 0
             raise ConfigError(
                 f"no objective has a weight above 0 at step {self.global_step}; let one start at 0"
             )
@@ -235,12 +236,13 @@ class TouchModule(L.LightningModule):
         return total
 
     def on_train_batch_start(self, batch: Batch, batch_idx: int) -> None:
-        """Metrics are logged by the step; of a run made longer, Lightning counts one too many."""
+        """Sets Lightning's counter of logged steps to the optimiser step."""
+        # in a run that was made longer Lightning counts one step too many; it has no public setter
         loop: Any = self.trainer.fit_loop.epoch_loop
         loop._batches_that_stepped = self.global_step
 
     def on_train_start(self) -> None:
-        """Initialises the EMA copies with the encoder's weights; takes the rate of this step."""
+        """Initialises the EMA copies of a new run, and sets the learning rate of this step."""
         if self.global_step == 0:
             self._follow(0)
         self.finite.start(self)
@@ -264,7 +266,8 @@ class TouchModule(L.LightningModule):
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Sums up losses on held-out clips, with the same masks each time.
 
-        Every process has all of them, so that it is the same with any number of processes.
+        Every process computes all of them, so that the result is the same with any number of
+        processes.
         """
         seed_step(self.seed, batch_idx, -1)
         weights = self.current_weights()
@@ -278,19 +281,20 @@ class TouchModule(L.LightningModule):
                     self._add_loss(key, self._term(key, views, batch), batch)
 
     def _add_loss(self, key: str, term: Term, batch: Batch) -> None:
-        """Adds to the means over the split, in which a clip without a label has no part."""
+        """Adds a batch to the means over the split; clips without a label do not count."""
         logs = logs_of({key: term})
         if isinstance(objective := self.objectives[key], Scored):
             sums = objective.sums(term.prediction, batch)
             self._sums[key] = self._sums[key] + sums if key in self._sums else sums
-            logs = {key: logs[key]}  # its scores are those of the whole split
+            logs = {key: logs[key]}  # its scores are computed from the whole split
         for name, mean in logs.items():
+            # without labels the value has no meaning, and 0 times NaN would be NaN
             weighed = torch.where(mean.count > 0, mean.value * mean.count, 0.0)
             row = torch.stack([weighed, mean.count]).float()
             self._losses[name] = self._losses[name] + row if name in self._losses else row
 
     def on_validation_epoch_end(self) -> None:
-        """Losses and scores of the whole split, over all ranks; none where nothing is labelled."""
+        """Logs losses and scores of the whole split over all ranks, but none without labels."""
         if self._losses:
             rows = sum_over_ranks(torch.stack(list(self._losses.values()))).tolist()
             named = zip(self._losses, rows, strict=True)
@@ -298,12 +302,12 @@ class TouchModule(L.LightningModule):
         self._losses = {}
         for key, sums in self._sums.items():
             objective: Any = self.objectives[key]
-            scores: dict[str, float] = objective.scores(sum_over_ranks(sums))
+            scores: dict[str, float] = objective.scores(sums)  # every rank has the whole split
             self.log_dict({f"val/{key}/{name}": value for name, value in scores.items()})
         self._sums = {}
 
     def configure_optimizers(self) -> Any:
-        """See `optim.build_optimizer`."""
+        """Builds the optimiser and its schedule; see `optim.build_optimizer`."""
         total = int(self.trainer.estimated_stepping_batches)
         return build_optimizer(self.named_parameters(), self.optim, total, self._is_fused())
 
@@ -316,7 +320,7 @@ class TouchModule(L.LightningModule):
         gradient_clip_val: float | None = None,
         gradient_clip_algorithm: str | None = None,
     ) -> None:
-        """Clips the gradient; Lightning itself refuses to where the optimiser is fused."""
+        """Clips the gradient; Lightning itself refuses to with a fused optimiser."""
         if gradient_clip_val is not None and gradient_clip_algorithm == "value":
             nn.utils.clip_grad_value_(self.parameters(), gradient_clip_val)
         elif gradient_clip_val is not None:
@@ -335,7 +339,7 @@ class TouchModule(L.LightningModule):
         self.unlabelled = [key for key in self.objectives if key in means and key not in logs]
         optimizer: Any = self.optimizers()
         row = {f"train/{key}": value for key, value in logs.items()} | {"train/loss": total}
-        kept: Any = self.trainer._results  # Lightning would show the values of an older step
+        kept: Any = self.trainer._results  # else Lightning shows values of an older step
         for name in [name for name in kept or () if name.startswith("training_step.train/")]:
             if name.removeprefix("training_step.") not in row:
                 del kept[name]
@@ -345,9 +349,10 @@ class TouchModule(L.LightningModule):
         self.log_dict({"universal": universal, "lr": float(optimizer.param_groups[0]["lr"])})
 
     def _shared(self, means: Mapping[str, Mean], total: Tensor) -> tuple[dict[str, Tensor], Tensor]:
-        """Means over ranks, of which each has its share of the joint loss; one message.
+        """Averages logged values and the loss over ranks, in one message.
 
-        What no rank has a label for is left out.
+        The value of a rank is its share of the joint mean. Values without a label on any rank are
+        left out.
         """
         *values, total = mean_over_ranks(
             torch.stack([*(mean.value for mean in means.values()), total])
@@ -358,16 +363,16 @@ class TouchModule(L.LightningModule):
 
 
 def _epoch_batches(trainer: L.Trainer) -> float:
-    """Batches of an epoch; infinite where the data does not tell."""
+    """Batches of an epoch; infinite if the data does not state it."""
     data = getattr(trainer, "datamodule", None)
     if math.isfinite(trainer.num_training_batches) or not isinstance(data, TouchData):
         return float(trainer.num_training_batches)
-    # of a run that ends by its steps Lightning has not looked at the data yet
+    # in a run that ends by steps, Lightning has not read the length of the data yet
     accumulate = trainer.accumulate_grad_batches
     return len(data.stream(trainer.global_rank, trainer.world_size, accumulate))
 
 
 def log_interval(trainer: L.Trainer) -> int:
-    """Number of steps between logged ones."""
+    """Steps between two logged ones."""
     every: int = trainer.log_every_n_steps  # type: ignore[attr-defined]
     return every

@@ -1,4 +1,4 @@
-"""Changes of the contract with plugins, for packages that were built for an older one."""
+"""Changes of the contract with plugins, for packages built for an older one."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from tactileforge.errors import PluginError, TactileForgeError
 #: Changes so far that authors of plugins have to follow; `tactileforge.plugin` is the contract.
 VERSION = 3
 
-#: Changed in meaning, not in place: what code of an older package mentions, and how to mend it.
+#: Names with a new meaning in the same place: the name in older packages, and the fix.
 CHANGES = {
     "force_valid": "force_valid of a batch is (B, 3) since contract 2, a value for each axis: "
     'batch["force_valid"][:, 2] says whether normal force is known',
 }
 
 
-#: Names that were public here and now come with a package: what to write, and what to install.
+#: Names that were public here and are now in a package: the new import, and what to install.
 PACKAGES = {
     "SerialArray": "from tactileforge_arrays import SerialArray (pip install tactileforge-arrays)"
 }
@@ -31,16 +31,16 @@ PACKAGES = {
 
 @cache
 def public_names() -> frozenset[str]:
-    """Names of `tactileforge.plugin`, from its source: importing it here would be a circle."""
+    """Names of `tactileforge.plugin`, from its source: an import here would be circular."""
     text = (files("tactileforge") / "plugin.py").read_text("utf-8")
     return frozenset(re.findall(r'^    "(\w+)",$', text, re.M))
 
 
 def import_hint(error: BaseException) -> str:
-    """Where the names are now that an import of a private module did not find; "" for none.
+    """Hint after a failed import of a private module: the new place of its names; "" for none.
 
     Args:
-        error: Raised while a plugin was imported.
+        error: Error raised by the import of a plugin.
 
     Example:
         >>> import_hint(ModuleNotFoundError("No module named 'x'", name="x"))
@@ -62,7 +62,7 @@ def import_hint(error: BaseException) -> str:
 
 
 def _line(error: BaseException) -> str:
-    """Source line that raised an error, outside this package and the import system."""
+    """Innermost source line in the traceback of an error, without the import system."""
     step, line = error.__traceback__, ""
     while step is not None:
         code = step.tb_frame.f_code
@@ -73,13 +73,13 @@ def _line(error: BaseException) -> str:
 
 
 def change_hints(plugin: Any) -> list[str]:
-    """Changes of meaning that concern a plugin of another package, by what its source mentions.
+    """Changes of meaning relevant to a plugin of another package, by the names in its source.
 
     Args:
-        plugin: An instance or class.
+        plugin: Instance or class of the plugin.
 
     Returns:
-        A sentence for each; [] for the plugins of tactileforge itself.
+        One sentence for each change; [] for the plugins of tactileforge itself.
     """
     cls = plugin if isinstance(plugin, type) else type(plugin)
     if cls.__module__.partition(".")[0] == "tactileforge":
@@ -93,13 +93,14 @@ def change_hints(plugin: Any) -> list[str]:
 
 @contextmanager
 def explained(*plugins: Any) -> Iterator[None]:
-    """Adds the changes of the contract to what a plugin of another package raises.
+    """Adds changes of the contract to the errors of plugins from other packages.
 
     Args:
-        plugins: Those that run inside.
+        plugins: Plugins that run inside the context.
 
     Raises:
-        PluginError: One failed, and its source mentions what has changed; names the mend.
+        PluginError: A plugin failed, and its source has a name whose meaning changed; states the
+            fix.
     """
     try:
         yield

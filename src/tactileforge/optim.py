@@ -1,4 +1,4 @@
-"""Optimisers and schedules of the learning rate: plugins, and those that come with the package."""
+"""Optimisers and schedules of the learning rate: plugins, and those of the package."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Schedule: TypeAlias = Callable[[int, int, int], float]
 
 @dataclass(frozen=True, kw_only=True)
 class OptimOptions:
-    """The keys of ``optim`` that every optimiser has; the others are its constructor's.
+    """Keys of ``optim`` common to all optimisers; the others are those of the constructor.
 
     Attributes:
-        warmup: Share of the run in which the learning rate rises, 0 to 1.
+        warmup: Share of the run with a rising learning rate, 0 to 1.
         schedule: Name of a `Schedule`.
-        clip: Largest norm of the gradient; None for any.
+        clip: Largest norm of the gradient; None for no clipping.
     """
 
     warmup: float = 0.025
@@ -48,7 +48,7 @@ def parse_optim(config: Mapping[str, Any]) -> tuple[OptimizerPlugin, OptimOption
     """Builds the optimiser plugin of a configuration.
 
     Args:
-        config: ``name`` (``adamw`` where there is none), the keys of `OptimOptions`, and the
+        config: Configuration: ``name`` (``adamw`` without one), the keys of `OptimOptions`, and the
             options of the plugin.
 
     Raises:
@@ -67,14 +67,14 @@ def build_optimizer(
     total: int,
     fused: bool = True,
 ) -> dict[str, Any]:
-    """An optimiser and its schedule, as ``LightningModule.configure_optimizers`` returns them.
+    """Builds an optimiser and its schedule, as ``configure_optimizers`` returns them.
 
     Args:
         parameters: Names and parameters; those that need no gradient are left out.
-        config: See `parse_optim`.
+        config: Configuration of the optimiser; see `parse_optim`.
         total: Steps of the run.
-        fused: Whether a step may be one kernel; not with a scaler of gradients, which hides from
-            clipping how large they are.
+        fused: Whether a step may be one kernel; False with a gradient scaler, because clipping
+            would then see scaled gradients.
     """
     plugin, options = parse_optim(config)
     optimizer = plugin.build([(n, p) for n, p in parameters if p.requires_grad], fused)
@@ -87,7 +87,7 @@ def build_optimizer(
 def split_by_decay(
     parameters: Sequence[tuple[str, nn.Parameter]], weight_decay: float
 ) -> list[dict[str, Any]]:
-    """Parameter groups: matrices, which decay, and vectors, which do not.
+    """Parameter groups: matrices with decay, and vectors without.
 
     Args:
         parameters: Names and parameters.
@@ -106,8 +106,9 @@ class AdamW:
 
     Args:
         lr: Learning rate after the warm-up.
-        weight_decay: Decay of matrices.
-        betas: Shares of the old averages of the gradient and of its square, at each step.
+        weight_decay: Decay of matrices, per step and learning rate.
+        betas: Shares kept at each step of the average gradient and of the average squared gradient,
+            0 or more, below 1.
     """
 
     def __init__(
@@ -125,7 +126,7 @@ class AdamW:
     def build(
         self, parameters: Sequence[tuple[str, nn.Parameter]], fused: bool
     ) -> torch.optim.Optimizer:
-        """See `contracts.OptimizerPlugin`."""
+        """Builds AdamW with its two parameter groups; see `contracts.OptimizerPlugin`."""
         groups = split_by_decay(parameters, self.weight_decay)
         return torch.optim.AdamW(groups, lr=self.lr, betas=self.betas, fused=fused)
 
@@ -149,10 +150,13 @@ def constant(step: int, warm: int, total: int) -> float:
 
 
 def set_rate(schedule: torch.optim.lr_scheduler.LambdaLR) -> None:
-    """Sets the learning rate to that of the schedule's step, which a checkpoint may not have had.
+    """Sets the learning rate of the schedule's current step.
+
+    The rate in a checkpoint is that of the old length of the run, and a resumed run may have
+    another length.
 
     Args:
-        schedule: The one that `build_optimizer` made.
+        schedule: Schedule made by `build_optimizer`.
     """
     groups = zip(
         schedule.optimizer.param_groups, schedule.base_lrs, schedule.lr_lambdas, strict=True

@@ -15,7 +15,7 @@ from tactileforge.contracts import Batch, ColumnSize
 from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.means import FIX, Mean, NotATensorError
 
-#: Largest number among the options of an encoder, most blocks, and most weights of one.
+#: Limits of an encoder: largest number among its options, most blocks, and most weights.
 _LARGEST, _DEEPEST, _MOST = 8192, 256, 20_000_000_000
 
 
@@ -24,9 +24,9 @@ class Term:
     """Loss of one objective on a batch, with its logs.
 
     Attributes:
-        prediction: Of its head.
-        loss: Not weighted.
-        extra: Further scalars to log.
+        prediction: Output of the objective's head.
+        loss: Unweighted loss.
+        extra: Further scalars to log, by name.
     """
 
     prediction: Any
@@ -35,16 +35,18 @@ class Term:
 
 
 def term_of(key: str, objective: nn.Module, prediction: Any, batch: Batch) -> Term:
-    """Computes the term of an objective; what it gives without a count is a mean over the clips.
+    """Computes the term of an objective.
+
+    A tensor without a count is taken as a mean over the clips of the batch.
 
     Args:
         key: Name of the objective.
-        objective: See `contracts.Objective`.
-        prediction: Of its head.
-        batch: See `tactileforge.contracts`.
+        objective: Objective to compute; see `contracts.Objective`.
+        prediction: Output of its head.
+        batch: Batch in the format of `tactileforge.contracts`.
 
     Raises:
-        PluginError: The objective takes a mean for a tensor, or gives something else.
+        PluginError: The objective uses a `Mean` as a tensor, or returns something else.
     """
     try:
         loss, extra = objective(prediction, batch)
@@ -81,14 +83,14 @@ def logs_of(terms: Mapping[str, Term]) -> dict[str, Mean]:
 def build_parts(
     config: Mapping[str, Any], provides: AbstractSet[str]
 ) -> tuple[Any, dict[str, nn.Module], dict[str, nn.Module]]:
-    """Encoder, heads and objectives.
+    """Builds the encoder, and the heads and objectives by name.
 
     Args:
-        config: Plain data.
-        provides: Labels the data has; towers for others are not built.
+        config: Finished configuration, as plain data.
+        provides: Labels of the data; towers for other labels are not built.
 
     Raises:
-        ConfigError: The encoder encodes something else, or a head has nothing to align with.
+        ConfigError: The encoder is not one of touch, or a head has nothing to align with.
     """
     encoder = registry.build("encoders", config["encoder"])
     modality = getattr(encoder, "modality", "touch")
@@ -103,17 +105,17 @@ def build_parts(
 
 
 def changing(place: str, parts: Mapping[str, Any]) -> tuple[Any, str]:
-    """Finds a number that the curriculum changes.
+    """Finds a number to be changed by the curriculum.
 
     Args:
-        place: Such as ``encoder.mask_ratio``, or ``objective.pixel.KEY``.
-        parts: By their place.
+        place: Place of the number, such as ``encoder.mask_ratio`` or ``objective.pixel.KEY``.
+        parts: Encoder, heads and objectives, by their place.
 
     Returns:
         The part, and the name of its attribute.
 
     Raises:
-        ConfigError: There is no such part, or it keeps no such number.
+        ConfigError: There is no such part, or it has no such number.
     """
     owner, _, name = place.rpartition(".")
     if owner not in parts:
@@ -126,13 +128,13 @@ def changing(place: str, parts: Mapping[str, Any]) -> tuple[Any, str]:
 
 
 def check_values(config: Mapping[str, Any]) -> None:
-    """Builds the encoder and the objectives with both ends of what the curriculum changes.
+    """Builds the encoder and the objectives with both ends of each changing number.
 
     Args:
-        config: Finished; see `compose.finish`.
+        config: Finished configuration; see `compose.finish`.
 
     Raises:
-        ConfigError: Their constructors refuse one.
+        ConfigError: A constructor refuses a value.
     """
     for place, row in curriculum.value_rows(config["curriculum"]).items():
         group, _, rest = place.partition(".")
@@ -140,7 +142,7 @@ def check_values(config: Mapping[str, Any]) -> None:
         node = config.get(group) or {}
         node = node.get(key) if key else node
         if group not in ("encoder", "objective") or not node or name not in node:
-            continue  # a head is built with its encoder
+            continue  # a head cannot be built without its encoder
         ends = [row.get(key) for key in ("low", "high")]
         for end in (end for end in ends if isinstance(end, int | float)):
             options = {k: v for k, v in node.items() if k != "weight"} | {name: end}
@@ -148,30 +150,36 @@ def check_values(config: Mapping[str, Any]) -> None:
                 registry.build(f"{group}s", options)
 
 
-def check_size(node: Mapping[str, Any]) -> None:
-    """Refuses an encoder that would take minutes to build, or all memory.
+def outline(node: Mapping[str, Any]) -> Any:
+    """Builds an encoder on the meta device: with its sizes and sensors, without weights.
+
+    The state of the random numbers is left as it was. An encoder whose constructor computes with
+    its tensors is built with its weights.
 
     Args:
-        node: Of the encoder.
+        node: ``name`` of the plugin, and the arguments of its constructor.
 
     Raises:
-        ConfigError: An option, or the number of weights, is larger than that of any model.
+        ConfigError: An option, or the number of weights, is larger than that of any model: the
+            encoder would take minutes to build, or all memory.
     """
     for key, value in node.items():
         most = _DEEPEST if key == "depth" else _LARGEST
         if max(_numbers(value), default=0) > most:
             raise ConfigError(f"encoder.{key}={value}: at most {most} for an encoder")
-    try:
-        with torch.device("meta"), torch.random.fork_rng(devices=[]):
-            shell = registry.build("encoders", node)
-    except (NotImplementedError, RuntimeError):  # a plugin that needs its numbers where it is built
-        return
+    with torch.random.fork_rng(devices=[]):
+        try:
+            with torch.device("meta"):
+                shell = registry.build("encoders", node)
+        except (NotImplementedError, RuntimeError, TypeError):  # needs numbers of a meta tensor
+            return registry.build("encoders", node)
     needs = sum(x.numel() for x in shell.state_dict().values())
     if needs > _MOST:
         raise ConfigError(
             f"encoder={node['name']} would have {needs:,} weights, and at most {_MOST:,} are "
             "built; make encoder.size or encoder.depth smaller"
         )
+    return shell
 
 
 def _numbers(value: Any) -> list[float]:
@@ -205,7 +213,7 @@ def _head(
 
 
 def _teacher(key: str, config: Mapping[str, Any]) -> nn.Module:
-    """The image tower that a head learns from."""
+    """Builds the image tower used as the teacher of a head."""
     if config.get("image_encoder"):
         built = tower(config, "image")
         if getattr(built, "frozen", False):
@@ -217,7 +225,7 @@ def _teacher(key: str, config: Mapping[str, Any]) -> nn.Module:
 
 
 def sizes_of(config: Mapping[str, Any]) -> dict[str, ColumnSize]:
-    """Sizes of the extra columns of a run's batches, as heads are given them."""
+    """Sizes of the extra columns of a run's batches, as passed to heads."""
     rows: Mapping[str, Any] = config.get("columns") or {}
     return {name: strict.build(ColumnSize, f"columns.{name}", row) for name, row in rows.items()}
 
@@ -226,7 +234,7 @@ def tower(config: Mapping[str, Any], kind: str) -> nn.Module:
     """Builds the tower for ``text`` or ``image``.
 
     Raises:
-        ConfigError: The plugin chosen encodes something else.
+        ConfigError: The chosen plugin encodes another modality.
     """
     node = config[f"{kind}_encoder"]
     built: nn.Module = registry.build("encoders", node)

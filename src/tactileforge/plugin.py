@@ -1,8 +1,8 @@
-"""The public door for authors of plugins: everything that a package may import.
+"""The public interface for authors of plugins: all names for import by other packages.
 
     from tactileforge.plugin import Frame, Sensor, SensorError, SensorSpec
 
-These names, those of `tactileforge` itself and of `tactileforge.testing` stay where they are. Every
+These names, those of `tactileforge` itself and of `tactileforge.testing` keep their places. Every
 other module is private, and may change with any release. `VERSION` counts the changes that authors
 have to follow; the changelog has a line for each.
 """
@@ -194,7 +194,7 @@ __all__ = [
 ]
 
 
-#: Needs torch or matplotlib, and is imported on first use: the module of a sensor costs neither.
+#: Names that need torch or matplotlib, imported on first use: sensor modules need neither.
 _HEAVY = {
     "ANYTOUCH2": "encoders.preprocess:ANYTOUCH2",
     "AttentivePooler": "encoders.transformer:AttentivePooler",

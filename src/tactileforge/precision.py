@@ -1,4 +1,4 @@
-"""The arithmetic of a run: what ``trainer.precision=auto`` means here, for this model."""
+"""The precision of a run: ``trainer.precision=auto`` for this machine and model."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ Timing: TypeAlias = tuple[float, float]
 
 #: Abilities of a CPU that make bf16 matrix products faster than fp32 ones, best first.
 _NATIVE = {"amx_bf16": "AMX", "avx512_bf16": "AVX-512 BF16"}
-#: How much faster a step must be in bf16: near 1, two equal runs could differ in their arithmetic.
+#: Least speed-up of a step in bf16: near 1, timing noise could give equal runs other precisions.
 GAIN = 1.3
-#: Steps that a run must have for the probe, which costs several, to be worth it.
+#: Least number of steps of a run for the probe, which itself costs several steps.
 _STEPS = 50
 #: Clips of the probe, timed rounds, and seconds after which no further round starts.
 _CLIPS, _ROUNDS, _SECONDS = 2, 3, 10.0
@@ -31,11 +31,11 @@ _CLIPS, _ROUNDS, _SECONDS = 2, 3, 10.0
 
 @dataclass(frozen=True)
 class Precision:
-    """The arithmetic of a run.
+    """The precision of a run.
 
     Attributes:
-        name: As Lightning's trainer knows it: ``32-true`` or ``bf16-mixed``.
-        reason: A clause that says why.
+        name: Name for Lightning's trainer, such as ``32-true`` or ``bf16-mixed``.
+        reason: Reason for the choice, as a clause.
     """
 
     name: str
@@ -48,9 +48,11 @@ def choose_precision(
     """Chooses the precision of a new run; the run keeps it, so nothing is chosen on resume.
 
     Args:
-        options: Of ``trainer``.
-        measure: Times a step, see `step_times`; called only on one CPU process that has bf16.
-        native: What makes bf16 fast on this CPU, "" for nothing; None looks, see `native_bf16`.
+        options: Options of ``trainer``.
+        measure: Function that times a step, see `step_times`; called only in a single process on a
+            CPU with fast bf16.
+        native: Feature of this CPU behind fast bf16, "" without one; None to detect it, see
+            `native_bf16`.
     """
     if options["precision"] != "auto":
         return Precision(str(options["precision"]), "as asked for")
@@ -60,7 +62,7 @@ def choose_precision(
         return Precision("32-true", "the accelerator has no bf16")
     if not (native := native_bf16() if native is None else native):
         return Precision("32-true", "this CPU has no fast bf16")
-    if count_processes(options) > 1:  # each would measure, and they must not disagree
+    if count_processes(options) > 1:  # each would measure, and they could disagree
         return Precision("32-true", "with several processes bf16 is not tried on a CPU")
     if 0 <= options.get("max_steps", -1) < _STEPS:
         return Precision("32-true", f"bf16 is not tried for less than {_STEPS} steps")
@@ -73,19 +75,20 @@ def choose_precision(
 
 
 def native_bf16() -> str:
-    """Name of what makes bf16 products fast on this CPU; "" where nothing does."""
+    """Name of this CPU's feature behind fast bf16 products; "" without one."""
     has = torch.cpu.get_capabilities()
     return next((name for key, name in _NATIVE.items() if has.get(key)), "")
 
 
 def step_times(module: TouchModule, clips: Clips) -> Timing:
-    """CPU time of forward and backward of all objectives on two clips; the module stays as it is.
+    """CPU time of forward and backward of all objectives on two clips, in fp32 and in bf16, s.
 
-    Precisions take turns, and the fastest of each counts, so that both meet the same disturbances.
+    The precisions take turns, and the fastest step of each counts, so that both meet the same
+    disturbances. The module is left unchanged.
 
     Args:
-        module: Before its training.
-        clips: Of the training data.
+        module: Module before its training.
+        clips: Clips of the training data.
     """
     with torch.random.fork_rng(devices=[]):
         rows = [clips[(row, 0)] for row in range(min(_CLIPS, len(clips)))]

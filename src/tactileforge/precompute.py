@@ -17,13 +17,14 @@ log = logging.getLogger(__name__)
 
 
 def remember_features(encoder: Any, data: TouchData) -> None:
-    """Has clips that can (`contracts.Remembering`) remember their tokens; others are read as ever.
+    """Computes the tokens of clips once, for clips with `contracts.Remembering`.
 
-    They are kept in memory, as float16, and are the same when a run is resumed.
+    Other clips are read as usual. Tokens are kept in memory, as float16, and are the same when a
+    run is resumed.
 
     Args:
-        encoder: Frozen.
-        data: Set up.
+        encoder: Frozen encoder.
+        data: Data of the run, after its setup.
     """
     packed = PackedLinears()
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")

@@ -1,4 +1,4 @@
-"""Numbered work, spread over processes; each leaves files, so that a killed command goes on."""
+"""Numbered work, spread over processes; its files let a killed command continue."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from tactileforge.errors import TactileForgeError
 
 _Options = TypeVar("_Options")
 
-#: Variable that names the process with which another ends.
+#: Environment variable with the number of the process to end with.
 _PARENT = "TACTILEFORGE_PARENT"
-#: Seconds between two looks for it, and from SIGTERM, which training answers with a checkpoint, to
-#: the end.
+#: Seconds between two checks for that process; and from SIGTERM, after which training saves a
+#: checkpoint, to the forced end.
 _LOOK, _GRACE = 0.5, 10.0
-#: Characters of what a program says that are kept.
+#: Bytes kept of the end of a program's standard error.
 _TAIL = 4000
 
 
 def cpus() -> int:
-    """Number of CPUs that this process may use: fewer than there are, where a scheduler says so."""
+    """Number of CPUs available to this process; a scheduler may allow fewer than there are."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -40,8 +40,8 @@ def process_count(pieces: int, asked: int | None) -> int:
     """Number of processes for some pieces of work.
 
     Args:
-        pieces: More processes than that have nothing to do.
-        asked: None for one for each CPU that may be used.
+        pieces: Number of pieces; further processes would have nothing to do.
+        asked: Number of processes asked for; None for one per available CPU.
 
     Example:
         >>> process_count(3, asked=8)
@@ -60,11 +60,11 @@ def spread(
     """Runs ``python -m COMMAND NUMBERS`` in processes; they stop when one fails, or this one stops.
 
     Args:
-        command: Module and words; each process is given its share of the numbers after them.
-        numbers: The work, in order.
-        count: How many processes.
-        done: Whether a number is done.
-        bar: Progress bar, advanced by what is done.
+        command: Module and words; each process gets its share of the numbers after them.
+        numbers: Numbers of the work, in order.
+        count: Number of processes.
+        done: Function that tells whether a number is done.
+        bar: Progress bar, advanced by the numbers done.
 
     Raises:
         TactileForgeError: A process failed; its last line says why.
@@ -92,7 +92,11 @@ def spread(
 
 
 def _runs(process: subprocess.Popen[bytes], said: IO[str]) -> bool:
-    """Whether it still runs; raises where it failed."""
+    """Whether a process still runs.
+
+    Raises:
+        TactileForgeError: The process failed; its last line says why.
+    """
     if status := process.poll():
         said.seek(0)
         last = said.read().strip().rpartition("\n")[2]
@@ -101,16 +105,17 @@ def _runs(process: subprocess.Popen[bytes], said: IO[str]) -> bool:
 
 
 def with_this_process() -> dict[str, str]:
-    """Environment of a process that ends with this one, where it calls `end_with_parent`."""
+    """Environment of a process to end with this one; it has to call `end_with_parent`."""
     return {**os.environ, _PARENT: str(os.getpid())}
 
 
 def end_with_parent(parent: int | None = None) -> None:
-    """Ends this process soon after the one that started it, however that one ends.
+    """Ends this process soon after its parent, by whatever cause the parent ends.
 
     Args:
-        parent: Its number; None for the one that `with_this_process` names, or for that of a
-            process of several that train together. Without either, nothing is done.
+        parent: Number of the parent process; None for the one set by `with_this_process`, or, in
+            the further processes of a training run (``LOCAL_RANK`` above 0), for the actual
+            parent. Without a parent nothing is done.
     """
     together = os.environ.get("LOCAL_RANK", "0") != "0"
     named = os.getppid() if together else int(os.environ.get(_PARENT, 0))
@@ -128,16 +133,16 @@ def _follow(parent: int) -> None:
 
 
 def run_program(command: Sequence[str]) -> tuple[int, str]:
-    """Runs a program that ends with this process, and shows its output.
+    """Runs a program to end with this process (`end_with_parent`), and shows its output.
 
     Args:
-        command: Its words.
+        command: Words of the command.
 
     Returns:
-        Exit status, and the end of what it said on standard error.
+        Exit status, and the end of the program's standard error.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C, once the program has ended, too.
+        KeyboardInterrupt: On Ctrl-C, after the program has ended too.
     """
     output = b""
     with subprocess.Popen(command, stderr=subprocess.PIPE, env=with_this_process()) as process:
@@ -147,7 +152,7 @@ def run_program(command: Sequence[str]) -> tuple[int, str]:
                 sys.stderr.write(chunk.decode(errors="replace"))
                 output = (output + chunk)[-_TAIL:]
         except KeyboardInterrupt:
-            process.wait()  # the terminal has told it too, and it keeps a checkpoint
+            process.wait()  # the terminal signals it too, and it saves a checkpoint
             raise
     return process.returncode, output.decode(errors="replace")
 
@@ -159,7 +164,8 @@ def run_share(
 
     Args:
         kind: Dataclass of the options.
-        work: Does numbers, given the options, the numbers and what to call after each.
+        work: Function that does numbers, from the options, the numbers and a function to call after
+            each.
     """
     end_with_parent()
     config, *numbers = sys.argv[1:]

@@ -1,4 +1,4 @@
-"""Provenance: the commit that made a result."""
+"""Provenance of results: the commit of the code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plugins by name: the only code that touches entry points.
+"""Plugins by name: the only module with access to entry points.
 
 Listing reads metadata only, imports nothing and never fails. Using a plugin fails loudly.
 """
@@ -24,7 +24,7 @@ MODULES = ("verbs",)
 #: runners of suites of ``bench`` (a function each), and packages of YAML options.
 OTHERS = ("publishers", "schedules", "runners", "conf")
 
-#: Group of a configuration -> kind of plugin that its options are.
+#: Kind of plugin behind the options of each group of a configuration.
 GROUPS = {
     "sensor": "sensors",
     "force": "sensors",
@@ -45,11 +45,11 @@ class PluginInfo:
     """One installed plugin, from metadata alone.
 
     Attributes:
-        name: The word users type.
+        name: Name that users type.
         kind: One of `KINDS`, `MODULES` or `OTHERS`.
         target: ``module:Class``, or a module.
-        distribution: The package that installed it, "" if unknown.
-        version: Version of that package.
+        distribution: Package that installed the plugin; "" if unknown.
+        version: Version of that package; "" if unknown.
         status: ``ok``, or ``conflict`` when another distribution claims the same name.
     """
 
@@ -132,7 +132,7 @@ def load(kind: str, name: str) -> Any:
         raise PluginError(f"{claims} claim one name: uninstall one of the two packages")
     try:
         return entries[0].load()
-    except (Exception, SystemExit) as error:  # one that exits ends nothing but itself
+    except (Exception, SystemExit) as error:  # a plugin that exits must not end this process
         why = f"{type(error).__name__}: {error}"
         hint = moves.import_hint(error)
         raise PluginError(
@@ -155,7 +155,7 @@ def parameters(plugin: type[Any]) -> dict[str, Any]:
 
 
 def context(plugin: type[Any]) -> frozenset[str]:
-    """The constructor parameters of a plugin that the framework fills in."""
+    """The constructor parameters of a plugin filled in by the framework."""
     return CONTEXT & set(signature(plugin).parameters)
 
 
@@ -169,9 +169,8 @@ def build(kind: str, config: Mapping[str, Any], **given: Any) -> Any:
             name are not passed.
 
     Raises:
-        PluginError: See `get`.
-        ConfigError: An argument the constructor does not have, a missing one, or one of another
-            type than its hint says.
+        PluginError: The plugin is not installed, claimed twice, or broken.
+        ConfigError: An argument is unknown, missing, or of another type than its hint.
     """
     arguments = strict.mapping(f"the {kind.removesuffix('s')}", config)
     if "name" not in arguments:
@@ -196,7 +195,7 @@ def build(kind: str, config: Mapping[str, Any], **given: Any) -> Any:
 def _check_types(what: str, plugin: type[Any], arguments: Mapping[str, Any]) -> None:
     try:
         hints = get_type_hints(plugin.__init__)
-    except Exception:  # names that are imported for type checking alone: they say nothing here
+    except Exception:  # names imported for type checking alone cannot be resolved: no check
         return
     for key, value in arguments.items():
         strict.typed(f"{what}: {key}", value, hints.get(key, Any))

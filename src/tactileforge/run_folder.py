@@ -21,22 +21,22 @@ from tactileforge.locks import is_locked, locked
 
 #: File that is locked while a process writes into the folder.
 LOCK = ".lock"
-#: What a run is made with.
+#: Resolved configuration of a run.
 CONFIG = "config.yaml"
-#: By what it was made: command, packages, plugins, licences.
+#: Origin of a run: command, packages, plugins, licences.
 VERSIONS = "versions.json"
-#: The checkpoint that it resumes from.
+#: Checkpoint that a run resumes from.
 LAST = Path("checkpoints") / "last.ckpt"
-#: Options of an encoder that its weights do not depend on.
+#: Options of an encoder that matter in training alone: its weights do not depend on them.
 OF_TRAINING = ("mask_ratio", "unknown_sensor")
-#: Word of ``init=`` for weights of a network of photographs, which an encoder's photo stream takes.
+#: Word of ``init=`` for the weights of a network of photographs, used by a photo stream.
 IMAGENET = "imagenet"
-#: Its best weights, if it is asked to keep them.
+#: Checkpoint of the best weights, if ``trainer.keep_best`` is set.
 BEST = Path("checkpoints") / "best.ckpt"
 
 
 def with_photographs(init: str) -> tuple[str, bool]:
-    """Splits ``init=`` into its model or run, and whether a photo stream lies beside it.
+    """Splits ``init=`` into its model or run, and whether a photo stream is added to it.
 
     Example:
         >>> with_photographs("anytouch2.tiny+imagenet")
@@ -56,17 +56,17 @@ def identity() -> str:
 
 
 def anywhere(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of a data set whose folders are found from any other folder.
+    """Makes the folders in the options of a data set absolute, to be found from any folder.
 
     Args:
-        data: Its node; ``root`` and ``cache``, also of its sources, become absolute paths where
-            they are there.
+        data: Node of the data set; ``root`` and ``cache``, also of its sources, become absolute
+            paths if they exist.
     """
     made = dict(data)
     for key, value in data.items():
         if isinstance(value, Mapping):
             made[key] = anywhere(value)
-        elif key in ("root", "cache") and isinstance(value, str) and Path(value).exists():
+        elif key in ("root", "cache") and isinstance(value, str) and value and Path(value).exists():
             made[key] = str(Path(value).absolute())
     return made
 
@@ -80,8 +80,8 @@ def read_config(folder: Path) -> dict[str, Any]:
     """Reads the configuration of a run; nothing in it is interpolated.
 
     Raises:
-        DataNotFoundError: There is none.
-        DataError: It is damaged, or no configuration.
+        DataNotFoundError: The folder has no configuration.
+        DataError: The file is damaged, or not a configuration.
     """
     path = folder / CONFIG
     if not path.is_file():
@@ -98,10 +98,10 @@ def read_config(folder: Path) -> dict[str, Any]:
 
 
 def read_versions(folder: Path) -> dict[str, Any]:
-    """Reads ``versions.json`` of a run; empty where it is absent.
+    """Reads ``versions.json`` of a run; empty if the file is absent.
 
     Raises:
-        DataError: It is damaged.
+        DataError: The file is damaged.
     """
     path = folder / VERSIONS
     try:
@@ -122,11 +122,11 @@ def claimed(folder: Path, resumes: bool) -> Iterator[None]:
     Processes of one run share its folder: the first of them (rank 0) holds it.
 
     Args:
-        folder: Of the run; it is made.
-        resumes: Whether the run in it goes on; else the folder must have none.
+        folder: Folder of the run; it is created.
+        resumes: Whether the run in the folder is resumed; else the folder must hold none.
 
     Raises:
-        ConfigError: Another process writes into it, or it holds a run.
+        ConfigError: Another process writes into the folder, or it holds a run already.
     """
     from lightning.fabric.utilities import rank_zero
 

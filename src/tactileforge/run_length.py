@@ -1,4 +1,4 @@
-"""The length of a run and its machine, which may change when the run is resumed."""
+"""Changes of the length of a run, and of its machine, on resumption."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from tactileforge.errors import ConfigError
 
 log = logging.getLogger(__name__)
 
-#: Keys of ``trainer`` that are the length of a run.
+#: Keys of ``trainer`` for the length of a run.
 LENGTHS = ("max_steps", "max_epochs")
-#: Those that say what it runs on: how many processes, which kind of device, which numbers.
+#: Keys of ``trainer`` for its machine: number of processes, kind of device, precision.
 MACHINE = ("devices", "num_nodes", "accelerator", "precision")
 
 
 def change_run(plain: dict[str, Any], before: Mapping[str, Any], state: Mapping[str, Any]) -> bool:
-    """Gives a resumed run another length, or other processes; False where both are the same.
+    """Gives a resumed run another length, or other processes; returns False without a change.
 
-    The curriculum stays that of the length that the run was planned with; the learning rate is from
-    here on that of a run of the new length. On another number of processes epochs have another
-    number of steps: a run by epochs then ends by its steps, of which it keeps the number.
+    The curriculum stays that of the planned length; the learning rate is from here on that of a run
+    of the new length. On another number of processes epochs have another number of steps: a run by
+    epochs then ends by steps, and keeps its total number of steps.
 
     Args:
-        plain: The configuration to go on with; it is changed.
-        before: That of the run, as it is in its folder.
+        plain: Configuration to continue with; it is changed.
+        before: Configuration in the folder of the run.
         state: Checkpoint of the run.
 
     Raises:
@@ -53,6 +53,7 @@ def change_run(plain: dict[str, Any], before: Mapping[str, Any], state: Mapping[
             changed = {"max_steps": changed.get("max_steps", total)}
             plain["trainer"] = {**plain["trainer"], **changed, "max_epochs": -1}
             by = "max_steps"
+    # in steps, so that a fraction or an epoch is not taken from the new length
     plain["curriculum"] = curriculum.in_steps(plain["curriculum"], total, epoch)
     if not changed.keys() & set(LENGTHS):
         return True

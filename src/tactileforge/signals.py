@@ -1,4 +1,4 @@
-"""Signals that end a run in good order: Ctrl-C, SIGTERM, and SIGHUP of a terminal that is gone."""
+"""Signals to end a run in good order: Ctrl-C, SIGTERM, and SIGHUP of a closed terminal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from multiprocessing import parent_process
 from types import FrameType
 from typing import Any
 
-#: Those that ask a program to end.
+#: Signals that ask a program to end.
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 #: Handlers that `handled` has set.
 _OURS: set[Any] = set()
@@ -19,7 +19,7 @@ _MASKS = threading.local()
 
 
 def _hold_signals() -> None:
-    """Keeps signals back over a fork: one that comes to the child in it would be forgotten."""
+    """Blocks signals during a fork, because the child would lose one sent to it meanwhile."""
     _MASKS.before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
 
 
@@ -43,14 +43,14 @@ os.register_at_fork(
 def handled(
     handler: Callable[[int, FrameType | None], None], numbers: Sequence[int] = ENDING
 ) -> Iterator[None]:
-    """Hands signals to a function; elsewhere than in the main thread nothing is changed.
+    """Handles signals by a function; outside of the main thread nothing is changed.
 
-    A signal that is ignored stays so, as `nohup` asks. A process that is forked meanwhile is ended
-    by the signal, as it would be without this.
+    An ignored signal stays ignored, as `nohup` asks. A process forked meanwhile is ended by the
+    signal, as it would be without this handler.
 
     Args:
-        handler: As `signal.signal` wants it.
-        numbers: The signals.
+        handler: Function for `signal.signal`.
+        numbers: Signals to handle.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -79,7 +79,7 @@ def handled(
 
 @contextmanager
 def interrupted_by_signals() -> Iterator[None]:
-    """Within, SIGTERM and SIGHUP raise a KeyboardInterrupt, as Ctrl-C does; it names them."""
+    """Turns SIGTERM and SIGHUP into a KeyboardInterrupt with the name of the signal."""
 
     def heard(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt(f"stopped by {signal.Signals(number).name}")
@@ -90,7 +90,7 @@ def interrupted_by_signals() -> Iterator[None]:
 
 @contextmanager
 def stopped_by_signals() -> Iterator[threading.Event]:
-    """An event that Ctrl-C, SIGTERM and SIGHUP set; the second of them ends at once."""
+    """Event set by Ctrl-C, SIGTERM and SIGHUP; a second signal raises a KeyboardInterrupt."""
     stop = threading.Event()
 
     def heard(number: int, frame: FrameType | None) -> None:
@@ -104,10 +104,10 @@ def stopped_by_signals() -> Iterator[threading.Event]:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Keeps signals back in this thread, and in processes started meanwhile.
+    """Blocks signals in this thread, and in processes started meanwhile.
 
-    Such a process lets them through by `leave_to_parent`: those that reach it while it starts would
-    end it, and with it the run of its parent.
+    Such a process unblocks them by `leave_to_parent`: a signal during its start would end it, and
+    with it the run of its parent.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
@@ -117,7 +117,7 @@ def held() -> Iterator[None]:
 
 
 def leave_to_parent() -> None:
-    """Makes this process end when its parent ends it, and by no signal that reaches both.
+    """Lets only the parent end this process, and no signal sent to both.
 
     A terminal, Slurm and systemd signal every process of a run. The parent still needs its workers
     then, to finish a step and save.
@@ -125,7 +125,7 @@ def leave_to_parent() -> None:
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGHUP))
-    if not hasattr(signal, "sigwaitinfo"):  # macOS does not tell who sent a signal
+    if not hasattr(signal, "sigwaitinfo"):  # macOS does not name the sender of a signal
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
         return

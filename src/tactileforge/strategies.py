@@ -1,4 +1,4 @@
-"""Several processes: DDP with a static graph a phase of the curriculum, and FSDP2."""
+"""Strategies for several processes: DDP with one static graph per phase, and FSDP2."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 
 class PhasedDDP(DDPStrategy):
-    """DDP that learns in the first step of a phase what its steps compute, and then relies on it.
+    """DDP with a static graph, recorded anew in the first step of each phase.
 
-    A phase is the steps in which the same objectives are awake. No step looks for parameters that
-    it does not use, and gradients are sent while others are still computed.
+    A phase is the steps with the same objectives of non-zero weight. No step searches for unused
+    parameters, and gradients are sent while others are still computed.
     """
 
     def __init__(self) -> None:
@@ -32,12 +32,14 @@ class PhasedDDP(DDPStrategy):
         self._phase: frozenset[str] | None = None
 
     def training_step(self, *args: Any, **kwargs: Any) -> Any:
-        """A step; the first of a phase starts with a new graph."""
+        """Takes a step; the first of a phase starts with a new graph."""
+        # torch fixes a static graph in the first step of its DDP wrapper, and a new phase uses
+        # other parameters: only a new wrapper can record them
         module: Any = self.lightning_module
         phase = frozenset(key for key, weight in module.current_weights().items() if weight)
         if self._phase not in (None, phase):
             self.model = None
-            gc.collect()  # its hooks on the parameters go with it
+            gc.collect()  # frees the old wrapper's hooks on the parameters before new ones are set
             self.model = self._setup_model(module)
             self._register_ddp_hooks()
         self._phase = phase
@@ -47,25 +49,26 @@ class PhasedDDP(DDPStrategy):
 class Sharded(ModelParallelStrategy):
     """FSDP2 over all processes: each keeps its share of weights, gradients and AdamW's averages.
 
-    Checkpoints are those of one process: whole, and read by any number.
+    Checkpoints are whole, as those of a single process, and can be read by any number of processes.
     """
 
     def __init__(self) -> None:
         super().__init__(tensor_parallel_size=1, save_distributed_checkpoint=False)
 
     def setup_environment(self) -> None:
-        """Starts the processes, and lays them out in a row."""
+        """Starts the processes, all of them in one data-parallel row."""
         self._data_parallel_size = self.num_nodes * self.num_processes
         super().setup_environment()
 
     def load_checkpoint(
         self, checkpoint_path: str | Path, weights_only: bool | None = None
     ) -> dict[str, Any]:
-        """Loads weights and averages of a run of any number of processes.
+        """Loads weights and optimiser averages of a run of any number of processes.
 
-        Lightning refuses averages that lack a parameter, as one has whose objective is asleep.
+        Lightning refuses averages without an entry for each parameter, and the parameters of an
+        objective still at weight 0 have none.
         """
-        from torch.distributed.checkpoint import state_dict as states  # a second
+        from torch.distributed.checkpoint import state_dict as states  # takes a second
 
         assert self.model is not None
         path = Path(self.broadcast(checkpoint_path))
@@ -80,11 +83,11 @@ class Sharded(ModelParallelStrategy):
 
 
 def _completed(state: Mapping[str, Any], module: nn.Module) -> dict[str, Any]:
-    """AdamW's averages by the names of parameters, 0 for those that no gradient has reached.
+    """AdamW's averages by the names of parameters; 0 for parameters without a gradient so far.
 
     Args:
-        state: Of a checkpoint, whole and by number.
-        module: Whose parameters they are of; sharded.
+        state: State of the optimiser in a checkpoint, whole, with parameters by number.
+        module: Sharded module with the parameters.
     """
     from torch.distributed.fsdp import FullyShardedDataParallel, OptimStateKeyType
 
@@ -105,25 +108,30 @@ def shard(module: nn.Module, mesh: DeviceMesh) -> None:
     """Shards a module over processes, block by block; in place.
 
     Args:
-        module: Whose ``training_step`` and ``validation_step`` use its parameters.
-        mesh: With a dimension ``data_parallel``.
+        module: Module with ``training_step`` and ``validation_step`` in place of ``forward``.
+        mesh: Mesh with a dimension ``data_parallel``.
     """
-    from torch.distributed.fsdp import fully_shard, register_fsdp_forward_method  # a second
+    from torch.distributed.fsdp import fully_shard, register_fsdp_forward_method  # takes a second
 
     row = mesh["data_parallel"]
     for part in list(module.modules()):
         if isinstance(part, Block):
             fully_shard(part, mesh=row)
-    scalars = {p for p in module.parameters() if not p.ndim}  # each process keeps them
+    # fully_shard does not take scalars: each process keeps them, and averages their gradients
+    scalars = {p for p in module.parameters() if not p.ndim}
     for scalar in scalars:
         scalar.register_post_accumulate_grad_hook(_average)  # type: ignore[no-untyped-call]
     fully_shard(module, mesh=row, ignored_params=scalars)
+    # FSDP gathers parameters in hooks of forward, and Lightning calls these methods instead
     for name in ("training_step", "validation_step"):
         register_fsdp_forward_method(module, name)
 
 
 def _average(parameter: Tensor) -> None:
-    """Makes the gradient that of the joint batch; what was accumulated before is that already."""
+    """Averages the gradient of a parameter over ranks, to the gradient of the joint batch.
+
+    A part accumulated before is equal on all ranks already, and the average leaves it unchanged.
+    """
     assert parameter.grad is not None
     parameter.grad = sum_over_ranks(parameter.grad) / world()[1]
 
@@ -134,11 +142,11 @@ def choose_strategy(
     """Chooses the strategy of Lightning's trainer for ``trainer.strategy``.
 
     Args:
-        name: ``auto``, ``fsdp2``, or what Lightning knows.
-        processes: Number of them, where more than one is asked for.
+        name: ``auto``, ``fsdp2``, or a strategy of Lightning.
+        processes: Number of processes.
         static: Whether the encoder uses the same parameters for every batch, and every batch ends
             with a step.
-        balance: Name of the balance, or None.
+        balance: Name of the balance; None for no balance.
 
     Raises:
         ConfigError: FSDP2 with a balance, which needs whole gradients.
@@ -156,13 +164,13 @@ def choose_strategy(
 
 
 def check_started(devices: Any) -> None:
-    """Checks that torchrun, where it starts the processes, started as many as are asked for.
+    """Checks torchrun's number of processes against ``trainer.devices``.
 
     Args:
-        devices: Of ``trainer``: a number, or another way to choose them, which is not checked.
+        devices: Value of ``trainer.devices``: a number, or another choice, which is not checked.
 
     Raises:
-        ConfigError: It started others.
+        ConfigError: torchrun started another number of processes.
     """
     started = os.environ.get("LOCAL_WORLD_SIZE")
     if started and str(devices).isdecimal() and int(devices) != int(started):

@@ -1,8 +1,8 @@
 """Plain data to objects, strictly: every key is known, present and of its type.
 
-The dataclass is the only place of a key, its default and its meaning: `build` makes one from what
-a command, a YAML or a JSON file gives, `node` gives its defaults as a configuration, and `describe`
-prints them with what the docstring says.
+The dataclass is the only place of a key, its default and its meaning: `build` makes one from the
+values of a command, a YAML or a JSON file, `node` returns its defaults as a configuration, and
+`describe` prints them with their meanings from the docstring.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from tactileforge.errors import ConfigError, unknown
 
 _T = TypeVar("_T")
 
-#: How a configuration writes that a value is still to be given.
+#: Placeholder of a required value in a configuration.
 TO_GIVE = "???"
 
 
 def mapping(where: str, value: Any) -> dict[str, Any]:
-    """A copy of a mapping from names.
+    """Copies a mapping from names to values.
 
     Raises:
-        ConfigError: It is something else.
+        ConfigError: The value is not a mapping, or has a key that is not a string.
     """
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         raise ConfigError(f"{where}: expected names and values, found {type(value).__name__}")
@@ -36,12 +36,12 @@ def mapping(where: str, value: Any) -> dict[str, Any]:
 
 
 def build(kind: type[_T], where: str, given: Any) -> _T:
-    """A dataclass from plain data.
+    """Builds a dataclass from plain data.
 
     Args:
         kind: The dataclass. Its fields may be dataclasses, and hold lists, mappings and unions;
-            ``metadata={"example": ...}`` says what is given to one that has no default.
-        where: What is being read, for errors; "" for the command line.
+            ``metadata={"example": ...}`` has an example value of a required field, for errors.
+        where: Name of the source, for errors; "" for the command line.
         given: Values by field.
 
     Raises:
@@ -76,17 +76,17 @@ def _below(where: str, key: str) -> str:
 
 
 def typed(where: str, value: Any, hint: Any) -> Any:
-    """A value, if it is of a type.
+    """Converts a value to a type, strictly.
 
     Whole numbers may stand for fractions, lists for tuples, and mappings for dataclasses.
 
     Args:
-        where: Its name, for errors.
-        value: Plain data.
-        hint: The type; one that says nothing that can be checked takes everything.
+        where: Name of the value, for errors.
+        value: Value to convert, plain data.
+        hint: Type of the value; a type that cannot be checked accepts everything.
 
     Raises:
-        ConfigError: It is of another type, or a dataclass refuses it.
+        ConfigError: The value is of another type, or a dataclass refuses it.
     """
     if is_dataclass(hint) and isinstance(hint, type):
         return value if isinstance(value, hint) else build(hint, where, value or {})
@@ -97,7 +97,7 @@ def typed(where: str, value: Any, hint: Any) -> Any:
 
 
 def _fit(where: str, value: Any, hint: Any) -> tuple[bool, Any]:
-    """Whether a value is of a type, and what it then is."""
+    """Whether a value is of a type, and the converted value."""
     origin, inner = get_origin(hint), get_args(hint)
     if hint in (None, type(None)):
         return value is None, value
@@ -123,7 +123,8 @@ def _fit(where: str, value: Any, hint: Any) -> tuple[bool, Any]:
 
 
 def _first(where: str, value: Any, hints: Sequence[Any]) -> tuple[bool, Any]:
-    """The first type of several that a value fits; the one that it is goes before."""
+    """The first fitting type of several; the value's own type is tried first."""
+    # otherwise a whole number would become a fraction in the union float | int
     for hint in sorted(hints, key=lambda hint: hint is not type(value)):
         fits, made = _fit(where, value, hint)
         if fits:
@@ -173,7 +174,7 @@ def _default(spec: Field[Any]) -> Any:
 
 
 def node(kind: type[Any]) -> dict[str, Any]:
-    """The keys of a dataclass with their defaults, as plain data; `TO_GIVE` where there is none."""
+    """The keys of a dataclass with their defaults, as plain data; `TO_GIVE` for required ones."""
     return {spec.name: _plain(_default(spec)) for spec in _fields(kind)}
 
 
@@ -210,7 +211,7 @@ def _meanings(kinds: Sequence[type[Any]], section: str) -> dict[str, str]:
 
 
 def describe(kind: type[Any]) -> str:
-    """The keys of a dataclass as YAML: what each means, and its default.
+    """The keys of a dataclass as YAML, with their meanings and defaults.
 
     Example:
         >>> from dataclasses import dataclass
@@ -243,7 +244,7 @@ def _lines(kind: type[Any], indent: str = "") -> Iterator[str]:
 
 
 def comment(meaning: str, indent: str = "") -> list[str]:
-    """A meaning as lines of a YAML."""
+    """The meaning of a key as comment lines of a YAML."""
     words = re.sub(r"\bNone\b", "null", meaning).replace("`", "")
     return [f"{indent}# {line}" for line in textwrap.wrap(words, 96 - len(indent))]
 

@@ -1,4 +1,4 @@
-"""Ways in which torch computes on a CPU: its threads, and numbers near 0."""
+"""Settings of torch on a CPU: its threads, and numbers near 0."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ import torch
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Computes with one thread: sums depend on their number, and small ones wait for each other.
+    """Computes with one thread.
+
+    Sums depend on the number of threads, and in small operations threads mostly wait for each
+    other.
 
     Example:
         >>> with one_thread():
@@ -28,11 +31,11 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def flushed() -> Iterator[None]:
-    """Leaves out work of the CPU that changes no result worth its time.
+    """Saves CPU time without a relevant change of results.
 
-    Numbers below 1e-38 become 0. Attention that hardly looks somewhere has such weights, and
-    products with them take a hundred times as long. Memory is not filled before it is written,
-    which torch else does where it is deterministic.
+    Denormal numbers, below 1e-38, become 0: very small attention weights are denormal, and products
+    with them take a hundred times as long. Memory is not filled before it is written, as torch
+    otherwise does in its deterministic mode.
 
     Example:
         >>> with flushed():
@@ -41,10 +44,11 @@ def flushed() -> Iterator[None]:
     """
     deterministic: Any = torch.utils.deterministic
     before = deterministic.fill_uninitialized_memory
+    is_flushed = (torch.full((1,), 1e-30) * 1e-10).item() == 0  # torch has no other way to ask
     torch.set_flush_denormal(True)
     deterministic.fill_uninitialized_memory = False
     try:
         yield
     finally:
-        torch.set_flush_denormal(False)
+        torch.set_flush_denormal(is_flushed)
         deterministic.fill_uninitialized_memory = before

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import logging
 import platform
-import re
-import shlex
 import sys
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -18,6 +15,7 @@ from typing import Any
 
 import lightning as L
 from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
 
 from tactileforge import curriculum, precision, registry, run_folder
 from tactileforge.assemble import build_data
@@ -34,13 +32,14 @@ from tactileforge.checkpoint_file import (
 from tactileforge.compiled import compile_blocks
 from tactileforge.data.batches.columns import plain_sizes
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.errors import ConfigError, TactileForgeError, unknown
+from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
-from tactileforge.finite import NotFiniteError
+from tactileforge.fitting import fit
 from tactileforge.initial import check_facts, new_in, start_from, warn_of_dropped
 from tactileforge.loggers import log_config, log_report
 from tactileforge.module import TouchModule
 from tactileforge.pages.drawings import collected_drawings
+from tactileforge.parts import outline
 from tactileforge.precompute import remember_features
 from tactileforge.provenance import commit
 from tactileforge.run_length import change_run
@@ -50,22 +49,8 @@ from tactileforge.trainer import build_trainer, check_options
 
 log = logging.getLogger(__name__)
 
-#: Packages whose versions a run keeps.
+#: Packages with their versions recorded in a run.
 _PACKAGES = ("tactileforge", "torch", "lightning", "hydra-core", "kornia", "numpy")
-
-#: What torch says where a process of the group is gone.
-_LOST = re.compile(r"closed by peer|reset by peer|Connection refused|NCCL|Broken pipe", re.I)
-
-#: What Lightning warns of although it is meant to be so.
-_EXPECTED = (
-    r".*isinstance\(treespec, LeafSpec\).*",
-    r"Found \d+ module\(s\) in eval mode at the start of training.*",  # frozen towers, EMA copies
-    r"The number of training batches .* is smaller than the logging interval.*",
-    r"The '\w+_dataloader' does not have many workers.*",
-    r"Total length of `list` across ranks is zero.*",  # nothing is held out, which is said
-    r"It is recommended to use `self.log\('val/.*",  # values are those of all processes already
-    r"Checkpoint directory .* exists and is not empty.*",  # a run that goes on
-)
 
 
 def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
@@ -75,16 +60,17 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
     ``checkpoints/last.ckpt`` and ``report.html``.
 
     Args:
-        config: Finished; see `compose.finish`. With ``resume``, that of the run in ``folder``,
-            which goes on; see `run_folder.read_config`.
+        config: Finished configuration; see `compose.finish`. With ``resume``, the configuration of
+            the run in ``folder``; see `run_folder.read_config`.
         folder: Folder of the run.
 
     Returns:
         The trained module.
 
     Raises:
-        TactileForgeError: Something is wrong that could be known beforehand; says what and the fix.
-        KeyboardInterrupt: The run was stopped and saved; ``resume=`` goes on with it.
+        TactileForgeError: Configuration, data or weights are invalid, training has left the finite
+            numbers, or another process has died; states the fix.
+        KeyboardInterrupt: The run was stopped and saved; ``resume=`` continues it.
     """
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     plain: dict[str, Any] = config if isinstance(config, dict) else _plain(config)
@@ -103,126 +89,129 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
         return _train(plain, folder, resume, step, is_news)
 
 
+@dataclass(frozen=True)
+class _Run:
+    """A run, ready to start.
+
+    Attributes:
+        config: Resolved configuration, with the sensors, columns and facts of its data, and its
+            precision.
+        folder: Folder of the run.
+        resume: Checkpoint to resume from; None for a new run.
+        step: Optimiser steps taken before; 0 for a new run.
+        data: Data of the run, indexed.
+        module: Module with its first weights.
+        trainer: Lightning's trainer.
+        saver: Callback that saves checkpoints.
+        lost: Callback that counts recordings that cannot be read.
+        met: Callback that counts the labels of each objective.
+    """
+
+    config: dict[str, Any]
+    folder: Path
+    resume: Path | None
+    step: int
+    data: TouchData
+    module: TouchModule
+    trainer: L.Trainer
+    saver: Checkpoints
+    lost: SkippedRecordings
+    met: MetLabels
+
+
 def _train(
     plain: dict[str, Any], folder: Path, resume: Path | None, step: int, is_news: bool
 ) -> TouchModule:
+    state = _check(plain, resume)
+    run, why = _build(plain, folder, resume, step, state)
+    _note(run, why, is_news)
+    fit(run.trainer, run.module, run.data, run.saver, folder, resume, step)
+    if run.trainer.is_global_zero:
+        _report(run)
+    return run.module
+
+
+def _check(plain: dict[str, Any], resume: Path | None) -> Mapping[str, Tensor] | None:
+    """Checks the configuration before data is made or read; returns a new run's first weights.
+
+    The encoder of a zoo model is taken with its options.
+    """
     if not isinstance(plain["seed"], int) or plain["seed"] < 0:
         raise ConfigError(f"seed={plain['seed']}: give a whole number, 0 or more")
     L.seed_everything(plain["seed"], verbose=False)
     state = None if resume else start_from(plain)
     check_options(plain)
-    # Mistakes are named before data is made or read; the length of the run is not known yet.
     weights = {key: node["weight"] for key, node in plain["objective"].items()}
+    # the length of the run is not known yet
     curriculum.from_config(plain["curriculum"], weights, total=sys.maxsize, epoch=1)
-    data, plain["encoder"] = build_data(plain)
+    return state
+
+
+def _build(
+    plain: Mapping[str, Any],
+    folder: Path,
+    resume: Path | None,
+    step: int,
+    state: Mapping[str, Tensor] | None,
+) -> tuple[_Run, str]:
+    """Builds data, module and trainer; also returns the reason for the precision."""
+    data, encoder = build_data(plain, outline(plain["encoder"]))
     assert data.train is not None  # set up by `build_data`
-    plain["facts"], plain["columns"] = dict(data.train.facts), plain_sizes(data.columns)
-    check_facts(plain)
-    module = TouchModule.from_config(plain, data.summary("train").labels, data.augment)
+    found = {"facts": dict(data.train.facts), "columns": plain_sizes(data.columns)}
+    config = {**plain, **found, "encoder": encoder}
+    check_facts(config)
+    module = TouchModule.from_config(config, data.summary("train").labels, data.augment)
     lost, met = SkippedRecordings(data.allowed), MetLabels(module)
     lost.skip(data.skipped)
     data.observers += [met.observe, lost.observe]
     if state is not None:
-        log.info(initialise(module, state, new_in(str(plain["init"]))))
-        warn_of_dropped(plain, left_out(module, state))
-    if not resume:
+        log.info(initialise(module, state, new_in(str(config["init"]))))
+        warn_of_dropped(config, left_out(module, state))
+    if not resume:  # a resumed run has the measurements in its checkpoint
         module.prepare(data.train)
-    if plain["freeze"]:
-        if resume:  # Lightning loads the other weights later
+    if config["freeze"]:
+        if resume:  # needed for the tokens now; Lightning loads the other weights in fit
             kept = read_checkpoint(resume)["state_dict"].items()
             own = {k.removeprefix("encoder."): v for k, v in kept if k.startswith("encoder.")}
             module.encoder.load_state_dict(own)
         remember_features(module.encoder, data)
-    why = _settle_precision(plain, module, data)
-    if plain.get("compile"):
+    chosen = _choose_precision(config, module, data)
+    config["trainer"] = {**config["trainer"], "precision": chosen.name}
+    if config.get("compile"):
         compile_blocks(module)
     static = getattr(module.encoder, "static_graph", False)
-    trainer, saver = build_trainer(plain, folder, [met, lost], step, static)
-    if resume and is_news and trainer.is_global_zero:
-        run_folder.write_config(folder, {**plain, "resume": None})
+    trainer, saver = build_trainer(config, folder, [met, lost], step, static)
+    run = _Run(config, folder, resume, step, data, module, trainer, saver, lost, met)
+    return run, chosen.reason
+
+
+def _note(run: _Run, why: str, is_news: bool) -> None:
+    """Writes the configuration of a new run, or of a resumed run with changes."""
+    if run.resume and is_news and run.trainer.is_global_zero:
+        run_folder.write_config(run.folder, {**run.config, "resume": None})
     if is_news:
-        log_config(trainer.loggers[1:], plain, folder)
-    if trainer.is_global_zero and not resume:
+        log_config(run.trainer.loggers[1:], run.config, run.folder)
+    if run.trainer.is_global_zero and not run.resume:
+        data = run.data
         licences = {kind.licence for split in data.sources for kind in data.summary(split)}
-        _keep(plain, folder, sorted(licences), data.summary("train").sensors, why)
-    with warnings.catch_warnings():
-        for message in _EXPECTED:
-            warnings.filterwarnings("ignore", message)
-        try:
-            with _resumed_from(resume, saver):
-                trainer.fit(module, data, ckpt_path=resume, weights_only=True)
-        except NotFiniteError as error:
-            raise NotFiniteError(f"{error}. {_way_back(folder, trainer.precision)}") from error
-        except RuntimeError as error:
-            if trainer.world_size == 1 or not _LOST.search(str(error)):
-                raise
-            raise TactileForgeError(
-                f"another process of the run has died ({_first_line(error)}). {_kept(folder)}"
-            ) from error
-        except SystemExit as stop:  # what Lightning makes of Ctrl-C
-            done = trainer.global_step
-            when = f"in the step after {done}" if done > step else "before the first step"
-            raise KeyboardInterrupt(f"{stop.__context__ or 'stopped'} {when}") from stop
-        except ValueError as error:
-            if "val_check_interval" not in str(error):
-                raise
-            raise ConfigError(f"trainer.val_check_interval: {error}") from error
-    if saver.interrupted:
-        raise KeyboardInterrupt(f"stopped at step {trainer.global_step}")
-    if trainer.is_global_zero:
-        from tactileforge.report.run import write_report
-
-        whole = _whole(plain, module, folder, data.summary("train").labels)
-        with collected_drawings(wanted=len(trainer.loggers) > 1) as drawings:
-            report = write_report(folder, whole, data, lost.skipped, met.labels)
-        log_report(trainer.loggers[1:], report, drawings, trainer.global_step)
-        print(f"report: {report}")
-    return module
+        _keep(run.config, run.folder, sorted(licences), data.summary("train").sensors, why)
 
 
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0][:120]
+def _report(run: _Run) -> None:
+    from tactileforge.report.run import write_report
 
-
-def _kept(folder: Path) -> str:
-    """What goes on with a run that was cut short."""
-    if not (folder / run_folder.LAST).is_file():
-        return "Nothing was saved before: give the same command again"
-    return f"Go on from its checkpoint: tactileforge train resume={shlex.quote(str(folder))}"
-
-
-def _way_back(folder: Path, numbers: str) -> str:
-    """What is kept of a run whose numbers are not finite, and the commands that go back to it."""
-    exact = "" if numbers.startswith("32") else " trainer.precision=32"
-    if not (folder / run_folder.LAST).is_file():
-        also = f" or{exact}" if exact else ""
-        return f"Nothing was saved before: start again with a smaller optim.lr={also}"
-    step = read_checkpoint(folder)["global_step"]
-    name = shlex.quote(str(folder))
-    return (
-        f"The checkpoint of step {step} stays: go back to it with tactileforge train resume={name}"
-        f"{exact}, or start from it with init={name} and a smaller optim.lr="
-    )
-
-
-@contextmanager
-def _resumed_from(resume: Path | None, saver: Checkpoints) -> Iterator[None]:
-    """Names the checkpoint where a run cannot go on with what it holds."""
-    try:
-        yield
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, RuntimeError) as error:
-        if resume is None or saver.started:
-            raise
-        raise ConfigError(
-            f"{resume}: the run cannot go on with it ({error!r}): it is whole, but was changed or "
-            "is of another program; start a new run from its weights with init="
-        ) from error
+    whole = _whole(run.config, run.module, run.folder, run.data.summary("train").labels)
+    loggers = run.trainer.loggers
+    with collected_drawings(wanted=len(loggers) > 1) as drawings:
+        report = write_report(run.folder, whole, run.data, run.lost.skipped, run.met.labels)
+    log_report(loggers[1:], report, drawings, run.trainer.global_step)
+    print(f"report: {report}")
 
 
 def _whole(
-    plain: dict[str, Any], module: TouchModule, folder: Path, labels: AbstractSet[str]
+    plain: Mapping[str, Any], module: TouchModule, folder: Path, labels: AbstractSet[str]
 ) -> TouchModule:
-    """The module with all its weights on this process, which may hold a share of them alone."""
+    """The module with all its weights on this process, from the checkpoint of a sharded run."""
     if not isinstance(module.trainer.strategy, Sharded):
         return module
     whole = TouchModule.from_config(plain, labels)
@@ -230,26 +219,27 @@ def _whole(
     return whole
 
 
-def _settle_precision(plain: dict[str, Any], module: TouchModule, data: TouchData) -> str:
-    """Puts the precision into the configuration, which a resumed run reads; returns why it is."""
+def _choose_precision(
+    config: Mapping[str, Any], module: TouchModule, data: TouchData
+) -> precision.Precision:
+    """Chooses the precision of the run; a resumed run keeps it."""
     assert data.train is not None
     measure = partial(precision.step_times, module, data.train)
-    chosen = precision.choose_precision(plain["trainer"], measure)
-    plain["trainer"] = {**plain["trainer"], "precision": chosen.name}
+    chosen = precision.choose_precision(config["trainer"], measure)
     log.info("trainer.precision=%s: %s", chosen.name, chosen.reason)
-    return chosen.reason
+    return chosen
 
 
 def metric(module: TouchModule, name: str | None = None) -> float:
-    """The number that a sweep makes small, as it was at the last validation.
+    """The metric minimised by a sweep, at the last validation.
 
     Args:
-        module: After its training.
-        name: As in the metrics, for example ``val/force``; None for the sum of the losses of all
-            objectives that were validated, or trained where nothing is held out.
+        module: Module after its training.
+        name: Name in the metrics, for example ``val/force``; None for the sum of all validation
+            losses, or of all training losses if nothing is held out.
 
     Raises:
-        ConfigError: Nothing of that name was logged.
+        ConfigError: No metric of that name was logged.
     """
     logged = module.trainer.callback_metrics
     if name and name not in logged:
@@ -286,8 +276,8 @@ def _keep(
         "versions": versions,
         "plugins": plugins,
         "licences": list(licences),  # of the recordings
-        "sensors": list(sensors),  # that it is trained on
-        "precision": why,  # it is what it is
+        "sensors": list(sensors),  # of the training data
+        "precision": why,
         "commit": commit(),
     }
     write_text(folder / run_folder.VERSIONS, sealed(kept))

@@ -1,4 +1,4 @@
-"""The Lightning trainer of a run, and mistakes in what it is given."""
+"""The Lightning trainer of a run, and checks of its options."""
 
 from __future__ import annotations
 
@@ -21,29 +21,28 @@ from tactileforge.distributed import count_processes
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.loggers import build_loggers
 from tactileforge.optim import parse_optim
-from tactileforge.parts import check_size, check_values
+from tactileforge.parts import check_values
 from tactileforge.strategies import check_started, choose_strategy
 
-#: Packages that a logger needs one of.
+#: Packages of each logger; it needs one of them.
 _LOGGERS = {"csv": (), "tensorboard": ("tensorboard", "tensorboardX"), "wandb": ("wandb",)}
 _LOGGERS |= {"mlflow": ("mlflow",)}
 
-#: Options of the trainer that are whole numbers, by how they begin, and the least of each.
+#: Smallest value of the trainer's whole-number options, by the start of their names.
 _LEAST = {"max_": -1, "min_": 0, "save_": 1, "log_every": 1, "accumulate": 1, "num_nodes": 1}
 _LEAST |= {"check_val": 1}
 
 
 def check_options(config: Mapping[str, Any]) -> None:
-    """Names a mistake in ``optim``, ``trainer`` or ``logger`` before data is made or read.
+    """Checks ``optim``, ``trainer``, ``logger`` and encoder before data is made or read.
 
     Args:
-        config: Finished; see `compose.finish`.
+        config: Finished configuration; see `compose.finish`.
 
     Raises:
-        ConfigError: See there.
+        ConfigError: A key or value is invalid, or the package of the logger is not installed.
     """
     parse_optim(config["optim"])
-    check_size(config["encoder"])
     check_values(config)
     check_started(config["trainer"]["devices"])
     known = {*signature(L.Trainer).parameters, "save_every", "keep_best"}
@@ -98,12 +97,12 @@ def _check_length(options: Mapping[str, Any]) -> None:
 
 
 def _check_metric(key: str, metric: Any, known: Sequence[str]) -> None:
-    """Refuses a metric that no run logs.
+    """Refuses a metric not logged by any run.
 
     Args:
-        key: The option that names it.
-        metric: Its name, or None.
-        known: Names that it may have, or begin with before a slash.
+        key: Option with the name of the metric.
+        metric: Name of the metric, or None.
+        known: Valid names, and valid starts before a further slash.
     """
     if metric is not None and "/".join(str(metric).split("/")[:2]) not in known:
         raise ConfigError(unknown(key, str(metric), known))
@@ -116,24 +115,24 @@ def build_trainer(
     step: int = 0,
     static: bool = False,
 ) -> tuple[L.Trainer, checkpoints.Checkpoints]:
-    """The Lightning trainer of a run, with further callbacks; and that of its checkpoints.
+    """Builds the Lightning trainer of a run, and the callback of its checkpoints.
 
     Args:
-        config: Finished.
+        config: Finished configuration.
         folder: Folder of the run.
-        callbacks: In addition.
-        step: Step from which the run goes on.
+        callbacks: Further callbacks.
+        step: Optimiser steps taken before; 0 for a new run.
         static: Whether the encoder uses the same parameters for every batch.
     """
     options = dict(config["trainer"])
     saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
     best = checkpoints.best_checkpoint(folder, options.pop("keep_best", None))
     kept = [*best, *callbacks]
-    options["limit_train_batches"] = 1.0  # the data keeps it, see `assemble.limit_of`
+    options["limit_train_batches"] = 1.0  # the data applies it, see `assemble.limit_of`
     options["strategy"] = choose_strategy(
         options["strategy"],
         count_processes(options),
-        static and options["accumulate_grad_batches"] == 1,  # torch cannot have both
+        static and options["accumulate_grad_batches"] == 1,  # torch cannot combine the two
         (config.get("balance") or {}).get("name"),
     )
     own: dict[str, Any] = dict(
@@ -155,6 +154,7 @@ def build_trainer(
         enable_model_summary=False,
         enable_progress_bar=False,
         num_sanity_val_steps=0,
+        # on a GPU some kernels have no deterministic version
         deterministic=True if not torch.cuda.is_available() else "warn",
     )
     try:

@@ -1,7 +1,7 @@
 """Text and images from data sets: read as plain values, within limits, without running code.
 
-A name in braces (``${...}``) stays the text it is: it is never looked up, so that nothing of this
-machine (its environment, its other files) gets into what is made of the data.
+A name in braces (``${...}``) stays text: it is never looked up, so that nothing of this machine
+(its environment, its other files) gets into the results made of the data.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import yaml
 if TYPE_CHECKING:
     from PIL import Image
 
-#: Bytes of a YAML text, and values in it with what aliases repeat.
+#: Most characters of a YAML text, and most values in it, counted as often as aliases repeat them.
 _MAX_YAML, _MAX_NODES = 1 << 20, 100_000
-#: Pixels of a picture: 8192 x 8192.
+#: Most pixels of a picture: 8192 x 8192.
 MAX_PIXELS = 1 << 26
 
 
@@ -44,14 +44,14 @@ _Loader.add_implicit_resolver(
 
 
 class _Dumper(yaml.SafeDumper):
-    """Quotes strings that `_Loader` would not read as text."""
+    """Quotes strings not read as text by `_Loader`."""
 
 
 _Dumper.yaml_implicit_resolvers = _Loader.yaml_implicit_resolvers
 
 
 def dump_yaml(plain: Any, **options: Any) -> str:
-    """Writes plain values as YAML that `load_yaml` reads back; keys keep their order."""
+    """Writes plain values as YAML, to be read back by `load_yaml`; keys keep their order."""
     text: str = yaml.dump(plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, **options)
     return text
 
@@ -60,7 +60,7 @@ def load_yaml(text: str) -> Any:
     """Reads the values of a YAML text.
 
     Raises:
-        ValueError: It is no YAML, has a key twice, or is larger or nested deeper than any of ours.
+        ValueError: The text is not YAML, has a key twice, or is too large or nested too deep.
 
     Example:
         >>> load_yaml("a: [1, 2e-3, '${oc.env:HOME}', 2026-01-01]")
@@ -95,7 +95,7 @@ def load_json(text: str | bytes) -> Any:
     """Reads the values of a JSON text.
 
     Raises:
-        ValueError: It is no JSON, or nested deeper than any of ours.
+        ValueError: The text is not JSON, or is nested too deep.
     """
     try:
         return json.loads(text)
@@ -107,9 +107,9 @@ def open_picture(file: str | Path | IO[bytes]) -> Image.Image:
     """Opens an image with Pillow; its size must be within limits.
 
     Raises:
-        OSError: It cannot be read.
-        SyntaxError: Its header is damaged.
-        ValueError: It has more pixels than `MAX_PIXELS`, or the file is damaged.
+        OSError: The file cannot be read.
+        SyntaxError: The header of the image is damaged.
+        ValueError: The image has more than `MAX_PIXELS` pixels, or the file is damaged.
     """
     from PIL import Image
 

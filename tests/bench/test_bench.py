@@ -376,6 +376,26 @@ def test_two_files_of_one_name_keep_predictions_of_their_own(data: Any, tmp_path
     assert (tmp_path / one.predictions).is_file()
 
 
+def test_predictions_are_whole_or_absent(data: Any, tmp_path: Path) -> None:
+    savez = np.savez_compressed
+
+    def dies(target: Any, **arrays: Any) -> None:
+        savez(target, **arrays)
+        raise KeyboardInterrupt
+
+    stopped = bench(tmp_path, {"force": FORCE}, seeds=1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(np, "savez_compressed", dies)
+        with pytest.raises(KeyboardInterrupt):
+            stopped.run(tiny())
+    assert list((tmp_path / "predictions").iterdir()) == []
+    bench(tmp_path, {"force": FORCE}, seeds=1).run(tiny())
+    (cell,) = load.read_results(tmp_path).cells
+    assert [one.name for one in (tmp_path / "predictions").iterdir()] == [
+        Path(cell.predictions).name
+    ]
+
+
 def test_one_class_and_absent_data_do_not_stop_the_rest(data: Any, tmp_path: Path) -> None:
     data(labels=(1,))
     bench(tmp_path, {"force": FORCE, "hard": HARD}).run(tiny())

@@ -6,6 +6,7 @@
 import importlib.util
 import io
 import json
+import math
 import multiprocessing
 import os
 import pickle
@@ -24,6 +25,7 @@ from types import ModuleType
 from typing import Any
 
 import cv2
+import demonstrated
 import numpy as np
 import pytest
 import torch
@@ -47,12 +49,17 @@ from tactileforge.data.shards import description, index, shards
 from tactileforge.data.shards.fetch import ShardFolder
 from tactileforge.datasets.reading.label_rows import read_labels
 from tactileforge.datasets.reading.layout import parse_layout
+from tactileforge.datasets.reading.layout_keys import FrameTable
 from tactileforge.datasets.reading.pickles import load_pickle
+from tactileforge.datasets.reading.tables import read_force
 from tactileforge.datasets.shards import Shards
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import DataError, SensorError, TactileForgeError
+from tactileforge.files import write_text
+from tactileforge.finite import FiniteWatch
 from tactileforge.hub.files import make_header, open_encoder, save_checkpoint
 from tactileforge.hub.header import read_header
+from tactileforge.hub.inputs import check_clip
 from tactileforge.packing import PackOptions, pack
 from tactileforge.record.options import RecordOptions
 from tactileforge.record.raw import read_raw
@@ -61,6 +68,7 @@ from tactileforge.run_folder import LAST
 from tactileforge.sensors import capture as capture_module
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import Capture
+from tactileforge.sensors.frame_contract import bad_values
 from tactileforge.sensors.opening import within
 from tactileforge.sim.geometry.mesh_files import load_mesh, load_points
 from tactileforge.untrusted import load_json, load_yaml
@@ -266,6 +274,87 @@ def test_kills_while_a_model_is_trained(tmp_path: Path) -> None:
     note("kill -9 of `train`, then `resume=`", kills, f"{kills} went on; the same bits at the end")
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_signals_to_the_group_of_a_run(number: signal.Signals, tmp_path: Path) -> None:
+    """As a scheduler or a closed terminal sends them: to readers of data too."""
+    words = "train scale=demo encoder.image_size=32 batch.size=4 batch.workers=1"
+    words += " data.scenes=3 data.val=1 data.size=32 trainer.limit_val_batches=0"
+    words += " trainer.max_steps=2000 trainer.save_every=2000"
+    last = tmp_path / "run" / LAST
+
+    def ends(*command: str) -> None:
+        os.setpgid(0, 0)
+        sys.exit(cli.run([*command]))
+
+    def steps() -> int:
+        metrics = tmp_path / "run" / "metrics.csv"
+        return metrics.read_text().count("\n") if metrics.exists() else 0
+
+    torch.set_num_threads(1)
+    process = FORK.Process(target=ends, args=(*words.split(), f"hydra.run.dir={tmp_path / 'run'}"))
+    process.start()
+    assert process.pid is not None
+    wait_until(lambda: steps() > 1 or not process.is_alive(), 300)
+    os.killpg(process.pid, number)
+    process.join(120)
+    assert process.exitcode == 130
+    with pytest.raises(ProcessLookupError):  # the readers are gone
+        os.killpg(process.pid, 0)
+    done = read_checkpoint(last)["global_step"]
+    assert 0 < done < 2000
+    again = ("train", f"resume={tmp_path / 'run'}", f"trainer.max_steps={done + 1}")
+    process = FORK.Process(target=ends, args=again)
+    process.start()
+    process.join(300)
+    assert process.exitcode == 0
+    assert read_checkpoint(last)["global_step"] == done + 1
+    assert not list(tmp_path.rglob("*.part"))
+    note(f"{number.name} to all processes of `train`, then `resume=`", 1, "1 saved, and went on")
+
+
+def test_leftovers_of_killed_writers(tmp_path: Path, packed: Path) -> None:
+    """Killed where its part is written and not yet renamed; the next write takes it away."""
+    axis = Axis(0.1, {"area": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    calibration = Calibration(sensor="digit", force=ForceModel("pictures", 3.0, 0.0, {"z": axis}))
+    rows = index.parse_index((packed / index.NAME).read_bytes(), "x").splits
+    state = {"state_dict": {"w": torch.zeros(9)}}
+    one = demonstrated.packed(next(iter(Shards(str(packed)).recordings("train"))))
+    writers: dict[str, Callable[[Path], object]] = {
+        "text": lambda folder: write_text(folder / "a.html", "x"),
+        "calibration": lambda folder: calibration.save(folder / "digit.yaml"),
+        "index": lambda folder: index.Index("a", rows).save(folder),
+        "model": _model,
+        "checkpoint": lambda folder: checkpoints.AtomicCheckpointIO("a").save_checkpoint(
+            state, folder / LAST
+        ),
+        "shard": lambda folder: shards.write_shard(folder / "train-000000.tar", [one]),
+        "package": lambda folder: cli.run(["plugins", "new", "verb", "mine", f"out={folder}"]),
+        "LeRobot data set": lambda folder: write_dataset(
+            [touch(0, frames=4)], folder / "set", LeRobotOptions(images="png")
+        ),
+    }
+
+    def dies(write: Callable[[Path], object], folder: Path) -> None:
+        def kill(*_: object) -> None:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+        Path.replace = os.replace = kill  # type: ignore[assignment,method-assign]
+        write(folder)
+
+    for what, write in writers.items():
+        folder = tmp_path / what
+        folder.mkdir()
+        process = FORK.Process(target=dies, args=(write, folder))
+        process.start()
+        process.join(120)
+        assert process.exitcode == -signal.SIGKILL, what
+        assert any(".part" in path.name for path in folder.rglob("*")), what
+        write(folder)
+        assert not any(".part" in path.name for path in folder.rglob("*")), what
+    count = len(writers)
+    note("leftovers of killed writers, then the same again", count, f"{count} whole, 0 left over")
+
+
 def test_kills_while_shards_are_packed(tmp_path: Path, packed: Path) -> None:
     rng = np.random.default_rng(2)
     for number in range(5):
@@ -410,6 +499,68 @@ def test_random_bytes(tmp_path: Path, packed: Path) -> None:
             except PLAIN.get(kind, ()):  # read by others of ours, who name the file
                 named += 1
         note(f"random bytes to the reader of: {kind}", 100, f"{named} named, 0 tracebacks")
+
+
+# numbers that are none
+
+
+def _wrench(value: float) -> None:
+    spec = SensorSpec(
+        name="force", height=0, width=0, fps=100.0, kind="wrench", area_mm=None, force_scale=None
+    )
+    frame = Frame(array=np.zeros((0, 0, 3), np.uint8), time=1.0, raw=np.full(6, value, np.float32))
+    if bad_values(frame, spec):
+        raise SensorError("dropped and counted")
+
+
+def _forces(folder: Path, word: str) -> None:
+    path = folder / "forces.csv"
+    path.write_text(f"fx,fy,fz\n0,0,1\n0,0,{word}\n")
+    table = FrameTable(path.name, None, ("fx", "fy", "fz"))
+    force = read_force(table, path, np.array([0.0, 0.1]), "digit")
+    if math.isnan(force[1, 2]) and force[0, 2] == 1:
+        raise DataError("missing, and the other row is kept")
+
+
+def _weights(value: float) -> None:
+    layer = torch.nn.Linear(2, 2)
+    with torch.no_grad():
+        layer.bias[1] = value
+    FiniteWatch(["pixel"]).check(layer, [], 3)
+
+
+def test_numbers_that_are_not_finite(tmp_path: Path) -> None:
+    """Refused with a name, or a label that is missing: nothing learns from NaN, inf or 1e30."""
+    still = np.full((2, 48, 64, 3), 90, np.uint8)
+    found = 0
+    for word in ("nan", "inf", "-inf", "1e30"):
+        odd = np.full((2, 48, 64, 3), float(word), np.float32)
+        doors: dict[str, Callable[[], object]] = {
+            "frames": partial(check_clip, odd),
+            "a background": partial(check_clip, still, odd[0]),
+            "a wrench": partial(_wrench, float(word)),
+            "forces": partial(_forces, tmp_path, word),
+        }
+        if word != "1e30":  # which a weight may be
+            doors |= {
+                "weights": partial(_weights, float(word)),
+                "a calibration": partial(_calibrated, tmp_path, float(word)),
+            }
+        for what, door in doors.items():
+            try:
+                door()
+            except TactileForgeError:
+                found += 1
+            else:
+                pytest.fail(f"{what}: {word} is taken")
+    note("numbers that are not finite, or cannot be", found, f"{found} named or missing")
+
+
+def _calibrated(folder: Path, value: float) -> None:
+    path = folder / "odd.yaml"
+    axis = Axis(value, {"area": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    Calibration(sensor="digit", force=ForceModel("pictures", 3.0, 0.0, {"z": axis})).save(path)
+    load_calibration(path)
 
 
 # structures that mean nothing
@@ -679,7 +830,7 @@ def test_two_at_once(tmp_path: Path) -> None:
         started.clear()
         process = FORK.Process(target=hold, args=(claim,), daemon=True)
         process.start()
-        assert started.wait(10), what
+        assert started.wait(60), what
         with pytest.raises(TactileForgeError, match="another"), claim():
             pass
         process.kill()

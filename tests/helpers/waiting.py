@@ -7,7 +7,7 @@ import pytest
 
 
 def wait_until(
-    holds: Callable[[], object], seconds: float = 10, what: str = "it does not come"
+    holds: Callable[[], object], seconds: float = 60, what: str = "it does not come"
 ) -> None:
     """Waits until a condition holds; a test that would hang fails after so many seconds."""
     end = time.monotonic() + seconds

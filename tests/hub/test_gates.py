@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,11 @@ def test_half_of_the_tasks_or_one_kind_of_tokens_is_not_enough() -> None:
     assert not gate_passes([])
     assert gate_verdict([]) == "not measured"
     assert gate_verdict(rows(2)) == "fails: 2 of 5 pooled, 2 of 5 summary, 2 of 5 patches"
+
+
+def test_what_does_not_count_is_neither_won_nor_lost() -> None:
+    counted = [replace(row, counted=i != 0) for i, row in enumerate(rows(3, tokens=("pooled",)))]
+    assert count_won(counted, "pooled") == (2, 4)
 
 
 def test_pixels_have_to_be_beaten_too() -> None:

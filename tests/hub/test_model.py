@@ -16,6 +16,7 @@ from torch import Tensor
 import tactileforge
 from tactileforge.contracts import NEUTRAL_BACKGROUND
 from tactileforge.data.frames.lazy import VideoFrames
+from tactileforge.encoders.feature_groups import SCALES
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError
@@ -313,3 +314,51 @@ def test_what_a_model_says_of_itself(model: Model) -> None:
     assert (model.frames, model.projected, str(model.device)) == (4, 512, "cpu")
     with pytest.raises(ConfigError, match="did you mean 'tokens'"):
         model.features(np.zeros(1), tap="token")  # type: ignore[arg-type]
+
+
+def test_groups_are_those_of_the_encoder(model: Model, frames: np.ndarray) -> None:
+    groups = model.groups(frames, "first", "digit")
+    assert {name: values.shape[1] for name, values in groups.items()} == model.group_sizes
+    summary = model.features(frames, "first", "digit", tap="summary")
+    torch.testing.assert_close(groups["summary"], summary)
+    change = frames[:, -1].astype(float) - frames[:, 0]  # (B, 40, 48, 3)
+    cells = change.reshape(2, 8, 5, 8, 6, 3).mean((2, 4)).transpose(0, 3, 1, 2)
+    found = groups["difference"].view(2, 2, 3, 8, 8)
+    for half in (0, 1):
+        np.testing.assert_allclose(found[:, half], cells, atol=1e-4)
+    one = model.groups(frames[1], "first", "digit", names=["difference"], batch_size=1)
+    assert list(one) == ["difference"]
+    torch.testing.assert_close(one["difference"], groups["difference"][1])
+
+
+def test_no_network_runs_for_free_groups(
+    model: Model, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(type(model.encoder), "forward", lambda *_: pytest.fail("it ran"))
+    groups = model.groups(frames, "first", "digit", names=["statistics", "difference"])
+    assert list(groups) == ["difference", "statistics"]
+    with pytest.raises(ConfigError, match="photographs"):
+        model.groups(frames, "first", "digit", names=["photographs"])
+
+
+def test_groups_are_joined_with_fixed_factors(model: Model, frames: np.ndarray) -> None:
+    names = ["statistics", "summary"]
+    groups = model.groups(frames, "first", "digit", names=names)
+    wanted = [SCALES[name] * groups[name] for name in ("summary", "statistics")]
+    found = model.encode(frames, "first", "digit", groups=names)
+    torch.testing.assert_close(found, torch.cat(wanted, 1))
+    every = model.encode(frames[0], "first", "digit", groups="all")
+    assert every.shape == (sum(model.group_sizes.values()),)
+    torch.testing.assert_close(every[:960], found[0, :960], rtol=1e-4, atol=1e-4)
+    assert model.encode(frames, "first", "digit").shape == (2, model.projected)
+    with pytest.raises(ConfigError, match="give a list of names"):
+        model.encode(frames, "first", "digit", groups="summary")  # type: ignore[arg-type]
+
+
+def test_a_weaker_touch_has_a_smaller_vector(model: Model) -> None:
+    """No norm touches the difference, of a model whose own vectors have a fixed length or not."""
+    still = np.full((40, 48, 3), 100, np.uint8)
+    weak, strong = (np.stack([still, still, still, still + up]) for up in (10, 40))
+    once, more = (model.encode(x, still, "digit", groups=["difference"]) for x in (weak, strong))
+    assert once[:192].min() > 0
+    torch.testing.assert_close(more, 4 * once)

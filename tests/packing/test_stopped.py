@@ -74,7 +74,7 @@ def test_a_run_that_is_stopped_goes_on(
     process.communicate(timeout=30)
     assert process.returncode != 0
     assert not (out / "index.json").exists()
-    wait_until(lambda: not any(map(is_alive, workers)), 10)
+    wait_until(lambda: not any(map(is_alive, workers)), 60)
     noted = {path.stem for path in (out / ".pack").glob("train-*.json")}
     made = {name: (out / f"{name}.tar").stat().st_mtime_ns for name in noted}
     pack(packable.Touches(), "touches", out, OPTIONS)

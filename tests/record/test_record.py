@@ -541,7 +541,7 @@ def test_a_sensor_that_dies_in_silence_ends_the_recording(scripted, options, mon
         raise SystemExit(0)
 
     changes = {
-        "blocks": lambda frame: release.wait(20) and frame,
+        "blocks": lambda frame: release.wait(60) and frame,
         "exits": leave,
         "untimed": lambda frame: replace(frame, time=float("nan")),
         "backwards": lambda frame: replace(frame, time=frame.time - 5),
@@ -611,7 +611,7 @@ def test_sensors_that_hang_while_they_open_or_close_are_left_behind(scripted, op
     release = threading.Event()
 
     def hang():
-        release.wait(20)
+        release.wait(60)
 
     one, other = scripted(fps=60), scripted(fps=60)
     one.open = hang

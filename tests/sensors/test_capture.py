@@ -134,7 +134,7 @@ def watched(sensor, until, **options):
 
 def test_a_driver_that_blocks_is_noticed_from_outside(scripted):
     release = threading.Event()
-    sensor = scripted(fps=200, events={20: lambda frame: release.wait(10) and frame})
+    sensor = scripted(fps=200, events={20: lambda frame: release.wait(60) and frame})
     capture = watched(sensor, lambda c: c.error, silence=0.2, reconnect=0.2)
     assert re.fullmatch(
         r"left: read\(\) of its driver has not returned for \d+\.\d s; it is left behind: plug "
@@ -149,7 +149,7 @@ def test_a_driver_that_blocks_is_noticed_from_outside(scripted):
 
 def test_a_driver_that_blocks_for_a_while_comes_back(scripted):
     release = threading.Event()
-    sensor = scripted(fps=200, limit=60, events={20: lambda frame: release.wait(10) and frame})
+    sensor = scripted(fps=200, limit=60, events={20: lambda frame: release.wait(60) and frame})
     capture = watched(sensor, lambda c: c.is_lost, silence=0.5)
     release.set()
     wait_until(lambda: capture.is_done)
@@ -217,7 +217,7 @@ def test_a_rate_sinks_while_nothing_comes(scripted, monkeypatch):
 def test_calls_that_hang_or_exit_are_left_behind():
     release = threading.Event()
     with pytest.raises(SensorError, match=r"a: open\(\) of its driver has not returned"):
-        within(0.1, "a: open()", lambda: release.wait(10))
+        within(0.1, "a: open()", lambda: release.wait(60))
     release.set()
     with pytest.raises(SensorError, match=r"a: open\(\) of its driver ends with SystemExit"):
         within(1, "a: open()", lambda: sys.exit(0))

@@ -139,7 +139,8 @@ def test_light_is_no_force(kind, sensor):
     assert force.isnan().all()
     with pytest.warns(UserWarning, match=r"surface: 4 of 4 frames have none \(NaN\): the light"):
         assert tiny().surface(clip, still, sensor).isnan().all()
-    vector = tiny().encode(clip, still, sensor)
+    with pytest.warns(UserWarning, match="in 4 of 4 frames the light has changed"):
+        vector = tiny().encode(clip, still, sensor)
     assert vector.isfinite().all()
 
 
@@ -156,6 +157,37 @@ def test_a_touch_in_a_batch_keeps_force_and_surface_to_the_bit():
         surface = tiny().surface(both, still, "digit")
     assert surface[0].isfinite().all()
     assert surface[1].isnan().all()
+
+
+@pytest.mark.slow
+def test_all_that_reads_clips_says_that_the_light_has_changed():
+    rest, size = resting(SIZES["digit"]), SIZES["digit"]
+    still = shown(rest, 9)
+    both = np.stack([clip_of(pressed(size)), clip_of(rest + 10)])
+    asked = (both, still, "digit")
+    with pytest.warns(UserWarning, match="clips: in 4 of 8 frames the light has changed") as said:
+        tiny().features(*asked, tap="cls")
+    assert said[0].filename == __file__
+    with pytest.warns(UserWarning, match="clips: in 4 of 8 frames the light has changed") as said:
+        tiny().groups(*asked, names=["difference"])
+    assert said[0].filename == __file__
+    with pytest.warns(UserWarning, match="head force: in 4 of 8 frames the light has") as said:
+        tiny().read_head("force", *asked)
+    assert said[0].filename == __file__
+    with pytest.warns(UserWarning, match=r"force_inputs: 3 of 6 frames have none \(NaN\)"):
+        inputs = tiny().force_inputs(*asked)
+    assert {"x", "y", "z", "hidden0"} <= inputs.keys()
+    for values in inputs.values():
+        assert values[0].isfinite().all()
+        assert values[1].isnan().all()
+    with pytest.warns(UserWarning, match="of 4 frames the light has changed"):
+        tiny().encode_video(both[1], still, "digit", times=np.arange(4) / 15)
+    with warnings.catch_warnings():  # touch alone, or nothing to compare with
+        warnings.simplefilter("error")
+        tiny().encode(both[:1], still, "digit")
+        tiny().read_head("force", both[:1], still, "digit")
+        assert tiny().force_inputs(both[:1], still, "digit")["z"].isfinite().all()
+        tiny().encode(both, "none", "digit")
 
 
 @pytest.mark.slow

@@ -149,7 +149,7 @@ def test_drivers_that_hang_or_fail_are_connection_errors(monkeypatch):
     made = TactileForgeCamera(config())
     broken = Broken()
     monkeypatch.setattr(TactileForgeCameraConfig, "build", lambda self: broken)
-    broken.open = lambda: release.wait(20)
+    broken.open = lambda: release.wait(60)
     with pytest.raises(ConnectionError, match=r"open\(\) of its driver has not returned"):
         made.connect()
     for error in (RuntimeError("no SDK"), ValueError("x"), ConfigError("no port")):
@@ -163,7 +163,7 @@ def test_drivers_that_hang_or_fail_are_connection_errors(monkeypatch):
         assert not made.is_connected
     broken.open = lambda: None
     made.connect()
-    broken.close = lambda: release.wait(20)
+    broken.close = lambda: release.wait(60)
     with pytest.raises(ConnectionError, match=r"cannot be closed: .*has not returned"):
         made.disconnect()
     assert not made.is_connected

@@ -1,5 +1,6 @@
 """``data lerobot`` and ``data embed`` as commands, and the data set as a plugin."""
 
+import os
 import subprocess
 import sys
 
@@ -44,9 +45,9 @@ def test_what_is_recorded_is_a_demonstration_in_lerobots_format(tmp_path, capsys
     out = tmp_path / "demos"
     words = ["sensor=sim", "sensor.sim.size=32", "sensor.sim.type=digit", "robot=sim_robot"]
     words += ["robot.joints=2", "seconds=1.5", "background.seconds=0", "text=press", f"out={out}"]
-    done = subprocess.run(
-        [sys.executable, "-m", "tactileforge", "record", *words], capture_output=True, text=True
-    )
+    one = os.environ | {"OMP_NUM_THREADS": "1"}  # a busy machine
+    command = [sys.executable, "-m", "tactileforge", "record", *words]
+    done = subprocess.run(command, capture_output=True, text=True, env=one)
     assert done.returncode == 0, done.stderr
     data = ["data=shards", f"data.root={out}"]
     assert cli.run(["data", "lerobot", *data, f"out={tmp_path / 'set'}", "lerobot.fps=10"]) == 0

@@ -17,6 +17,7 @@ from tactileforge import registry
 from tactileforge.cli import _options, _verbs
 from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError, PluginError, SensorError, command, unknown
+from tactileforge.files import new_part, write_text, writing
 
 _KINDS = [kind.removesuffix("s") for kind in (*registry.KINDS, *registry.MODULES)]
 
@@ -230,11 +231,12 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
     longest_first = sorted(words, key=len, reverse=True)
     pattern = re.compile("|".join(map(re.escape, longest_first)))
     source = files("tactileforge.example") / "tactileforge-example"
-    for path in _paths(kind):
-        text = _sections_of(kind, source.joinpath(path).read_text("utf-8"))
-        target = folder / pattern.sub(lambda match: words[match[0]], path)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(pattern.sub(lambda match: words[match[0]], text), "utf-8")
+    with writing(folder), new_part(folder) as part:
+        for path in _paths(kind):
+            text = _sections_of(kind, source.joinpath(path).read_text("utf-8"))
+            target = part / pattern.sub(lambda match: words[match[0]], path)
+            write_text(target, pattern.sub(lambda match: words[match[0]], text))
+        part.replace(folder)
     install = shlex.join(["pip", "install", "-e", str(folder)])
     check = ("plugins", "check", name)
     then = ("bench", f"suite={name}", "--cfg", "job") if kind == "suite" else check

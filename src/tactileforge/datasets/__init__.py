@@ -1,1 +1,1 @@
-"""Built-in datasets: one class a file, registered by entry point like anyone's."""
+"""Built-in data sets: one class a file, registered by entry points like those of plugins."""

@@ -25,19 +25,19 @@ _LISTS = {
 
 
 class Cloth(PublishedDataset):
-    """Active Clothing: each grasp is a recording, whose first frame is without contact.
+    """Active Clothing: each grasp is a recording, its first frame without contact.
 
-    `cloth_metadata.json` has eleven integers a cloth; the last is its class of textile, one of 20.
-    They are kept as ``attribute_0`` to ``attribute_9`` and ``class``.
+    `cloth_metadata.json` has eleven integers per cloth; the last is its class of textile, one of
+    20. They become the labels ``attribute_0`` to ``attribute_9`` and ``class``.
 
     Args:
         root: The folder ``Data_ICRA18``.
         split: One of ``splits``; all but `all` read their lists from the root.
-        val: Share of the cloths that is held out.
-        fps: Frames per second; it is not published.
+        val: Share of the cloths held out for validation.
+        fps: Frames per second; the true rate is not published.
 
     Raises:
-        ConfigError: See `PublishedDataset`.
+        ConfigError: An unknown split, or ``val`` outside 0..1.
     """
 
     name = "cloth"
@@ -89,7 +89,7 @@ class Cloth(PublishedDataset):
         )
 
     def _sides(self) -> dict[tuple[str, str], str]:
-        """Side by cloth and trial, as the lists of the split have it."""
+        """Side of the split by cloth and trial, from the split's lists."""
         sides = {}
         for side, name in zip(("train", "test"), _LISTS.get(self.split, ()), strict=False):
             for entry in self._read(name).values():
@@ -104,7 +104,7 @@ class Cloth(PublishedDataset):
         return sides
 
     def _read(self, name: str) -> Mapping[str, Any]:
-        """A JSON object below the root whose keys are plain numbers."""
+        """A JSON object from a file in the root, its keys without leading zeros."""
         path = self.root / name
         if not path.is_file():
             raise self._missing(f"no file {path}")
@@ -116,6 +116,6 @@ class Cloth(PublishedDataset):
 
 
 def _plain(number: Any) -> str:
-    """A number without leading zeros: folders and lists write them in different ways."""
+    """A number without leading zeros: folders and lists differ in them."""
     text = str(number)
     return str(int(text)) if text.isdigit() else text

@@ -1,4 +1,4 @@
-"""The data set ``feel``: a gripper with two GelSights tries to lift objects."""
+"""The data set ``feel``: attempts of a gripper with two GelSights to lift objects."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ class Feel(PublishedDataset):
     """The Feeling of Success, unpacked: a grasp and a finger are a recording of three frames.
 
     Frames are those before, during and after the grasp, one second apart (their times are not
-    published); the first is without contact. The layout is that of AnyTouch's `feel_data.py`, which
-    unpacks ``calandra_corl2017_*.h5``; ``is_gripping`` says whether the object was lifted.
+    published); the first is without contact. The layout is the one written by AnyTouch's
+    `feel_data.py` from ``calandra_corl2017_*.h5``; ``is_gripping`` is 1 for a lifted object.
 
     Args:
         root: Folder with `feel.csv`.
         split: One of ``splits``.
-        val: Share of the objects that is held out.
+        val: Share of the objects held out for validation.
 
     Raises:
-        ConfigError: See `PublishedDataset`.
+        ConfigError: An unknown split, or ``val`` outside 0..1.
     """
 
     name = "feel"

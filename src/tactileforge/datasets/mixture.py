@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 
 class Mixture:
-    """Several data sets; every batch holds a fixed share of each.
+    """Several data sets as one; every batch holds a fixed share of each.
 
-    Objects are told apart by data set: ``cup`` of one is not the ``cup`` of another. On the command
+    Objects are distinct between data sets: ``cup`` of one is not the ``cup`` of another. Command
     line: ``data=mixture +data@data.sources.a=sim +data@data.sources.b=octopi data.weights.b=2``.
 
     Args:
-        sources: Configuration of each data set, by the name it has here: ``name`` is the plugin;
-            null leaves one out.
-        weights: Share of a batch relative to the others, by that name; those that are left out
-            take their share of all clips.
+        sources: Configuration of each data set, by a name of its own: ``name`` is the plugin; null
+            drops one.
+        weights: Weight of each data set in a batch, by that name; without one, its share of a
+            batch is its share of all clips.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Mixture:
         """The data sets, by name.
 
         Raises:
-            ConfigError: There is none, or one is a mixture itself.
+            ConfigError: There are no sources, or one is a mixture itself.
         """
         if not self.given:
             raise ConfigError(
@@ -59,17 +59,17 @@ class Mixture:
 
     @property
     def provides(self) -> frozenset[str]:
-        """Labels that any of the data sets provides."""
+        """Labels provided by any of the data sets."""
         return frozenset[str]().union(*(data.provides for data in self.datasets.values()))
 
     @property
     def skipped(self) -> list[str]:
-        """Recordings that could not be read, of all data sets."""
+        """Lines about the unreadable recordings of all data sets."""
         return [line for data in self.datasets.values() for line in data.skipped]
 
     @property
     def notes(self) -> list[str]:
-        """What is not clear of recordings, of all data sets."""
+        """Lines about doubtful recordings of all data sets."""
         noted = ((name, getattr(data, "notes", ())) for name, data in self.datasets.items())
         return [f"{name}: {line}" for name, lines in noted for line in lines]
 
@@ -101,7 +101,7 @@ class Mixture:
 
 @dataclass(frozen=True)
 class _Named:
-    """A part whose recordings carry the name of their data set."""
+    """A part of a source; prefixes its recordings with the name of their data set."""
 
     name: str
     part: Part

@@ -22,18 +22,18 @@ from tactileforge.errors import DataError
 class ObjectFolderReal(PublishedDataset):
     """ObjectFolder Real: a folder ``gelsight`` is a recording, its first frame the background.
 
-    The names of the camera images are not those of the touches: `contact_text_obj.csv` of TacQuad
-    pairs them (touch, vision, number of a text): a recording has one view for each touch that is
-    listed, at the time of that touch. Without it, recordings have no view.
+    Camera images and touches have different names: `contact_text_obj.csv` of TacQuad pairs them
+    (touch, vision, number of a text). A recording has one view for each listed touch, at its time;
+    without the file, recordings have no view.
 
     Args:
         root: Folder with ``tactile``, or that folder itself.
         split: One of ``splits``.
-        val: Share of the recordings that is held out.
-        fps: Frames per second; the rate of the files is not published.
+        val: Share of the recordings held out for validation.
+        fps: Frames per second; the true rate is not published.
 
     Raises:
-        ConfigError: See `PublishedDataset`.
+        ConfigError: An unknown split, or ``val`` outside 0..1.
     """
 
     name = "objectfolder_real"
@@ -82,7 +82,7 @@ class ObjectFolderReal(PublishedDataset):
 
 
 def _views(tactile: Path) -> dict[Path, dict[int, Path]]:
-    """The camera image of each touch that is listed, by folder and number."""
+    """The camera image of each listed touch, by folder and number."""
     pairs: dict[Path, dict[int, Path]] = defaultdict(dict)
     index = tactile.parent / "contact_text_obj.csv"
     for i, row in enumerate(read_rows(index) if index.is_file() else (), start=1):

@@ -26,16 +26,16 @@ class Octopi(PublishedDataset):
     """Octopi: each video is a recording; its first frames are without contact.
 
     Ranks and words of three properties, and the official split, come from `constants.py` of
-    Octopi's code. It is read as data, not run. Without it there are no ranks; objects that it does
-    not name have none either, and the official split leaves them out.
+    Octopi's code, parsed and not executed. Objects missing from it have no ranks, and are left out
+    of the official split; without the file, no object has ranks.
 
     Args:
         root: Checkout of Octopi, or the folder of the videos.
         split: One of ``splits``.
-        val: Share of the objects that is held out, where the split names none.
+        val: Share of the objects held out for validation; unused by a split with its own.
 
     Raises:
-        ConfigError: See `PublishedDataset`.
+        ConfigError: An unknown split, or ``val`` outside 0..1.
     """
 
     name = "octopi"
@@ -89,7 +89,7 @@ def _place(path: Path) -> tuple[str, int]:
 
 
 def _constants(root: Path) -> dict[str, Any]:
-    """The literals of Octopi's constants, by name; {} where the file is not there."""
+    """The literals of Octopi's constants, by name; {} without the file."""
     places = (root / "utils", root / "src" / "utils", root.parent / "utils", root)
     path = next((p / "constants.py" for p in places if (p / "constants.py").is_file()), None)
     if path is None:
@@ -114,7 +114,7 @@ def _constants(root: Path) -> dict[str, Any]:
 
 
 def _ranks(name: str, constants: dict[str, Any]) -> dict[str, tuple[float, str]]:
-    """Rank and word of each property of an object; {} where it has none."""
+    """Rank and word of each property of an object; {} without any."""
     ranks = {}
     for key in _PROPERTIES:
         rank = constants.get(f"{key.upper()}_RANK", {}).get(name)

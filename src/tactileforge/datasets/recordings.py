@@ -24,13 +24,13 @@ from tactileforge.untrusted import load_yaml
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: A file of this name in the root describes the data that it came with.
+#: Name of a file in the root with the layouts of its data.
 LAYOUT_FILE = "tactileforge.yaml"
 
 
 @dataclass(frozen=True)
 class LayoutFile:
-    """Contents of that file."""
+    """Contents of `LAYOUT_FILE`."""
 
     layouts: dict[str, Any] = field(metadata={"example": "{my_touches: {...}}"})
 
@@ -40,12 +40,12 @@ class Recordings:
 
     Args:
         root: Folder of the data.
-        layouts: Layout by name. Without any, ``tactileforge.yaml`` in the root is read, whose one
-            key is ``layouts``. None leaves one out, also of that file.
-        val: Share that is held out for validation, where the labels do not say what is.
+        layouts: Layouts by name; None drops one. Without any, those under the key ``layouts`` of
+            ``tactileforge.yaml`` in the root, less the dropped ones.
+        val: Share held out for validation; unused by layouts with a split in their labels.
 
     Raises:
-        ConfigError: A layout is wrong; names it and the key.
+        ConfigError: A layout is invalid; names it and the key.
 
     Example:
         >>> cups = {"videos": "*.mp4", "sensor": "digit", "object": "cup", "background": "none"}
@@ -69,7 +69,7 @@ class Recordings:
 
     @cached_property
     def layouts(self) -> list[DatasetLayout]:
-        """The layouts that were given, or those of the root."""
+        """The layouts of the configuration, or those of the root."""
         if self._given:
             return self._parsed
         shipped = _shipped(self.root)
@@ -83,7 +83,7 @@ class Recordings:
 
     @property
     def provides(self) -> frozenset[str]:
-        """Labels that at least one layout gives; none where the root says nothing."""
+        """Labels provided by at least one layout; empty without a file of layouts."""
         try:
             return frozenset(label for layout in self.layouts for label in layout.provides)
         except DataNotFoundError:
@@ -91,22 +91,22 @@ class Recordings:
 
     @property
     def notes(self) -> list[str]:
-        """What is not clear of the recordings that were read; a line for each kind."""
+        """Doubts about the recordings read so far, one line per kind."""
         return self._noted.lines()
 
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split, layout by layout, files in natural order.
 
-        A recording that cannot be opened, or whose background or camera view cannot, is left out
-        and listed in ``skipped``.
+        A recording is left out and listed in ``skipped`` if it, its background or its camera view
+        cannot be opened.
 
         Args:
             split: ``train`` or ``val``.
 
         Raises:
             DataNotFoundError: A folder or file is missing.
-            DataError: Labels contradict the files, or not one recording for training can be opened.
-            ConfigError: An unknown split, or a label that names an unknown sensor or action.
+            DataError: Labels contradict the files, or no recording for training can be opened.
+            ConfigError: An unknown split, or an unknown sensor or action in a label.
         """
         if split not in ("train", "val"):
             raise ConfigError(unknown("split", split, ("train", "val")))
@@ -137,14 +137,14 @@ class Recordings:
             raise DataError(f"not one of {len(failed)} recordings can be opened; {failed[0]}")
 
     def plot(self, recording: Recording) -> Figure:
-        """A figure of a recording: frames, their difference to the background, forces, actions."""
+        """A figure of a recording: frames, frames less the background, forces, actions."""
         from tactileforge.datasets.reading.figure import plot
 
         return plot(recording)
 
 
 def _labelled(reader: LayoutReader, touch: LayoutTouch) -> list[Recording] | str:
-    """Recordings of a touch; or, where one of its files is damaged, a line that says so."""
+    """Recordings of a touch, or a line about a damaged file of it."""
     try:
         frames = reader.open(touch)
     except DataError as error:
@@ -156,7 +156,7 @@ def _labelled(reader: LayoutReader, touch: LayoutTouch) -> list[Recording] | str
 
 
 def _side(layout: DatasetLayout, touch: LayoutTouch, val: float) -> str:
-    """``train``, ``val``, or ``time`` for a touch of which some frames belong to each."""
+    """``train``, ``val``, or ``time`` for a touch with frames in both."""
     row = touch.row
     side = row.fill(layout.split)
     if side == "recording":
@@ -186,7 +186,7 @@ def _as_plain(config: Any) -> Any:
 
 
 def _shipped(root: Path) -> dict[str, DatasetLayout]:
-    """The layouts of the file that came with the data, by name."""
+    """The layouts of the data's `LAYOUT_FILE`, by name."""
     path = root / LAYOUT_FILE
     if not root.is_dir():
         raise DataNotFoundError(f"{root}: no such folder; set data.root to the folder of the data")
@@ -196,7 +196,7 @@ def _shipped(root: Path) -> dict[str, DatasetLayout]:
             f"it, or write it, for example:\n{EXAMPLE}"
         )
     try:
-        content = load_yaml(read_text(path))  # never interpolated
+        content = load_yaml(read_text(path))  # without interpolation: the file is untrusted
     except ValueError as error:
         raise ConfigError(f"{path}: {error}; correct it") from error
     given = {

@@ -1,4 +1,4 @@
-"""The data set ``shards``: tar files of recordings, as `tactileforge data pack` writes them."""
+"""The data set ``shards``: tar files of recordings, written by `tactileforge data pack`."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ _SPLITS = ("train", "val")
 class Shards:
     """Shards of a folder, with ``index.json`` (`docs/shards.md`).
 
-    They may be on this machine or behind a URL; then they are fetched when they are needed,
-    checked and kept. A folder of this machine may be without an index: its ``train-*.tar`` and
-    ``val-*.tar`` are then opened at once.
+    They may be on this machine or behind a URL. Remote shards are fetched on demand, verified and
+    cached. A local folder may lack an index: all of its ``train-*.tar`` or ``val-*.tar`` are then
+    opened at once.
 
     Args:
         root: Folder of the shards, or its URL.
-        cache: Where shards of a URL are kept; None for the folder of the user.
-        cache_gb: What they may take, GB; None for no limit. It must hold what all readers read at
-            a time.
-        val: Share of the training that is held out for validation; 0 takes the shards of
-            validation as they are. All recordings are then opened at once.
-        hold_out: Unit of that share: ``take`` for whole takes, with all their sensors; ``object``
+        cache: Folder of the cache for remote shards; None for the user's cache folder.
+        cache_gb: Size limit of the cache, GB; None for no limit. It must hold the shards read by
+            all workers at a time.
+        val: Share of the training held out for validation, with all recordings opened at once; 0
+            uses the stored shards of validation only.
+        hold_out: Unit of holding out: ``take`` for whole takes, with all their sensors; ``object``
             for all takes of an object; ``time`` for stretches of half a second.
 
     Raises:
         ConfigError: A share outside 0..1, or an unknown unit.
     """
 
-    #: What shards may carry; what they do carry is in the index.
+    #: Possible labels of shards; the index lists those of its shards.
     provides = frozenset({"force", "action", "object", "text", "image", "surface"})
 
     def __init__(
@@ -74,12 +74,12 @@ class Shards:
 
     @cached_property
     def index(self) -> Index | None:
-        """The index; None for a folder of this machine that has none.
+        """The index; None for a local folder without one.
 
         Raises:
             DataNotFoundError: There is neither an index nor a shard.
-            DataError: The index is damaged, or cannot be fetched; or the shards are of another
-                program.
+            DataError: The index is damaged or cannot be fetched, or the shards were written by
+                another program.
         """
         folder = self.folder
         if folder.remote or (folder.path / index.NAME).exists():
@@ -95,7 +95,7 @@ class Shards:
         return None
 
     def sources(self, split: str) -> list[Source]:
-        """One source, of one part a shard; see `data.batches.sources.Sharded`.
+        """One source with a part per shard; see `data.batches.sources.Sharded`.
 
         Args:
             split: ``train`` or ``val``.
@@ -111,7 +111,7 @@ class Shards:
         return self._stored(split)
 
     def _held_out(self, split: str) -> list[Source]:
-        """One source of the recordings that are held out, or of the others."""
+        """One source of the held-out recordings, or of the others."""
         stored = {side: self._stored(side) for side in _SPLITS}
         content = [
             part_of_it
@@ -146,7 +146,7 @@ class Shards:
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split, shard after shard.
 
-        What is damaged is left out and listed in ``skipped``.
+        Damaged recordings are left out and listed in ``skipped``.
 
         Args:
             split: ``train`` or ``val``.
@@ -200,7 +200,7 @@ class _Shard:
         return self.entry.summary.seconds
 
     def open(self, bad: Bad) -> Iterator[Recording]:
-        """Fetches the shard if need be, yields its recordings; see `data.batches.sources.Part`."""
+        """Fetches the shard on demand, yields its recordings; see `data.batches.sources.Part`."""
         left, lines = self.recordings, []
         try:
             path = self.folder.get(self.entry.file, self.entry.bytes, self.entry.sha256)

@@ -1,4 +1,4 @@
-"""The data set ``sim``: simulated touch, made on demand from a seed and kept on disk."""
+"""The data set ``sim``: simulated touch, generated on demand from a seed and cached on disk."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ if TYPE_CHECKING:
 class Sim:
     """Objects pressed, slid or turned, and lifted, on several sensors at once.
 
-    Forces are exact; see `docs/simulator.md`. The first use simulates, and keeps the touches in
-    the folder ``cache``; whatever changes them has a folder of its own there.
+    Forces are exact; see `docs/simulator.md`. The first use simulates, and caches the touches in
+    ``cache``, in a folder of its own for each configuration and version of the simulator.
 
     Args:
-        scenes: Number of touches for training; each is one recording a sensor.
+        scenes: Number of touches for training; each gives one recording per sensor.
         val: Number of touches for validation.
         sensors: Types of sensors, see `sensors.specs.SIMULATED`.
-        indenters: ``few`` (twelve for pretraining), ``pretrain`` (all 61), ``bench`` (validation
-            has indenters of its own), ``textures``, ``all``, or names of shapes.
+        indenters: ``few`` (twelve for pre-training), ``pretrain`` (all 61), ``bench`` (validation
+            on indenters of its own), ``textures``, ``all``, or names of shapes.
         motions: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or names of motions.
-        size: Rows or columns of a frame, whichever are fewer.
-        action_seconds: Mean duration of one action.
-        force: Lowest and highest of the largest normal forces, N.
-        markers: Whether the gels have markers; None as their types have.
+        size: Shorter side of a frame, pixels.
+        action_seconds: Mean duration of one action, s.
+        force: Range of the largest normal force of a touch, lowest and highest, N.
+        markers: Whether the gels have markers; None for their types' default.
         viscosity: Relaxation time of the gels, s; forces then lead images.
-        lag: Seconds by which images come later than forces, as from a real camera.
-        randomise: How units of a sensor, and touches, differ: ``none``, ``unit``, ``all``, or names
-            of rows, see `sim.randomise.table.TABLE`.
-        seed: Another seed, other touches.
-        cache: Folder that keeps them; None for ``$TACTILEFORGE_CACHE``, or the user's cache.
-        processes: Processes that simulate; None for one a core.
+        lag: Delay of the images behind the forces, as from a real camera, s.
+        randomise: Differences between units of a sensor, and between touches: ``none``, ``unit``,
+            ``all``, or names of rows, see `sim.randomise.table.TABLE`.
+        seed: Seed of all touches.
+        cache: Folder of the cache; None for ``$TACTILEFORGE_CACHE``, or the user's cache folder.
+        processes: Number of simulating processes; None for one per core.
 
     Raises:
-        ConfigError: A number of touches is negative, or not positive for training.
+        ConfigError: ``scenes`` is below 1, or ``val`` below 0.
     """
 
     provides = frozenset({"force", "action", "object", "text", "image", "surface"})
@@ -98,13 +98,13 @@ class Sim:
 
     @property
     def folder(self) -> Path:
-        """Folder in which the touches of this configuration are kept."""
+        """Folder of the cached touches of this configuration."""
         return cache_folder(self.cache) / "sim" / self.config.digest()
 
     def recordings(self, split: str) -> Iterator[Recording]:
-        """Yields the recordings of a split; simulates those that are not there yet.
+        """Yields the recordings of a split; simulates missing ones.
 
-        Neighbouring recordings are one touch on several sensors.
+        One touch gives consecutive recordings, one for each sensor.
 
         Args:
             split: ``train`` or ``val``.

@@ -1,4 +1,4 @@
-"""The data set ``sparsh_force``: probes press and slide on a DIGIT or GelSight Mini."""
+"""The data set ``sparsh_force``: probes pressed and slid on a DIGIT or GelSight Mini."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from tactileforge.datasets.reading.sparsh import SparshTrajectories
 class SparshForce(SparshTrajectories):
     """T1 of Sparsh, force estimation: a trajectory is a recording.
 
-    Pickles are read without executing anything. The background is the first image of the batch
-    that is not in contact. Known defects: five images more than forces in most trajectories,
-    channels in the wrong order in most batches, DIGIT images that lie on their side. Forces are in
-    newton; which way x and y point in the image is not published, so no actions are derived.
+    Pickles are read without executing anything. The background is the batch's first image without
+    contact. Known defects of the source: five images more than forces in most trajectories,
+    channels in the wrong order in most batches, DIGIT images turned by 90 degrees. Forces are in
+    newton; the directions of x and y in the image are not published, so no actions are derived.
 
     Args:
         root: Folder of the probes of one sensor.
         sensor: ``digit`` or ``gelsight_mini``.
         split: One of ``splits``.
-        val: Share of the trajectories that is held out.
-        fps: Frames per second; it is not published.
+        val: Share of the trajectories held out for validation.
+        fps: Frames per second; the true rate is not published.
 
     Raises:
         ConfigError: An unknown sensor or split, or a share outside 0..1.

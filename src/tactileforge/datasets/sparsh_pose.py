@@ -1,4 +1,4 @@
-"""The data set ``sparsh_pose``: an object turns under three DIGIT fingers (T3 of Sparsh)."""
+"""The data set ``sparsh_pose``: an object turned under three DIGIT fingers (T3 of Sparsh)."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ _FINGERS = ("index", "middle", "ring")
 class SparshPose(PublishedDataset):
     """T3 of Sparsh, pose estimation: the images of one finger in a bag are a recording.
 
-    ``tracks["relative_pose"]`` is float32 (T, 4, 4), how the object has
-    moved in the last five frames, seen from the finger, as the source has it. Images without a pose
-    are left out. Pickles are read without executing anything; their channels are in the order of
-    OpenCV, those of the background images are not.
+    ``tracks["relative_pose"]`` is float32 (T, 4, 4), the object's motion over the last five frames
+    in the frame of the finger, unchanged from the source. Images without a pose are left out.
+    Pickles are read without executing anything; their channels are in OpenCV's order (BGR), those
+    of the background images are not.
 
     Args:
         root: Folder with ``train``, ``test`` and ``bgs``.
         finger: ``index``, ``middle`` or ``ring``; the task is defined on the ring finger.
         split: One of ``splits``.
-        val: Share of the bags that is held out.
-        fps: Frames per second; it is not published.
+        val: Share of the bags held out for validation.
+        fps: Frames per second; the true rate is not published.
 
     Raises:
         ConfigError: An unknown finger or split, or a share outside 0..1.

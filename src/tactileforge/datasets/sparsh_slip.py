@@ -1,4 +1,4 @@
-"""The data set ``sparsh_slip``: when does a probe slip on a DIGIT or GelSight Mini."""
+"""The data set ``sparsh_slip``: slip of a probe on a DIGIT or GelSight Mini."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from tactileforge.datasets.reading.sparsh import SparshTrajectories
 class SparshSlip(SparshTrajectories):
     """T2 of Sparsh, slip detection: the files of ``sparsh_force``, in splits of its own.
 
-    ``tracks["slip"]`` is int8 (T,), 1 where the probe slips.
+    ``tracks["slip"]`` is int8 (T,), 1 for frames with slip.
 
     Args:
         root: Folder of the probes of one sensor.
         sensor: ``digit`` or ``gelsight_mini``.
         split: One of ``splits``.
-        val: Share of the trajectories that is held out.
-        fps: Frames per second; it is not published.
+        val: Share of the trajectories held out for validation.
+        fps: Frames per second; the true rate is not published.
 
     Raises:
         ConfigError: An unknown sensor or split, or a share outside 0..1.

@@ -1,4 +1,4 @@
-"""The data set ``ssvtp``: a robot presses a DIGIT on textiles and photographs them."""
+"""The data set ``ssvtp``: textiles pressed with a DIGIT and photographed by a robot."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from tactileforge.datasets.reading.published import NumberedImages, PublishedDat
 
 
 class Ssvtp(PublishedDataset):
-    """SSVTP, as TVL ships it with captions: each press is one frame, without a background.
+    """SSVTP with the captions of TVL: each press is one frame, without a background.
 
     Args:
         root: Folder with ``images_tac``, or the folder above it.
         split: One of ``splits``.
-        val: Share of the presses that is held out.
+        val: Share of the presses held out for validation.
 
     Raises:
-        ConfigError: See `PublishedDataset`.
+        ConfigError: An unknown split, or ``val`` outside 0..1.
     """
 
     name = "ssvtp"
@@ -74,7 +74,7 @@ def _first_line(path: Path) -> str:
 
 
 def _numbers(path: Path) -> set[int]:
-    """Numbers of the images that a list names; none where there is no list."""
+    """Numbers of the images in a list; empty without the list."""
     if not path.is_file():
         return set()
     names = [re.search(r"image_(\d+)_rgb", row[0]) for row in read_rows(path) if row]

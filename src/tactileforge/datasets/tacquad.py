@@ -21,25 +21,25 @@ from tactileforge.errors import DataError
 
 #: Sensor by folder, in the order of the columns of the index.
 _SENSORS = {"gelsight": "gelsight_mini", "digit": "digit", "duragel": "duragel"}
-#: Items that the index and the folders may call by different names, and the one that is kept.
+#: Other names of items in the index or in folders, and the names used here.
 _ALIASES = {"yumaoqiu": "shuttlecock"}
 
 
 class TacQuad(PublishedDataset):
-    """TacQuad: a contact of one item and one optical sensor is a recording.
+    """TacQuad: a contact of one item with one optical sensor is a recording.
 
     The contacts are those of the index, both ends included. Camera and touch have different numbers
-    of frames: touch frame ``t`` of ``n`` is paired with view ``int(t / n * m)`` of ``m``. Frames
-    before the contact are the background; where the contact begins at once there is none.
+    of frames: touch frame ``t`` of ``n`` is paired with view ``int(t / n * m)`` of ``m``. Up to
+    three frames before the contact are the background; a contact from the first frame has none.
 
     Args:
         root: Folder of the data.
         split: One of ``splits``.
-        val: Share of the items that is held out.
-        fps: Frames per second; None takes those of the sensor. It is not published.
+        val: Share of the items held out for validation.
+        fps: Frames per second; None for those of the sensor. The true rate is not published.
 
     Raises:
-        ConfigError: See `PublishedDataset`.
+        ConfigError: An unknown split, or ``val`` outside 0..1.
     """
 
     name = "tacquad"
@@ -115,7 +115,7 @@ def _read(index: Path) -> Iterator[tuple[str, list[tuple[int, int]]]]:
 
 
 def _named(place: Path, name: str) -> Path:
-    """The folder of an item, also where it goes by its other name."""
+    """The folder of an item, under either of its names."""
     others = (other for other, kept in _ALIASES.items() if kept == name)
     for candidate in (name, *others):
         if (place / candidate).is_dir():

@@ -1,4 +1,4 @@
-"""The data set ``touch_and_go``: people touch what they meet with a GelSight, filmed."""
+"""The data set ``touch_and_go``: objects and surfaces touched with a GelSight, filmed."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from tactileforge.datasets.reading.published import (
 )
 from tactileforge.errors import DataError
 
-#: Materials by label, as `category_reference.txt` of the data set has them.
+#: Materials by label, from `category_reference.txt` of the data set.
 MATERIALS = (
     *("concrete", "plastic", "glass", "wood", "metal", "brick", "tile", "leather"),
     *("synthetic fabric", "natural fabric", "rubber", "paper", "tree", "grass", "soil"),
     *("rock", "gravel", "sand", "plants", "others"),
 )
 
-#: The materials that count as soft, as the data set's own code for hard against soft has them.
+#: Soft materials, from the data set's own code for hard against soft.
 SOFT = ("leather", "synthetic fabric", "natural fabric", "paper", "grass")
 
 #: The lists of a split by side, below the root.
@@ -59,19 +59,19 @@ class _Row(NamedTuple):
 class TouchAndGo(PublishedDataset):
     """Touch and Go, after its ``extract_frame.py``: runs of labelled frames are recordings.
 
-    A run ends where the numbers or the labels of a list do. Frames labelled -1 are left out. The
-    camera and the gel were not filmed with one clock: each touch frame is given the camera frame
-    of the nearest number. Only the lists of AnyTouch 2 name a frame without contact; with the
-    others nothing is subtracted.
+    A run ends at a gap in the numbers or a change of the label. Frames labelled -1 are left out.
+    Camera and gel do not share a clock: each touch frame is paired with the camera frame of the
+    nearest number. Only the lists of AnyTouch 2 name a frame without contact; with the others
+    nothing is subtracted.
 
     Args:
         root: Folder with ``dataset`` and the lists.
-        split: One of ``splits``; it says which lists are read.
-        val: Share of the films that is held out.
+        split: One of ``splits``; selects the lists.
+        val: Share of the films held out for validation.
         fps: Frames per second of the films.
 
     Raises:
-        ConfigError: See `PublishedDataset`.
+        ConfigError: An unknown split, or ``val`` outside 0..1.
     """
 
     name = "touch_and_go"

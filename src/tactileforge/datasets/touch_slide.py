@@ -20,7 +20,7 @@ from tactileforge.datasets.reading.published import (
 from tactileforge.datasets.ycb_slide import BACKGROUNDS
 from tactileforge.errors import DataError
 
-#: Which background Sparsh chose for which toy (``bgs/bg_N.jpg``).
+#: Number of Sparsh's background for each toy (``bgs/bg_N.jpg``).
 _TOYS = {
     "banana": 15,
     "bread": 11,
@@ -37,17 +37,17 @@ _TOYS = {
 class TouchSlide(PublishedDataset):
     """Touch-Slide: pickled lists of encoded images, read without executing anything.
 
-    The layout is that of Sparsh's pre-training data, which also packs YCB-Slide so: objects of both
-    are read. A background that is missing is replaced by the median over the recording.
+    The layout is that of Sparsh's pre-training data, also used there for YCB-Slide: objects of both
+    are read. A missing background is replaced by the median over the recording.
 
     Args:
         root: Folder of the objects.
         split: One of ``splits``.
-        val: Share of the recordings that is held out.
+        val: Share of the recordings held out for validation.
         fps: Frames per second.
 
     Raises:
-        ConfigError: See `PublishedDataset`.
+        ConfigError: An unknown split, or ``val`` outside 0..1.
     """
 
     name = "touch_slide"

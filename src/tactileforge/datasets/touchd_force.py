@@ -26,9 +26,9 @@ from tactileforge.untrusted import load_json
 #: Sensor by folder. ``biotip`` sees markers in space, and ``dm`` has no labels: both are left out.
 _SENSORS = {"digit": "digit", "gelsight": "gelsight_mini", "duragel": "duragel"}
 
-#: Columns and signs that turn Fx, Fy, Fz of the source into x right, y down, z into the gel. Those
-#: of DIGIT and GelSight Mini were measured on the public demonstration videos (how the imprint
-#: moves); that of DuraGel is not known. Fz is negative there when pressing.
+#: Columns and signs for converting the source's Fx, Fy, Fz to x right, y down, z into the gel.
+#: Those of DIGIT and GelSight Mini were measured on the public demonstration videos, from the
+#: motion of the imprint; those of DuraGel are unknown. The source's Fz is negative when pressing.
 _AXES = {
     "digit": ((0, 1, 2), (-1, 1, -1)),
     "gelsight_mini": ((1, 0, 2), (1, 1, -1)),
@@ -38,16 +38,16 @@ _SOURCE_AXES = ((0, 1, 2), (1, 1, -1))
 
 
 class TouchdForce(PublishedDataset):
-    """ToucHD (Force): the labelled frames of a session and sensor are a recording.
+    """ToucHD (Force): the labelled frames of one session and sensor are a recording.
 
     Args:
         root: Folder with `all_data_direction.json` and the unzipped sessions.
-        split: One of ``splits``. AnyTouch 2 trains on what `anytouch2-pretrain` leaves, and probes
-            on `anytouch2-official`.
-        val: Share of the indenters that is held out.
-        axes: ``image`` for forces along the image (see `tactileforge.contracts`), ``source`` for
+        split: One of ``splits``. AnyTouch 2 pre-trains on `anytouch2-pretrain`, and probes on
+            `anytouch2-official`.
+        val: Share of the indenters held out for validation.
+        axes: ``image`` for forces in image axes (see `tactileforge.contracts`), ``source`` for
             (Fx, Fy, -Fz) as in ToucHD Bench.
-        fps: Frames per second; None takes those of the sensor.
+        fps: Frames per second; None for those of the sensor.
 
     Raises:
         ConfigError: Unknown axes; see also `PublishedDataset`.
@@ -122,7 +122,7 @@ class TouchdForce(PublishedDataset):
         )
 
     def _forces(self, key: str, table: Any, sensor: str) -> tuple[list[int], Any]:
-        """Frame numbers, ascending, and float32 (T, 3)."""
+        """Frame numbers, ascending, and their forces, float32 (T, 3), N."""
         try:
             rows = {int(row[0]): [float(value) for value in row[1:4]] for row in table}
             force = np.array([rows[number] for number in sorted(rows)], np.float32).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""The data set ``touchd_mani``: manipulation with two tactile fingers, filmed."""
+"""The data set ``touchd_mani``: filmed manipulation with two tactile fingers."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from tactileforge.untrusted import load_json
 
 
 class TouchdMani(PublishedDataset):
-    """ToucHD (Mani), in a neutral layout: that of the release is not public.
+    """ToucHD (Mani), in a neutral layout: the release's own is not public.
 
-    Bring your copy into this form. Each folder with `episode.json` is an episode, each finger that
-    it names is a recording::
+    Convert your copy to this form. Each folder with `episode.json` is an episode, and each of its
+    fingers a recording::
 
         {"task": "insert a usb plug", "object": "usb_plug", "fps": 30,
          "fingers": {"left": "digit", "right": "gelsight_mini"}}
 
-    ``fingers`` is needed. The images of a finger lie in a folder of its name, numbered; the camera
-    views, if there are any, in ``camera``, in any number. A background is ``FINGER_background.png``
-    beside them; without it nothing is subtracted.
+    ``fingers`` is required. The numbered images of a finger are in a folder of its name, optional
+    camera views in ``camera``, in any number. The background is ``FINGER_background.png`` beside
+    these folders; without it nothing is subtracted.
 
     Args:
         root: Folder of the episodes.
         split: One of ``splits``.
-        val: Share of the episodes that is held out.
+        val: Share of the episodes held out for validation.
 
     Raises:
-        ConfigError: See `PublishedDataset`.
+        ConfigError: An unknown split, or ``val`` outside 0..1.
     """
 
     name = "touchd_mani"
@@ -90,7 +90,7 @@ class TouchdMani(PublishedDataset):
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """An episode whose fields have their types and whose sensors are known."""
+    """A validated episode: fields of the right types, and known sensors."""
     try:
         episode = load_json(path.read_text(encoding="utf-8"))
     except ValueError as error:

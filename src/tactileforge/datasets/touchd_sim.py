@@ -23,21 +23,21 @@ _FPS = 30.0
 
 
 class TouchdSim(PublishedDataset):
-    """ToucHD (Sim), in a neutral layout: that of the release is not public.
+    """ToucHD (Sim), in a neutral layout: the release's own is not public.
 
-    Bring your copy into this form: ``OBJECT/ACTION/SENSOR/NUMBER.png``. An action is one of
-    `contracts.ACTIONS`; a sensor is one of ``sensors``, with a number behind it where a type has
-    several units (``digit_2``); ``background.png`` lies beside the frames, and without it nothing
-    is subtracted. One object may be touched again: ``OBJECT/ACTION-2/...``. The paper turns slides
-    to the left and right by a quarter to have them up and down; that is not done here.
+    Convert your copy to this form: ``OBJECT/ACTION/SENSOR/NUMBER.png``. An action is one of
+    `contracts.ACTIONS`; a sensor is one of ``sensors``, with a number after it for several units of
+    a type (``digit_2``). ``background.png`` is beside the frames; without it nothing is subtracted.
+    Further touches of an object are ``OBJECT/ACTION-2/...``. The paper also turns left and right
+    slides by 90 degrees for slides up and down; this reader does not.
 
     Args:
         root: Folder of the objects.
         split: One of ``splits``.
-        val: Share of the objects that is held out.
+        val: Share of the objects held out for validation.
 
     Raises:
-        ConfigError: See `PublishedDataset`.
+        ConfigError: An unknown split, or ``val`` outside 0..1.
     """
 
     name = "touchd_sim"

@@ -25,7 +25,7 @@ from tactileforge.untrusted import load_json
 
 
 class _Row(NamedTuple):
-    """A pair of frames: paths from the folder of the part, and what they feel like."""
+    """A pair of frames: paths from the folder of the part, a caption, and the side of the split."""
 
     touch: str
     vision: str
@@ -35,7 +35,7 @@ class _Row(NamedTuple):
 
     @property
     def number(self) -> int:
-        """The number of the frame: files are ``NUMBER-SECONDS.jpg``."""
+        """The number of the frame, from a name ``NUMBER-SECONDS.jpg``."""
         match = re.match(r"\d+", Path(self.touch).name)
         if not match:
             raise DataError(f"{self.touch}: its name begins with no number; download it again")
@@ -43,21 +43,21 @@ class _Row(NamedTuple):
 
 
 class Tvl(PublishedDataset):
-    """TVL without SSVTP (that is ``ssvtp``): runs of frames in contact with one caption.
+    """TVL without SSVTP (see ``ssvtp``): runs of frames in contact with one caption.
 
-    The captions of a run stay the same, so do those of `train.csv` and `test.csv`; where they are
-    missing, `contact.json` says what is in contact. In the first release the folders ``tactile``
-    and ``vision`` were swapped: of the two images, the smaller is taken as the touch. A background
-    that is missing is replaced by ``digit_background.png`` of the part, or left out.
+    A run has one caption, and lies in one of `train.csv` and `test.csv`; without these files,
+    `contact.json` lists the frames in contact. The first release swapped the folders ``tactile``
+    and ``vision``: of the two images, the smaller counts as the touch. A missing background is
+    replaced by ``digit_background.png`` of the part, or left out.
 
     Args:
         root: Folder with ``hct`` or ``data1`` to ``data3``.
         split: One of ``splits``.
-        val: Share of the touches that is held out.
-        fps: Frames per second; it is not published.
+        val: Share of the touches held out for validation.
+        fps: Frames per second; the true rate is not published.
 
     Raises:
-        ConfigError: See `PublishedDataset`.
+        ConfigError: An unknown split, or ``val`` outside 0..1.
     """
 
     name = "tvl"

@@ -15,16 +15,16 @@ from tactileforge.datasets.reading.published import (
 
 
 class VisGel(PublishedDataset):
-    """VisGel: each sequence is a recording, whose first frame is without contact.
+    """VisGel: each sequence is a recording, its first frame without contact.
 
     Args:
         root: Folder with ``images``, or with ``touch`` and ``vision``.
         split: One of ``splits``.
-        val: Share of the sequences that is held out.
-        fps: Frames per second; it is not published.
+        val: Share of the sequences held out for validation.
+        fps: Frames per second; the true rate is not published.
 
     Raises:
-        ConfigError: See `PublishedDataset`.
+        ConfigError: An unknown split, or ``val`` outside 0..1.
     """
 
     name = "visgel"

@@ -16,7 +16,7 @@ from tactileforge.datasets.reading.published import (
     still_background,
 )
 
-#: Which background Sparsh chose for which object (``bgs/bg_N.jpg`` in its data).
+#: Number of Sparsh's background for each object (``bgs/bg_N.jpg`` in its data).
 BACKGROUNDS = {
     "004_sugar_box": 0,
     "005_tomato_soup_can": 1,
@@ -34,16 +34,16 @@ BACKGROUNDS = {
 class YcbSlide(PublishedDataset):
     """YCB-Slide, the real part: a minute of sliding is a recording.
 
-    There is no frame that is known to be without contact. Sparsh's backgrounds are used where they
-    lie beside the objects (``bgs/bg_N.jpg``), else the median over the recording.
+    No frame is known to be without contact. The background is Sparsh's, if it lies beside the
+    objects (``bgs/bg_N.jpg``), or the median over the recording.
 
     Args:
         root: Folder with ``real``, or that folder itself.
         split: One of ``splits``.
-        val: Share of the recordings that is held out.
+        val: Share of the recordings held out for validation.
 
     Raises:
-        ConfigError: See `PublishedDataset`.
+        ConfigError: An unknown split, or ``val`` outside 0..1.
     """
 
     name = "ycb_slide"

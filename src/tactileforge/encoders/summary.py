@@ -47,7 +47,7 @@ def encode_summary(
     finally:
         for hook in hooks:
             hook.remove()
-    parts = [_summarise(state, encoder.grid) for state in states or [tokens]]
+    parts = [summarise(state, encoder.grid) for state in states or [tokens]]
     return tokens, projected, torch.cat(parts, dim=1)
 
 
@@ -73,8 +73,13 @@ def _second_stream(encoder: Any) -> list[Any]:
     return [] if stream is None else [stream]
 
 
-def _summarise(tokens: Tensor, grid: tuple[int, int, int]) -> Tensor:
-    """Summarises (B, L, width) to (B, 5 * width); the last tokens are the patches of the grid."""
+def summarise(tokens: Tensor, grid: tuple[int, int, int]) -> Tensor:
+    """Means of the patch tokens in each quarter, and their deviations, float (B, 5 * width).
+
+    Args:
+        tokens: float (B, L, width); the last of the L are the patches.
+        grid: Their temporal slots, rows and columns.
+    """
     slots, rows, columns = grid
     patches = tokens[:, -slots * rows * columns :].float()
     maps = patches.reshape(len(patches), *grid, -1).mean(1).permute(0, 3, 1, 2)

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from tactileforge.errors import ConfigError
 from tactileforge.hub.cards import Card
+from tactileforge.hub.forces import warn_of_light
 from tactileforge.hub.header import Header
 from tactileforge.hub.inputs import (
     ClipInputs,
@@ -135,45 +136,6 @@ class FeatureModel(nn.Module):
         out = self._read(tap, x, still, rows).float()
         return out[0] if single else out
 
-    def encode(
-        self,
-        frames: Images,
-        background: Images | str | None = None,
-        sensor: str | Sequence[str] | None = None,
-        *,
-        unknown_sensor: Policy = "error",
-        batch_size: int = 32,
-    ) -> Tensor:
-        """Encodes each clip as one vector.
-
-        Args:
-            frames: uint8, RGB, oldest first, of any size: one clip (T, H, W, 3) or (T, 3, H, W), or
-                a batch with B in front. numpy or torch. One image, (H, W, 3), (3, H, W) or a batch
-                with one frame a clip, is shown in all T places, as the authors do.
-            background: A frame without contact of the same recording, of the frames' size: one,
-                or one a clip. ``"first"`` takes the first frame of each clip, ``"none"`` subtracts
-                nothing. May be left out only where the model uses none.
-            sensor: Name of the sensor, or one name a clip; ``"universal"`` takes the universal
-                tokens. May be left out where the model knows one sensor, or none.
-            unknown_sensor: ``error``, or ``universal`` to take the universal tokens, and warn.
-            batch_size: Clips that are computed at once.
-
-        Returns:
-            float32 (projected,), or (B, projected) for a batch, on the model's device.
-
-        Raises:
-            DataError: Frames or background are not what the model takes; says both.
-            ConfigError: No background, no such sensor, or a batch size below 1.
-        """
-        return self.features(
-            frames,
-            background,
-            sensor,
-            tap="projected",
-            unknown_sensor=unknown_sensor,
-            batch_size=batch_size,
-        )
-
     def features(
         self,
         frames: Images,
@@ -211,7 +173,8 @@ class FeatureModel(nn.Module):
         """
         check_tap(self.encoder, tap)
         check_batch_size(batch_size)
-        x, still, single = self._prepare(frames, background)
+        x, still, single = clips = self._prepare(frames, background)
+        warn_of_light("clips", clips, self.encoder, background)
         rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
         parts = zip(*(torch.split(part, batch_size) for part in (x, still, rows)), strict=True)
         with torch.no_grad():

@@ -7,17 +7,24 @@ import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor, nn
 
 from tactileforge.contracts import AXES, Features
-from tactileforge.hub.inputs import uses_background
+from tactileforge.errors import ConfigError
+from tactileforge.hub.inputs import ClipInputs, uses_background
 from tactileforge.sensors.light import changed_light
 
 if TYPE_CHECKING:
-    from tactileforge.calibration.file import Axis
+    from tactileforge.calibration.file import Axis, Calibration
+
+#: Why a frame gets no estimate, and what helps.
+LIGHT = "the light has changed since the background was taken"
+BEYOND = "the force is beyond the scale of the sensor"
+_KEEP_LIGHT = "Keep other light away, fix the exposure, and take the background again"
 
 
 @dataclass(frozen=True)
@@ -32,6 +39,36 @@ class ModelReadings:
 
     vector: Tensor
     force: Tensor | None
+
+
+def opened_calibration(given: Calibration | str | Path | None) -> Calibration | None:
+    """A calibration, read where its file is given; see `load_calibration` for errors."""
+    if isinstance(given, str | Path):
+        from tactileforge.calibration.file import load_calibration
+
+        return load_calibration(given)
+    return given
+
+
+def fitted_axes(calibration: Calibration, names: Sequence[str], model: str) -> Mapping[str, Axis]:
+    """The fits of a calibration, if it was made for a model; see `HeadModel.axes_of`.
+
+    Args:
+        calibration: Of one unit.
+        names: Sensors that they are for.
+        model: Fingerprint.
+
+    Raises:
+        ConfigError: They are of another model or sensor.
+    """
+    for name in sorted(set(names)):
+        calibration.check(name)
+    if calibration.force is None or calibration.force.model != model:
+        raise ConfigError(
+            f"the calibration of {calibration.title} was not fitted to the forces of "
+            "this model: make one with tactileforge calibrate model=NAME"
+        )
+    return calibration.force.axes
 
 
 def scales(entry: Mapping[str, Any], sensors: Sequence[str]) -> Tensor | None:
@@ -72,8 +109,7 @@ def warn_of_missing(what: str, missing: Tensor, why: str, stacklevel: int = 3) -
     """
     if count := int(missing.sum()):
         warnings.warn(
-            f"{what}: {count} of {missing.numel()} frames have none (NaN): {why}. Keep other light "
-            "away, fix the exposure, and take the background again",
+            f"{what}: {count} of {missing.numel()} frames have none (NaN): {why}. {_KEEP_LIGHT}",
             stacklevel=stacklevel,
         )
 
@@ -82,6 +118,29 @@ def has_no_background(encoder: Any, background: Any) -> bool:
     """Whether frames are encoded as they are: no picture at rest to compare their light with."""
     is_none = background is None or (isinstance(background, str) and background == "none")
     return is_none or not uses_background(encoder)
+
+
+def warn_of_light(
+    what: str, clips: ClipInputs, encoder: Any, background: Any, stacklevel: int = 3
+) -> None:
+    """Warns of frames whose light has changed while nothing touches, where that can be told.
+
+    Args:
+        what: Name of what is read of the frames.
+        clips: A batch.
+        encoder: That reads it.
+        background: As it was given.
+        stacklevel: See `warnings.warn`.
+    """
+    if torch.compiler.is_compiling() or has_no_background(encoder, background):
+        return
+    changed = changed_light(clips.frames, clips.background)
+    if count := int(changed.sum()):
+        warnings.warn(
+            f"{what}: in {count} of {changed.size} frames {LIGHT} and nothing touches, which the "
+            f"encoder may take for touch. {_KEEP_LIGHT}",
+            stacklevel=stacklevel,
+        )
 
 
 def without_light(estimate: Tensor, clips: Tensor, backgrounds: Tensor) -> Tensor:

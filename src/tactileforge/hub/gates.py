@@ -32,7 +32,7 @@ class Gate:
         suite: ``real``, or ``real_held_out``.
         task: Its name in print.
         tokens: What the probe reads: ``pooled``, the mean of the patch tokens; ``summary``, see
-            `Model.features`; or all ``patches``.
+            `Model.features`; all ``patches``; or ``groups``, weighed, see `Model.groups`.
         metric: What is measured, accuracies as shares; ``mean`` in the row of all tasks together.
         value: The number.
         chance: That of a probe that sees nothing.
@@ -40,6 +40,7 @@ class Gate:
         random_low: Lower end of its interval.
         pixels: Above 16 x 16 pixels of the difference.
         pixels_low: Lower end of its interval.
+        counted: Whether it counts, and the row of all tasks together has it.
     """
 
     model: str
@@ -53,6 +54,7 @@ class Gate:
     random_low: float
     pixels: float
     pixels_low: float
+    counted: bool = True
 
     @property
     def beats(self) -> bool:
@@ -61,8 +63,8 @@ class Gate:
 
 
 def count_won(rows: Sequence[Gate], tokens: str) -> tuple[int, int]:
-    """Number of tasks won with one kind of tokens, and number of all tasks."""
-    chosen = [row for row in rows if row.tokens == tokens and row.metric != MEAN]
+    """Number of counted tasks won with one kind of tokens, and number of all that count."""
+    chosen = [row for row in rows if row.tokens == tokens and row.metric != MEAN and row.counted]
     return sum(row.beats for row in chosen), len(chosen)
 
 
@@ -127,6 +129,7 @@ def _row(path: Path, gate: Any, row: Any, tag: str, chance: dict[str, float]) ->
         random_low=above["random"]["low"],
         pixels=above["pixels"]["value"],
         pixels_low=above["pixels"]["low"],
+        counted=task.get("counted", True),
     )
 
 

@@ -12,8 +12,8 @@ from torch import Tensor
 from tactileforge.data.labels.displacement import displacement_mm
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import forces
-from tactileforge.hub.feature_model import FeatureModel
 from tactileforge.hub.forces import ModelReadings
+from tactileforge.hub.grouped_model import GroupedModel
 from tactileforge.hub.inputs import Images
 from tactileforge.hub.sensor_rows import Policy
 
@@ -21,21 +21,8 @@ if TYPE_CHECKING:
     from tactileforge.calibration.file import Axis, Calibration
     from tactileforge.hub.classify import Classes, ClassHead
 
-#: Why a frame gets no estimate.
-_LIGHT = "the light has changed since the background was taken"
-_BEYOND = "the force is beyond the scale of the sensor"
 
-
-def opened_calibration(given: Calibration | str | Path | None) -> Calibration | None:
-    """A calibration, read where its file is given; see `load_calibration` for errors."""
-    if isinstance(given, str | Path):
-        from tactileforge.calibration.file import load_calibration
-
-        return load_calibration(given)
-    return given
-
-
-class HeadModel(FeatureModel):
+class HeadModel(GroupedModel):
     """The part of `hub.model.Model` that reads heads; see there for arguments and attributes."""
 
     _fingerprint = _encoder_hash = ""
@@ -82,7 +69,8 @@ class HeadModel(FeatureModel):
             raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
         if calibration is None:
             forces.warn_of_estimates()
-        forces.warn_of_missing("force", force.isnan().any(-1), f"{_LIGHT}, or {_BEYOND}")
+        why = f"{forces.LIGHT}, or {forces.BEYOND}"
+        forces.warn_of_missing("force", force.isnan().any(-1), why)
         return force
 
     def surface(
@@ -124,7 +112,7 @@ class HeadModel(FeatureModel):
             surface = displacement_mm(self.heads["surface"](views, {}).float())
         if not forces.has_no_background(self.encoder, background):
             surface = forces.without_light(surface, x, still)
-            forces.warn_of_missing("surface", surface.isnan().flatten(2).any(-1), _LIGHT)
+            forces.warn_of_missing("surface", surface.isnan().flatten(2).any(-1), forces.LIGHT)
         return surface[0] if single else surface
 
     def classify(
@@ -180,7 +168,7 @@ class HeadModel(FeatureModel):
         *,
         unknown_sensor: Policy = "error",
     ) -> Any:
-        """Reads a head as it is: logits, or normalised forces.
+        """Reads a head as it is: logits, or normalised forces; warns of changed light as `encode`.
 
         Args:
             name: A key of ``heads``.
@@ -195,7 +183,8 @@ class HeadModel(FeatureModel):
         """
         if name not in self.heads:
             raise ConfigError(unknown("head of the model", name, self.heads))
-        x, still, _ = self._prepare(frames, background)
+        x, still, _ = clips = self._prepare(frames, background)
+        forces.warn_of_light(f"head {name}", clips, self.encoder, background)
         rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
         with torch.no_grad():
             return self.heads[name](forces.views_of(self.encoder, *self._pass(x, still, rows)), {})
@@ -229,7 +218,7 @@ class HeadModel(FeatureModel):
         names = self._names(sensor, len(x))
         scale = self._scale(names)
         rows = self._rows(names, unknown_sensor)
-        calibration = opened_calibration(calibration)
+        calibration = forces.opened_calibration(calibration)
         with torch.no_grad():
             if scale is None:
                 vector, force = self._read("projected", x, still, rows).float(), None
@@ -250,6 +239,8 @@ class HeadModel(FeatureModel):
     ) -> dict[str, Tensor]:
         """Inputs of a force calibration, float32 (B, T - 1); see `forces.calibration_inputs`.
 
+        NaN, with a warning, in frames whose light has changed while nothing touches.
+
         Args:
             frames: See `encode`; a batch.
             background: See `encode`.
@@ -265,7 +256,12 @@ class HeadModel(FeatureModel):
         if scale is None:
             raise ConfigError(f"{self!r} has no force head, or no scale for {sensor}")
         with torch.no_grad():
-            return self._readable(*self._pass(x, still, self._rows(names, "error")), scale)
+            inputs = self._readable(*self._pass(x, still, self._rows(names, "error")), scale)
+        if not forces.has_no_background(self.encoder, background):
+            inputs = {k: forces.without_light(v, x, still) for k, v in inputs.items()}
+            missing = next(iter(inputs.values())).isnan()
+            forces.warn_of_missing("force_inputs", missing, forces.LIGHT)
+        return inputs
 
     def _scale(self, names: Sequence[str]) -> Tensor | None:
         """Force scale of each clip; None without a force head, or without the scale of a sensor."""
@@ -301,11 +297,4 @@ class HeadModel(FeatureModel):
         Raises:
             ConfigError: They are of another model or sensor.
         """
-        for name in sorted(set(names)):
-            calibration.check(name)
-        if calibration.force is None or calibration.force.model != self.fingerprint:
-            raise ConfigError(
-                f"the calibration of {calibration.title} was not fitted to the forces of "
-                "this model: make one with tactileforge calibrate model=NAME"
-            )
-        return calibration.force.axes
+        return forces.fitted_axes(calibration, names, self.fingerprint)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -15,7 +15,7 @@ from torch import Tensor
 from tactileforge.contracts import Frames
 from tactileforge.hub import forces
 from tactileforge.hub.feature_model import check_batch_size
-from tactileforge.hub.head_model import HeadModel, opened_calibration
+from tactileforge.hub.head_model import HeadModel
 from tactileforge.hub.inputs import Images
 from tactileforge.hub.sensor_rows import Policy
 from tactileforge.hub.video import Times, cut_clips, open_video
@@ -86,6 +86,7 @@ class Model(HeadModel):
         *,
         hop: float = 0.2,
         times: Times | None = None,
+        groups: Sequence[str] | Literal["all"] | None = None,
         unknown_sensor: Policy = "error",
         batch_size: int = 16,
     ) -> tuple[Times, Tensor]:
@@ -97,11 +98,13 @@ class Model(HeadModel):
             sensor: See `encode`.
             hop: See `cut_clips`.
             times: See `cut_clips`.
+            groups: See `encode`.
             unknown_sensor: See `encode`.
             batch_size: Clips that are read and computed at once.
 
         Returns:
-            float64 (n,), the time of each clip's last frame, s, and float32 (n, projected).
+            float64 (n,), the time of each clip's last frame, s, and float32 (n, projected), or as
+            many numbers as the groups have.
 
         Raises:
             ConfigError: See `encode` and `cut_clips`.
@@ -117,7 +120,11 @@ class Model(HeadModel):
         while batch := list(islice(clips_of, batch_size)):
             ends += [end for end, _ in batch]
             stacked = np.stack([clip for _, clip in batch])
-            vectors.append(self.encode(stacked, background, sensor, unknown_sensor=unknown_sensor))
+            vectors.append(
+                self.encode(
+                    stacked, background, sensor, groups=groups, unknown_sensor=unknown_sensor
+                )
+            )
         return np.array(ends), torch.cat(vectors)
 
     def stream(
@@ -156,7 +163,7 @@ class Model(HeadModel):
             >>> prediction.contact, prediction.force
             (True, (0.02, -0.31, 1.24))
         """
-        calibration = opened_calibration(calibration)
+        calibration = forces.opened_calibration(calibration)
         stream = TouchStream(
             self,
             sensor,

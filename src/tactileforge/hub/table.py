@@ -42,7 +42,7 @@ def gate_rows(card: cards.Card, weight: cards.Weight) -> list[tuple[str, ...]]:
             f"{row.chance:.3f}",
             f"{row.random:+.3f} (> {row.random_low:+.3f})",
             f"{row.pixels:+.3f} (> {row.pixels_low:+.3f})",
-            "yes" if row.beats else "no",
+            ("yes" if row.beats else "no") if row.counted else "not counted",
         )
         for row in card.gate(weight)
     ]

@@ -1,4 +1,4 @@
-"""Configuration of a simulated data set: which scenes there are."""
+"""Configuration of a simulated data set: its sensors, shapes, motions and scenes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tactileforge.sim.mechanics.sensor_gels import sensor_gel
 from tactileforge.sim.randomise.draw import randomised_rows
 from tactileforge.sim.scene import Scene, draw_scene
 
-#: Indenters that a small data set shows several times each.
+#: Indenters of a small data set, few enough for several touches of each.
 FEW = (
     "small_sphere",
     "cylindrical",
@@ -37,7 +37,8 @@ FEW = (
     "wavy_cylindrical",
     "crescent_shaped",
 )
-#: Validation has numbers of its own: it does not change with the number of scenes.
+#: Number of the first validation scene. A range of its own keeps validation the same, however many
+#: training scenes there are.
 FIRST_VAL = 300_000
 #: Motions of a group.
 _MOTION_GROUPS = {
@@ -53,19 +54,19 @@ class SimConfig:
     """Configuration of a simulated data set; equal configurations give equal bytes.
 
     Attributes:
-        sensors: Types of sensors; each scene is felt by all of them.
+        sensors: Types of sensors; every scene is simulated on all of them.
         indenters: ``pretrain``, ``few`` (twelve of them), ``bench`` (training and validation have
             indenters of their own, as in the paper), ``textures``, ``all``, or names of shapes.
         motions: ``atomic`` (slides and turns), ``force_trial``, ``manipulation``, ``all``, or
             names of motions.
-        size: Rows or columns of an image, whichever are fewer.
-        seconds: Mean duration of one action.
-        force: Range of the largest normal force on a nominal gel, N; a shape that does not reach it
-            within 1.5 mm presses as hard as it can.
-        markers: Whether the gels have markers; None as their types have.
+        size: Shorter side of an image, pixels.
+        seconds: Mean duration of one action, s.
+        force: Range of the largest normal force on a nominal gel, lowest and highest, N; clipped to
+            the forces of a shape down to 1.5 mm.
+        markers: Whether the gels have markers; None for their types' default.
         viscosity: Relaxation time of the gels, s.
-        lag: Seconds by which images come later than forces, as from a real camera.
-        seed: Another seed, other touches.
+        lag: Delay of the images behind the forces, as from a real camera, s; at least 0, below 1.
+        seed: Seed of all touches, 0 or more.
         codec: Codec of the images, see `data.shards.shards.CODECS`.
         randomise: Differences between units and scenes, see `randomise.draw.randomised_rows`.
     """
@@ -127,7 +128,7 @@ class SimConfig:
         return [shape(chosen)]
 
     def moves(self, is_round: bool) -> list[str]:
-        """Names of the motions; round shapes get no rotation, which nobody could see."""
+        """Names of the motions; without rotations for round shapes, on which they are invisible."""
         chosen = self.motions
         if isinstance(chosen, str):
             chosen = _MOTION_GROUPS.get(chosen, (chosen,))
@@ -164,14 +165,14 @@ class SimConfig:
 
 
 def _shuffled(count: int, seed: int, place: int) -> int:
-    """Place in an endless row of permutations: every shape comes before one comes again."""
+    """Element of an endless row of permutations: every shape is used before any is repeated."""
     turn, rest = divmod(place, count)
     return int(np.random.default_rng([seed, turn]).permutation(count)[rest])
 
 
 @lru_cache
 def _code() -> str:
-    """A hash of this package's files."""
+    """SHA-256 of the package's ``.py`` and ``.json`` files. Changed code makes new data."""
     digest_of_code = hashlib.sha256()
     folder = Path(str(files("tactileforge.sim")))
     for path in sorted(folder.rglob("*")):

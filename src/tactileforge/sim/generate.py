@@ -28,7 +28,7 @@ from tactileforge.threads import one_thread
 
 #: Tier of the tactile dynamic pyramid of a motion; others are specific actions.
 _TIERS = {"force_trial": 1, "manipulation": 2}
-#: From here on scenes are worth the start of more processes.
+#: Number of scenes from which starting more processes pays off.
 _MANY = 4
 
 
@@ -50,6 +50,7 @@ def recordings(config: SimConfig, number: int) -> list[shards.Packed]:
     ):
         assert shots.surface is not None
         pictures[shots.sensor] += [shards.encode_image(p, config.codec) for p in shots.pictures]
+        # Lossless: these images encode displacements, labels of training.
         surface[shots.sensor] += [shards.encode_image(p, "png") for p in shots.surface]
         force[shots.sensor].append(shots.force)
         torque[shots.sensor] = max(torque[shots.sensor], float(np.abs(shots.torque).max()))
@@ -91,7 +92,7 @@ def recordings(config: SimConfig, number: int) -> list[shards.Packed]:
 
 
 def _ahead(force: NDArray[np.float32], frames: int) -> NDArray[np.float32]:
-    """Forces of so many frames later; a path ends clear of the gel."""
+    """Forces shifted earlier by some frames, padded with 0: a path ends clear of the gel."""
     return np.concatenate([force[frames:], np.zeros_like(force[:frames])])
 
 
@@ -108,13 +109,13 @@ def path_of(folder: Path, number: int) -> Path:
 def write_scenes(
     config: SimConfig, folder: Path, numbers: Sequence[int], processes: int | None = None
 ) -> None:
-    """Writes the scenes that are not there yet; a killed run goes on where it was.
+    """Writes the missing scenes; a killed run resumes with the next one.
 
     Args:
         config: The simulated scenes.
         folder: Folder of the shards.
         numbers: Numbers of scenes.
-        processes: Processes that simulate; None for one a core.
+        processes: Number of processes; None for one per core.
     """
     missing = [n for n in numbers if not path_of(folder, n).exists()]
     if not missing:
@@ -142,28 +143,28 @@ def _unwritten(folder: Path, error: OSError) -> TactileForgeError:
 
 
 def _write(config: SimConfig, folder: Path, number: int) -> None:
-    with one_thread():  # the bytes are those of any machine
+    with one_thread():  # the bytes must not depend on the machine's number of cores
         shards.write_shard(path_of(folder, number), recordings(config, number))
 
 
 def write_seconds(
     config: SimConfig, folder: Path, seconds: float, val: float, processes: int | None = None
 ) -> tuple[int, int]:
-    """Writes so many scenes that each sensor has so many seconds of touch.
+    """Writes enough scenes for a duration of touch on each sensor.
 
     Args:
         config: The simulated scenes.
         folder: Folder of the shards.
-        seconds: Touch of each sensor, s.
-        val: Share of the scenes that is for validation.
-        processes: Processes that simulate; None for one a core.
+        seconds: Duration of touch on each sensor, s, above 0.
+        val: Share of the scenes held out for validation; at least 0, below 1.
+        processes: Number of processes; None for one per core.
 
     Returns:
         Number of scenes for training and for validation.
 
     Raises:
-        ConfigError: The duration is not positive, the share is none, or the folder holds touches
-            of another configuration.
+        ConfigError: The duration or the share is out of range, or the folder holds touches of
+            another configuration.
     """
     if not seconds > 0 or not 0 <= val < 1:
         raise ConfigError(f"sim: seconds={seconds} and val={val}; give > 0, and 0 or more, below 1")
@@ -172,9 +173,11 @@ def write_seconds(
     while total < seconds:
         train = len([n for n in numbers if n < FIRST_VAL])
         held_out = len(numbers) - train
+        # Validation scenes are spread over the numbers, so their share holds at any length.
         to_val = held_out < val * (len(numbers) + 1) - 0.5
         numbers.append(FIRST_VAL + held_out if to_val else train)
         total += config.scene(numbers[-1]).path.seconds
+    # Claimed before anything is written, and indexed last: an index lists whole shards only.
     claim(folder / "sim.json", asdict(config), "touches")
     shards.keep_whole(path_of(folder, n) for n in numbers)
     write_scenes(config, folder, numbers, processes)
@@ -190,7 +193,7 @@ def write_seconds(
 
 
 def _main(config: str, folder: str, *numbers: str) -> None:
-    """A process that simulates a share of the scenes."""
+    """Entry point of a worker process; simulates a share of the scenes."""
     scenes = strict.build(SimConfig, "", json.loads(config))
     end_with_parent()
     for number in map(int, numbers):

@@ -20,7 +20,7 @@ from tactileforge.sim.optics import sensor_instances
 from tactileforge.sim.scene import POINTS, SPACING, Scene, simulated_rate
 from tactileforge.sim.view import SensorView
 
-#: Frames that are rendered at a time.
+#: Frames rendered per step.
 _CHUNK = 8
 
 
@@ -29,13 +29,13 @@ class SimFrames:
     """Some frames of one sensor in one scene, in order.
 
     Attributes:
-        scene: Place of the scene in the list that `play_scenes` was given.
-        sensor: Place of the sensor in the list that `play_scenes` was given.
+        scene: Index of the scene in the argument of `play_scenes`.
+        sensor: Index of the sensor in the argument of `play_scenes`.
         pictures: uint8 (K, H, W, 3), RGB.
-        force: float32 (K, 3), N.
-        torque: float32 (K,), N mm.
-        surface: uint8 (K, h, w, 3), how the gel's surface is displaced, see
-            `displacement.encode_displacement`; None where it was not asked for.
+        force: float32 (K, 3), force of the object on the gel, N.
+        torque: float32 (K,), torque about the object's axis, N mm.
+        surface: uint8 (K, h, w, 3), displacement of the gel's surface, see
+            `displacement.encode_displacement`; None without ``surface=True``.
     """
 
     scene: int
@@ -58,22 +58,22 @@ def play_scenes(
 ) -> Iterator[SimFrames]:
     """Simulates touches on several sensors at once, a few frames at a time.
 
-    All sensors feel the same object on the same path. Contacts of all scenes and sensors that one
-    solver serves are solved in one batch; each is the same, to the bit, alone or beside others.
+    All sensors touch the same object on the same path. Contacts of one solver are solved in one
+    batch, across scenes and sensors; each is bit-identical to the same contact solved alone.
 
     Args:
         scenes: The touches.
         sensors: Types of sensors, see `sensors.specs.SIMULATED`.
-        size: Rows or columns of the images, whichever are fewer.
-        markers: Whether the gels have markers; None as their types have.
-        viscosity: Relaxation time of the gels, s; their forces then lead their images. Scenes
-            that draw their own have at least this.
-        surface: Whether to say how the gels' surfaces are displaced.
-        device_name: Torch device that computes.
+        size: Shorter side of the images, pixels.
+        markers: Whether the gels have markers; None for their types' default.
+        viscosity: Relaxation time of the gels, s; their forces then lead their images. A lower
+            limit for scenes with a drawn relaxation time.
+        surface: Whether to yield the displacement of the gels' surfaces.
+        device_name: Torch device of the computation.
 
     Raises:
-        ConfigError: An unknown sensor, a size that is none, or a shape that is finer than the grid.
-        contact.NotConverged: The message names the seed.
+        ConfigError: An unknown sensor, a size below 8, or a shape too fine for the grid.
+        contact.NotConverged: The solver failed; the message names the seed.
     """
     if size < 8:
         raise ConfigError(f"size is {size} pixels; give 8 or more")
@@ -98,7 +98,7 @@ class _Show:
 
 @dataclass(frozen=True)
 class _Feel:
-    """A gel that feels a scene, and the sensors that see it: their gels and rates are the same."""
+    """A gel in a scene, and the sensors sharing it: their gels and rates are equal."""
 
     number: int
     scene: Scene
@@ -120,7 +120,7 @@ def _feels(number: int, scene: Scene, sensors: Sequence[str], viscosity: float) 
 
 
 def _play(group: Sequence[_Feel], window: int, show: _Show, where: str) -> Iterator[SimFrames]:
-    """Plays touches on gels that one solver serves."""
+    """Plays touches on gels of one solver."""
     poses, frames = _aligned([feel.scene.poses(feel.fps) for feel in group])
     heights = torch.from_numpy(np.stack([feel.scene.heights for feel in group]))
     moments = contacts(
@@ -157,7 +157,7 @@ class _Film:
         ]
 
     def shots(self, first: int, part: ContactState) -> Iterator[SimFrames]:
-        """Renders a batch of moments, the first of which has a number."""
+        """Renders a batch of moments; ``first`` is the number of its first frame."""
         fields = self.surface.fields(part)
         for place, view in self.views:
             pictures, displaced = view.pictures(first, self.surface, fields, part)
@@ -180,7 +180,7 @@ def _view(scene: Scene, sensor: str, show: _Show, drift: Tensor, where: str) -> 
 
 
 def _aligned(poses: Sequence[NDArray[np.float64]]) -> tuple[Tensor, list[int]]:
-    """Paths of different length as one tensor (B, T, 6): the shorter ones stand still at the end.
+    """Paths of different length as one tensor (B, T, 6), padded with their last poses.
 
     Returns:
         The poses, and the number of frames of each path.

@@ -24,12 +24,12 @@ from tactileforge.sim.randomise.table import TABLE
 
 #: The solver's grid: points a side, mm between them. It is 14.4 mm wide.
 POINTS, SPACING = 72, 0.2
-#: Depths (mm) at which the force of a shape is sounded; no press goes deeper than the last.
+#: Depths (mm) at which the force of a shape is computed; no press goes deeper than the last.
 _DEPTHS = (0.05, 0.1, 0.2, 0.35, 0.55, 0.8, 1.1, 1.5)
-#: Waves of an unsteady hand, their frequencies (Hz), and what they add to a pose, mm and rad, for a
-#: share of 1; depth is a share of the deepest.
+#: Number of waves of an unsteady hand, their range of frequencies (Hz), and their amplitudes in a
+#: pose, mm and rad, for ``sway`` of 1; the amplitude of depth is a share of the deepest.
 _WAVES, _HERTZ, _SWAY = 4, (0.4, 4.0), (0.25, 0.25, 0.02, 0.5, 0.015, 0.015)
-#: Of printed lines, depth over distance.
+#: Depth of printed lines over their distance.
 _PRINT = 0.03
 #: Radii (mm) of curvature of the published gels and of their most domed units; None is flat. They
 #: include the most domed gel of any sensor, `sensor_gels.MOST_DOMED`.
@@ -51,12 +51,12 @@ class Scene:
     """One touch, apart from the sensor.
 
     Attributes:
-        seed: Draws the units of the sensors and their noise, and names the touch in errors.
+        seed: Seed of the sensors' units and of their noise; names the touch in errors.
         shape: The object.
         path: Its motion.
         motion: Name of the motion.
-        grip: From slippery (0) to sticky (1).
-        unit: Draws the units of the sensors instead of the seed, if given.
+        grip: Friction of the object, from slippery (0) to sticky (1); 0.5.
+        unit: Seed of the sensors' units; None for ``seed``.
         randomise: Differences between units and scenes, see `randomise.draw.randomised_rows`.
     """
 
@@ -73,7 +73,7 @@ class Scene:
         return np.arange(int(self.path.seconds * fps) + 1) / fps
 
     def poses(self, fps: float) -> NDArray[np.float64]:
-        """Poses of the object when frames are taken, (T, 6): they come a little early or late."""
+        """Poses of the object at the frames, (T, 6), with jitter of the frames' times."""
         times = self.times(fps)
         late = self.row["jitter"] * self.row.rng("jitter").standard_normal(len(times)).clip(-2, 2)
         return self.path.pose(times + late)
@@ -88,7 +88,7 @@ class Scene:
 
     @property
     def row(self) -> RandomDraw:
-        """Values of the rows that differ from scene to scene."""
+        """Values of the randomised quantities of this scene."""
         return RandomDraw(self.randomise, self.seed)
 
     @cached_property
@@ -98,7 +98,7 @@ class Scene:
 
     @cached_property
     def window(self) -> int:
-        """Points a side of the solver's grid that hold every contact, on the gel of any sensor."""
+        """Points a side of the solver's window around every contact, on the gel of any sensor."""
         poses = self.path.pose(self.times(FPS))
         return window(
             torch.from_numpy(self.heights), SPACING, torch.from_numpy(poses).float(), _DOMES
@@ -106,7 +106,7 @@ class Scene:
 
 
 def simulated_rate(sensor: str) -> float:
-    """Simulated frames per second."""
+    """Simulated frames per second: the sensor's own, at most `FPS`."""
     return min(spec(sensor).fps, FPS)
 
 
@@ -123,23 +123,24 @@ def draw_scene(
     """Draws a touch: place, depth, tilt, distance, speed and friction.
 
     Args:
-        seed: Same seed, same touch.
+        seed: Seed of the touch.
         shape: The object.
         motion: One of `motions.MOTIONS`.
-        force: Range of the largest normal force, N; the depth that gives it on a flat gel like the
-            Mini's is looked up. What a shape reaches between 0.05 and 1.5 mm bounds the range.
-        seconds: Mean duration of one action.
+        force: Range of the largest normal force, N; converted to a depth on a flat gel like the
+            Mini's. The forces of the shape between 0.05 and 1.5 mm limit the range.
+        seconds: Mean duration of one action, s.
         randomise: Differences between units and scenes, see `randomise.draw.randomised_rows`.
-        reach: Whether a shape that does not reach the range is an error, or presses as near to it
-            as it can.
+        reach: ``error`` to raise for a shape outside the range, ``clip`` to press as near to the
+            range as possible.
 
     Raises:
-        ConfigError: An unknown motion, a range that is none, or one that the shape does not reach.
+        ConfigError: An unknown motion, an invalid range, or a range beyond the shape.
     """
     if motion not in MOTIONS:
         raise ConfigError(unknown("motion", motion, MOTIONS))
     if not 0 < force[0] <= force[1] or seconds <= 0:
         raise ConfigError(f"scene: force={force} N and seconds={seconds} must be greater than 0")
+    # The order of the draws below defines the touch of a seed: another order gives other touches.
     rng = np.random.default_rng([seed, 0x51])
     row = RandomDraw(randomise, seed)
     tilt = rng.normal(0, row["tilt"], 2)
@@ -161,7 +162,7 @@ def draw_scene(
 
 
 def _finished(shape: Shape, row: RandomDraw) -> Shape:
-    """A shape with the lines of a printer and the grain of a rough surface, where a scene has."""
+    """A shape with the printed lines and the grain of a scene, if it has any."""
     if distance := row["print_lines"]:
         angle = row.rng("print_lines").uniform(0, 180)
         shape = printed(shape, distance, _PRINT * distance, angle)
@@ -182,7 +183,7 @@ def _depth(
     place: float,
     reach: str,
 ) -> float:
-    """Depth (mm) at which a shape presses with a force at a place (0 to 1) of a range (N)."""
+    """Depth (mm) of a press, for a force at a place (0 to 1) of a range (N), on a log scale."""
     poses = torch.zeros(1, len(_DEPTHS), 6)
     poses[0, :, 3] = torch.tensor(_DEPTHS)
     poses[0, :, 4:] = torch.from_numpy(tilt)
@@ -203,7 +204,7 @@ def _depth(
 
 
 def _cleared(path: Path, height: NDArray[np.float32]) -> Path:
-    """The path with an end that is clear of any gel, wherever on its dome the object then is."""
+    """The path with an end clear of any gel, at any place on its dome."""
     line = (np.arange(POINTS) - (POINTS - 1) / 2) * SPACING
     x, y = np.meshgrid(line, line)
 

@@ -1,4 +1,4 @@
-"""Pictures that one unit of a sensor takes of its gel."""
+"""Pictures of a gel by one unit of a sensor."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from tactileforge.sim.optics.camera import FULL, Codec
 from tactileforge.sim.optics.render import Optics
 from tactileforge.sim.randomise.draw import Choice
 
-#: Images are drawn with no larger pixels (mm), and then shrunk: edges are sharper than pixels.
+#: Largest pixel of a drawn image, mm. Coarser images are drawn finer and shrunk: edges are sharper
+#: than their pixels.
 _FINEST = 0.13
 
 
@@ -29,13 +30,13 @@ class SensorView:
 
     Args:
         sensor: Type of the sensor, see `sensors.specs.SIMULATED`.
-        unit: Draws the unit.
-        size: Rows or columns of the images, whichever are fewer.
-        randomise: Its differences from others, see `randomise.draw.randomised_rows`.
-        markers: Whether the gel has markers; None as its type has.
-        surface: Whether to say how the gel's surface is displaced.
+        unit: Seed of the unit.
+        size: Shorter side of the images, pixels.
+        randomise: Differences between units, see `randomise.draw.randomised_rows`.
+        markers: Whether the gel has markers; None for its type's default.
+        surface: Whether to return the displacement of the gel's surface.
         drift: float32 (T, 3), change of the light from frame to frame, grey levels; None for none.
-        device_name: Torch device that computes.
+        device_name: Torch device of the computation.
     """
 
     def __init__(
@@ -57,7 +58,7 @@ class SensorView:
         shrink = math.ceil(coarse / _FINEST)
         height, width = (side * shrink for side in shown)
         drawn = sensor_instances.draw_instance(sensor, unit, (height, width), markers, randomise)
-        # A pixel of an image that is smaller than the sensor's is a mean of many.
+        # A pixel of a smaller image is the mean of many of the sensor's: its noise is less.
         drawn = replace(drawn, noise=drawn.noise * min(1.0, size / FULL))
         self.optics = Optics(drawn, device_name, shrink)
         self.shrink = FULL / size
@@ -73,7 +74,7 @@ class SensorView:
         )
 
     def restart(self) -> None:
-        """Begins another film: its images are coded without those before."""
+        """Begins a new film: its images are coded without those before."""
         self.codec = Codec(self.optics.unit.camera, self.shrink)
 
     def pictures(
@@ -82,15 +83,15 @@ class SensorView:
         """Renders a batch of moments.
 
         Args:
-            first: Number of the first, which chooses the noise of each.
-            surface: The gel's.
-            fields: Of these moments, by `GelSurface.fields`.
+            first: Number of the first frame, the seed of its noise.
+            surface: Surface of the gel.
+            fields: Fields of these moments, from `GelSurface.fields`.
             part: The moments.
 
         Returns:
             uint8 (K, H, W, 3), and the displacement of the surface, uint8 (K, h, w, 3), or None.
         """
-        # By what deforms the gel: on lifting, a viscous gel is still dented where no force is left.
+        # From the strain, not the force: on lifting, a viscous gel stays dented without a force.
         touched = (part.strain[:, 0].amax((1, 2)) > 0)[:, None, None]
         dent = torch.where(touched, surface.picture(fields, part, self.places), 0.0)
         drift = None if self.drift is None else self.drift[first : first + len(dent)]
@@ -115,7 +116,7 @@ class SensorView:
         return unit.camera.seen(there, *self.optics.size, unit.spacing) - self.markers
 
     def _displacement(self, dent: Tensor, lateral: Tensor) -> NDArray[np.uint8] | None:
-        """Image of the displacement, uint8 (K, h, w, 3); None where it was not asked for."""
+        """Image of the displacement, uint8 (K, h, w, 3); None without ``surface``."""
         if self.cells is None:
             return None
         deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)

@@ -121,16 +121,18 @@ def _watched() -> Iterator[list[str]]:
 def module_imports_no_vendor_sdk(subject: CheckSubject) -> None:
     """Options can be listed and read without the vendor's software.
 
-    At top level a sensor's package may import only packages installed by ``pip install
-    tactileforge``; other kinds also the requirements of their own distribution.
+    At top level a sensor's package may import what ``pip install tactileforge`` brings, and other
+    packages of plugins, which are checked likewise; other kinds also what their own distribution
+    requires.
     """
     if not subject.name:
         raise Skip("the class is not installed as a plugin")
     module = subject.plugin.__module__
     root = module.partition(".")[0]
-    allowed = _closure("tactileforge")
+    plugins = registry.list_plugins()
+    allowed = _closure("tactileforge") | {_canonical(plugin.distribution) for plugin in plugins}
     if subject.kind != "sensors":
-        for plugin in registry.list_plugins():
+        for plugin in plugins:
             if (plugin.kind, plugin.name) == (subject.kind, subject.name):
                 allowed = allowed | _closure(plugin.distribution)
     parts = module.split(".")

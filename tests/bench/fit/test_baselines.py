@@ -15,9 +15,9 @@ from tactileforge.bench.fit.baselines import (
     FrameStatistics,
     Hog,
     Motion,
-    rings,
 )
 from tactileforge.bench.fit.models import baseline_encoder, model_entry
+from tactileforge.encoders.feature_groups import rings
 from tactileforge.encoders.preprocess import GAIN
 
 

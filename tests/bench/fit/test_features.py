@@ -135,7 +135,7 @@ def test_another_process_that_computes_them_is_waited_for(
         assert thread.is_alive()
         shutil.copy(folder / "tokens.npy", same)
         other.communicate()
-        thread.join(30)
+        thread.join(120)
     assert not thread.is_alive()
     assert sum(calls) == len(of), "the other process had computed them"
 

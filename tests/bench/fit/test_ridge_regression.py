@@ -6,9 +6,11 @@ import torch
 from torch import Tensor
 
 from tactileforge.bench.fit.probes import convex, probe_class, ridge_regression
+from tactileforge.bench.fit.probes.group_weights import group_kernels, weight_grid
 from tactileforge.bench.fit.probes.logistic import Logistic, balanced_error, inner_folds
-from tactileforge.bench.fit.probes.ridge import Ridge
+from tactileforge.bench.fit.probes.ridge import Ridge, choose_weights, places_of
 from tactileforge.bench.tasks.targets import TargetPart
+from tactileforge.errors import ConfigError
 
 
 def made(samples: int, width: int, seed: int = 0) -> tuple[Tensor, torch.Generator]:
@@ -34,7 +36,7 @@ def test_groups_left_out_in_closed_form_are_those_left_out_by_hand(width: int, s
     fitted = ridge_regression.fit_ridge(x @ x.T, y)
     groups = list(torch.arange(24).split(size))
     for penalty in fitted.penalties[4::4]:
-        closed = fitted.left_out(penalty, groups)
+        closed = fitted.left_out([penalty], groups)[0]
         for places in groups:
             rest = torch.tensor([i for i in range(24) if i not in places.tolist()])
             brute = solved(x[rest], y[rest], penalty, x[places])
@@ -192,4 +194,81 @@ def test_logistic_reads_numbers_as_ridge_does() -> None:
 def test_it_has_a_name(kind: type[Ridge]) -> None:
     assert probe_class(kind.__name__.lower()) is kind
     assert not kind.trained
-    assert kind.readings == ("pooled", "summary", "patches")
+    assert kind.readings == ("pooled", "summary", "patches", "groups")
+
+
+def test_kernels_count_alike_however_wide_and_strong_they_are() -> None:
+    x, rng = made(30, 45)
+    x[:, 5:] *= 100
+    new = torch.randn(7, 45, generator=rng)
+    kernels = group_kernels(x, new, [5, 40])
+    assert kernels.gram.diagonal(dim1=1, dim2=2).mean(1).tolist() == pytest.approx([1, 1])
+    mean, spread = x.mean(0), x.std(0, correction=0)
+    own, asked = ((each - mean) / spread for each in (x, new))
+    for group, places in enumerate((slice(0, 5), slice(5, 45))):
+        wanted = asked[:, places] @ own[:, places].T / own[:, places].shape[1]
+        assert torch.allclose(kernels.cross[group].float(), wanted, atol=1e-5)
+    with pytest.raises(ConfigError, match="45 features"):
+        group_kernels(x, new, [5, 41])
+
+
+@pytest.mark.parametrize(("groups", "count"), [(1, 1), (2, 5), (3, 15), (4, 35)])
+def test_weights_lie_on_the_simplex_the_most_even_first(groups: int, count: int) -> None:
+    grid = weight_grid(groups)
+    assert len(set(grid)) == len(grid) == count
+    assert all(sum(row) == 1 and min(row) >= 0 for row in grid)
+    assert max(grid[0]) == min(max(row) for row in grid)
+    for place in range(groups):
+        assert tuple(float(place == i) for i in range(groups)) in grid
+
+
+def weighed(kind: type[Ridge], part: TargetPart, y: Tensor, sizes: list[int]) -> list[Tensor]:
+    """Predictions of the second half: from the first group alone, and from both, weighed."""
+    x, rng = made(120, 6, seed=5)
+    x[:, 0] += 2 * (y[:, 0] - y[:, 0].mean())
+    both = torch.cat([x, torch.randn(120, 400, generator=rng)], 1)
+    names = [str(i) for i in range(60)]
+    out = []
+    for features, parts in ((x, []), (both, sizes)):
+        model = kind(features.shape[1], {"a": part})
+        solved = model.solve(features[:60], {"a": y[:60]}, names, features[60:], parts)
+        out.append(solved[1]["a"])
+    return out
+
+
+def test_a_group_of_many_features_that_say_nothing_gets_no_weight() -> None:
+    """In one group with the others, 400 columns of noise hide the six that matter."""
+    y = torch.randn(120, 1, generator=torch.Generator().manual_seed(1))
+    part = TargetPart("numbers", torch.zeros(0, 1), torch.zeros(0, 1), ("n",))
+    alone, both = weighed(Ridge, part, y, [6, 400])
+    assert torch.allclose(both, alone, atol=1e-5)
+    _, mixed = weighed(Ridge, part, y, [406])
+    errors = [float((found - y[60:]).square().mean()) for found in (both, mixed)]
+    assert errors[0] < 0.6 * errors[1]
+
+
+@pytest.mark.parametrize("kind", [Ridge, Logistic])
+def test_classes_are_weighed_too(kind: type[Ridge]) -> None:
+    y = torch.randint(3, (120, 1), generator=torch.Generator().manual_seed(1)).float()
+    alone, both = weighed(kind, classes(3), y, [6, 400])
+    _, mixed = weighed(kind, classes(3), y, [406])
+    right = [float((found == y[60:]).float().mean()) for found in (alone, both, mixed)]
+    assert right[1] > right[0] - 0.07
+    assert right[1] > right[2] + 0.1
+
+
+def test_weights_go_by_the_group_of_samples() -> None:
+    """Features that name the recording are of no use for another, and are given no weight."""
+    rng = torch.Generator().manual_seed(3)
+    group = torch.arange(24).repeat_interleave(5)
+    y = torch.randn(24, generator=rng)[group][:, None]
+    names = torch.randn(24, 30, generator=rng)[group]
+    hint = y + 0.5 * torch.randn(120, 1, generator=rng)
+    part = TargetPart("numbers", torch.zeros(0, 1), torch.zeros(0, 1), ("level",))
+
+    def weights(recordings: list[str]) -> tuple[float, ...]:
+        kernels = group_kernels(torch.cat([hint, names], 1), torch.zeros(1, 31), [1, 30])
+        return choose_weights(part, kernels, y, places_of(recordings))
+
+    assert weights([str(int(i)) for i in group]) == (1.0, 0.0)
+    assert weights([str(i) for i in range(120)])[1] > 0

@@ -30,7 +30,8 @@ def task(name: str) -> ResultTask:
 def cells(folder: Path, task: ResultTask, model: str, share: float, seed: int) -> list[Cell]:
     """Of three networks where they are random; baselines have one reading."""
     score = []
-    for reading in ("pooled",) if model in ("pixels", "chance") else ("pooled", "patches"):
+    of_baseline = {"pixels": ("pooled",), "chance": ("pooled",), "imagenet": ("pooled", "summary")}
+    for reading in of_baseline.get(model, ("pooled", "patches")):
         for number in range(3 if model.startswith("untrained") else 1):
             file = f"{task.name}-{model.replace(':', '_')}-{reading}-{number}"
             path = classes(folder, file, share, seed + number, 300)
@@ -119,3 +120,42 @@ def test_a_task_whose_metric_is_no_sum_over_clips_stays_out(tmp_path: Path) -> N
     assert grid is not None
     assert [head.text for head in grid.head][2:-2] == ["T0", "T2"]
     assert list(json.loads((tmp_path / "gate.json").read_text())["tasks"]) == ["t0", "t2", "mean"]
+
+
+@pytest.mark.slow
+def test_a_task_that_does_not_count_is_told_and_no_more(tmp_path: Path) -> None:
+    """It is neither won nor in the mean, here of tasks of which two are right in 90 of 100."""
+    results = bench(tmp_path, 0.9)
+    before = {row.task: row for row in gate.compute_gate(tmp_path, results) if row.model == "m"}
+    cells(tmp_path, results.tasks[1], "m", 0.1, 5)  # in place of what it predicted
+    tasks = [replace(task, counted=task.name != "t1") for task in results.tasks]
+    results = replace(results, tasks=tasks)
+    rows = gate_table.write_gate(tmp_path, results)
+    found = {row.task: row for row in rows if row.model == "m" and row.reading == "pooled"}
+    assert found["t1"].score.value == pytest.approx(0.1, abs=0.05)
+    counted = [before[name].score.value for name in ("t0", "t2")]
+    assert found[gate.MEAN].score.value == pytest.approx(sum(counted) / 2, abs=0.01)
+    plain = json.loads((tmp_path / "gate.json").read_text())
+    assert plain["models"]["m"]["pooled"]["tasks"] == 2
+    assert plain["models"]["m"]["passes"]
+    assert [plain["tasks"][name]["counted"] for name in ("t0", "t1", "t2")] == [True, False, True]
+    grid = gate_table.gate_table(rows, results)
+    assert grid is not None
+    assert [head.text for head in grid.head][2:5] == ["T0", "(T1)", "T2"]
+    assert grid.rows[0][-1].text == "2 of 2"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "above"), [(0.7, True), (0.95, False)])
+def test_the_mean_is_compared_with_photographs_alone(
+    share: float, above: bool, tmp_path: Path
+) -> None:
+    """With their summary, whatever the model is read by."""
+    results = bench(tmp_path, 0.85, imagenet=share)
+    rows = gate_table.write_gate(tmp_path, results)
+    mean = next(row for row in rows if (row.task, row.model) == (gate.MEAN, "m"))
+    assert mean.above["imagenet"].value == pytest.approx(0.85 - share, abs=0.1)
+    outcome = gate_outcome(rows, "m")["patches"]
+    assert ("imagenet" in outcome["mean_above"]) == above
+    assert {"random", "pixels"} <= set(outcome["mean_above"])
+    assert "imagenet" not in json.loads((tmp_path / "gate.json").read_text())["models"]

@@ -1,5 +1,6 @@
 """A run of demonstrations becomes a policy that steps as it was trained."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from tactileforge.data.batches.clips import collate
 from tactileforge.encoders.given import views_of
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, TactileForgeError
 from tactileforge.pages.curves import read_metrics
+from tactileforge.report.run import report_of_run
 from tactileforge.run_folder import BEST, LAST
 from tactileforge.train import train
 
@@ -51,6 +53,25 @@ def test_a_run_steps_as_its_samples_say(folder: Path, root: Path) -> None:
             np.testing.assert_allclose(found, chunk[place].numpy(), atol=2e-3)
     low, high = cut.ranges()["action"]
     assert policy._head.action.low.shape == low.shape == high.shape
+
+
+def test_a_run_of_before_the_package_loads_and_is_told_of_as_before(
+    folder: Path, tmp_path: Path
+) -> None:
+    """Its configuration has the sizes under ``robot``."""
+    old = shutil.copytree(folder, tmp_path / "old")
+    config = run_folder.read_config(old)
+    config["robot"] = config.pop("facts")
+    run_folder.write_config(old, config)
+    steps = []
+    for run in (folder, old):
+        policy = load_policy(run)
+        policy.reset({name: rest() for name in policy.fingers}, seed=1)
+        steps.append(policy.step({n: dent(0.3) for n in policy.fingers}, [0, 0, 0], dent(0, 24)))
+    np.testing.assert_array_equal(*steps)
+    report = report_of_run(old).read_text()
+    assert "Heads on a frozen touch encoder, trained with denoise" in report
+    assert "action size" in report
 
 
 def test_the_best_weights_are_those_of_the_smallest_validation_loss(folder: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -13,11 +12,9 @@ from torch.nn import functional as F
 from tactileforge.bench.fit.baseline import Baseline
 from tactileforge.bench.fit.imagenet import ImageNetFeatures
 from tactileforge.bench.fit.pixels import PixelFeatures
+from tactileforge.encoders.feature_groups import STATISTICS_SIZE, statistics_of
 
-_SIZE = 128
-_QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
-#: Edges of the rings of the spectrum, in cycles per pixel.
-_RINGS = (0.0, 0.015, 0.03, 0.06, 0.12, 0.2, 0.3, 0.5)
+_SIZE = STATISTICS_SIZE
 _CELL, _BINS = 16, 9
 _SMALL = 16
 
@@ -53,17 +50,7 @@ class FrameStatistics(Flat):
 
     def read(self, x: Tensor) -> Tensor:
         """(B, width): moments, quantiles, gradients and spectrum of the last frame."""
-        last = x[:, -1]
-        flat = last.flatten(2)
-        mean, spread = flat.mean(2), flat.std(2)
-        unit = (flat - mean[..., None]) / spread[..., None].clamp(min=1e-6)
-        edges = torch.tensor(_QUANTILES, device=x.device)
-        quantiles = flat.quantile(edges, dim=2).permute(1, 2, 0)
-        steps = [last.diff(dim=dim).flatten(2) for dim in (2, 3)]
-        slopes = [part for step in steps for part in (step.abs().mean(2), step.std(2))]
-        each = [mean, spread, unit.pow(3).mean(2), unit.pow(4).mean(2), *slopes]
-        between = (unit[:, [0, 0, 1]] * unit[:, [1, 2, 2]]).mean(2)
-        return torch.cat([*each, quantiles.flatten(1), rings(last).flatten(1), between], 1)
+        return statistics_of(x[:, -1])
 
 
 class Motion(Flat):
@@ -119,17 +106,6 @@ class Chance(Flat):
     def read(self, x: Tensor) -> Tensor:
         """(B, 1) zeros."""
         return torch.zeros(len(x), 1, device=x.device)
-
-
-def rings(x: Tensor) -> Tensor:
-    """Logarithm of the power in rings of the spectrum, (B, C, 7) of (B, C, H, W)."""
-    power = torch.fft.fft2(x, norm="ortho").abs().square()
-    across, down = (torch.fft.fftfreq(n, device=x.device) for n in (x.shape[3], x.shape[2]))
-    radius = (across[None] ** 2 + down[:, None] ** 2).sqrt()
-    inside = [(radius > low) & (radius <= high) for low, high in pairwise(_RINGS)]
-    return (
-        torch.stack([(power * ring).sum((2, 3)) / ring.sum() for ring in inside], 2).add(1e-6).log()
-    )
 
 
 #: Baseline by the word that names it, and its name in print.

@@ -121,8 +121,11 @@ def evaluate_probe(
         if choice.kind.trained:
             fold = train_probes(build, choice.training, examples[0], uses, seeds, score, higher)
         elif issubclass(choice.kind, Ridge):
-            pairs = zip(taps, examples, strict=True)
-            fold = [_solve(prepared, build(), rows, split, tap) for tap, rows in pairs]
+            sizes = [tuple(subject.group_sizes.values()) if t == "groups" else () for t in taps]
+            fold = [
+                _solve(prepared, build(), rows, split, tap, count)
+                for tap, rows, count in zip(taps, examples, sizes, strict=True)
+            ]
         elif issubclass(choice.kind, Linear):
             fold = [_converge(build(), examples[0], split, select, score, higher)]
         else:
@@ -201,9 +204,14 @@ def _layer(
 
 
 def _solve(
-    prepared: PreparedTask, model: Probe, examples: Examples, split: Split, tap: str
+    prepared: PreparedTask,
+    model: Probe,
+    examples: Examples,
+    split: Split,
+    tap: str,
+    sizes: Sequence[int],
 ) -> TrainedProbe:
-    """Fits in closed form on training and validation clips; inner folds choose the penalty."""
+    """Fits in closed form on training and validation clips; inner folds choose what is chosen."""
     assert isinstance(model, Ridge)
     known = np.sort(np.concatenate([split.train, split.validation]))
     plan = prepared.task.split
@@ -212,7 +220,7 @@ def _solve(
     if len(set(groups)) == 1 and plan.unit:
         groups = splits.group_names(prepared.source, prepared.target, known, plan.unit)
     rows, truth = examples.take(known)
-    inner, outer = model.solve(rows, truth, groups, examples.take(split.test)[0])
+    inner, outer = model.solve(rows, truth, groups, examples.take(split.test)[0], sizes)
     score = _scorer(prepared, known)({name: values.cpu() for name, values in inner.items()})
     predicted = {name: values.cpu() for name, values in outer.items()}
     return TrainedProbe(0, math.nan, predicted, score, reading=tap)

@@ -158,13 +158,13 @@ class _Extraction:
         if done:
             arrays = {what: np.lib.format.open_memmap(p, "r+") for what, p in parts.items()}
         flips = tuple(dict.fromkeys(flip for _, flip in self.paths))
-        summary = any(tap == "summary" for tap, _ in self.paths)
+        groups = any(tap in ("summary", "groups") for tap, _ in self.paths)
         with Bar(
             total=self.total, initial=done, desc=f"features of {self.subject.name}", unit="clip"
         ) as bar:
             for number, (places, batch) in enumerate(self._batches(done), start=1):
                 for flip in flips:
-                    readings = self.subject.features(batch, flip, self.policy, summary)
+                    readings = self.subject.features(batch, flip, self.policy, groups)
                     for what in [what for what in self.paths if what[1] == flip]:
                         values = _half(readings[what[0]], self.subject.name)
                         if what not in arrays:

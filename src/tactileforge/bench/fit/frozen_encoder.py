@@ -15,7 +15,12 @@ from tactileforge.bench.fit.baselines import BASELINES
 from tactileforge.bench.fit.probes.base import Probe
 from tactileforge.bench.tasks.suite import ClipSpec
 from tactileforge.contracts import Batch
-from tactileforge.encoders.summary import encode_summary, summary_width
+from tactileforge.encoders.feature_groups import (
+    GROUPS,
+    encode_trained,
+    free_groups,
+    group_sizes,
+)
 from tactileforge.errors import ConfigError
 from tactileforge.hub.header import Header
 
@@ -79,10 +84,17 @@ class FrozenEncoder:
 
     def width(self, tap: str) -> int:
         """Width of a feature."""
+        if tap == "groups":
+            return sum(self.group_sizes.values())
         if tap == "summary":
-            return summary_width(self.encoder)
+            return self.group_sizes["summary"]
         width: int = self.encoder.projected if tap == "projected" else self.encoder.width
         return width
+
+    @property
+    def group_sizes(self) -> dict[str, int]:
+        """Numbers of each group of features, which lie side by side in the tap ``groups``."""
+        return group_sizes(self.encoder)
 
     def taps(self, kind: type[Probe]) -> tuple[str, ...]:
         """Names of the features that a kind of probe reads and this encoder has."""
@@ -112,7 +124,7 @@ class FrozenEncoder:
         return unknown
 
     def features(
-        self, batch: Batch, flip: tuple[bool, bool], policy: str, summary: bool = True
+        self, batch: Batch, flip: tuple[bool, bool], policy: str, groups: bool = True
     ) -> dict[str, Tensor]:
         """Features for probes, without gradients.
 
@@ -120,22 +132,23 @@ class FrozenEncoder:
             batch: See `run`.
             flip: See `run`.
             policy: See `run`.
-            summary: Whether ``summary`` is asked for.
+            groups: Whether ``summary`` or ``groups`` are asked for.
 
         Returns:
             ``tokens`` (B, L, width) and ``projected`` (B, projected). ``patches`` (B, n width), the
             tokens without those in front, one after another; ``pooled`` (B, width), their mean;
-            ``summary``, see `encode_summary`. Of a baseline without patches ``pooled`` is
-            ``projected``, and ``summary`` is not there.
+            ``summary``, see `encode_summary`; ``groups`` (B, n), all groups side by side, see
+            `feature_groups.encode_groups`. Of a baseline without patches ``pooled`` is
+            ``projected``, and the last two are not there.
         """
         with torch.inference_mode():
-            taps = self.run(batch, flip, policy, summary and not self.flat)
+            taps = self.run(batch, flip, policy, groups and not self.flat)
             patches = taps["tokens"][:, self.encoder.prefix :]
             pooled = taps["projected"] if self.flat else patches.float().mean(1)
             return taps | {"pooled": pooled, "patches": patches.flatten(1)}
 
     def run(
-        self, batch: Batch, flip: tuple[bool, bool], policy: str, summary: bool = False
+        self, batch: Batch, flip: tuple[bool, bool], policy: str, groups: bool = False
     ) -> dict[str, Tensor]:
         """The same, with gradients where the encoder has them.
 
@@ -143,7 +156,7 @@ class FrozenEncoder:
             batch: See `tactileforge.contracts`.
             flip: Whether it is mirrored left to right, and top to bottom.
             policy: What to do with an unknown sensor: ``error`` or ``universal``.
-            summary: Whether to add the summary, see `encode_summary`.
+            groups: Whether to add ``summary`` and ``groups``, see `features`.
         """
         frames = batch["frames"].to(self.device, non_blocking=True)
         background = batch["background"].to(self.device, non_blocking=True)
@@ -152,10 +165,10 @@ class FrozenEncoder:
             frames, background = frames.flip(mirrored), background.flip(mirrored)
         rows = self._rows(batch["sensor"], policy).to(self.device)
         if not self.single:
-            return self._taps(summary, frames, background, rows)
+            return self._taps(groups, frames, background, rows)
         count = frames.shape[1]
         taps = self._taps(
-            summary,
+            groups,
             frames.flatten(0, 1)[:, None],
             background.repeat_interleave(count, 0),
             rows.repeat_interleave(count),
@@ -164,12 +177,21 @@ class FrozenEncoder:
             tap: value.reshape(-1, count, *value.shape[1:]).mean(1) for tap, value in taps.items()
         }
 
-    def _taps(self, summary: bool, *inputs: Tensor) -> dict[str, Tensor]:
-        if not summary:
-            tokens, projected = self.encoder(*inputs)
+    def _taps(
+        self, groups: bool, frames: Tensor, background: Tensor, rows: Tensor
+    ) -> dict[str, Tensor]:
+        if not groups:
+            tokens, projected = self.encoder(frames, background, rows)
             return {"tokens": tokens, "projected": projected}
-        tokens, projected, vector = encode_summary(self.encoder, *inputs)
-        return {"tokens": tokens, "projected": projected, "summary": vector}
+        tokens, projected, trained = encode_trained(self.encoder, frames, background, rows)
+        all_groups = trained | free_groups(frames, background, GROUPS)
+        joint = torch.cat([values.float() for values in all_groups.values()], 1)
+        return {
+            "tokens": tokens,
+            "projected": projected,
+            "summary": trained["summary"],
+            "groups": joint,
+        }
 
     def _rows(self, sensors: Sequence[str], policy: str) -> Tensor:
         if hasattr(self.encoder, "unknown_sensor"):

@@ -163,6 +163,7 @@ def result_task(task: Task, choice: ProbeChoice, selection: str) -> results.Resu
         ],
         main=task.metrics[0],
         selection=selection,
+        counted=task.counted,
     )
 
 

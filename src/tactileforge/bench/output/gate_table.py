@@ -17,8 +17,9 @@ from tactileforge.files import write_text
 _CAPTION = (
     "Closed-form probes; accuracies as shares. In brackets the 95 % interval (bootstrap over "
     "recordings or objects). Below, what it is above random weights of its architecture (r) and "
-    "above 16 x 16 pixels (p), paired, with the lower end of the interval. ▲ above both beyond the "
-    "interval; ▼ below one of them beyond it."
+    "above 16 x 16 pixels (p), paired, with the lower end of the interval; in the mean also above "
+    "picture statistics (s) and a network of photographs alone (i). ▲ above the first two beyond "
+    "the interval; ▼ below one of them beyond it. Tasks in brackets do not count."
 )
 
 
@@ -43,11 +44,14 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
     for model, reading in keys:
         cells = [known.get((model, reading, task.name)) for task in tasks]
         mean = known.get((model, reading, gate.MEAN))
+        counted = [cell for cell, task in zip(cells, tasks, strict=True) if task.counted]
         entries = [_entry(row) for row in (*cells, mean)]
         rows.append(
-            [TableEntry(names[model]), TableEntry(reading), *entries, TableEntry(_won(cells))]
+            [TableEntry(names[model]), TableEntry(reading), *entries, TableEntry(_won(counted))]
         )
-    heads = [ColumnHead(task.title, task.main) for task in tasks]
+    heads = [
+        ColumnHead(task.title if task.counted else f"({task.title})", task.main) for task in tasks
+    ]
     return Table(
         name="gate",
         title=f"Release gate: {results.suite}",
@@ -66,7 +70,8 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
 def _entry(row: GateRow | None) -> TableEntry:
     if row is None:
         return TableEntry("not run", tone="soft")
-    below = [f"{name[0]} {_signed(row.above[name])}" for name in gate.AGAINST if name in row.above]
+    against = gate.COMPARED if row.task == gate.MEAN else gate.AGAINST
+    below = [f"{name[0]} {_signed(row.above[name])}" for name in against if name in row.above]
     lost = any(row.above[name].high < 0 for name in gate.AGAINST if name in row.above)
     sign = " ▲" if row.beats else " ▼" if lost else ""
     score = row.score

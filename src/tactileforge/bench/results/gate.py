@@ -5,7 +5,7 @@ Intervals are those of `bench.results.bootstrap`: paired, over recordings or obj
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,18 @@ from tactileforge.bench.results.results import Cell, Results, ResultTask
 FILE = "gate.json"
 #: What a model has to beat; ``random`` are its own architecture's.
 AGAINST = ("random", "pixels")
-#: Words of models that are compared with, besides ``untrained:NAME``.
-_BASELINES = ("pixels", "statistics", "motion", "hog", "background", "chance")
+#: What the mean of all counted tasks is compared with: all that a user has without touch.
+COMPARED = (*AGAINST, "statistics", "imagenet")
+#: What a probe reads of each model that is compared with, besides ``untrained:NAME``.
+_BASELINES = {
+    "pixels": "pooled",
+    "statistics": "pooled",
+    "imagenet": "summary",
+    "motion": "pooled",
+    "hog": "pooled",
+    "background": "pooled",
+    "chance": "pooled",
+}
 #: Name of the row of all tasks together, whose metrics are all 1 at best.
 MEAN = "mean"
 
@@ -76,14 +86,15 @@ def compute_gate(folder: Path, results: Results) -> list[GateRow]:
                     for other, tallies in _others(cells, model.name, reading).items()
                 }
                 gate_rows.append(GateRow(name, model.name, reading, compared(networks), above))
-    means = [_mean_row(by_task, row) for row in gate_rows if row.task == next(iter(by_task))]
-    return gate_rows + [row for row in means if row and len(by_task) > 1]
+    counted = {task.name: by_task[task.name] for task in gate_tasks(results) if task.counted}
+    means = [_mean_row(counted, row) for row in gate_rows if row.task == next(iter(counted), "")]
+    return gate_rows + [row for row in means if row and len(counted) > 1]
 
 
 def _mean_row(
     by_task: Mapping[str, Mapping[tuple[str, str], list[GroupedScore]]], row: GateRow
 ) -> GateRow | None:
-    """The row of all tasks; None where the model was not run on one of them."""
+    """The row of all counted tasks; None where the model was not run on one of them."""
     key = row.model, row.reading
     every = list(by_task.values())
     if any(key not in cells for cells in every):
@@ -117,14 +128,14 @@ def _of(folder: Path, cell: Cell, task: ResultTask) -> GroupedScore:
 def _others(
     cells: Mapping[tuple[str, str], list[GroupedScore]], model: str, reading: str
 ) -> dict[str, list[GroupedScore]]:
-    """Tallies of what a model is compared with: baselines, which have one reading, and models."""
+    """Tallies of what a model is compared with: baselines in one reading each, and models."""
     if is_baseline(model):
         return {}
     random = cells.get((f"untrained:{model}", reading))
     others = {"random": random} if random else {}
-    for name in _BASELINES:
-        if (name, "pooled") in cells:
-            others[name] = cells[name, "pooled"]
+    for name, own_reading in _BASELINES.items():
+        if (name, own_reading) in cells:
+            others[name] = cells[name, own_reading]
     for (name, other_reading), tallies in cells.items():
         if other_reading == reading and name != model and not is_baseline(name):
             others[name] = tallies
@@ -136,30 +147,47 @@ def is_baseline(name: str) -> bool:
     return name in _BASELINES or name.startswith("untrained:")
 
 
-def gate_outcome(gate_rows: Sequence[GateRow], model: str) -> dict[str, Any]:
-    """Tasks won with each kind of features, and whether they are the majority with all."""
-    rows = [row for row in gate_rows if row.model == model and row.task != MEAN]
+def gate_outcome(
+    gate_rows: Sequence[GateRow], model: str, uncounted: Collection[str] = ()
+) -> dict[str, Any]:
+    """Tasks won with each kind of features, and whether they are the majority with all.
+
+    ``mean_above`` names what the mean of all counted tasks is above beyond the interval, of random
+    weights, pixels, picture statistics and the network of photographs alone.
+
+    Args:
+        gate_rows: Of all models.
+        model: Name of one.
+        uncounted: Tasks that do not count.
+    """
+    rows = [row for row in gate_rows if row.model == model and row.task not in (MEAN, *uncounted)]
     out: dict[str, Any] = {"passes": bool(rows)}
     for reading in dict.fromkeys(row.reading for row in rows):
         readings = [row for row in rows if row.reading == reading]
         won = [row.task for row in readings if row.beats]
         out[reading] = {"tasks": len(readings), "won": won}
         out["passes"] &= 2 * len(won) > len(readings)
+    for row in gate_rows:
+        if row.model == model and row.task == MEAN and row.reading in out:
+            above = [n for n in COMPARED if n in row.above and row.above[n].low > 0]
+            out[row.reading]["mean_above"] = above
     return out
 
 
 def gate_to_plain(gate_rows: Sequence[GateRow], results: Results) -> dict[str, Any]:
     """The gate as plain data, for ``gate.json`` and for cards."""
     models = [model for model in results.models if not is_baseline(model.name)]
+    uncounted = [task.name for task in gate_tasks(results) if not task.counted]
     return {
         "suite": results.suite,
         "versions": dict(results.versions),
         "tasks": {
-            task.name: {"title": task.title, "metric": task.main} for task in gate_tasks(results)
+            task.name: {"title": task.title, "metric": task.main, "counted": task.counted}
+            for task in gate_tasks(results)
         }
         | {MEAN: {"title": "Mean of all tasks", "metric": MEAN}},
         "models": {
-            model.name: gate_outcome(gate_rows, model.name)
+            model.name: gate_outcome(gate_rows, model.name, uncounted)
             | {key: model.facts.get(key, []) for key in ("trained_on", "seen_of_held_out")}
             | {"sha256": model.sha256}
             for model in models

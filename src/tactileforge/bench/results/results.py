@@ -37,6 +37,7 @@ class ResultTask:
         metrics: All that is measured.
         main: The metric of the main table.
         selection: What the best epoch is chosen on, ``validation`` or ``test``.
+        counted: Whether the release gate counts it.
     """
 
     name: str
@@ -47,6 +48,7 @@ class ResultTask:
     metrics: list[ResultMetric]
     main: str
     selection: str
+    counted: bool = True
 
     def metric(self, name: str = "") -> ResultMetric:
         """A metric by name, the main one by default."""

@@ -29,7 +29,7 @@ from tactileforge.bench.results.results import (
 )
 from tactileforge.bench.tasks.targets import TargetPart
 from tactileforge.errors import TactileForgeError
-from tactileforge.files import write_text
+from tactileforge.files import new_part, write_text
 from tactileforge.hub.cards import card_names
 from tactileforge.provenance import commit
 
@@ -156,7 +156,6 @@ class Writer:
             clips: Recording and last frame of each.
         """
         path = self.folder / _predictions(cell)
-        path.parent.mkdir(parents=True, exist_ok=True)
         kind = np.int64 if part.kind == "classes" else np.float32
         names = "names" if part.kind == "classes" else "axes"
         arrays = {
@@ -168,7 +167,9 @@ class Writer:
         if part.kind == "classes" and truth.shape[1] == 1:
             arrays |= {key: arrays[key][:, 0] for key in ("truth", "predicted")}
             _write_table(path.with_suffix(".csv"), clips, arrays)
-        np.savez_compressed(path, **arrays)
+        with new_part(path, path.suffix) as file:  # without the suffix, numpy adds its own
+            np.savez_compressed(file, **arrays)
+            file.replace(path)
         return replace(cell, predictions=_predictions(cell))
 
 

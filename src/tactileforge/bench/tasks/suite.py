@@ -82,6 +82,7 @@ class Task:
         clamp: Largest normalised target; 0 for none.
         flips: Whether clips are mirrored at random in training.
         unknown_sensor: ``error``, or ``universal`` to take the universal tokens.
+        counted: Whether the release gate counts it, and its mean of all tasks has it.
     """
 
     name: str
@@ -97,6 +98,7 @@ class Task:
     clamp: float = 0.0
     flips: bool = False
     unknown_sensor: str = "error"
+    counted: bool = True
 
     @property
     def sides(self) -> tuple[str, ...]:

@@ -1,1 +1,1 @@
-"""Readers that data sets share: layouts, tables, pickles, splits."""
+"""Readers shared by data sets: layouts, tables, pickles, splits."""

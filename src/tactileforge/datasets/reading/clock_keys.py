@@ -1,4 +1,4 @@
-"""Origin of the times and of the order of frames, as layouts write it."""
+"""Validation of a layout's ``times`` and ``order``: the origin of frame times and order."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ TIMES = ("even", "names")
 
 
 def parse_times(times: ClockKeys | str | None, each: str, where: str) -> ClockKeys | str:
-    """The origin of the times of frames; "" to find it out, ``even``, ``names``, or a CSV.
+    """The origin of the times of frames; "" to detect it, ``even``, ``names``, or a CSV.
 
     Args:
-        times: As it is written.
-        each: What a recording is: ``video``, ``touch`` or ``sequence``.
-        where: The layout, for messages.
+        times: Value of the layout's key ``times``; None for "".
+        each: Unit of a recording: ``video``, ``touch`` or ``sequence``.
+        where: Name of the layout, for messages.
 
     Raises:
-        ConfigError: It is none of them, or of no use here.
+        ConfigError: The value is invalid, or does not apply to ``each``.
     """
     times = times or ""
     if isinstance(times, ClockKeys):
@@ -44,12 +44,12 @@ def parse_order(order: ClockKeys | str | None, each: str, where: str) -> ClockKe
     """The order of the images of a sequence; "" for the natural one, a pattern, or a CSV.
 
     Args:
-        order: As it is written.
-        each: See `parse_times`.
-        where: The layout, for messages.
+        order: Value of the layout's key ``order``; None for "".
+        each: Unit of a recording: ``video``, ``touch`` or ``sequence``.
+        where: Name of the layout, for messages.
 
     Raises:
-        ConfigError: It is none of them, or of no use here.
+        ConfigError: The value is invalid, or does not apply to ``each``.
     """
     order = order or ""
     if order and each != "sequence":

@@ -15,13 +15,13 @@ _AXES = ("x right", "y down", "z into the gel")
 
 
 def plot(recording: Recording) -> Figure:
-    """Frames, their difference to the background, and forces and actions where there are any.
+    """A figure of frames, their difference from the background, forces and actions.
 
     Args:
-        recording: What to show.
+        recording: The recording; the panels of absent data are left out.
 
     Returns:
-        A matplotlib figure that belongs to no window.
+        A matplotlib figure without a window.
 
     Raises:
         DataError: A frame cannot be decoded.

@@ -1,4 +1,4 @@
-"""Files of a data set: those that a pattern names, and text that may be damaged."""
+"""Files of a data set: matching by pattern, and reading of text and CSV."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tactileforge.data.frames.companions import is_companion
 from tactileforge.datasets.reading.order import Natural, name_keys, natural
 from tactileforge.errors import ConfigError, DataError
 
-#: What a text of wide letters begins with, the longest first.
+#: Byte order marks of UTF-32 and UTF-16. The longest first: that of UTF-16 LE begins UTF-32 LE's.
 _MARKS = {
     codecs.BOM_UTF32_LE: "utf-32",
     codecs.BOM_UTF32_BE: "utf-32",
@@ -23,14 +23,14 @@ _MARKS = {
 
 
 class DamagedFileError(DataError):
-    """A file that belongs to one touch is there, but cannot be read."""
+    """Unreadable existing file of a single touch."""
 
 
 def read_text(path: Path) -> str:
     """The text of a file, in UTF-8, without a byte order mark.
 
     Raises:
-        DataError: It cannot be read, or is not UTF-8; names it and what it seems to be.
+        DataError: The file cannot be read, or is not UTF-8; names it and its likely encoding.
     """
     try:
         raw = path.read_bytes()
@@ -51,7 +51,7 @@ def read_text(path: Path) -> str:
 
 
 def wide_encoding(raw: bytes) -> str | None:
-    """The encoding of a text of two or four bytes a letter, by its mark or its zeros; else None.
+    """The encoding of a UTF-16 or UTF-32 text, by its mark or its zero bytes; otherwise None.
 
     Args:
         raw: The bytes of the text.
@@ -73,7 +73,7 @@ def read_rows(path: Path) -> list[list[str]]:
     """The cells of each line of a CSV without a header; [] for an empty line.
 
     Raises:
-        DataError: It cannot be read, or is no CSV; names it.
+        DataError: The file cannot be read, or is not a CSV; names it.
     """
     try:
         return list(csv.reader(StringIO(read_text(path), newline="")))
@@ -84,22 +84,22 @@ def read_rows(path: Path) -> list[list[str]]:
 def matching_files(
     folder: Path, patterns: Sequence[str], layout: str
 ) -> tuple[list[Path], list[Path]]:
-    """Files that match any pattern, each once, in natural order; and what matches and is none.
+    """Files matching any pattern, each once, in natural order; and matches other than files.
 
-    Numbers in names count as such, 2 before 10 and 8.27 before 8.5; see `order.name_keys`. The
-    ending counts in any case: ``*.png`` finds ``0.PNG``. Hidden files, and those that a computer
-    puts beside pictures, are left out.
+    Numbers in names sort by value, 2 before 10 and 8.27 before 8.5; see `order.name_keys`. The
+    ending matches in any case: ``*.png`` finds ``0.PNG``. Hidden files, and companion files of an
+    operating system, are left out.
 
     Args:
-        folder: Where to look.
-        patterns: As `Path.glob` takes them.
-        layout: Name of the layout that has them, for messages.
+        folder: Folder of the search.
+        patterns: Glob patterns relative to ``folder``, see `Path.glob`.
+        layout: Name of their layout, for messages.
 
     Raises:
-        ConfigError: One is no pattern of paths below the folder.
-        DataError: Two files differ in the case of their ending alone.
+        ConfigError: A pattern is invalid, or leaves the folder.
+        DataError: Two files differ only in the case of their ending.
     """
-    found: dict[Path, bool] = {}  # whether a pattern that names files has matched it
+    found: dict[Path, bool] = {}  # whether a pattern with a file ending has matched
     for pattern in patterns:
         is_for_files = "." in pattern.rpartition("/")[2]
         for path in _matches(folder, pattern, layout):
@@ -114,7 +114,7 @@ def matching_files(
 def _matches(folder: Path, pattern: str, layout: str) -> list[Path]:
     try:
         paths = list(folder.glob(_any_case(pattern)))
-        hidden = any(part.startswith(".") for part in Path(pattern).parts)  # asked for by name
+        hidden = any(part.startswith(".") for part in Path(pattern).parts)  # named explicitly
         return [path for path in paths if hidden or not is_companion(path.relative_to(folder))]
     except (ValueError, NotImplementedError) as error:
         raise ConfigError(
@@ -124,12 +124,12 @@ def _matches(folder: Path, pattern: str, layout: str) -> list[Path]:
 
 
 def deeper(folder: Path, patterns: Sequence[str], layout: str) -> str:
-    """A remark on files that patterns would match in the folders of a folder; "" without any.
+    """A remark on matching files one folder deeper; "" without any.
 
     Args:
-        folder: Where the patterns match nothing.
-        patterns: See `matching_files`.
-        layout: See `matching_files`.
+        folder: Folder without a match.
+        patterns: Glob patterns, see `matching_files`.
+        layout: Name of their layout, for messages.
     """
     found = [path for p in patterns for path in _matches(folder, f"*/{p}", layout)]
     if not found:
@@ -145,7 +145,7 @@ def deeper(folder: Path, patterns: Sequence[str], layout: str) -> str:
 
 
 def _any_case(pattern: str) -> str:
-    """A pattern whose ending matches in any case: a camera writes .MP4, a program .mp4."""
+    """A pattern with its ending in either case: a camera writes .MP4, a program .mp4."""
     start, dot, ending = pattern.rpartition(".")
     if not dot or not ending.isalnum() or not ending.isascii():
         return pattern
@@ -153,7 +153,7 @@ def _any_case(pattern: str) -> str:
 
 
 def _check_endings(paths: Iterable[Path]) -> None:
-    """Raises an error where two files differ in the case of their ending alone."""
+    """Raises an error for two files with names differing only in the case of their ending."""
     seen: dict[Path, Path] = {}
     for path in paths:
         other = seen.setdefault(path.with_suffix(path.suffix.lower()), path)
@@ -164,12 +164,12 @@ def _check_endings(paths: Iterable[Path]) -> None:
 
 
 def kind_of(path: Path) -> str:
-    """Content found where a file should be."""
+    """Kind of a path other than a file, in words."""
     if path.is_symlink() and not path.exists():
         return "a link to nothing"
     return "a folder" if path.is_dir() else "a pipe, socket or device"
 
 
 def _folders(path: Path) -> list[Natural]:
-    """Key that sorts the folders of a path, name by name."""
+    """Sort key of the folders of a path, name by name."""
     return [natural(part) for part in path.parts[:-1]]

@@ -21,7 +21,7 @@ from tactileforge.datasets.reading.order import by_pattern
 from tactileforge.datasets.reading.tables import read_cells
 from tactileforge.errors import ConfigError, DataError
 
-#: Seconds between frames beyond which times are asked for their unit.
+#: Median step of frames, s, beyond which times need an explicit unit.
 _SLOW = 5.0
 
 
@@ -31,8 +31,8 @@ class FrameClock:
 
     Attributes:
         times: float64 (T,), seconds since the first frame.
-        start: Seconds since 1970 of the first frame; None if unknown.
-        doubt: What is not clear, as a phrase; "" where all is.
+        start: Time of the first frame, seconds since 1970; None if unknown.
+        doubt: Description of an ambiguity, as a phrase; "" without one.
     """
 
     times: NDArray[np.float64]
@@ -41,11 +41,11 @@ class FrameClock:
 
 
 class Clocks:
-    """Gives frames their times and their order.
+    """Computes the times and the order of frames.
 
     Args:
         layout: The layout.
-        rows: Finds rows of CSVs that name images.
+        rows: Look-up of CSV rows by image.
     """
 
     def __init__(self, layout: DatasetLayout, rows: ImageRows) -> None:
@@ -58,13 +58,13 @@ class Clocks:
         """The times of the frames of a touch.
 
         Args:
-            paths: Its files.
-            video: Its frames, where it is a video.
-            file: Makes a path of a template of the layout.
+            paths: Files of the touch.
+            video: Frames of the video; None for images.
+            file: Function from a template of the layout to a path.
 
         Raises:
-            DataError: Times do not increase, are not one a frame, or are in another unit.
-            ConfigError: Names were to give the times, and give none.
+            DataError: The times do not increase, are not one per frame, or look like another unit.
+            ConfigError: The layout takes times from names without any times.
         """
         layout = self.layout
         if isinstance(layout.times, ClockKeys) and layout.times.file is not None:
@@ -81,14 +81,14 @@ class Clocks:
         return FrameClock(video_times(video, fix), doubt=rate_doubt(video))
 
     def ordered(self, paths: list[Path], file: Callable[[str], Path]) -> list[Path]:
-        """The images of a sequence in the order that the layout gives, if it gives any.
+        """The images of a sequence in the layout's order, or unchanged without one.
 
         Args:
-            paths: Its images.
-            file: Makes a path of a template of the layout.
+            paths: Images of the sequence.
+            file: Function from a template of the layout to a path.
 
         Raises:
-            DataError: An image has no place, or two have one.
+            DataError: An image has no place, or two share one.
         """
         order = self.layout.order
         if isinstance(order, str):
@@ -105,7 +105,7 @@ class Clocks:
     def _values(
         self, keys: ClockKeys, path: Path, paths: list[Path], count: int
     ) -> NDArray[np.float64]:
-        """A column of numbers, one a frame."""
+        """A column of numbers, one per frame."""
         column = keys.column or ""
         if keys.key is not None:
             found = self.rows.find(path, keys.key, [column], paths, "{" not in (keys.file or ""))
@@ -137,7 +137,7 @@ def _value(cell: str, where: str) -> float:
 def _of_values(
     keys: ClockKeys, path: Path, values: NDArray[np.float64], fps: float | None
 ) -> FrameClock:
-    """Times of a column, in its unit."""
+    """Times from the numbers of a column, in its unit."""
     steps = np.diff(values)
     if not (steps > 0).all():
         row = int(np.flatnonzero(steps <= 0)[0]) + 1

@@ -1,4 +1,4 @@
-"""Forces and actions of the frames of a touch, from CSVs whose rows are frames, times or images."""
+"""Forces and actions per frame of a touch, from CSVs with a row per frame, time or image."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from tactileforge.datasets.reading.templates import template_columns
 
 
 class FrameTables:
-    """Reads the tables of a layout, each for the frames of a touch.
+    """Reads the tables of a layout for the frames of a touch.
 
     Args:
         layout: The layout.
-        rows: Finds rows that name images.
+        rows: Look-up of CSV rows by image.
     """
 
     def __init__(self, layout: DatasetLayout, rows: ImageRows) -> None:
@@ -42,12 +42,12 @@ class FrameTables:
         """Forces per frame, (T, 3), N; see `tables.read_force`.
 
         Args:
-            table: Its columns.
-            path: The CSV.
+            table: Columns of the forces.
+            path: Path of the CSV.
             clock: Times of the frames.
-            sensor: The sensor that has felt them.
+            sensor: Name of the measuring sensor.
             paths: Files of the touch.
-            note: Is told what is not clear; see `table_clock.on_frames`.
+            note: Callback for doubts, see `table_clock.on_frames`.
         """
         fit = partial(on_frames, start=clock.start, note=note)
         return read_force(table, path, clock.times, sensor, fit, self._images(table, path, paths))
@@ -58,8 +58,8 @@ class FrameTables:
         """Actions per frame, (T,); see `tables.read_actions`.
 
         Args:
-            table: Its column.
-            path: The CSV.
+            table: Column of the actions.
+            path: Path of the CSV.
             count: Number of frames.
             paths: Files of the touch.
         """
@@ -68,7 +68,7 @@ class FrameTables:
     def _images(
         self, table: FrameTable, path: Path, paths: Sequence[Path]
     ) -> Mapping[int, Row] | None:
-        """Rows by frame of a table whose rows name images; None for one of another kind."""
+        """Rows by frame for a table with image names; None for another kind of table."""
         if table.frame or table.time or self.layout.each == "video":
             return None
         is_shared = not template_columns(table.file)

@@ -1,4 +1,4 @@
-"""Rows of a CSV that name images, found for the images of a touch."""
+"""Look-up of CSV rows by the names of images."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from posixpath import normpath
 from tactileforge.datasets.reading.tables import Row, read_cells
 from tactileforge.errors import ConfigError, DataError
 
-#: Columns that name an image where a layout does not say which.
+#: Default columns of image names, for a layout without ``key``.
 KEYS = ("file", "image", "filename", "file_name", "name", "path", "img")
 
 
 class ImageRows:
-    """Finds rows by the images that they name; a CSV is read once.
+    """Finds the CSV row of each image; a CSV is read once.
 
-    A row names an image by its path from the folder of the layout or of the CSV, by its whole path,
-    or by its name alone where no other image has it; with or without the ending.
+    A row names an image by its path from the folder of the layout or of the CSV, by its absolute
+    path, or by its name if that is unique; with or without the ending.
 
     Args:
         folder: Folder of the layout.
@@ -43,22 +43,22 @@ class ImageRows:
         """Place and cells of the row of each image, by its number among the images.
 
         Args:
-            path: The CSV.
-            key: Column of the names; None for the first of `KEYS` that there is.
-            columns: The columns that are needed.
-            paths: The images of a touch; those without a row are left out.
-            is_shared: Whether the CSV is that of other touches too; else names alone are enough.
+            path: Path of the CSV.
+            key: Column of the names; None for the first existing one of `KEYS`.
+            columns: Columns to read.
+            paths: Images of a touch; those without a row are left out of the result.
+            is_shared: Whether the CSV serves several touches; otherwise bare names are enough.
 
         Raises:
             DataNotFoundError: There is no such CSV.
-            DataError: Two rows name one image, or one names none.
+            DataError: Two rows name one image, or a row does not name an image.
             ConfigError: A column does not exist.
         """
         if (path, key) not in self._tables:
             table = _table(path, key, columns)
             self._check(path, table, self.images if is_shared else paths, is_shared)
             if not is_shared:
-                self._tables.clear()  # it will not be asked for again
+                self._tables.clear()  # a touch's own CSV is read once: keep memory bounded
             self._tables[path, key] = table
         table = self._tables[path, key]
         found = {}
@@ -98,13 +98,13 @@ class ImageRows:
 
 
 def names_images(path: Path) -> bool:
-    """Whether the rows of a CSV name images: it has one of `KEYS`."""
+    """Whether the rows of a CSV name images, by a column of `KEYS`."""
     first = next(iter(read_cells(path, [])), None)
     return first is not None and any(name in first[1] for name in KEYS)
 
 
 def _table(path: Path, key: str | None, columns: Sequence[str]) -> dict[str, Row]:
-    """Rows of a CSV, by the name that they give."""
+    """Rows of a CSV by image name."""
     if key is None:
         header = list(next(iter(read_cells(path, columns)), ("", {}))[1])
         key = next((name for name in KEYS if name in header), None)

@@ -1,4 +1,4 @@
-"""Labels of touches: the rows of a CSV, matched with files, and templates filled from them."""
+"""Labels of touches: CSV rows matched with files, and templates filled from them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tactileforge.datasets.reading.tables import read_cells
 from tactileforge.datasets.reading.templates import template_parts
 from tactileforge.errors import ConfigError, DataError, unknown
 
-#: Names that are compared with one that is wrong.
+#: Largest number of names compared with an unknown one for a suggestion.
 _COMPARED = 2000
 
 
@@ -24,12 +24,12 @@ class LabelRow:
     """Labels of one file, or of one folder of images.
 
     Attributes:
-        where: CSV and line, or the file itself where it has no row.
-        cells: Values as the CSV has them; "" where there is none.
-        words: The same with ranks as words; ``file``, ``stem``, ``folder`` and
-            ``parent`` are there too.
-        images: Rows of the images of a folder, by file; empty where the folder has one row.
-        mixed: Columns in which rows of a folder differ, and how, for messages.
+        where: CSV and line, or the file itself without a row.
+        cells: Values of the CSV by column; "" for a missing one.
+        words: Values by column, with ranks as words, and ``file``, ``stem``, ``folder`` and
+            ``parent``.
+        images: Rows of the images of a folder, by file; empty for a folder with one row.
+        mixed: Description of the difference, by column, for columns of unequal rows of a folder.
     """
 
     where: str
@@ -39,15 +39,15 @@ class LabelRow:
     mixed: Mapping[str, str] = field(default_factory=dict)
 
     def fill(self, template: str, spaced: bool = False) -> str | None:
-        """The template with its columns filled in; None where one of them is empty.
+        """The template with its columns filled in; None if one of them is empty.
 
         Args:
-            template: Text with ``{column}`` in it; ``{action}`` stays where ``spaced``.
-            spaced: It is a text to read: underscores of values become spaces.
+            template: Text with ``{column}`` in it; ``{action}`` is kept with ``spaced``.
+            spaced: Whether underscores of values become spaces, for a caption.
 
         Raises:
-            ConfigError: A column that there is not.
-            DataError: A column in which the images of one folder differ.
+            ConfigError: A column does not exist.
+            DataError: The images of one folder differ in a column.
         """
         values = dict(self.words)
         if spaced:
@@ -69,7 +69,7 @@ class LabelRow:
 
 
 def read_labels(layout: DatasetLayout, folder: Path) -> dict[str, LabelRow]:
-    """Rows of the labels of a layout, by file as it is written there.
+    """Rows of the labels of a layout, by file name as written in the CSV.
 
     Raises:
         DataNotFoundError: There is no such CSV.
@@ -95,7 +95,7 @@ def read_labels(layout: DatasetLayout, folder: Path) -> dict[str, LabelRow]:
 
 
 def label_row(name: str, rows: Mapping[str, LabelRow], layout: DatasetLayout) -> LabelRow:
-    """The row of a touch; one with the columns of the labels, all empty, where it has none."""
+    """The row of a touch; without one, a row with all columns of the labels empty."""
     if name in rows:
         return rows[name]
     header = next(iter(rows.values())).words if rows else {}
@@ -105,15 +105,15 @@ def label_row(name: str, rows: Mapping[str, LabelRow], layout: DatasetLayout) ->
 def match_labels(
     layout: DatasetLayout, folder: Path, files: Mapping[str, Sequence[Path]]
 ) -> dict[str, LabelRow]:
-    """The row of each touch; one with the columns of the labels, all empty, where it has none.
+    """The row of each touch; without one, a row with all columns of the labels empty.
 
-    Rows may spell a file with ``./``, with backslashes, from the root of the disk on, or in another
-    case. Where a touch is a folder, a row is of the folder, or of one of its images.
+    Rows may write a file with ``./``, with backslashes, as an absolute path, or in another case.
+    For a touch that is a folder, a row names the folder or one of its images.
 
     Args:
-        layout: What is read.
-        folder: The folder of the layout.
-        files: The files of each touch, by its name from that folder on.
+        layout: The layout.
+        folder: Folder of the layout.
+        files: Files of each touch, by its name relative to that folder.
 
     Raises:
         DataError: A row names no touch, or two rows name one; see also `read_labels`.
@@ -150,7 +150,7 @@ def _check_missed(
     layout: DatasetLayout,
     folder: Path,
 ) -> None:
-    """Raises an error where a row names nothing; a file of another layout is fine if others fit."""
+    """Raises an error for a row without a touch. Files of other layouts pass if some rows match."""
     for written, row in missed:
         plain = names.plain(written)
         is_there = (folder / plain).exists()
@@ -166,7 +166,7 @@ def _check_missed(
 
 
 class _Names:
-    """Names of touches, found however a row spells them."""
+    """Look-up of touches by name, tolerant of a row's spelling."""
 
     def __init__(self, names: Iterable[str], folder: Path) -> None:
         self.all = list(dict.fromkeys(names))
@@ -174,11 +174,11 @@ class _Names:
         self._exact = {_composed(name): name for name in self.all}
         self._folded: dict[str, str | None] = {}
         for plain, name in self._exact.items():
-            twice = plain.casefold() in self._folded  # then only the exact case tells them apart
+            twice = plain.casefold() in self._folded  # ambiguous: only the exact case matches
             self._folded[plain.casefold()] = None if twice else name
 
     def plain(self, written: str) -> str:
-        """The path that a row gives, from the folder of the layout on."""
+        """The path in a row, relative to the folder of the layout."""
         name = written
         for path in dict.fromkeys((written, _forward(written))):
             name = normpath(path) if path else path
@@ -190,7 +190,7 @@ class _Names:
         return name
 
     def find(self, written: str) -> str | None:
-        """The name that a row means; None where there is none, or more than one."""
+        """The touch named by a row; None for no touch, or several."""
         plain = _composed(self.plain(written))
         return self._exact.get(plain) or self._folded.get(plain.casefold())
 
@@ -199,7 +199,7 @@ class _Names:
         return any(name.startswith(f"{folder}/") for name in self.all)
 
     def nearest(self, name: str) -> str:
-        """The name that is most like another, first of all at its end."""
+        """The most similar name, preferably with the same last part."""
         last = name.rpartition("/")[2].casefold()
         alike = [one for one in self.all if one.rpartition("/")[2].casefold() == last]
         return get_close_matches(name, (alike or self.all)[:_COMPARED], 1, 0.0)[0]
@@ -210,12 +210,12 @@ def _forward(path: str) -> str:
 
 
 def _composed(name: str) -> str:
-    """One spelling of letters with accents: a Mac takes them apart."""
+    """Normal form (NFC) of letters with accents: macOS stores them decomposed."""
     return unicodedata.normalize("NFC", name)
 
 
 def _merged(name: str, rows: Mapping[str, LabelRow], layout: DatasetLayout) -> LabelRow:
-    """One row of a touch: what its rows share; columns in which they differ are noted."""
+    """One row of a touch: the common values of its rows, with differing columns in ``mixed``."""
     whole = rows.get(name)
     if len(rows) == 1 and whole is not None:
         return whole

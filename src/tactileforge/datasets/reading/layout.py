@@ -1,4 +1,4 @@
-"""Layouts: how the files of a folder become recordings, as configuration.
+"""Layouts: configuration of the conversion from files of a folder to recordings.
 
 `docs/data.md` lists the keys. A value written as ``{column}`` is taken from the labels of the file.
 """
@@ -30,7 +30,7 @@ SPLITS = ("recording", "object", "time", "train", "val")
 CHANNELS = ("rgb", "bgr")
 ROTATIONS = (0, 90, 180, 270)
 
-#: Columns that every file has, whatever its labels.
+#: Columns of every file, independent of its labels.
 FILE_COLUMNS = ("file", "stem", "folder", "parent")
 
 EXAMPLE = """layouts:
@@ -42,7 +42,7 @@ EXAMPLE = """layouts:
 
 @dataclass(frozen=True)
 class Tile:
-    """A part of the frames that is a sensor of its own."""
+    """A crop of the frames with a sensor of its own."""
 
     box: Crop
     sensor: str
@@ -59,7 +59,7 @@ class ActionRange:
 
 @dataclass(frozen=True)
 class DatasetLayout:
-    """One layout; see `docs/data.md` for what the fields mean."""
+    """One layout; `docs/data.md` describes the fields."""
 
     name: str
     path: str
@@ -89,14 +89,14 @@ class DatasetLayout:
 
 
 def parse_layout(name: str, config: Any) -> DatasetLayout:
-    """Checks a layout and gives it types; reads nothing.
+    """Validates a layout and converts it to its types; reads no file.
 
     Args:
-        name: Its name.
-        config: Plain data; null counts as not given.
+        name: Name of the layout.
+        config: Plain data; null stands for the default.
 
     Raises:
-        ConfigError: Names the layout, the key and what belongs there.
+        ConfigError: A value is invalid; names the layout, the key and the valid values.
     """
     where = f"layout {name!r}"
     keys = build(LayoutKeys, where, _given(mapping(where, config)))
@@ -158,7 +158,7 @@ def _several(value: str | tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _check(keys: LayoutKeys, each: str, where: str) -> None:
-    """Validates what types cannot express."""
+    """Validates constraints beyond types."""
     if not template_columns(keys.split) and keys.split not in SPLITS:
         raise ConfigError(f"{where}: {unknown('split', keys.split, SPLITS)}")
     is_open = each == "sequence" and keys.times is None
@@ -208,7 +208,7 @@ def _sensors(keys: LayoutKeys, where: str) -> tuple[str | None, dict[str, Tile]]
 
 
 def check_sensor(name: str, where: str) -> None:
-    """Raises a `ConfigError` that says where an unknown sensor was named."""
+    """Raises a `ConfigError` for an unknown sensor, with its place in the configuration."""
     try:
         spec(name)
     except ConfigError as error:
@@ -253,7 +253,7 @@ def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
 
 
 def _action(keys: LayoutKeys, where: str) -> str | FrameTable | tuple[ActionRange, ...] | None:
-    """Reads the origin of actions; ``force`` stands for the forces themselves."""
+    """The origin of actions; ``force`` derives them from the forces."""
     action = keys.action
     if isinstance(action, ActionKeys):
         return FrameTable(action.file, action.frame, (action.column,), key=action.key)
@@ -273,6 +273,6 @@ def _action(keys: LayoutKeys, where: str) -> str | FrameTable | tuple[ActionRang
 
 
 def check_action(name: str, where: str) -> None:
-    """Raises a `ConfigError` that says where an unknown action was named."""
+    """Raises a `ConfigError` for an unknown action, with its place in the configuration."""
     if name not in ACTIONS:
         raise ConfigError(f"{where}: {unknown('action', name, ACTIONS)}")

@@ -1,4 +1,4 @@
-"""Keys of a layout as they are written: types and defaults; `docs/data.md` has their meanings."""
+"""Keys of a layout: types and defaults; `docs/data.md` describes them."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from typing import Any
 
 @dataclass(frozen=True)
 class BackgroundRule:
-    """Frames without contact: those of a file, or some of the recording.
+    """Frames without contact, from a file or from the recording.
 
     Attributes:
-        file: An image, or a video of which ``first`` or ``last`` says which frames.
-        first: The first frames.
-        last: The last frames.
-        median: Frames spread evenly over the recording, whose median leaves the contact out.
+        file: Path of an image, or of a video with ``first`` or ``last``; None for the recording.
+        first: Number of first frames; 0.
+        last: Number of last frames; 0.
+        median: Whether to take the median of frames spread evenly over the recording: it leaves
+            out a moving contact.
     """
 
     file: str | None = None
@@ -25,7 +26,7 @@ class BackgroundRule:
 
 @dataclass(frozen=True)
 class CropKeys:
-    """A crop as it is written: its box, and its sensor where it is not that of the layout."""
+    """Keys of a crop: its box, and its sensor (None for the layout's)."""
 
     box: tuple[int, int, int, int]
     sensor: str | None = None
@@ -33,7 +34,7 @@ class CropKeys:
 
 @dataclass(frozen=True)
 class LabelKeys:
-    """The CSV of labels as it is written: its file, and the column that names the touch."""
+    """Keys of the CSV of labels: its file, and the column of the touches' names."""
 
     file: str | None = None
     key: str = "file"
@@ -41,7 +42,7 @@ class LabelKeys:
 
 @dataclass(frozen=True)
 class ForceKeys:
-    """Forces as they are written; see `FrameTable`."""
+    """Keys of forces; see `FrameTable`."""
 
     file: str = field(metadata={"example": '"{stem}.csv"'})
     columns: tuple[str | int | None, ...] = field(metadata={"example": "[fx, fy, fz]"})
@@ -56,13 +57,13 @@ class ForceKeys:
 
 @dataclass(frozen=True)
 class ClockKeys:
-    """Origin of times, or of the order, of frames.
+    """Origin of the times or of the order of frames.
 
     Attributes:
-        file: A CSV; None where the names of the images say it.
-        column: Its column of times or places.
-        key: Its column of the names of images; None where row ``i`` is frame ``i``.
-        unit: Unit of the times; None for seconds, or that of a date.
+        file: Path of a CSV; None for the names of the images.
+        column: Column of the times or places.
+        key: Column of the names of images; None if row ``i`` is frame ``i``.
+        unit: Unit of the times; None for seconds, or the detected unit of dates.
     """
 
     file: str | None = None
@@ -73,18 +74,18 @@ class ClockKeys:
 
 @dataclass(frozen=True)
 class FrameTable:
-    """A CSV of values per frame, or on a clock of its own.
+    """A CSV of values, per frame or on a clock of its own.
 
     Attributes:
         file: Path from the layout's folder.
-        frame: Column of the frame number; None: row ``i`` is frame ``i``, or `time` says when.
-        columns: Columns of the values; "" for one that there is not.
-        sign: What each value is multiplied by.
-        lag_s: Seconds by which the images lag the values.
-        time: Column of the seconds since the first frame; None where rows are frames.
-        key: Column of the names of images; None where rows have other places.
-        unit: Unit of `time`; None for seconds, or that of a date.
-        partial: Whether rows may cover a part of the recording, or more than it.
+        frame: Column of the frame number; None if row ``i`` is frame ``i``, or with `time`.
+        columns: Columns of the values; "" for a missing one.
+        sign: Factor of each value; 1.
+        lag_s: Delay of the images behind the values, s; 0.
+        time: Column of the seconds since the first frame; None if rows are frames.
+        key: Column of the names of images; None for rows by frame or time.
+        unit: Unit of `time`; None for seconds, or the detected unit of dates.
+        partial: Whether rows may cover a part of the recording, or exceed it; False.
     """
 
     file: str
@@ -100,7 +101,7 @@ class FrameTable:
 
 @dataclass(frozen=True)
 class ActionKeys:
-    """Actions of a CSV as they are written; see `FrameTable`."""
+    """Keys of actions in a CSV; see `FrameTable`."""
 
     file: str = field(metadata={"example": '"{stem}.csv"'})
     column: str = field(metadata={"example": "action"})
@@ -110,7 +111,7 @@ class ActionKeys:
 
 @dataclass(frozen=True)
 class RangeKeys:
-    """An action as it is written: its first frame and the one after its last."""
+    """Keys of an action: its first frame and the one after its last."""
 
     frames: tuple[int, int]
     action: str
@@ -118,7 +119,7 @@ class RangeKeys:
 
 @dataclass(frozen=True, kw_only=True)
 class LayoutKeys:
-    """A layout as it is written; see `docs/data.md`."""
+    """Keys of a layout; see `docs/data.md`."""
 
     background: BackgroundRule | str = field(
         metadata={"example": "{first: 3}, {file: f.png} or none"}

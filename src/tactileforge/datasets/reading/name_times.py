@@ -1,7 +1,6 @@
-"""Times of images from their names: stamps, dates, seconds, and numbers of which some are left out.
+"""Times of images from their names: stamps, dates, seconds, and counters with gaps.
 
-Numbers are kept as whole nanoseconds while they are compared: a stamp of 19 digits is more than a
-float can hold.
+Numbers are compared as whole nanoseconds: a float cannot hold a stamp of 19 digits.
 """
 
 from __future__ import annotations
@@ -25,24 +24,24 @@ _DATE = re.compile(
     r"([0-2]\d)[-_.h:]?([0-5]\d)[-_.m:]?([0-5]\d)(?:[-_.,s](\d{1,9})(?!\d))?"
 )
 _NS = {unit: round(seconds * 1e9) for unit, seconds in UNITS.items()}
-#: Steps of stamps whose unit is not said are those of the rate, this closely.
+#: Largest relative deviation of the step of stamps without a unit from that of the frame rate.
 _CLOSE = 0.3
-#: Frames a second that a camera of touch may have.
+#: Plausible range of a tactile camera's frames per second.
 _RATES = 1.0, 300.0
-#: A usual step in numbers up to which what is missing was dropped.
+#: Largest median step of a frame counter; below it, gaps count as dropped frames.
 _DROPPED = 10
-#: Consequence of a doubt.
+#: End of a doubt's message: its consequence.
 _ELSE = ", where fps is {:g}; frames are spread evenly"
 
 
 @dataclass(frozen=True)
 class NameTimes:
-    """Times that names give.
+    """Times found in names.
 
     Attributes:
-        times: float64 (T,), seconds since the first image; None where names give none.
-        start: Seconds since 1970 of the first; None where they are no dates.
-        doubt: What is not clear, as a phrase; "" where all is.
+        times: float64 (T,), seconds since the first image; None for names without times.
+        start: Time of the first image, seconds since 1970; None for names without dates.
+        doubt: Description of an ambiguity, as a phrase; "" without one.
     """
 
     times: NDArray[np.float64] | None = None
@@ -55,8 +54,8 @@ def name_times(stems: Sequence[str], fps: float | None, unit: str | None = None)
 
     Args:
         stems: Names without their endings, oldest first.
-        fps: Frames per second, which gives numbers their meaning; None if unknown.
-        unit: Unit of the numbers; None to find it out.
+        fps: Frames per second, for interpreting the numbers; None if unknown.
+        unit: Unit of the numbers; None to detect it.
 
     Example:
         >>> name_times(["f_00005", "f_00006", "f_00036"], 30.0).times.round(3).tolist()
@@ -87,7 +86,7 @@ def name_times(stems: Sequence[str], fps: float | None, unit: str | None = None)
 
 
 def _columns(stems: Sequence[str]) -> list[list[Decimal]]:
-    """Numbers in the names, place by place, that differ; [] where names differ in more."""
+    """Differing numbers in the names, by position; [] if names differ beyond their numbers."""
     if len({_NUMBER.sub("0", stem) for stem in stems}) > 1:
         return []
     columns = zip(*(map(Decimal, _NUMBER.findall(stem)) for stem in stems), strict=True)
@@ -95,12 +94,12 @@ def _columns(stems: Sequence[str]) -> list[list[Decimal]]:
 
 
 def date_of(column: Sequence[Decimal]) -> str:
-    """The unit in which numbers are seconds since 1970; "" for none."""
+    """The unit of numbers as times since 1970; "" for none."""
     return date_unit(np.array([float(number) for number in column]))
 
 
 def _dates(stems: Sequence[str]) -> list[int] | None:
-    """Calendar dates in names, ns since 1970; None where there are none, or not to the second."""
+    """Calendar dates in names, ns since 1970; None without dates, or dates without seconds."""
     out = []
     for stem in stems:
         found = _DATE.search(stem)
@@ -115,7 +114,7 @@ def _dates(stems: Sequence[str]) -> list[int] | None:
 
 
 def _stamps(columns: Sequence[Sequence[Decimal]], unit: str | None) -> list[int] | None:
-    """Seconds since 1970 in names, ns; a number after whole seconds may be their nanoseconds."""
+    """Stamps in names, ns since 1970; a number after whole seconds may be their nanoseconds."""
     for place, column in enumerate(columns):
         found = date_of(column)
         if not found or (unit is not None and unit != found):
@@ -143,12 +142,12 @@ def _dated(stamps: list[int], fps: float | None) -> NameTimes:
 
 
 def _is_counter(stamps: Sequence[int]) -> bool:
-    """Whether stamps come faster than any camera: a number after a date then counts images."""
+    """Whether stamps are faster than any camera: a number after a date then counts images."""
     return 0 <= stamps[-1] - stamps[0] < (len(stamps) - 1) * 1e9 / _RATES[1]
 
 
 def _seconds(numbers: Sequence[Decimal], fps: float | None, alone: bool) -> NameTimes:
-    """Fractions, that are seconds where they have the rate; ``alone``: names are nothing else."""
+    """Times from fractions, as seconds if they fit the rate; ``alone`` for purely numeric names."""
     times = _since([int(number * 10**9) for number in numbers])
     steps = np.diff(times)
     rate = 1 / float(np.median(steps))
@@ -160,7 +159,7 @@ def _seconds(numbers: Sequence[Decimal], fps: float | None, alone: bool) -> Name
 
 
 def _counted(numbers: list[int], fps: float | None) -> NameTimes:
-    """Whole numbers: of frames, some of them left out, or stamps since the start."""
+    """Times from whole numbers: counters of frames with gaps, or stamps since the start."""
     steps = np.diff(numbers)
     usual = int(np.median(steps))
     if (steps == steps[0]).all() or not fps:

@@ -1,10 +1,10 @@
-"""What readers notice of data that they read all the same."""
+"""Notes of readers about doubtful, yet readable data."""
 
 from __future__ import annotations
 
 import re
 
-#: What differs between two notes of one kind: numbers, quoted names and paths.
+#: Differences between two notes of one kind: numbers, quoted names and paths.
 _DETAILS = re.compile(r"'[^']*'|\S*/\S*|\d[\d.e+-]*")
 
 
@@ -18,7 +18,7 @@ class Notes:
         """Notes a doubt about a recording; the same one twice counts once.
 
         Args:
-            key: The recording.
+            key: Key of the recording.
             doubt: The doubt, as a phrase; "" for none.
         """
         if doubt:
@@ -26,7 +26,7 @@ class Notes:
             self._kinds.setdefault(kind, (f"{key}: {doubt}", set()))[1].add(key)
 
     def lines(self) -> list[str]:
-        """One line a kind.
+        """One line per kind of note.
 
         Example:
             >>> notes = Notes()

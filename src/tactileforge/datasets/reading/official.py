@@ -1,4 +1,4 @@
-"""The splits that papers report on, by name."""
+"""Official splits of papers, by name."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ _NONE: frozenset[str] = frozenset()
 
 @dataclass(frozen=True)
 class OfficialSplit:
-    """Training, validation and test recordings, by one fact that is known of each.
+    """Split into training, validation and test by one known property of each recording.
 
     Attributes:
-        name: What users write.
-        about: Where it comes from.
-        fact: The fact that decides; its values are below.
-        train: Values of training; None stands for every value that is not named elsewhere.
-        test: Values of test.
-        val: Values of validation. Without any, a share of the training is held out.
+        name: Name in options.
+        about: Origin, in words.
+        fact: Name of the deciding property.
+        train: Its values for training; None for every value outside the other two sets.
+        test: Its values for test.
+        val: Its values for validation; if empty, a share of the training is held out.
 
     Example:
         >>> split = OfficialSplit("mine", "", "object", train=None, test=frozenset({"cup"}))
@@ -34,7 +34,7 @@ class OfficialSplit:
     val: frozenset[str] = _NONE
 
     def side(self, facts: Mapping[str, str]) -> str | None:
-        """``train``, ``val`` or ``test``; None for what the split leaves out."""
+        """``train``, ``val`` or ``test`` for a recording's properties; None outside the split."""
         value = facts.get(self.fact, "")
         for side, values in (("test", self.test), ("val", self.val)):
             if value in values:
@@ -47,7 +47,7 @@ def _named(*values: str | int) -> frozenset[str]:
 
 
 def _lists(name: str, about: str) -> OfficialSplit:
-    """A split that lists shipped with the data say; the reader gives the list as a fact."""
+    """A split by lists shipped with the data; the data set passes the list's name as ``list``."""
     return OfficialSplit(name, about, "list", _named("train"), _named("test"), _named("val"))
 
 
@@ -85,7 +85,7 @@ TOUCHD_PRETRAIN = OfficialSplit(
     _BENCH_TRAIN | _BENCH_TEST,
 )
 
-# Those of Sparsh's tasks by sensor; the fact is ``PROBE/batch_N``.
+# Splits of Sparsh's tasks by sensor; the values are ``PROBE/batch_N``.
 _FORCE_OFFICIAL = {
     "digit": OfficialSplit(
         "sparsh-official",

@@ -14,19 +14,19 @@ from tactileforge.errors import DataError
 Natural: TypeAlias = list[tuple[str, float]]
 
 _WHOLE = re.compile(r"(\D*)(\d*)")
-#: A fraction, but no part of a version (1.2.3) or of a date (2026.11.25).
+#: A fraction, not part of a version (1.2.3) or of a date (2026.11.25).
 _FRACTION = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?!\.?\d)")
 _NUMBER = re.compile(r"-?\d+(\.\d+)?")
-#: As many parts that count up without a hole, 1.1 to 1.10, are no fractions.
+#: From this many consecutive numbers after the point on, 1.1 to 1.10, they are not fractions.
 _PARTS = 10
 
 
 def natural(name: str, fractions: bool = False) -> Natural:
-    """A key that sorts names by the values of their numbers, 2 before 10.
+    """A sort key of names by the values of their numbers, 2 before 10.
 
     Args:
-        name: Without its folders.
-        fractions: Whether numbers with a point are read as such: 8.27 before 8.5.
+        name: File name, without its folders.
+        fractions: Whether numbers with a point are fractions: 8.27 before 8.5.
 
     Example:
         >>> sorted(["f8.5", "f8.27", "f10"], key=lambda name: natural(name, fractions=True))
@@ -45,7 +45,7 @@ def natural(name: str, fractions: bool = False) -> Natural:
 
 
 def has_fractions(stems: Iterable[str]) -> bool:
-    """Whether points in names are those of fractions (8.05, 8.5) and not of parts (1.9, 1.10)."""
+    """Whether points in names mark fractions (8.05, 8.5), not parts (1.9, 1.10)."""
     names = list(stems)
     parts: dict[tuple[str, str], set[str]] = {}
     is_any = False
@@ -56,7 +56,7 @@ def has_fractions(stems: Iterable[str]) -> bool:
     if not is_any:
         return False
     if max(Counter(map(str, (natural(name, fractions=True) for name in names))).values()) > 1:
-        return False  # 1.1 and 1.10 are two
+        return False  # as fractions, 1.1 and 1.10 would be equal
     for ends in parts.values():
         whole = sorted(int(end) for end in ends)
         counts_up = whole == list(range(whole[0], whole[0] + len(whole))) and whole[0] in (0, 1)
@@ -66,10 +66,10 @@ def has_fractions(stems: Iterable[str]) -> bool:
 
 
 def name_keys(paths: Iterable[Path]) -> Mapping[Path, tuple[Any, ...]]:
-    """Keys that sort the files of each folder among themselves.
+    """Sort keys of the files within each folder.
 
-    Where all names of a folder are numbers, these count, -1.5 before 0.25; else all numbers in the
-    names do, one after another.
+    If all names of a folder are numbers, these are compared, -1.5 before 0.25; otherwise all
+    numbers in the names, one after another.
     """
     folders: dict[Path, list[Path]] = {}
     for path in paths:
@@ -85,15 +85,15 @@ def name_keys(paths: Iterable[Path]) -> Mapping[Path, tuple[Any, ...]]:
 
 
 def by_pattern(paths: Sequence[Path], pattern: str, layout: str) -> list[Path]:
-    """Images by the number that a pattern finds in their names.
+    """Images sorted by a number in their names, found by a pattern.
 
     Args:
-        paths: The images of a sequence.
-        pattern: A part of the name, with ``{number}`` where the number is and ``*`` for any text.
+        paths: Images of a sequence.
+        pattern: Part of the name, with ``{number}`` for the number and ``*`` for any text.
         layout: Name of the layout, for messages.
 
     Raises:
-        DataError: A name does not match, or two have one number.
+        DataError: A name does not match, or two have the same number.
     """
     parts = (re.escape(part).replace(r"\*", ".*?") for part in pattern.split("{number}"))
     wanted = re.compile(r"(-?\d+(?:\.\d+)?)".join(parts))
@@ -115,13 +115,13 @@ def by_pattern(paths: Sequence[Path], pattern: str, layout: str) -> list[Path]:
 
 
 def other_order(paths: Sequence[Path]) -> str:
-    """Another order in which images may have been taken, in words; "" where there is none.
+    """Another plausible order of the images, in words; "" without one.
 
-    That is by another number that counts 1, 2, 3 over all of them, or with points read the other
-    way (1.9 before 1.10).
+    It is that of another number counting 1, 2, 3 over all images, or that with points read as
+    separators (1.9 before 1.10).
 
     Args:
-        paths: The images of a sequence, in their order.
+        paths: Images of a sequence, in their order.
     """
     stems = [path.stem for path in paths]
     if len(stems) < 3:
@@ -136,12 +136,12 @@ def other_order(paths: Sequence[Path]) -> str:
         first = min(numbers)
         if first in (0, 1) and sorted(numbers) == list(range(first, first + len(numbers))):
             if numbers == sorted(numbers):
-                return ""  # a counter that agrees settles it
+                return ""  # a counter agrees with the order
             place = stems[numbers.index(first)]
             return f"by the number that counts {first} to {max(numbers)}, {place!r} is the first"
     found = [end for stem in stems for _, end in _FRACTION.findall(stem)]
     if not has_fractions(stems) or any(end[0] == "0" and end != "0" for end in found):
-        return ""  # no fraction, or 8.05, which is nothing else
+        return ""  # no fractions; or 8.05, unambiguous with its leading zero
     turned = sorted(stems, key=natural)
     if turned == stems or all(map(_NUMBER.fullmatch, stems)):
         return ""
@@ -150,7 +150,7 @@ def other_order(paths: Sequence[Path]) -> str:
 
 
 def order_doubt(paths: Sequence[Path]) -> str:
-    """What is not clear about the order of images, as a phrase; see `other_order`."""
+    """A phrase about an ambiguous order of images; "" without doubt. See `other_order`."""
     other = other_order(paths)
     if not other:
         return ""

@@ -1,8 +1,8 @@
-"""Pickles of others, read without executing anything.
+"""Reader of untrusted pickles; executes nothing in them.
 
-Python's own unpickler calls what the file names. This one is a small machine that knows plain
-containers, numbers, text, bytes and numpy arrays, and nothing else: whatever else a file asks for
-is an error before it happens. Long byte strings are not loaded either, but found: see `Blob`.
+Python's own unpickler calls any function named in the file. This one is a small machine for plain
+containers, numbers, text, bytes and numpy arrays only: anything else is an error before it happens.
+Long byte strings are not loaded, but located: see `Blob`.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from tactileforge.errors import DataError, DataNotFoundError
 
 
 def load_pickle(path: str | Path) -> Any:
-    """Content of a pickle (protocol 2 to 5); byte strings of 256 bytes and more are `Blob`.
+    """Content of a pickle (protocol 2 to 5), with byte strings of 256 bytes or more as `Blob`.
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: It is damaged, or holds something that is not plain data; names the file.
+        DataError: The file is damaged, or holds more than plain data; names the file.
     """
     machine = _Machine(str(path))
     try:
@@ -56,12 +56,12 @@ def load_pickle(path: str | Path) -> Any:
 
 
 class _Refused(Exception):
-    """The file asks for something that is not plain data."""
+    """Refused content of a pickle: anything but plain data."""
 
 
 @dataclass(frozen=True)
 class _Known:
-    """One of the few names that a file may mention, and what it makes of its arguments."""
+    """An allowed global name of a pickle, and the function for its arguments."""
 
     name: str
     make: Callable[..., Any] | None
@@ -69,7 +69,7 @@ class _Known:
 
 @dataclass
 class _Unfinished:
-    """An array or a dtype between its making and its state, and the memo keys that hold it."""
+    """An array or a dtype without its state yet, and its memo keys."""
 
     finish: Callable[[Any], Any]
     keys: list[int] = field(default_factory=list)
@@ -148,7 +148,7 @@ _EMPTY: dict[str, Callable[[], Any]] = {
     "EMPTY_TUPLE": tuple,
     "EMPTY_SET": set,
 }
-#: How deep tuples may be nested.
+#: Deepest nesting of tuples and frozen sets.
 _DEEPEST = 100
 _TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
 
@@ -166,7 +166,7 @@ class _Machine:
         return value
 
     def run(self, name: str, argument: Any, position: int) -> None:
-        """One step."""
+        """Executes one instruction."""
         if name in ("PROTO", "FRAME", "STOP"):
             return
         if name in _CONSTANTS:
@@ -194,7 +194,7 @@ class _Machine:
             step(self, argument)
 
     def _push(self, value: tuple[Any, ...] | frozenset[Any]) -> None:
-        """Keeps how deep values are nested: Python would overrun its stack where one is hashed."""
+        """Pushes a tuple or frozen set; limits its depth, as hashing overruns Python's stack."""
         inner = (self.depths.get(id(x), 0) for x in value if isinstance(x, tuple | frozenset))
         depth = 1 + max(inner, default=0)
         if depth > _DEEPEST:

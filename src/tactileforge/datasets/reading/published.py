@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _IMAGES = frozenset({".bmp", ".jpeg", ".jpg", ".png"})
-#: Frames of a recording of which the median is taken.
+#: Number of frames per recording for the median background.
 _MEDIAN_FRAMES = 15
 
 
@@ -36,10 +36,10 @@ class RecordingItem:
     """A recording before it is opened.
 
     Attributes:
-        key: Unique within the data set.
-        open: Opens it; raises a `DataError` where that is not possible.
-        facts: What splits look at.
-        group: Recordings of one group are held out together; the key where it is empty.
+        key: Key, unique within the data set.
+        open: Function that opens the recording; raises a `DataError` if it cannot.
+        facts: Properties for the splits, see `OfficialSplit.fact`.
+        group: Name of the group held out together; "" for the key.
     """
 
     key: str
@@ -49,25 +49,25 @@ class RecordingItem:
 
 
 class PublishedDataset(ABC):
-    """A reader of a published data set; a subclass says what it is and lists its items.
+    """Base class of readers of published data sets; subclasses describe one and list its items.
 
     Args:
         root: Folder of the data.
         split: One of ``splits``.
-        val: Share of the training that is held out for validation, where the split names none.
+        val: Share of the training held out for validation; unused by a split with its own.
 
     Attributes:
-        name: The word users type.
+        name: Name of the data set in options.
         sensors: Names of its sensors.
         tier: Tier of the tactile dynamic pyramid (AnyTouch 2, appendix), 1 to 5.
-        licence: SPDX identifier, or the plain words.
-        citation: Whom to cite.
-        url: Where to get it.
-        tree: The folders as they have to lie.
-        splits: Its splits.
-        chosen: The one of them that is used.
-        provides: Labels that its recordings may carry.
-        skipped: One line for each recording that could not be read.
+        licence: SPDX identifier, or plain words.
+        citation: Authors, title and venue to cite.
+        url: Address of the download.
+        tree: Expected tree of folders.
+        splits: Available splits.
+        chosen: Selected split.
+        provides: Labels of its recordings.
+        skipped: One line for each unreadable recording.
 
     Raises:
         ConfigError: An unknown split, or a share outside 0..1.
@@ -97,10 +97,10 @@ class PublishedDataset(ABC):
 
     @abstractmethod
     def _items(self) -> Iterator[RecordingItem]:
-        """The recordings in an order that never changes; decodes nothing."""
+        """Lists the recordings in a fixed order; decodes nothing."""
 
     def recordings(self, split: str) -> Iterator[Recording]:
-        """Yields the recordings of one side of the split; frames are decoded when they are read.
+        """Yields the recordings of one side of the split; frames are decoded on reading.
 
         A recording that cannot be opened is left out and listed in ``skipped``.
 
@@ -108,9 +108,9 @@ class PublishedDataset(ABC):
             split: ``train``, ``val`` or ``test``.
 
         Raises:
-            DataNotFoundError: Data is missing; says what to download and where to put it.
-            DataError: Not one recording can be opened, or an index file is damaged.
-            ConfigError: Another side.
+            DataNotFoundError: Data is missing; names the download and its folder.
+            DataError: No recording can be opened, or an index file is damaged.
+            ConfigError: An unknown side.
         """
         if split not in ("train", "val", "test"):
             raise ConfigError(unknown("side of a split", split, ("train", "val", "test")))
@@ -136,7 +136,7 @@ class PublishedDataset(ABC):
         raise self._missing(f"nothing for {split} in {self.root} ({about})")
 
     def plot(self, recording: Recording) -> Figure:
-        """A figure of a recording: frames, their difference to the background, forces, actions."""
+        """A figure of a recording: frames, frames less the background, forces, actions."""
         from tactileforge.datasets.reading.figure import plot
 
         return plot(recording)
@@ -158,14 +158,14 @@ class PublishedDataset(ABC):
         )
 
     def _folder(self, *names: str) -> Path:
-        """The first of some folders below the root that exists; "." is the root itself."""
+        """The first existing folder of some below the root; "." is the root itself."""
         for name in names:
             if (self.root / name).is_dir():
                 return self.root / name
         raise self._missing(f"no folder {self.root / names[0]}")
 
     def _recording(self, key: str, **fields: Any) -> Recording:
-        """A recording that says where it is from; a word for no value is no text and no object."""
+        """A recording with its source; a word for "no value" counts as no text and no object."""
         for name in ("object", "text"):
             fields[name] = stated(fields.get(name)) or None
         return Recording(
@@ -195,8 +195,8 @@ class NumberedImages:
     r"""The images of a folder, by the last number in their names.
 
     Args:
-        folder: The folder; it need not exist.
-        named: Expression that names have to match, e.g. ``image_\d+``, without the ending.
+        folder: Folder of the images; it need not exist.
+        named: Regular expression of the names without the ending, e.g. ``image_\d+``.
     """
 
     def __init__(self, folder: Path, named: str = r".*\d") -> None:
@@ -214,17 +214,17 @@ class NumberedImages:
         return dict(sorted(paths.items()))
 
     def frames(self) -> ImageFrames:
-        """All of them.
+        """Frames of all images, by ascending number.
 
         Raises:
-            DataError: There is none, or one is damaged.
+            DataError: There are no images, or one is damaged.
         """
         if not self.files:
             raise DataError(f"{self.folder}: no image; download it again")
         return ImageFrames(list(self.files.values()))
 
     def nearest(self, numbers: Sequence[int]) -> Frames | None:
-        """The images whose numbers are nearest to those asked for; None where there is none."""
+        """The images nearest to some numbers; None without any image."""
         if not self.files:
             return None
         known = np.array(list(self.files))
@@ -242,18 +242,18 @@ def frame_times(numbers: Sequence[int], fps: float) -> NDArray[np.float64]:
 
 
 def frame_rate(sensor: str, fps: float | None) -> float:
-    """The frames per second that were given, or else those of the sensor."""
+    """Frames per second: ``fps``, or those of the sensor for None."""
     return fps or spec(sensor).fps
 
 
 def median_frames(frames: Frames) -> FrameSubset:
-    """Frames spread over a recording, whose median leaves a moving contact out."""
+    """Frames spread over a recording. Their median leaves out a moving contact."""
     rows = np.linspace(0, len(frames) - 1, min(_MEDIAN_FRAMES, len(frames))).round()
     return FrameSubset(frames, np.unique(rows.astype(int)).tolist())
 
 
 def label_runs(numbers: Sequence[int], labels: Sequence[Any]) -> Iterator[slice]:
-    """Yields the stretches in which numbers follow each other and the label stays."""
+    """Yields the stretches of consecutive numbers with one label."""
     start = 0
     for i in range(1, len(numbers) + 1):
         if i < len(numbers) and numbers[i] == numbers[i - 1] + 1 and labels[i] == labels[i - 1]:
@@ -263,10 +263,10 @@ def label_runs(numbers: Sequence[int], labels: Sequence[Any]) -> Iterator[slice]
 
 
 def still_background(path: Path, frames: Frames) -> ImageFrames | None:
-    """An image as background; None where there is none.
+    """An image as background; None without the file.
 
     Raises:
-        DataError: It is damaged, or of another size than the frames.
+        DataError: The image is damaged, or its size differs from that of the frames.
     """
     if not path.is_file():
         return None

@@ -1,4 +1,4 @@
-"""The files of one layout become recordings."""
+"""Reader of the files of one layout as recordings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tactileforge.datasets.reading.templates import template_columns
 from tactileforge.datasets.reading.touch import FileFrames, LayoutTouch, open_files
 from tactileforge.errors import DataError, DataNotFoundError
 
-#: Frames of a recording of which the median is taken.
+#: Number of frames per recording for the median background.
 _MEDIAN_FRAMES = 15
 
 
@@ -39,12 +39,12 @@ class LayoutReader:
     """Finds, opens and labels the touches of a layout.
 
     Args:
-        layout: What to read.
+        layout: The layout.
         root: Folder of the data.
 
     Attributes:
-        odd: What matches a pattern and is no file, a line each; filled by `touches`.
-        doubts: What is not clear of a touch: its name, and what, as a phrase.
+        odd: One line for each match of a pattern other than a file; filled by `touches`.
+        doubts: Names of doubtful touches, each with the doubt as a phrase.
 
     Raises:
         DataNotFoundError: The folder does not exist.
@@ -67,12 +67,12 @@ class LayoutReader:
         self._clocks, self._tables = Clocks(self.layout, rows), FrameTables(self.layout, rows)
 
     def touches(self) -> list[LayoutTouch]:
-        """The touches, in natural order; reads nothing but the labels.
+        """The touches, in natural order; reads only the labels.
 
         Raises:
             DataNotFoundError: No file matches.
-            DataError: A row of the labels names no file.
-            ConfigError: A pattern is none.
+            DataError: A row of the labels does not match any file.
+            ConfigError: A pattern is invalid.
         """
         files, odd = matching_files(self.folder, self.layout.globs, self.layout.name)
         self.odd += [f"{path}: no file but {kind_of(path)}; left out" for path in odd]
@@ -93,7 +93,7 @@ class LayoutReader:
         )
 
     def _without_backgrounds(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
-        """Touches less the images that are the background of any; without those that are one."""
+        """Touches without the background images, and without touches left empty."""
         rule = self.layout.background
         if rule is None or rule.file is None or self.layout.each == "video":
             return self._in_order(touches)
@@ -106,7 +106,7 @@ class LayoutReader:
         return self._in_order([touch for touch in kept if touch.paths])
 
     def _in_order(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
-        """Touches whose images are in the order that the layout gives."""
+        """Touches with their images in the layout's order."""
         if self.layout.each != "sequence":
             return touches
         out = []
@@ -120,7 +120,7 @@ class LayoutReader:
         """Opens the frames of a touch; decodes nothing.
 
         Raises:
-            DataError: They cannot be read, or the background would take them all.
+            DataError: The frames cannot be read, or all of them are background.
         """
         is_video = self.layout.each == "video"
         frames = VideoFrames(touch.paths[0]) if is_video else ImageFrames(touch.paths)
@@ -133,7 +133,7 @@ class LayoutReader:
         return frames
 
     def label(self, touch: LayoutTouch, frames: FileFrames) -> Iterator[Recording]:
-        """Yields one recording of an open touch, or one for each tile.
+        """Yields the recording of an open touch, or one for each tile.
 
         Raises:
             DataNotFoundError: A file of labels, the background or a camera view is missing.
@@ -148,6 +148,7 @@ class LayoutReader:
         times = clock.times
         force = self._force(touch, clock)
         phrases = [row.fill(phrase, spaced=True) for phrase in layout.text]
+        # Common to all tiles; each tile sets its sensor, frames and background below.
         whole = Recording(
             key=f"{layout.name}/{touch.name}",
             sensor="",
@@ -234,7 +235,7 @@ class LayoutReader:
         return actions
 
     def _rows(self, touch: LayoutTouch, template: str) -> Iterator[tuple[int | slice, LabelRow]]:
-        """Frames, and the row that fills a template for them: those of images where they differ."""
+        """Frames with the row for a template: rows of images for columns mixed within the touch."""
         if not set(template_columns(template)) & set(touch.row.mixed):
             yield slice(None), touch.row
             return
@@ -244,7 +245,7 @@ class LayoutReader:
                 yield frame, row
 
     def _background(self, touch: LayoutTouch, frames: FileFrames) -> FileFrames | None:
-        """The background file, opened once, if there is one."""
+        """The background file, opened once; None without one."""
         rule = self.layout.background
         if rule is None or rule.file is None:
             return None

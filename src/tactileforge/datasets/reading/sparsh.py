@@ -1,4 +1,4 @@
-"""The layout of Sparsh's force and slip tasks: batches of pickles, trajectories within them."""
+"""Reader of Sparsh's force and slip tasks: batches of pickles, with trajectories in them."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from tactileforge.datasets.reading.published import PublishedDataset, RecordingI
 from tactileforge.errors import ConfigError, DataError, unknown
 
 _LABELS = "dataset_slip_forces.pkl"
-#: How files and folders call a sensor.
+#: Name of a sensor in files and folders.
 _FILES = {"digit": "digit", "gelsight_mini": "gelsight"}
 
 
 @dataclass(frozen=True)
 class PickleFolder:
-    """One folder of pickles.
+    """One batch: a folder of pickles.
 
     Attributes:
-        folder: The folder.
+        folder: Path of the folder.
         sensor: Name of the sensor.
     """
 
@@ -37,7 +37,7 @@ class PickleFolder:
 
     @property
     def name(self) -> str:
-        """``PROBE/batch_N``."""
+        """Name of the batch, ``PROBE/batch_N``."""
         return f"{self.folder.parent.name}/{self.folder.name}"
 
     @cached_property
@@ -56,13 +56,13 @@ class PickleFolder:
 
     @cached_property
     def images(self) -> list[Any]:
-        """All images of the batch; ``org_dataset_*`` are the same once more."""
+        """All images of the batch, without their duplicates in ``org_dataset_*``."""
         files = sorted(self.folder.glob(f"dataset_{_FILES[self.sensor]}_*.pkl"))
         return [image for path in files for image in load_pickle(path)]
 
     @cached_property
     def sign(self) -> float:
-        """Sign that makes Fz positive when pressing: a probe cannot pull."""
+        """Sign of Fz in our convention, positive when pressing: a probe cannot pull."""
         force = np.concatenate(
             [np.zeros((0, 3), np.float32), *map(_force, self.labels[1].values())]
         )
@@ -81,7 +81,7 @@ class PickleFolder:
 
     @property
     def _is_bgr(self) -> bool:
-        """Channels are the wrong way round in DIGIT's sphere2 and all but one of GelSight's."""
+        """Whether channels are in BGR order: in DIGIT's sphere2, and all but one GelSight batch."""
         if self.sensor == "digit":
             return self.name.startswith("sphere2/")
         return self.name != "sharp/batch_2"
@@ -95,7 +95,7 @@ def _force(trajectory: Mapping[str, Any]) -> NDArray[np.float32]:
 
 
 class SparshTrajectories(PublishedDataset):
-    """Base of ``sparsh_force`` and ``sparsh_slip``; see there."""
+    """Base class of the data sets ``sparsh_force`` and ``sparsh_slip``."""
 
     sensors = tuple(_FILES)
     tier = 1
@@ -143,7 +143,7 @@ class SparshTrajectories(PublishedDataset):
                 yield RecordingItem(key, partial(self._open, key, batch, trajectory), facts)
 
     def _open(self, key: str, batch: PickleFolder, trajectory: Mapping[str, Any]) -> Recording:
-        """Pairs images and forces one by one; those at the end without a partner are left out."""
+        """Pairs images and forces one by one, and drops those at the end without a partner."""
         force = _force(trajectory) * np.array([1, 1, batch.sign], np.float32)
         try:
             rows = np.asarray(trajectory["indexes"]).astype(np.int64).ravel()

@@ -7,26 +7,26 @@ from collections.abc import Iterator
 
 from tactileforge.contracts import Recording
 
-#: Units that are held out as a whole.
+#: Units of holding out.
 HOLD_OUT = ("take", "object", "time")
 
-#: Seconds of a block that is held out of a recording.
+#: Target duration of a held-out block of a recording, s.
 _BLOCK_S = 0.5
 
 
 def is_held_out(name: str, share: float) -> bool:
-    """Whether a name falls into the held-out share: by its hash, whatever other names there are."""
+    """Whether a name falls into the held-out share, by its hash: independent of other names."""
     digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).digest()
     return int.from_bytes(digest[:8], "big") < share * 2**64
 
 
 def held_out(recording: Recording, share: float, unit: str, split: str) -> Iterator[Recording]:
-    """Yields a recording, or its parts, if it belongs to a split.
+    """Yields the part of a recording in a split: all of it, none, or stretches.
 
     Args:
-        recording: The whole.
-        share: Share that is held out.
-        unit: One of `HOLD_OUT`.
+        recording: The whole recording.
+        share: Share held out, 0 to 1.
+        unit: Unit of holding out, one of `HOLD_OUT`.
         split: ``train`` or ``val``.
     """
     if unit == "time":
@@ -38,10 +38,10 @@ def held_out(recording: Recording, share: float, unit: str, split: str) -> Itera
 
 
 def take_of(recording: Recording) -> str:
-    """Name of the take of a recording: its sensors, tiles and segments belong together.
+    """Name of the take of a recording, common to its sensors, tiles and segments.
 
     Args:
-        recording: As `record` or a layout names it.
+        recording: A recording with a key from `record` or a layout.
     """
     if "take" in recording.labels:  # FOLDER/TAKE/SENSOR/SEGMENT
         return "/".join(recording.key.split("/")[:-2]) or recording.key
@@ -51,14 +51,14 @@ def take_of(recording: Recording) -> str:
 
 
 def split_parts(recording: Recording, share: float, split: str) -> Iterator[Recording]:
-    """Yields the parts of a recording that belong to a split by time.
+    """Yields the parts of a recording in one side of a split by time.
 
-    Blocks of about half a second, evenly spaced, are held out; training has what lies between. The
-    two share no frame. A recording too short to hold a frame out is training data.
+    Blocks of about half a second, evenly spaced, are held out; the stretches between are for
+    training. The two share no frame. A recording too short for a held-out frame is training data.
 
     Args:
-        recording: The whole.
-        share: Share of its frames that is held out.
+        recording: The whole recording.
+        share: Share of its frames held out, 0 to 1.
         split: ``train`` or ``val``.
     """
     count = len(recording.times)

@@ -1,4 +1,4 @@
-"""Times of the rows of a table, put on the clock of the frames."""
+"""Conversion of a table's row times to the clock of the frames."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ def on_frames(
     start: float | None = None,
     note: Callable[[str], None] = lambda line: None,
 ) -> NDArray[np.float64]:
-    """Seconds since the first frame of the rows of a table.
+    """Times of a table's rows, in seconds since the first frame.
 
     Args:
-        table: Its column of times, and their unit.
-        path: The CSV.
-        rows: float64 (n,), ascending, as they are written.
-        times: float64 (T,), seconds of the frames.
-        start: Seconds since 1970 of the first frame; dates of rows are taken from there.
-        note: Is told of rows that may be right and leave most frames without a label.
+        table: Column of the times, and their unit.
+        path: Path of the CSV.
+        rows: float64 (n,), times in the CSV, ascending, in its unit.
+        times: float64 (T,), times of the frames, s.
+        start: Time of the first frame, seconds since 1970, for rows with dates; None if unknown.
+        note: Callback for plausible rows that leave most frames without a label.
 
     Raises:
-        DataError: They do not fit the frames: names the unit or the rate that would.
+        DataError: The rows do not fit the frames; names a fitting unit or rate.
     """
     assert table.time is not None
     date = date_unit(rows)

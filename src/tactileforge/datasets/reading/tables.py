@@ -1,4 +1,4 @@
-"""Labels from CSV files with a row per frame, or on a clock of their own."""
+"""Labels from CSV files, with a row per frame or on a clock of their own."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unkno
 
 #: Place and cells of a row.
 Row: TypeAlias = tuple[str, dict[str, str]]
-#: Times of the rows of a table, and those of the frames, to the former on the latter's clock.
+#: Function from a table, its path, its row times and the frames' times to row times on the frames'
+#: clock.
 Fit: TypeAlias = Callable[
     [FrameTable, Path, NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]
 ]
@@ -40,24 +41,24 @@ def read_force(
     fit: Fit = on_frames,
     images: Mapping[int, Row] | None = None,
 ) -> NDArray[np.float32]:
-    """Forces per frame, as the images show them.
+    """Forces per frame, with the images' delay applied.
 
     Args:
-        table: Which columns.
-        path: The CSV.
-        times: float64 (T,), seconds of the frames.
-        sensor: That has felt them.
-        fit: Puts the times of rows on the clock of the frames; see `table_clock.on_frames`.
-        images: Rows by frame, where they name images; None where the CSV is that of these frames.
+        table: Columns, signs, lag and clock of the forces.
+        path: Path of the CSV.
+        times: float64 (T,), times of the frames, s.
+        sensor: Name of the measuring sensor.
+        fit: Conversion of row times to the clock of the frames; see `table_clock.on_frames`.
+        images: Rows by frame, for rows with image names; None for rows by frame or time.
 
     Returns:
-        float32 (T, 3), newton; an empty cell is NaN, and so are an axis without a column and what
-        lies before the first label once the lag is applied.
+        float32 (T, 3), N. NaN for an empty cell, for an axis without a column, and for frames
+        before the first label after the lag.
 
     Raises:
         DataNotFoundError: There is no such CSV.
-        DataError: A cell is no finite number, or a force that no sensor can have felt; or a row
-            names no frame, or is not later than the one before.
+        DataError: A cell is not a finite number, or a force beyond the sensor's range; or a row
+            has an invalid frame, or is not later than the one before.
     """
     if table.time is not None:
         clock, measured = _on_a_clock(table, path, sensor)
@@ -94,7 +95,7 @@ def _on_a_clock(
 def _force(
     table: FrameTable, where: str, cells: Mapping[str, str], sensor: str
 ) -> NDArray[np.float64]:
-    """The force of a row, (3,), N, on our axes; NaN on those without a label."""
+    """The force of a row, (3,), N, in our axes; NaN for axes without a label."""
     row = [
         _number(cells[name], f"{where}, column {name!r}") if name else math.nan
         for name in table.columns
@@ -111,12 +112,12 @@ def _force(
 def read_actions(
     table: FrameTable, path: Path, count: int, images: Mapping[int, Row] | None = None
 ) -> NDArray[np.int64]:
-    """Actions per frame by name; an empty cell, or a word for none such as NaN, is -1.
+    """Actions per frame, int64 (count,), as indices in `ACTIONS`; -1 for an empty cell or NaN.
 
     Raises:
         DataNotFoundError: There is no such CSV.
-        DataError: A row names no frame.
-        ConfigError: A name that is no action.
+        DataError: A row has an invalid frame.
+        ConfigError: The name of an action is unknown.
     """
     actions = np.full(count, -1, np.int64)
     for frame, where, cells in _per_frame(table, path, count, images):
@@ -130,7 +131,7 @@ def read_actions(
 def _per_frame(
     table: FrameTable, path: Path, count: int, images: Mapping[int, Row] | None = None
 ) -> list[tuple[int, str, dict[str, str]]]:
-    """Frame number, place and the cells asked for of each row of a CSV per frame."""
+    """Frame number, place and needed cells of each row of a CSV per frame."""
     named = [name for name in table.columns if name]
     if images is not None:
         return [
@@ -169,13 +170,13 @@ def read_cells(
     """Place and cells of each row of a CSV.
 
     Args:
-        path: The CSV; its first line names the columns.
-        needed: Columns that it must have.
-        whole: Whether an empty line, which is no row, is an error.
+        path: Path of the CSV; its first line names the columns.
+        needed: Required columns.
+        whole: Whether an empty line is an error: the parser skips it, which shifts rows by frame.
 
     Raises:
         DataNotFoundError: There is no such CSV.
-        DataError: It is no CSV, or a row is longer than the header.
+        DataError: The file is not a CSV, or a row is longer than the header.
         ConfigError: A column does not exist.
     """
     if not path.is_file():
@@ -200,7 +201,7 @@ def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[tuple[str, dic
         for cells in reader:
             where = f"{path}, row {reader.line_num}"
             lines = 1 + sum(str(value).count("\n") for value in cells.values())
-            if whole and reader.line_num > line + lines:  # an empty line is no row to the reader
+            if whole and reader.line_num > line + lines:  # csv skipped an empty line
                 raise DataError(
                     f"{where}: an empty line is before it; rows are frames here, so write a row of "
                     'empty cells (,, or "") for a frame without a label'
@@ -213,7 +214,7 @@ def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[tuple[str, dic
 
 
 def _number(cell: str, where: str) -> float:
-    """A finite number; NaN for an empty cell, which says that there is no label."""
+    """A finite number; NaN for an empty cell, meaning no label."""
     if not cell:
         return math.nan
     try:
@@ -230,7 +231,7 @@ def _number(cell: str, where: str) -> float:
 def _delayed(
     times: NDArray[np.float64], force: NDArray[np.float64], lag: float
 ) -> NDArray[np.float64]:
-    """The force ``lag`` seconds before each frame, between two frames in proportion."""
+    """The force ``lag`` seconds before each frame, interpolated between frames."""
     if lag == 0:
         return force
     place = np.interp(times - lag, times, np.arange(len(times)), left=np.nan, right=np.nan)

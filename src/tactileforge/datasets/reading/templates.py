@@ -8,19 +8,19 @@ from tactileforge.errors import ConfigError
 
 
 def template_columns(template: str) -> list[str]:
-    """The columns that a template takes values from.
+    """The columns of a template.
 
     Raises:
-        ConfigError: A brace is not closed, or a column is to be formatted.
+        ConfigError: A brace is not closed, or a column has a format.
     """
     return [name for _, name in template_parts(template) if name is not None]
 
 
 def template_parts(template: str) -> list[tuple[str, str | None]]:
-    """Each text of a template, and the column that follows it; None for none.
+    """The texts of a template, each with the following column, or None.
 
     Raises:
-        ConfigError: See `template_columns`.
+        ConfigError: A brace is not closed, or a column has a format.
     """
     try:
         parts = list(Formatter().parse(template))

@@ -1,4 +1,4 @@
-"""A touch of a layout before it is opened, and what belongs to it beside its frames."""
+"""Unopened touches of a layout, and opening of their backgrounds and camera views."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class LayoutTouch:
     """One touch before it is opened.
 
     Attributes:
-        name: Its file, or its folder for an image sequence, from the folder of the layout.
-        paths: Its files.
-        row: What is known of it.
+        name: Path of its file, or of its folder for an image sequence, from the layout's folder.
+        paths: Paths of its files.
+        row: Labels of the touch.
     """
 
     name: str
@@ -30,14 +30,14 @@ class LayoutTouch:
 
 
 def open_files(paths: list[Path]) -> FileFrames:
-    """Opens what belongs to a touch beside its frames: its background, or its camera view.
+    """Opens a background or a camera view of a touch.
 
     Args:
-        paths: A video, or images.
+        paths: Path of a video, or paths of images.
 
     Raises:
         DataNotFoundError: A file does not exist.
-        DamagedFileError: One cannot be read.
+        DamagedFileError: A file cannot be read.
     """
     is_video = len(paths) == 1 and paths[0].suffix.lower() in VIDEO_SUFFIXES
     try:

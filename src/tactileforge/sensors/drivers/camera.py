@@ -164,9 +164,8 @@ class Camera(Sensor):
             return self.device
         paths = self.discover()
         if not paths:
-            raise SensorError(
-                f"no camera {self.device} is attached{attached_cameras()}; plug it in"
-            )
+            others = attached_cameras(video_devices())
+            raise SensorError(f"no camera {self.device} is attached{others}; plug it in")
         if len(paths) > 1:
             raise SensorError(f"{self.device} fits {choices(paths)}")
         return paths[0]

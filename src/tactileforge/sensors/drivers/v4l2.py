@@ -74,9 +74,13 @@ def matching(words: str, devices: list[VideoDevice]) -> list[VideoDevice]:
     return []
 
 
-def attached_cameras() -> str:
-    """Lists the attached cameras with their serial numbers, for an error."""
-    told = [f"{c.path} {c.name} {c.serial}".strip() for c in video_devices()]
+def attached_cameras(devices: list[VideoDevice]) -> str:
+    """Lists cameras with their serial numbers, for an error.
+
+    Args:
+        devices: The attached ones, see `video_devices`.
+    """
+    told = [f"{c.path} {c.name} {c.serial}".strip() for c in devices]
     return f" (attached: {', '.join(told) or 'none'})"
 
 
@@ -106,7 +110,8 @@ def why_not(source: str) -> str:
     if "://" in source:
         return f"{source}: no video comes from there; is it on, and is the address right?"
     if not path.exists():
-        return f"{source}: no such camera{attached_cameras()}; plug it in, or set device="
+        others = attached_cameras(video_devices())
+        return f"{source}: no such camera{others}; plug it in, or set device="
     try:
         os.close(os.open(source, os.O_RDWR | os.O_NONBLOCK))
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Surfaces to cut textures from: ridges, threads, weaves, pebbles, grains, tiles.
+"""Height fields of textures: ridges, threads, weaves, pebbles, grains, tiles.
 
 A relief is the depth in mm below the outermost plane, 0 or more, as a function of ``x`` and ``y``
 in mm. The random ones are drawn from a seed, and are the same at any resolution.
@@ -91,22 +91,22 @@ def deeper(*reliefs: Height) -> Height:
 
 
 def raised(mask: SDF, depth: float, fillet: float = 0.15) -> Height:
-    """A raised outline on a ground that lies ``depth`` mm below."""
+    """A raised outline on a ground ``depth`` mm below."""
     height = extrude(mask, fillet)
     return lambda x, y: np.minimum(height(x, y), depth)
 
 
 def cut(mask: SDF, depth: float, fillet: float = 0.15) -> Height:
-    """An outline that is cut ``depth`` mm deep into the ground."""
+    """An outline cut ``depth`` mm deep into the ground."""
     return raised(minus(_everywhere, mask), depth, fillet)
 
 
 def weave(pitch: float, depth: float, over: Pattern) -> Height:
-    """Cloth: two sets of yarns that change sides.
+    """Cloth: two interlaced sets of yarns.
 
     Args:
         pitch: Distance of two yarns, mm.
-        depth: Depth by which a yarn dives, mm.
+        depth: Depth of a yarn at its lowest below its highest point, mm.
         over: Column, row -> 1 where the upright yarn is on top, else 0.
     """
 
@@ -184,7 +184,7 @@ def grain(period: float, depth: float, seed: int) -> Height:
 
 
 def whorl(period: float, depth: float, bend: float = 1.0) -> Height:
-    """Ridges around the middle, bent by up to ``bend`` mm as on a finger."""
+    """Concentric ridges, bent by up to ``bend`` mm as on a fingertip."""
     shift, ridges = bumps(5, bend, 7), waves(period, depth)
     return lambda x, y: ridges(np.hypot(x, y) + shift(x, y), y)
 
@@ -204,7 +204,7 @@ def hexagons(pitch: float) -> SDF:
 
 
 def bricks(width: float, height: float, joint: float) -> SDF:
-    """A wall of bricks that are shifted by half from row to row."""
+    """A wall of bricks, shifted by half a brick from row to row."""
     brick = box(width - joint, height - joint)
 
     def distance(x: Array, y: Array) -> Array:

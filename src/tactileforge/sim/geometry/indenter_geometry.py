@@ -1,7 +1,7 @@
 """Indenter geometry: resolution-free height maps from outlines and profiles.
 
 A height is a function of ``x`` (right) and ``y`` (down), both in mm: the height in mm above the
-lowest plane of the shape, 0 where the tip touches first, `DEEP` where there is no material.
+lowest plane of the shape, 0 at the first point of contact, `DEEP` without material.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from tactileforge.sim.geometry.sdf2d import SDF, Array, circle
 Height: TypeAlias = Callable[[Array, Array], Array]
 Split: TypeAlias = Literal["pretrain", "bench_train", "bench_test"]
 
-#: Height in mm at which a shape ends; no gel is pressed that far.
+#: Height at which a shape ends, mm; no gel is pressed that far.
 DEEP = 4.0
-#: Rise of a wall, mm per mm; steep, and yet sampled without jumps by a fine grid.
+#: Rise of a wall, mm per mm; steep, yet a fine grid samples it without jumps.
 STEEP = 6.0
-#: Radius of the rounded edge that a printer leaves, mm.
+#: Radius of the rounded edge of a 3-D print, mm.
 FILLET = 0.2
-#: A shape must be at least that many cells of a grid wide, and its finest detail one cell.
+#: Least width of a shape, cells of a grid; its finest detail spans at least one cell.
 CELLS = 4.0
-#: No shape is larger than that, from its middle, mm.
+#: Largest distance of any part of a shape from its middle, mm.
 REACH = 12.0
 
 
@@ -37,13 +37,13 @@ class Shape:
     """An indenter, a texture or an object, as seen by the gel.
 
     Attributes:
-        name: The word users type.
-        height: mm, mm -> mm above the tip's lowest plane; `DEEP` where there is no material.
+        name: Name in options and file names.
+        height: Function from x, y (mm) to mm above the tip's lowest plane; `DEEP` without material.
         radius: Half of its size, mm; the height is `DEEP` farther from the middle.
         index: Number in the paper's table of indenters; None for anything else.
-        split: Whether it is for pre-training, or trains or tests the force benchmark.
+        split: Use of the shape: pre-training, or training or testing of the force benchmark.
         round: Whether rotation about the normal changes nothing.
-        detail: Width of its finest detail, mm; 0 where it is not known.
+        detail: Width of its finest detail, mm; 0 if unknown.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Shape:
             float32 (pixels, pixels), mm; rows along ``y``, columns along ``x``.
 
         Raises:
-            ConfigError: The grid is too coarse for the shape; says the limit.
+            ConfigError: The grid is too coarse for the shape; the message gives the limit.
         """
         limit = 2 * self.radius / CELLS
         if self.detail:
@@ -96,7 +96,7 @@ def shape_of(
     split: Split = "pretrain",
     detail: float = 0.0,
 ) -> Shape:
-    """A shape whose lowest point, size and roundness are measured; see `Shape`."""
+    """A `Shape` with its lowest point, size and roundness measured from its height."""
     away = np.arange(0.0, REACH + 0.1, 0.1)
     angle = np.radians(np.arange(0.0, 360.0, 3.0))
     rho, theta = np.meshgrid(away, angle)
@@ -119,10 +119,10 @@ def _lowered(height: Height, by: float) -> Height:
 
 
 def extrude(mask: SDF, fillet: float = FILLET, steep: float = STEEP) -> Height:
-    """A flat tip with that outline, a rounded edge, and walls; a disc may be rounded to a ball.
+    """A flat tip with an outline, a rounded edge, and walls; a disc may be rounded to a ball.
 
     Args:
-        mask: Its outline.
+        mask: Outline of the tip.
         fillet: Radius of the edge, mm; the edge curves inside the outline.
         steep: Rise of the walls, mm per mm.
     """
@@ -150,16 +150,16 @@ def lift(height: Height, by: float) -> Height:
 
 
 def join(*heights: Height) -> Height:
-    """Shapes side by side or on each other: whichever reaches farther."""
+    """The union of shapes, side by side or on each other."""
     return lambda x, y: reduce(np.minimum, (height(x, y) for height in heights))
 
 
 def pad(relief: Height, radius: float = 7.0, curve: float = 60.0) -> Height:
-    """A relief on a slightly domed round pad, so that contact grows from the middle.
+    """A relief on a round pad, slightly domed: contact grows from the middle.
 
     Args:
         relief: Depth in mm below the outermost plane, 0 or more.
-        radius: Of the pad, mm.
+        radius: Radius of the pad, mm.
         curve: Radius of curvature of the pad, mm.
     """
     edge = extrude(circle(radius), fillet=1.0)
@@ -175,9 +175,9 @@ def rod(radius: float, relief: Height, length: float = 13.0) -> Height:
     """A relief on a lying rod along ``x``; its walls are as steep as any.
 
     Args:
-        radius: Of the rod, mm.
+        radius: Radius of the rod, mm.
         relief: Depth in mm below the rod's surface.
-        length: Of the rod, mm.
+        length: Length of the rod, mm.
     """
     side = extrude(lambda x, y: np.abs(y) - radius, fillet=radius)
     ends = extrude(lambda x, y: np.abs(x) - length / 2)
@@ -191,16 +191,17 @@ def rod(radius: float, relief: Height, length: float = 13.0) -> Height:
 def printed(
     shape: Shape, period: float = 0.15, amplitude: float = 0.01, angle: float = 45.0
 ) -> Shape:
-    """A shape with the lines that a 3-D printer leaves.
+    """A shape with the lines of a 3-D print.
 
     Args:
         shape: Any shape.
-        period: Distance of two lines, mm; layers of real prints 0.1 to 0.2, their roads up to 1.
-        amplitude: Depth of the grooves, mm; of real prints 0.005 to 0.03.
+        period: Distance of two lines, mm; 0.1 to 0.2 for the layers of real prints, up to 1 for
+            their extruded roads.
+        amplitude: Depth of the grooves, mm; 0.005 to 0.03 on real prints.
         angle: Direction of the lines, degrees clockwise from the right.
 
     Raises:
-        ConfigError: A period or an amplitude that no print has; says the limit.
+        ConfigError: The period or the amplitude is out of range; the message gives the limit.
     """
     if period <= 0 or not 0 <= amplitude <= period:
         raise ConfigError(

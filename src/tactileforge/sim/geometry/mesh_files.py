@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 
-#: Bytes of a file of a mesh, with what an archive unpacks to; and faces, or points, of one.
+#: Largest size of a mesh file, bytes, its unpacked members included; and most faces, or points.
 MAX_BYTES, MAX_PARTS = 1 << 29, 10_000_000
 
-#: Errors of numpy about a file that is none of its own; it reads headers as Python.
+#: Errors of numpy about an invalid file: it parses headers as Python literals.
 _DAMAGE = (ArithmeticError, EOFError, OSError, SyntaxError, TokenError, TypeError, ValueError)
 
 
@@ -43,21 +43,21 @@ def load_points(path: str | Path) -> NDArray[Any]:
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: It is another file.
+        DataError: The file is not an array of numbers.
     """
     path = existing_file(path)
-    try:  # a header that states more numbers than the file has cannot be mapped
+    try:  # mapping fails, without a huge allocation, if a header states more than the file holds
         return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
     except _DAMAGE as error:
         raise DataError(f"{path}: not an array of numbers: {error}") from error
 
 
 def load_mesh(source: str | Path | Mesh, name: str | None) -> tuple[Mesh, str]:
-    """A mesh and its name, read where it is a file.
+    """A mesh and its name; a path is read.
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: It is no mesh, or larger than `MAX_BYTES`.
+        DataError: The file is not a mesh, or is larger than `MAX_BYTES`.
         ConfigError: ``trimesh`` is not installed.
     """
     if not isinstance(source, str | Path):
@@ -74,7 +74,7 @@ def load_mesh(source: str | Path | Mesh, name: str | None) -> tuple[Mesh, str]:
         mesh = trimesh.load(path)
         if hasattr(mesh, "to_geometry"):  # a scene of several meshes
             mesh = mesh.to_geometry()
-    except Exception as error:  # each of its readers raises its own
+    except Exception as error:  # trimesh has a reader per format, each with errors of its own
         raise DataError(f"{path}: not a mesh: {type(error).__name__}: {error}") from error
     if not len(getattr(mesh, "vertices", ())):
         raise DataError(f"{path}: the file holds no points")
@@ -97,7 +97,7 @@ def check_count(name: str, count: int, what: str) -> None:
     """Refuses more faces or points than `MAX_PARTS`.
 
     Raises:
-        DataError: There are more.
+        DataError: ``count`` is above `MAX_PARTS`.
     """
     if count > MAX_PARTS:
         raise DataError(

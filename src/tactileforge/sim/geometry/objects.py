@@ -1,7 +1,7 @@
 """Any object as a shape: a mesh, a point cloud, or a height image.
 
 An object touches the gel with its upper side: it is seen along its own -z axis, its x to the right
-and its y up, and only what lies within `REACH` of the place that is touched.
+and its y up. Only the part within `REACH` of the touched place counts.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ from tactileforge.sim.geometry.mesh_files import (
 from tactileforge.sim.geometry.sdf2d import Array, Point
 from tactileforge.untrusted import open_picture
 
+#: Height of cells without material, far below any object.
 _EMPTY = -1e6
+#: Largest number of samples of triangles at a time, to bound memory.
 _SAMPLES = 2_000_000
 
 
@@ -40,11 +42,11 @@ def mesh_shape(
     """A triangle mesh as a shape.
 
     Args:
-        source: A file that ``trimesh`` reads, or a mesh with ``vertices`` and ``faces``.
-        mm_per_unit: Length of the mesh's unit; 1000 where it is in metres.
-        at: Place that is touched, mm from the middle of the mesh, right and up.
-        spacing_mm: Grid on which the mesh is sampled.
-        name: Name of the shape; the file's where it is not given.
+        source: Path of a file for ``trimesh``, or a mesh with ``vertices`` and ``faces``.
+        mm_per_unit: Length of the mesh's unit, mm; 1000 for metres.
+        at: Touched place, mm from the middle of the mesh, right and up.
+        spacing_mm: Spacing of the sampling grid, mm.
+        name: Name of the shape; None for that of the file.
 
     Raises:
         DataNotFoundError: There is no such file.
@@ -75,12 +77,12 @@ def cloud_shape(
     """A cloud of points as a shape; the space between points is closed.
 
     Args:
-        source: (N, 3) points, a ``.npy`` file of them, or a file that ``trimesh`` reads.
-        mm_per_unit: Length of the cloud's unit; 1000 where it is in metres.
-        at: Place that is touched, mm from the middle of the cloud, right and up.
-        gap_mm: Widest space that is closed; from the number of points where it is not given.
-        spacing_mm: Grid on which the cloud is sampled.
-        name: Name of the shape; the file's where it is not given.
+        source: Points (N, 3), path of a ``.npy`` file of them, or path of a file for ``trimesh``.
+        mm_per_unit: Length of the cloud's unit, mm; 1000 for metres.
+        at: Touched place, mm from the middle of the cloud, right and up.
+        gap_mm: Widest gap between points to close, mm; None for one from the number of points.
+        spacing_mm: Spacing of the sampling grid, mm.
+        name: Name of the shape; None for that of the file.
 
     Raises:
         DataNotFoundError: There is no such file.
@@ -114,14 +116,14 @@ def picture_shape(
 
     Args:
         path: A grey image, 8 or 16 bit.
-        mm_per_pixel: Width of a pixel.
-        range_mm: Height of white above black.
-        name: Name of the shape; the file's where it is not given.
+        mm_per_pixel: Width of a pixel, mm.
+        range_mm: Height of white above black, mm.
+        name: Name of the shape; None for that of the file.
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: The file is no image, or is not grey.
-        ConfigError: A size that is not above 0, or an image of too few pixels.
+        DataError: The file is not an image, or is not grey.
+        ConfigError: A size is 0 or less, or the image has too few pixels.
     """
     path = existing_file(path)
     if not mm_per_pixel > 0 or not range_mm > 0:
@@ -147,7 +149,7 @@ def picture_shape(
 def _placed(
     raw: NDArray[Any], name: str, mm_per_unit: float, at: Point, spacing_mm: float
 ) -> Array:
-    """Points in mm about the place that is touched, y downwards."""
+    """Points in mm about the touched place, y downwards."""
     check_count(name, len(raw), "points")
     if raw.ndim != 2 or raw.shape[1] != 3 or not len(raw):
         raise DataError(f"{name}: points of shape {raw.shape}; give (N, 3) with N above 0")

@@ -1,8 +1,8 @@
-"""Flat outlines as signed distances: how far a point is from the edge, in mm, negative inside.
+"""Flat outlines as signed distances of a point from the edge, mm, negative inside.
 
 An outline is a function of ``x`` (right) and ``y`` (down), both arrays in mm. Sizes are in mm,
-angles in degrees, positive angles clockwise in the image. Outlines know no pixels, so they are
-sharp at any resolution.
+angles in degrees, positive angles clockwise in the image. Outlines are independent of pixels, and
+so sharp at any resolution.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def sector(radius: float, angle: float) -> SDF:
 
 
 def stroke(width: float, *points: Point) -> SDF:
-    """A line through points, of that width, with round ends."""
+    """A line of a width through points, with round ends."""
     pieces = list(pairwise(points))
 
     def distance(x: Array, y: Array) -> Array:
@@ -132,7 +132,7 @@ def arc(width: float, radius: float, start: float, stop: float) -> SDF:
 
 
 def wavy(radius: float, wave: float, count: int) -> SDF:
-    """A disc with that many waves on its edge; the distance is of first order."""
+    """A disc with ``count`` waves on its edge; the distance is exact to first order."""
 
     def distance(x: Array, y: Array) -> Array:
         away, angle = np.hypot(x, y), count * np.arctan2(y, x)
@@ -216,18 +216,18 @@ def trapezoid(top: float, bottom: float, height: float) -> SDF:
 
 
 def tee(size: float, thick: float) -> SDF:
-    """A letter T that fills a square, from the square and the width of its strokes."""
+    """A letter T in a square of side ``size``, of strokes ``thick`` wide."""
     bar = at(0, (thick - size) / 2, box(size, thick))
     return union(bar, box(thick, size))
 
 
 def cross(size: float, thick: float) -> SDF:
-    """An upright cross that fills a square."""
+    """An upright cross in a square of side ``size``, of strokes ``thick`` wide."""
     return union(box(size, thick), box(thick, size))
 
 
 def crescent(radius: float, bite: float, shift: float) -> SDF:
-    """A moon: a disc without a disc of radius ``bite`` that is moved to the right."""
+    """A moon: a disc less a disc of radius ``bite``, moved right by ``shift``."""
     return minus(circle(radius), at(shift, 0, circle(bite)))
 
 
@@ -265,7 +265,7 @@ def _turned(count: int, points: list[Point]) -> list[Point]:
 
 
 def _cells(x: Array, count: int, pitch: float) -> list[Array]:
-    """Coordinates in the two nearest of the cells that a row has."""
+    """Coordinates relative to the two nearest cells of a row."""
     middle = (count - 1) / 2
     below = np.floor(x / pitch + middle)
     slots = [np.clip(below + step, 0, count - 1) for step in (0, 1)][: min(count, 2)]

@@ -1,4 +1,4 @@
-"""The 71 indenters of AnyTouch 2 (paper, table of indenters), and any shape by its name.
+"""The 71 indenters of AnyTouch 2 (paper, table of indenters), and look-up of a shape by name.
 
 Names and the split of the force benchmark are the paper's. Sizes and heights were not published:
 these are our own. The tips are 4 to 14 mm wide.
@@ -143,7 +143,7 @@ _FLAT: tuple[tuple[int, str, SDF], ...] = (
     (70, "regular_octagonal", turn(22.5, regular(8, 5))),
     (71, "clover_shaped", union(at(0, -0.8, _LEAVES), _STALK)),
 )
-#: index, name, height: tips that are not flat
+#: index, name, height of curved tips
 _CURVED: tuple[tuple[int, str, Height], ...] = (
     (7, "small_sphere", ball(2.2)),
     (20, "raised_elliptical", join(extrude(ellipse(3.6, 2)), lift(extrude(_DISC), 1))),
@@ -175,7 +175,7 @@ def shape(name: str) -> Shape:
     """An indenter or a texture by name.
 
     Raises:
-        ConfigError: Nothing is known by that name; says the nearest one.
+        ConfigError: The name is unknown; the message gives the nearest one.
 
     Example:
         >>> shape("clover_shaped").index

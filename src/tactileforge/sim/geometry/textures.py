@@ -82,7 +82,7 @@ def glyph(lines: str, size: float = 9.0, width: float = 1.2) -> SDF:
 
 
 def on(base: SDF, top: SDF, step: float, fillet: float = 0.2) -> Height:
-    """A flat outline that stands ``step`` mm out of a larger one."""
+    """A flat outline ``step`` mm above a larger one."""
     return join(extrude(top, fillet), lift(extrude(base), step))
 
 

@@ -18,14 +18,16 @@ from tactileforge.sim.mechanics.gel import Kernel
 
 #: Largest misfit between surface and object in the contact, as a share of the depth.
 TOLERANCE = 2e-3
+#: Largest number of steps before `NotConverged`.
 _STEPS = 300
-#: Steps between two looks at whether all contacts have settled: a look waits for a GPU.
+#: Steps between two checks of convergence, by type of device; others check rarely, as reading the
+#: result waits for the GPU.
 _LOOK = {"cpu": 1}
 _RARELY = 8
 
 
 class NotConverged(TactileForgeError):
-    """A contact that did not converge; the message gives its place in the batch and misfit."""
+    """No convergence of a contact; the message gives its place in the batch and its misfit."""
 
 
 def press(
@@ -35,18 +37,18 @@ def press(
     tolerance: float = TOLERANCE,
     give: Tensor | None = None,
 ) -> Tensor:
-    """Pressure of objects that overlap the undeformed gel.
+    """Pressure between objects and the gel, from their overlap with the undeformed gel.
 
     Each contact of the batch stops when it has settled: its pressure does not depend on the others.
 
     Args:
         kernel: The gel on its grid.
-        overlap: float32 (B, n, n), mm by which the object would enter the gel if that did not
-            yield; negative where it stays clear.
-        start: A pressure to start from, such as that of the frame before.
+        overlap: float32 (B, n, n), depth of the object in an unyielding gel, mm; negative where it
+            stays clear.
+        start: Initial pressure, such as that of the frame before; None for a guess.
         tolerance: Largest misfit in the contact, as a share of the depth.
-        give: float32 (B,), mm/MPa by which the object itself yields where it is pressed, as a bed
-            of springs; None for rigid objects.
+        give: float32 (B,), compliance of the object itself as a bed of springs, mm/MPa; None for
+            rigid objects.
 
     Returns:
         float32 (B, n, n), MPa.
@@ -58,7 +60,7 @@ def press(
     pressure, misfit, settled = _settle(kernel, overlap, start, tolerance, soft)
     if bool(settled.all()):
         return pressure
-    if start is not None:  # what is all but clear of the gel may be far from the frame before
+    if start is not None:  # near lift-off the frame before may be a bad start: start afresh
         rest = ~settled
         softness = None if give is None else give[rest]
         pressure[rest] = press(kernel, overlap[rest], None, tolerance, softness)

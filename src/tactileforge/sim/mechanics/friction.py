@@ -15,6 +15,7 @@ from tactileforge.sim.mechanics.gel import Kernel
 
 #: Largest misfit of sticking points, mm.
 TOLERANCE = 1e-3
+#: Largest number of steps before `NotConverged`.
 _STEPS = 400
 
 
@@ -81,7 +82,7 @@ def shear(
 
 
 def limit_traction(traction: Tensor, limit: Tensor) -> Tensor:
-    """Shortens a traction (B, 2, n, n) to a limit (B, 1, n, n) where it is longer."""
+    """Limits the length of a traction (B, 2, n, n) to a bound (B, 1, n, n)."""
     x, y = traction.unbind(1)
     size = torch.hypot(x, y).clamp_(min=1e-12)[:, None]
     return traction * (limit / size).clamp_(max=1)

@@ -1,4 +1,4 @@
-"""The gel: an elastic layer bonded to a rigid back, and how its surface yields to traction.
+"""The gel: an elastic layer bonded to a rigid back, and its surface's response to traction.
 
 Source: K. L. Johnson, *Contact Mechanics* (1985); the half-space is the limit of a thick layer.
 Letters: E and nu are the moduli, G = E / (2 (1 + nu)), h the thickness, q a wave number, k = q h.
@@ -17,7 +17,7 @@ from tactileforge.errors import ConfigError
 
 #: Beyond this product of wave number and thickness a layer is a half-space.
 _THICK = 30.0
-#: Points a side of the largest grid that a kernel is computed on.
+#: Points a side of the largest grid of a kernel's computation.
 _LARGEST = 2048
 
 
@@ -29,7 +29,7 @@ class Gel:
     this Poisson's ratio meets the four forces that FEATS measured within 10 %).
 
     Attributes:
-        thickness: mm.
+        thickness: Thickness of the layer, mm.
         modulus: Young's modulus, MPa.
         poisson: Poisson's ratio; gels are nearly incompressible.
         friction: Coulomb's coefficient between gel and object.
@@ -37,7 +37,7 @@ class Gel:
         viscosity: Relaxation time of the viscous part of the pressure, s.
 
     Raises:
-        ConfigError: A number is outside its limits; says which, and the limit.
+        ConfigError: A number is outside its limits; the message gives its name and the limit.
     """
 
     thickness: float = 4.0
@@ -92,7 +92,7 @@ def compliance(gel: Gel, wave: Tensor) -> Compliance:
 
     Args:
         gel: The layer.
-        wave: float64, rad/mm, not negative.
+        wave: float64, wave numbers, rad/mm, 0 or more.
 
     Returns:
         Four tensors of the shape of ``wave``, mm/MPa.
@@ -112,7 +112,7 @@ def compliance(gel: Gel, wave: Tensor) -> Compliance:
     return Compliance(
         normal=torch.where(uniform, confined, half_space * (sinh - 4 * k) / denominator),
         along=torch.where(uniform, h / shear, half_space * (sinh + 4 * k) / denominator),
-        # Shear across the wave is antiplane, and knows no Poisson's ratio.
+        # Shear across the wave is antiplane, and independent of Poisson's ratio.
         across=torch.where(uniform, h / shear, torch.tanh(k) / (shear * q)),
         coupling=torch.where(uniform, 0.0, mixed / (4 * shear * q * denominator)),
     )
@@ -126,7 +126,7 @@ class Kernel:
 
     Attributes:
         points: Points a side of the grid of traction.
-        spacing: mm between points.
+        spacing: Distance between points, mm.
         normal: float32 (2 n, n + 1), for pressure to depth.
         tangent: float32 (3, 2 n, n + 1), the parts xx, xy, yy for shear to lateral displacement.
         coupling: float32 (2, 2 n, n + 1), x and y, for pressure to lateral displacement, times i.
@@ -163,8 +163,8 @@ class Kernel:
     def lift(self, shear: Tensor) -> Tensor:
         """Depth (mm) of the surface under shear traction (MPa), from (..., 2, n, n).
 
-        By reciprocity it is the transpose of `spread`: the gel bulges ahead of what drags it, and
-        sinks behind.
+        By reciprocity it is the transpose of `spread`: the gel bulges ahead of a dragging object,
+        and sinks behind it.
         """
         return self.back(self.lifted(self.spectrum(shear)))
 
@@ -181,12 +181,12 @@ class Kernel:
 
 
 def kernel(gel: Gel, points: int, spacing: float, device: str = "cpu") -> Kernel:
-    """The kernel of a gel on a grid; it is computed once, and does not depend on the modulus.
+    """The kernel of a gel on a grid; the last 16 are cached.
 
     Args:
         gel: The layer.
         points: Points a side.
-        spacing: mm.
+        spacing: Distance between points, mm.
         device: Device of the tensors.
 
     Raises:
@@ -198,10 +198,10 @@ def kernel(gel: Gel, points: int, spacing: float, device: str = "cpu") -> Kernel
 
 
 def inverse_transform(spectrum: Tensor) -> Tensor:
-    """Fields (..., m, m) of spectra (..., m, m / 2 + 1), as of ``torch.fft.irfft2``.
+    """Fields (..., m, m) of spectra (..., m, m / 2 + 1), as by ``torch.fft.irfft2``.
 
-    On a CPU one after another: with AVX-512, MKL transforms a batch otherwise than each alone, and
-    a touch must not depend on its batch.
+    On a CPU they are transformed one by one: with AVX-512, MKL rounds a batch differently from a
+    single field, and a touch must not depend on its batch.
     """
     size = (spectrum.shape[-2],) * 2
     if spectrum.device.type != "cpu" or spectrum.ndim == 2:
@@ -241,7 +241,7 @@ def _kernel(
 
 
 def _cut(spectrum: Tensor, points: int) -> Tensor:
-    """The spectrum of the same kernel, on 2 ``points`` a side instead of many."""
+    """The spectrum of a kernel cut down to a grid of 2 ``points`` a side."""
     large = spectrum.shape[-2]
     if large == 2 * points:
         return spectrum

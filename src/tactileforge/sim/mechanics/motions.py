@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tactileforge.contracts import ACTIONS
 from tactileforge.errors import ConfigError, unknown
 
-#: Phases of a path: an action, or to stay.
+#: Phase of a path without an action: the object stays.
 _STAY = "stay"
 #: Direction of each action: x, y (of its length, mm), angle (of its turn, rad), depth.
 _WAYS = {
@@ -33,15 +33,15 @@ FORCE_TRIAL = ("press", "slide_up", "slide_down", "slide_left", "slide_right", "
 
 @dataclass(frozen=True)
 class Sway:
-    """Deviation from a path by a hand that is not steady, and by a table that is not level.
+    """Deviation from a path by an unsteady hand and an unlevel table.
 
-    It grows with the depth of the path, and is nothing where the object is clear of the gel.
+    It grows with the depth of the path, and vanishes where the object is clear of the gel.
 
     Attributes:
-        slope: Depth that is gained along x and y from the first touch, mm/mm.
-        size: float64 (W, 6), what each wave adds to a pose.
+        slope: float64 (2,), depth gained along x and y from the first touch, mm/mm.
+        size: float64 (W, 6), amplitude of each wave in the units of a pose.
         hertz: float64 (W,), frequencies of the waves.
-        phase: float64 (W, 6), rad.
+        phase: float64 (W, 6), phases of the waves, rad.
     """
 
     slope: NDArray[np.float64]
@@ -52,7 +52,7 @@ class Sway:
     def __call__(
         self, times: NDArray[np.float64], moved: NDArray[np.float64], share: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Adds to poses (T, 6), by times (T,), motion since the start (T, 2) and share (T,)."""
+        """Offsets (T, 6) of poses at times (T,), for motion since the start (T, 2), share (T,)."""
         angle = 2 * np.pi * self.hertz[:, None] * times[:, None, None] + self.phase
         added: NDArray[np.float64] = (self.size * np.sin(angle)).sum(1)
         added[:, 3] += moved @ self.slope
@@ -61,15 +61,15 @@ class Sway:
 
 @dataclass(frozen=True)
 class Path:
-    """Pose of an object at any time; between its knots it starts and stops smoothly.
+    """Pose of an object at any time, smooth between knots.
 
     Attributes:
         times: float64 (K,), seconds, strictly increasing; the first is 0.
         poses: float64 (K, 6): x and y (mm, from the centre of the image, right and down), angle
             (rad, clockwise in the image), depth (mm beyond the first touch), tilt along x and
             along y (slope).
-        actions: One for each phase, that is K - 1; ``stay`` is none.
-        sway: Deviations of a hand from the path; None for a machine.
+        actions: Names of the K - 1 phases' actions; ``stay`` for a phase without one.
+        sway: Deviations of a hand from the path; None for a machine's exact path.
     """
 
     times: NDArray[np.float64]
@@ -83,7 +83,7 @@ class Path:
         return float(self.times[-1])
 
     def pose(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Poses (T, 6) at times; before the start and after the end it stands still."""
+        """Poses (T, 6) at times; constant before the start and after the end."""
         phase = self._phase(times)
         start, length = self.times[phase], np.diff(self.times)[phase]
         x = np.clip((times - start) / length, 0, 1)[:, None]
@@ -101,7 +101,7 @@ class Path:
         return np.where((times < 0) | (times > self.seconds), -1, out).astype(np.int64)
 
     def mirrored(self) -> Path:
-        """The path in a mirror that swaps left and right."""
+        """The path with left and right swapped."""
         swap = {"slide_left": "slide_right", "rotate_cw": "rotate_ccw"}
         swap |= {new: old for old, new in swap.items()}
         sign = np.array([-1, 1, -1, 1, -1, 1])
@@ -121,11 +121,11 @@ class Speeds:
     """Sizes and speeds of a motion.
 
     Attributes:
-        depth: mm that a press goes in.
-        slide: mm that a slide goes.
-        turn: rad that a rotation turns.
-        seconds: Duration of one action.
-        rest: Seconds of no contact at the start and at the end.
+        depth: Depth of a press, mm.
+        slide: Length of a slide, mm.
+        turn: Angle of a rotation, rad.
+        seconds: Duration of one action, s.
+        rest: Time without contact at the start and at the end, s.
     """
 
     depth: float = 0.8
@@ -136,15 +136,16 @@ class Speeds:
 
 
 def chain(actions: Sequence[str], start: Sequence[float], speeds: Speeds) -> Path:
-    """One action after the other.
+    """A path of actions, one after the other.
 
     Args:
-        actions: Of `ACTIONS`, or ``stay``; depth starts at no contact, so ``press`` comes first.
+        actions: Names in `ACTIONS`, or ``stay``; the path starts without contact, so ``press``
+            comes first.
         start: x, y, angle, tilt along x, tilt along y of the first touch.
         speeds: Sizes and speeds.
 
     Raises:
-        ConfigError: An action that is none; lists them.
+        ConfigError: An action is unknown; the message lists the known ones.
     """
     size = np.array([speeds.slide, speeds.slide, speeds.turn, speeds.depth])
     x, y, angle, *tilt = start
@@ -175,12 +176,12 @@ def chain(actions: Sequence[str], start: Sequence[float], speeds: Speeds) -> Pat
 
 
 def atomic(action: str, start: Sequence[float], speeds: Speeds) -> Path:
-    """Press, the action, and lift: what is slid or turned is centred on the start.
+    """A press, an action and a lift; slides and turns are centred on the start.
 
     ``press`` and ``leave`` are a press and a lift with a pause between.
 
     Raises:
-        ConfigError: An action that is none.
+        ConfigError: The action is unknown.
     """
     if action not in _WAYS:
         raise ConfigError(unknown("action", action, _WAYS))
@@ -198,7 +199,7 @@ def force_trial(start: Sequence[float], speeds: Speeds) -> Path:
 
 
 def manipulation(start: Sequence[float], speeds: Speeds, rng: np.random.Generator) -> Path:
-    """A touch as in handling things: presses, slips, turns and tilts at random, six phases long.
+    """A touch as in manipulation: random presses, slips, turns and tilts in six phases.
 
     Every motion has several components, so only its press and its lift are named actions.
     """

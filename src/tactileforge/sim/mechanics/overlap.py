@@ -11,8 +11,8 @@ from tactileforge.sim.mechanics.gel import Gel
 
 #: Sizes of windows, in points, whose doubles have quick Fourier transforms.
 _WINDOWS = (16, 20, 24, 30, 32, 36, 40, 48, 50, 54, 60, 64, 72, 80, 90, 96, 108, 128, 160, 192, 256)
-#: Gel bulges around a contact, and ahead of what drags it; a window leaves this much room (mm) for
-#: what might touch.
+#: Margin (mm) of a window in height: the gel bulges around a contact, and ahead of an object that
+#: drags it, and may touch there too.
 _ROOM = 0.08
 
 
@@ -21,10 +21,10 @@ class Overlap:
 
     Args:
         heights: float32 (B, n, n), mm of the objects above their lowest planes.
-        spacing: mm between the points of these maps.
-        gels: One of each touch.
-        poses: float32 (B, T, 6): depth counts from the first touch at the first; None counts it
-            from the apex of the gel.
+        spacing: Distance between the points of these maps, mm.
+        gels: The gel of each touch.
+        poses: float32 (B, T, 6), poses; depth counts from the first touch at the first of them.
+            None counts depth from the apex of the gel.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Overlap:
         return rotated(now - before, -new[:, 2])
 
     def window(self, poses: Tensor) -> int:
-        """Points of the smallest window that holds every contact."""
+        """Points a side of the smallest window around every contact."""
         near = torch.zeros_like(self.x, dtype=torch.bool)
         for i in range(poses.shape[1]):
             near |= (self(poses[:, i]) > -_ROOM).any(0)
@@ -65,7 +65,7 @@ class Overlap:
         return next((w for w in _WINDOWS if need <= w <= n and (n - w) % 2 == 0), n)
 
     def cropped(self, window: int) -> Overlap:
-        """The same laws on the middle ``window`` points a side."""
+        """The same overlap, on the middle ``window`` points a side."""
         edge = (len(self.x) - window) // 2
         middle = slice(edge, edge + window)
         out = object.__new__(Overlap)
@@ -78,7 +78,7 @@ class Overlap:
 def overlapping(
     x: Tensor, y: Tensor, heights: Tensor, pose: Tensor, depth: Tensor, bend: Tensor
 ) -> Tensor:
-    """Overlap (B, ...), mm, of objects at poses with gels that bend away from their apex."""
+    """Overlap (B, ...), mm, of objects at poses with gels domed by ``bend`` (1/mm)."""
     across, down = placed(x, y, pose)
     tilt_x, tilt_y = pose[:, 4:, None, None].unbind(1)
     rest = bend[:, None, None] * (across**2 + down**2)

@@ -1,4 +1,4 @@
-"""The gel of a type of sensor, as objects meet it."""
+"""The gel of a type of sensor, and its friction with objects."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from tactileforge.errors import ConfigError
 from tactileforge.sensors.specs import simulation
 from tactileforge.sim.mechanics.gel import Gel
 
-#: Frames per second are those of the sensor, but not more.
+#: Upper limit of simulated frames per second; slower sensors keep their own rate.
 FPS = 30.0
 
 
 @dataclass(frozen=True)
 class SensorGel:
-    """Mechanical side of a sensor: its gel, as the pressing object meets it.
+    """Mechanical side of a sensor: its gel and the range of its friction.
 
     Attributes:
-        gel: Its gel; the friction of a touch is drawn from the range.
-        friction: Lowest and highest coefficient.
+        gel: Gel of the type; its friction is drawn for each touch.
+        friction: Lowest and highest coefficient of friction; 0.5 and 1.2.
     """
 
     gel: Gel
     friction: tuple[float, float] = (0.5, 1.2)
 
     def touched(self, grip: float) -> Gel:
-        """The gel when it is touched by a slippery (0) to a sticky (1) object."""
+        """The gel under a slippery (0) to a sticky (1) object."""
         low, high = self.friction
         return replace(self.gel, friction=low + grip * (high - low))
 

@@ -13,8 +13,8 @@ from tactileforge.sim.mechanics.touch import ContactState
 
 #: Points of a fine height map for each point of the solver's.
 DETAIL = 4
-#: The solver's displacement keeps exp(-_BLUR) of its finest wave, and more of longer ones: its
-#: points cannot tell where between them a contact ends, and sharper, it would ring there.
+#: Smoothing of the solver's displacement: exp(-_BLUR) of its finest wave remains, and more of
+#: longer ones. The edge of a contact lies between points of the grid: unsmoothed, it would ring.
 _BLUR = 1.5
 
 
@@ -34,17 +34,17 @@ class Fields:
 
 
 class GelSurface:
-    """Surfaces of a batch of touches, from what `touch.contacts` yields.
+    """Surfaces of a batch of touches, from the states of `touch.contacts`.
 
     The solver's displacement, which shear tilts as pressure dents it, is continued to twice the
-    width of its grid, and smoothed. The object does not enter it: where its own fine shape reaches
-    deeper, the gel takes that; and well inside the contact, where the gel touches all of it, also
-    where it reaches less deep.
+    width of its grid, and smoothed. The object does not enter it: where its fine shape reaches
+    deeper, the gel takes that shape. Well inside the contact the gel touches all of the object, and
+    also takes its shape where it reaches less deep.
 
     Args:
         fine: float32 (1 or B, 4 n, 4 n), mm of the objects above their lowest planes.
-        spacing: mm between the points of the solver's grid, four times that of ``fine``.
-        gel: Any of the gels; only thickness and Poisson's ratio count.
+        spacing: Distance between the points of the solver's grid, mm; four times that of ``fine``.
+        gel: One of the gels; only its thickness and Poisson's ratio matter.
     """
 
     def __init__(self, fine: Tensor, spacing: float, gel: Gel) -> None:
@@ -57,7 +57,7 @@ class GelSurface:
         self.smooth = torch.exp(-_BLUR * 4 * (rows**2 + columns**2))
 
     def fields(self, contact: ContactState) -> Fields:
-        """The surfaces of moments, which `picture` samples."""
+        """Fields of the surfaces at moments, for `picture`."""
         pressure, shear = contact.strain[:, :1], contact.strain[:, 1:]
         spectrum = self.kernel.normal * self._spectrum(pressure)
         spectrum = spectrum + self.kernel.lifted(self._spectrum(shear))[:, None]
@@ -79,8 +79,8 @@ class GelSurface:
         """The depth of the surface at places of images.
 
         Args:
-            fields: Of `fields`.
-            contact: The moments they are of.
+            fields: Fields of the moments, see `fields`.
+            contact: The moments.
             places: float32 (H, W, 2), x and y of the pixels, mm from the centre.
 
         Returns:

@@ -1,7 +1,7 @@
-"""An object moves against a gel: pressure, shear, force and torque, frame by frame.
+"""Touches of objects on gels: pressure, shear, force and torque, frame by frame.
 
-Everything is solved in the frame of the object, which moves and turns with it: there the pressure
-of a slide hardly changes from frame to frame, and what sticks to the object stands still.
+All fields are solved in the moving frame of the object: there the pressure of a slide hardly
+changes from frame to frame, and gel that sticks to the object stands still.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tactileforge.sim.mechanics import contact, friction
 from tactileforge.sim.mechanics.gel import Gel, kernel
 from tactileforge.sim.mechanics.overlap import Overlap, overlapping, rotated
 
-#: Tolerance of the pressure that bounds the shear, before the pressure that answers to it.
+#: Tolerance of the first pressure of a step. It only bounds the shear, and is solved again after.
 _FIRST = 5 * contact.TOLERANCE
 
 
@@ -27,15 +27,16 @@ class ContactState:
 
     Attributes:
         pose: float32 (B, 6), see `motions.Path`.
-        pressure: float32 (B, n, n), MPa.
-        shear: float32 (B, 2, n, n), of the object on the gel, MPa.
-        force: float32 (B, 3), of the object on the gel, N; x and y of the image, z into the gel.
-        torque: float32 (B,), about the axis of the object, N mm, clockwise in the image.
+        pressure: float32 (B, n, n), pressure, MPa.
+        shear: float32 (B, 2, n, n), shear traction of the object on the gel, MPa.
+        force: float32 (B, 3), force of the object on the gel, N; x and y of the image, z into the
+            gel.
+        torque: float32 (B,), torque about the axis of the object, N mm, clockwise in the image.
         strain: float32 (B, 3, n, n), pressure and shear that deform the gel, over the modulus.
-        depth: float32 (B,), mm that the lowest plane of the object lies beyond the gel's apex.
-        bend: float32 (B,), 1/mm, the gel at rest lies ``bend`` times the squared distance from the
-            centre of the image below its apex.
-        give: float32 (B,), mm by which the object yields for a unit of ``strain``.
+        depth: float32 (B,), depth of the object's lowest plane beyond the gel's apex, mm.
+        bend: float32 (B,), dome of the gel, 1/mm: at rest it lies ``bend`` times the squared
+            distance from the image's centre below its apex.
+        give: float32 (B,), compliance of the object, mm per unit of ``strain``.
     """
 
     pose: Tensor
@@ -52,9 +53,9 @@ class ContactState:
         """Overlap of the objects with the undeformed gels, mm, (B, ...).
 
         Args:
-            x: mm along the objects' own x, (B, ...).
-            y: The same along y.
-            heights: mm of the objects there above their lowest planes.
+            x: Places along the objects' own x, mm, (B, ...).
+            y: Places along their y, mm, (B, ...).
+            heights: Heights of the objects there above their lowest planes, mm, (B, ...).
         """
         return overlapping(x, y, heights, self.pose, self.depth, self.bend)
 
@@ -69,25 +70,26 @@ def contacts(
     softness: Sequence[float] | None = None,
     window: int | None = None,
 ) -> Iterator[ContactState]:
-    """Solves a batch of touches, in step; memory does not grow with the number of frames.
+    """Solves a batch of touches frame by frame; memory does not grow with their number.
 
     Args:
         heights: float32 (B, n, n), mm of the objects above their lowest planes.
         spacing: mm between the points of these maps.
-        gels: One of each touch; thickness and Poisson's ratio are the same for all.
+        gels: Gel of each touch; thickness and Poisson's ratio are the same for all.
         poses: float32 (B, T, 6), see `motions.Path`.
         fps: Frames per second of each touch.
         name: Name of the touch in errors.
-        softness: mm/MPa by which each object yields where it is pressed; None for rigid ones.
-        window: Points a side of the part of the grid that is solved; None takes the smallest that
-            holds every contact of the batch.
+        softness: Compliance of each object, mm/MPa; None for rigid ones.
+        window: Points a side of the solved part of the grid; None for the smallest part around
+            every contact of the batch.
 
     Yields:
         One `ContactState` a frame; its fields have the resolution of ``heights``.
 
     Raises:
-        ConfigError: A depth beyond the gel, or gels of different thickness; says which.
-        contact.NotConverged: The solver failed; nothing that is not a number leaves it.
+        ConfigError: A depth beyond the gel, gels of different thickness or Poisson's ratio, or a
+            pose that is not finite; the message says so.
+        contact.NotConverged: The solver failed; no NaN is yielded.
     """
     _check(gels, poses, name)
     solver = ContactSolver(heights, spacing, gels, fps, poses, softness, window)
@@ -102,14 +104,14 @@ def contacts(
 
 @dataclass(frozen=True)
 class Tractions:
-    """Tractions of a batch, over the modulus, on parts of the grid, and what led there.
+    """Tractions of a batch, over the modulus, in the solver's window, with their last pose.
 
     Attributes:
-        pose: float32 (B, 6) of the last step; None before the first.
-        pressure: float32 (B, w, w).
+        pose: float32 (B, 6), pose of the last step; None before the first.
+        pressure: float32 (B, w, w), elastic pressure.
         felt: float32 (B, w, w), pressure with its viscous part.
-        shear: float32 (B, 2, w, w), in the frames of the objects.
-        normal: float32 (B,), sums of pressure.
+        shear: float32 (B, 2, w, w), shear in the frames of the objects.
+        normal: float32 (B,), sums of ``pressure``.
     """
 
     pose: Tensor | None
@@ -122,18 +124,19 @@ class Tractions:
 class ContactSolver:
     """Solves a batch of touches pose by pose.
 
-    A step is a function of tractions and the next pose: it can be tried, and taken back.
+    A step is a function of tractions and the next pose, without hidden state: it can be tried and
+    discarded.
 
     Args:
         heights: float32 (B, n, n), mm of the objects above their lowest planes.
         spacing: mm between the points of these maps.
-        gels: One of each touch; thickness and Poisson's ratio are the same for all.
+        gels: Gel of each touch; thickness and Poisson's ratio are the same for all.
         fps: Steps per second of each touch.
         poses: float32 (B, T, 6), see `motions.Path`: depth counts from the first touch at the
             first, and all lie within the window. None counts depth from the apex, and solves the
             full grid.
-        softness: mm/MPa by which each object yields where it is pressed; None for rigid ones.
-        window: Points a side of the part that is solved; None takes the smallest that holds
+        softness: Compliance of each object, mm/MPa; None for rigid ones.
+        window: Points a side of the solved part of the grid; None for the smallest part around
             every contact.
     """
 
@@ -166,20 +169,20 @@ class ContactSolver:
         self.soft = self.give if softness and any(softness) else None
 
     def rest(self) -> Tractions:
-        """Tractions of gels that nothing touches."""
+        """Tractions of untouched gels."""
         none = torch.zeros(len(self.mu), self.window, self.window, device=self.mu.device)
         return Tractions(None, none, none, torch.stack([none, none], 1), none.sum((1, 2)))
 
     def next(self, state: Tractions, pose: Tensor) -> Tractions:
         """Solves the next frame.
 
-        Pressure and shear act on each other's displacements: pressure is solved over the surface
-        that the shear of the frame before has tilted, shear with what pressure spreads, and then
-        pressure once more.
+        Pressure and shear displace the surface for each other: pressure is solved on the surface
+        tilted by the shear of the frame before, then shear with the lateral spread of that
+        pressure, and then pressure once more.
 
         Args:
             state: Tractions of the frame before.
-            pose: float32 (B, 6).
+            pose: float32 (B, 6), poses of the next frame.
 
         Raises:
             contact.NotConverged: The solver failed.
@@ -202,14 +205,14 @@ class ContactSolver:
         return Tractions(pose, pressure, felt, shear, pressure.sum((1, 2)))
 
     def _felt(self, pressure: Tensor, before: Tensor) -> Tensor:
-        """The pressure with its viscous part, which resists the change of the load."""
+        """The pressure with its viscous part, against the change of the load."""
         # Kelvin-Voigt: p (1 + tau F'/F), where ``viscosity`` is tau in frames.
         normal = pressure.sum((1, 2))
         faster = (normal - before) / normal.clamp(min=1e-12) * self.viscosity
         return pressure * (1 + faster).clamp(min=0)[:, None, None]
 
     def contact(self, state: Tractions) -> ContactState:
-        """The moment that tractions belong to; its fields have the resolution of the maps."""
+        """The `ContactState` of tractions; its fields have the resolution of the height maps."""
         assert state.pose is not None, "tractions at rest have no pose"
         area = self.overlap.spacing**2
         stiff = self.modulus[:, None, None]
@@ -230,12 +233,12 @@ class ContactSolver:
 
 
 def window(heights: Tensor, spacing: float, poses: Tensor, domes: Sequence[float | None]) -> int:
-    """Points of the smallest window that holds every contact of an object, on any of these gels.
+    """Points a side of the smallest window around every contact of an object, on any of some gels.
 
     Args:
         heights: float32 (n, n), mm of the object above its lowest plane.
-        spacing: mm.
-        poses: float32 (T, 6).
+        spacing: Distance between the points of ``heights``, mm.
+        poses: float32 (T, 6), poses of the object, see `motions.Path`.
         domes: Radii of curvature of gels, mm.
     """
     gels = [Gel(dome=dome) for dome in domes]

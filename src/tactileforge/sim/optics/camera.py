@@ -12,25 +12,25 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-#: Rows or columns, whichever are fewer, of the image that `CameraModel.blur` counts pixels of.
+#: Shorter side of an image at full size, pixels: the unit of `CameraModel.blur`.
 FULL = 240
-#: Lowest JPEG quality that is used.
+#: Lower limit of the JPEG quality.
 _WORST = 10
-#: Images from one that a video codes whole to the next.
+#: Interval of key frames in the simulated MPEG stream, images.
 _KEY = 15
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """Camera of a unit, which turns light into numbers.
+    """Camera of a unit: focus, exposure, tone curve, distortion and compression.
 
     Attributes:
-        blur: Deviation of its focus, pixels of an image of `FULL` rows or columns.
+        blur: Standard deviation of its defocus, pixels of an image of `FULL` rows or columns.
         exposure: Factor on all light.
         gamma: Exponent of the tone curve; 1 leaves grey levels as the calibration has them.
         distortion: Share by which a corner of the image is displaced outwards.
-        jpeg: JPEG quality that is missing to 100, at full size; 0 stores images as they are.
-        mpeg: The same of the change from the image before; 0 for none.
+        jpeg: JPEG loss at full size, 100 less the quality; 0 stores images uncompressed.
+        mpeg: The same for the change from the image before; 0 for no MPEG coding.
     """
 
     blur: float = 0.0
@@ -41,7 +41,7 @@ class CameraModel:
     mpeg: float = 0.0
 
     def places(self, height: int, width: int, spacing: float, device: str = "cpu") -> Tensor:
-        """Places on the gel that pixels look at, float32 (H, W, 2), x and y, mm from the centre."""
+        """Places on the gel seen by the pixels, float32 (H, W, 2), x and y, mm from the centre."""
         x = (torch.arange(width, device=device) - (width - 1) / 2) * spacing
         y = (torch.arange(height, device=device) - (height - 1) / 2) * spacing
         grid = torch.stack(torch.meshgrid(x, y, indexing="xy"), -1)
@@ -49,9 +49,10 @@ class CameraModel:
         return grid * (1 + self.distortion * grid.square().sum(-1, keepdim=True) / corner)
 
     def seen(self, places: Tensor, height: int, width: int, spacing: float) -> Tensor:
-        """Places of the gel as an undistorted image would show them, mm; undoes `places`."""
+        """Places of the gel in an undistorted image, mm; the inverse of `places`."""
         corner = (width**2 + height**2) * (spacing / 2) ** 2
         out = places
+        # The distortion has no closed inverse: three fixed-point steps.
         for _ in range(3):
             out = places / (1 + self.distortion * out.square().sum(-1, keepdim=True) / corner)
         return out
@@ -66,12 +67,12 @@ class CameraModel:
 
 
 class Lens:
-    """Blurs an image that was drawn finer, and shrinks it to its size.
+    """Blurs an image drawn at a finer resolution, and shrinks it to its size.
 
     Args:
-        blur: Deviation of a Gaussian, pixels of the fine image; beyond the border, the image is
-            as at the border.
-        shrink: Fine pixels to a pixel, along rows and columns; they divide the image.
+        blur: Standard deviation of a Gaussian, pixels of the fine image; the image's border is
+            repeated beyond it.
+        shrink: Fine pixels per pixel, along rows and columns; a divisor of both sides.
         device: Device of the images.
     """
 
@@ -96,16 +97,15 @@ class Lens:
 
 
 class Codec:
-    """Compresses the images of one film, in their order, as a camera or a video file does.
+    """Compresses the images of one film in order, like a camera or a video file.
 
-    JPEG codes each image. MPEG, which takes its place where a unit has both, codes the change
-    from the image before as that was decoded, in the same blocks of cosines; motion between
-    images is not compensated.
+    JPEG codes each image. MPEG codes the change from the decoded image before, in the same blocks
+    of cosines, without motion compensation; it replaces JPEG in a unit with both.
 
     Args:
         camera: Strength of the compression.
-        shrink: Pixels of the sensor to a pixel: what is lost in blocks of a full image is small
-            in one that was shrunk.
+        shrink: Pixels of the sensor per pixel of the image: losses in blocks of a full image are
+            small in a shrunk one.
     """
 
     def __init__(self, camera: CameraModel, shrink: float = 1.0) -> None:
@@ -117,7 +117,7 @@ class Codec:
         self._count = 0
 
     def __call__(self, pictures: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The next images (K, H, W, 3), RGB, as they are decoded."""
+        """The next images (K, H, W, 3), RGB, after compression and decoding."""
         if self.jpeg is None and self.mpeg is None:
             return pictures
         return np.stack([self._next(picture) for picture in pictures])

@@ -1,8 +1,8 @@
-"""Features of the gel's surface that the light of a tactile sensor responds to.
+"""Features of the gel's surface as inputs of a sensor's lighting model.
 
-Powers of the surface's normal at the image's resolution; and on a coarse grid what happens to
-light on its way through the gel: it scatters (slopes and bulges of the blurred dent) and is blocked
-(shadows). All features are 0 where nothing is pressed.
+At the image's resolution: powers of the surface's normal. On a coarse grid: scattering of light in
+the gel (slopes and bulges of the blurred dent) and its blocking (shadows). All features are 0
+where nothing is pressed.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ POWERS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)
 #: Size of a cell of the coarse grid, and standard deviations of its blurs, mm.
 CELL = 0.25
 BLURS = (0.3, 1.0, 2.0)
-#: Where a shadow looks for what blocks the light, mm; the slope of the light's path; and how far
-#: (mm) below a shadow's edge it is two thirds dark.
+#: Distances at which a shadow searches for an obstacle to the light, mm; slope of the light's path;
+#: and depth below a shadow's edge, mm, at which it is two thirds dark.
 REACH = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 LIGHT_SLOPE = 0.2
 EDGE = 0.3
@@ -46,10 +46,10 @@ def normals(dent: Tensor, spacing: float, steepest: float = 1.0) -> tuple[Tensor
     """The lateral parts of the surface's unit normal, by central differences.
 
     Args:
-        dent: float32 (B, H, W), mm into the gel.
-        spacing: mm per pixel.
-        steepest: Length that steep slopes tend to; 1 for unit normals. The lights of a sensor that
-            was only seen on gentle slopes are taken to saturate.
+        dent: float32 (B, H, W), depth of the surface, mm into the gel.
+        spacing: Width of a pixel, mm.
+        steepest: Limit of the lateral length for steep slopes; 1 for unit normals. Lower for a
+            sensor calibrated on gentle slopes only: its light is taken to saturate beyond.
 
     Returns:
         nx and ny, (B, H, W): positive where the dent grows deeper to the right, and downwards.
@@ -81,8 +81,8 @@ class Coarse:
 
         Args:
             size: Height and width of the image.
-            spacing: mm per pixel.
-            lights: Direction of each light, seen from the centre: rad, clockwise from the right.
+            spacing: Width of a pixel, mm.
+            lights: Direction of each light from the centre, rad, clockwise from the right.
             device: Device of the dents.
         """
         shrink = max(1, round(CELL / spacing))
@@ -112,7 +112,7 @@ class Coarse:
         return torch.stack(maps + [self._shadow(sharp, path) for path in self._paths], 1)
 
     def enlarge(self, field: Tensor) -> Tensor:
-        """A field (..., h, w) of the grid at the image's resolution, (..., H, W)."""
+        """A field (..., h, w) of the grid, enlarged to the image's resolution (..., H, W)."""
         return self._taller @ (field @ self._wider)
 
     def _shadow(self, sharp: Tensor, path: list[tuple[int, int, float]]) -> Tensor:

@@ -1,7 +1,7 @@
 """Fits calibrations on real images of balls pressed into a gel.
 
-The gel's surface in each press is known (see `presses`). What is left is linear: grey levels from
-features of the surface and the place.
+The gel's surface in each press is known (see `presses`). The remaining problem is linear: grey
+levels from features of the surface and the place.
 """
 
 from __future__ import annotations
@@ -15,15 +15,17 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from tactileforge.files import write_text
 from tactileforge.sim.optics.features import POWERS, Coarse, fine, normals, places
 from tactileforge.sim.optics.lighting import DEGREE, OpticalCalibration
 from tactileforge.sim.optics.presses import Presses
 
-#: A fit looks at a square of this many contact radii around the contact.
+#: Half side of the fitted square around a contact, contact radii.
 _AROUND = 3.0
+#: Penalty of a weight, see `fit_weights`; and its factor for weights that vary with the place.
 _RIDGE = 1e-4
 _PLACE = 10.0
-#: Degree of the polynomials that backgrounds are.
+#: Degree of the polynomials of backgrounds.
 _GROUND = 6
 
 
@@ -45,10 +47,10 @@ def fit_weights(
     """Least-squares weights from features and places to the change of the image.
 
     Args:
-        presses: N presses.
-        maps: N times float32 (K, H, W), their features.
-        degree: Of the polynomials of the place.
-        ridge: Penalty of a weight, as a share of that of its largest effect in every pixel.
+        presses: The N presses.
+        maps: Features of the presses, N tensors float32 (K, H, W).
+        degree: Degree of the polynomials of the place.
+        ridge: Penalty of a weight, as a share of its squared largest effect in every pixel.
 
     Returns:
         float32 (K, P, 3).
@@ -67,8 +69,8 @@ def fit_weights(
         right += matrix @ change[:, ::2, ::2].flatten(1).T.double()
         largest = torch.maximum(largest, seen.double().square().amax(1))
         pixels += seen.shape[1]
-    # What the presses did not reach, steep slopes and corners of the image, stays tame: a weight
-    # costs by what it does where its feature is largest, and all over the image.
+    # The presses do not reach steep slopes and the image's corners. So that the fit stays small
+    # there, a weight costs by its effect at the feature's largest value and all over the image.
     order = torch.tensor([i + j for i, j in POWERS])[: len(largest)]
     largest[: len(order)] = presses.steepest ** (2.0 * order)
     cost = ground.square().mean((1, 2)).double() * _PLACE
@@ -81,7 +83,7 @@ def fit_weights(
 def fit_optics(presses: Presses) -> OpticalCalibration:
     """The calibration of a sensor from presses of a ball.
 
-    Lights are where each colour's slope is bright, on average.
+    A light's direction is the average direction of slopes bright in its colour.
     """
     slopes = [feature[:2] for feature in press_features(presses, ())]
     weights = fit_weights(presses, slopes, 0, 0)[:, 0]
@@ -108,14 +110,16 @@ def fit_background(picture: Tensor) -> Tensor:
 
 
 def camera_noise(presses: Presses) -> float:
-    """Standard deviation of the camera's noise, from what neighbouring pixels do not share."""
+    """Standard deviation of the camera's noise, from differences between neighbouring pixels."""
     change = presses.pictures.float() - presses.background
+    # 1.4826 turns a median deviation into a standard one. The mean of 3 x 3 pixels holds a ninth of
+    # the pixel itself, so the difference has 8/9 of its variance; a frame and background have two.
     rough = change - F.avg_pool2d(change, 3, 1, 1)
     return float(rough.abs().median()) * 1.4826 * math.sqrt(9 / 8 / 2)
 
 
 def save_optics(calibration: OpticalCalibration, path: Path, source: str) -> None:
-    """Writes a calibration as JSON, with where its numbers come from."""
+    """Writes a calibration as JSON, with the source of its numbers."""
     fields = {
         "source": source,
         "noise": round(calibration.noise, 3),
@@ -126,7 +130,7 @@ def save_optics(calibration: OpticalCalibration, path: Path, source: str) -> Non
         "coarse": _short(calibration.coarse),
         "backgrounds": _short(calibration.backgrounds),
     }
-    path.write_text(json.dumps(fields, indent=1).replace(",\n      ", ", ") + "\n")
+    write_text(path, json.dumps(fields, indent=1).replace(",\n      ", ", ") + "\n")
 
 
 def _short(values: Tensor) -> object:

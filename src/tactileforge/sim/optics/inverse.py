@@ -1,10 +1,10 @@
-"""Normals and depth of a gel's surface from its picture: the calibration of `render`, inverted.
+"""Normals and depth of a gel's surface from its picture: the inverse of `render`.
 
-Grey levels are a polynomial of the normal, so few Gauss-Newton steps in each pixel find the normal
-that explains them best; a prior keeps the surface flat where nothing is seen. The slopes are
-integrated by Poisson's equation. Light that was scattered and shadows depend on the whole surface:
-they are computed from the depth that was found, taken away from the picture, and the rest is
-inverted again.
+Grey levels are a polynomial of the normal, so a few Gauss-Newton steps per pixel find the most
+probable normal; a prior keeps the surface flat where the picture does not change. The slopes are
+integrated by Poisson's equation. Scattered light and shadows depend on the whole surface: they are
+computed from the estimated depth and subtracted from the picture, and the remainder is inverted
+again.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from tactileforge.errors import ConfigError
 from tactileforge.sim.optics.features import POWERS, Coarse, fine, places
 from tactileforge.sim.optics.lighting import DEGREE, OpticalCalibration
 
-#: Gauss-Newton steps of a pixel, and rounds in which the scattered light is taken away.
+#: Gauss-Newton steps of a pixel, and rounds of subtracting the scattered light.
 _STEPS, _ROUNDS = 3, 3
-#: Share of the newly found scattered light that a round takes.
+#: Step of a round towards the newly estimated scattered light, 0 to 1.
 _SHARE = 0.7
-#: Deviation of what the calibration does not explain of real pictures, grey levels (a PSNR of 30
-#: dB); and of normals.
+#: Standard deviation of the calibration's error on real pictures, grey levels (a PSNR of 30 dB);
+#: and of normals.
 _ERROR, _SLOPE = 6.0, 0.3
-#: Largest normal, as a share of the steepest, that still has a slope.
+#: Upper limit of a normal's lateral length, as a share of the steepest, whose slope is infinite.
 _MOST = 0.95
-#: Share of the image's height and width that is its border.
+#: Width of the image's border, as a share of its height and width.
 _BORDER = 0.04
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A gel's surface, as it is estimated.
+    """An estimate of a gel's surface.
 
     Attributes:
         slope: float32 (B, 2, H, W), growth of the depth to the right and downwards.
@@ -46,7 +46,7 @@ class Surface:
 
     @property
     def normal(self) -> Tensor:
-        """Unit normals that point out of the gel, float32 (B, 3, H, W): x right, y down, z out."""
+        """Unit normals, pointing out of the gel, float32 (B, 3, H, W): x right, y down, z out."""
         out = torch.cat([self.slope, torch.ones_like(self.slope[:, :1])], 1)
         normal: Tensor = out / out.norm(dim=1, keepdim=True)
         return normal
@@ -58,7 +58,7 @@ class SurfaceReader:
     Args:
         calibration: Response of the sensor's image to the surface.
         size: Height and width of the pictures.
-        spacing: mm per pixel.
+        spacing: Width of a pixel, mm.
 
     Example:
         >>> import torch
@@ -89,7 +89,7 @@ class SurfaceReader:
             background: (3, H, W), the picture without contact.
 
         Raises:
-            ConfigError: They have another size than the reader.
+            ConfigError: The size of the pictures or the background differs from the reader's.
         """
         if tuple(pictures.shape[1:]) != (3, *self.size) or background.shape != pictures.shape[1:]:
             raise ConfigError(
@@ -112,7 +112,7 @@ class SurfaceReader:
         return self._coarse.enlarge(torch.einsum("bkhw,kchw->bchw", coarse, self._smooth))
 
     def _slopes(self, change: Tensor) -> Tensor:
-        """The most probable slopes, (B, 2, H, W), that change grey levels so."""
+        """The most probable slopes (B, 2, H, W) for a change of grey levels (B, 3, H, W)."""
         steepest = self.calibration.steepest
         seen = change.flatten(2)
         x = y = torch.zeros_like(seen[:, 0])
@@ -161,13 +161,13 @@ def _border(depth: Tensor) -> Tensor:
 
 
 class Poisson:
-    """Integrates slopes: the surface whose slopes are nearest, by least squares.
+    """Integrates slopes into a surface by least squares.
 
     No slope is assumed beyond the border (Neumann), so cosines diagonalise Poisson's equation.
 
     Args:
         size: Height and width.
-        spacing: mm per pixel.
+        spacing: Width of a pixel, mm.
     """
 
     def __init__(self, size: tuple[int, int], spacing: float) -> None:
@@ -181,7 +181,7 @@ class Poisson:
 
     def __call__(self, slope: Tensor) -> Tensor:
         """The surface, (B, H, W), of mean 0, of slopes (B, 2, H, W) to the right and downwards."""
-        # from one pixel to the next the surface rises by the mean of their slopes
+        # Between two pixels the surface rises by the mean of their slopes.
         right = self.spacing * (slope[:, 0, :, 1:] + slope[:, 0, :, :-1]) / 2
         down = self.spacing * (slope[:, 1, 1:] + slope[:, 1, :-1]) / 2
         source = torch.zeros_like(slope[:, 0])

@@ -1,7 +1,7 @@
 """Optical calibrations: the response of a sensor's image to the surface of its gel.
 
-Those that ship are fitted on real presses of balls (see `fit`); `lamp_calibration` makes one from
-lamps.
+The packaged calibrations are fitted on real presses of balls (see `fit`); `lamp_calibration`
+computes one from lamps.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tactileforge.errors import ConfigError, unknown
 from tactileforge.sensors.simulation import Lamp
 from tactileforge.sim.optics.features import BLURS, POWERS, exponents, fine, places
 
-#: Degree of the polynomials of the place that the weights are.
+#: Degree of the weights as polynomials of the place.
 DEGREE = 2
 
 
@@ -32,10 +32,10 @@ class OpticalCalibration:
         fine: float32 (len(POWERS), P, 3), grey levels for each feature of the normal, polynomial
             of the place, and colour.
         coarse: float32 (3 len(BLURS) + lights, P, 3), the same for the coarse features.
-        limits: float32 (3 len(BLURS) + lights,), where coarse features saturate: the calibration
-            has not seen more.
-        steepest: See `features.normals`.
-        lights: Directions of the lights that cast shadows, rad, clockwise from the right.
+        limits: float32 (3 len(BLURS) + lights,), saturation of the coarse features, just above
+            their largest values in the calibration's data.
+        steepest: Limit of the lateral length of normals, see `features.normals`.
+        lights: Directions of the shadow-casting lights, rad, clockwise from the right.
         backgrounds: float32 (N, Q, 3), images with no contact as polynomials of the place.
         noise: Standard deviation of the camera's noise, grey levels.
     """
@@ -49,7 +49,7 @@ class OpticalCalibration:
     noise: float
 
     def mirrored(self) -> OpticalCalibration:
-        """The calibration of the sensor that is this one's mirror image, left for right."""
+        """The calibration of the left-right mirrored sensor."""
         place = torch.tensor([(-1.0) ** i for i, _ in exponents(DEGREE)])[:, None]
         power = torch.tensor([(-1.0) ** i for i, _ in POWERS])[:, None, None]
         smooth = torch.tensor([-1.0, 1, 1] * len(BLURS) + [1.0] * len(self.lights))[:, None, None]
@@ -64,10 +64,10 @@ class OpticalCalibration:
         )
 
     def turned(self, angles: Sequence[float]) -> OpticalCalibration:
-        """The calibration of a sensor whose light of each colour comes from another direction.
+        """The calibration of a sensor with the light of each colour from a turned direction.
 
         Args:
-            angles: Of R, G, B: rad, clockwise in the image.
+            angles: Turns of the R, G and B lights, rad, clockwise in the image.
         """
         fine = torch.stack(
             [
@@ -89,7 +89,7 @@ class OpticalCalibration:
         return replace(self, fine=fine, coarse=coarse)
 
     def contrasted(self, gain: float) -> OpticalCalibration:
-        """The calibration of a sensor whose image changes by a factor more."""
+        """The calibration of a sensor with the image's change multiplied by ``gain``."""
         return replace(self, fine=gain * self.fine, coarse=gain * self.coarse)
 
     def coloured(self, mixing: Tensor) -> OpticalCalibration:
@@ -99,10 +99,10 @@ class OpticalCalibration:
 
 @lru_cache(maxsize=64)
 def _turning(angle: float) -> Tensor:
-    """Matrix that turns weights of `features.fine`: float32 (len(POWERS), len(POWERS)).
+    """Rotation matrix for weights of `features.fine`, float32 (len(POWERS), len(POWERS)).
 
-    Light that comes from ``angle`` further on sees a normal as the old light sees the normal turned
-    back. Powers of one degree become powers of that degree, so few normals determine all.
+    A light turned by ``angle`` sees a normal as the old light sees the normal turned back. A turn
+    maps powers of one degree to powers of the same degree, so a few normals determine the matrix.
     """
     grid = torch.linspace(-0.6, 0.6, 9, dtype=torch.float64)
     x, y = (n.flatten() for n in torch.meshgrid(grid, grid, indexing="xy"))
@@ -123,10 +123,10 @@ def _degree(terms: int) -> int:
 
 
 def load_optics(name: str) -> OpticalCalibration:
-    """A calibration that ships with the package.
+    """A calibration of the package by name.
 
     Raises:
-        ConfigError: There is none of that name; lists those there are.
+        ConfigError: The name is unknown; the message lists the known ones.
     """
     known = optics_names()
     if name not in known:
@@ -135,7 +135,7 @@ def load_optics(name: str) -> OpticalCalibration:
 
 
 def optics_names() -> list[str]:
-    """The calibrations that ship with the package."""
+    """Names of the package's calibrations, sorted."""
     entries = (files("tactileforge.sim") / "calibration").iterdir()
     return sorted(
         item.name.removesuffix(".json") for item in entries if item.name.endswith(".json")
@@ -148,7 +148,7 @@ def _load(name: str) -> OpticalCalibration:
 
 
 def parse_optics(text: str) -> OpticalCalibration:
-    """A calibration from what `fit.save` wrote."""
+    """A calibration from the JSON text of `fit.save_optics`."""
     data = json.loads(text)
     return OpticalCalibration(
         fine=torch.tensor(data["fine"]),
@@ -164,12 +164,12 @@ def parse_optics(text: str) -> OpticalCalibration:
 def lamp_calibration(
     lamps: Sequence[Lamp], base: Sequence[float], dim: float = 0.0, noise: float = 1.5
 ) -> OpticalCalibration:
-    """The calibration of a sensor that is known by its lamps: a matt surface, and their shadows.
+    """The calibration of a matt gel from its lamps, their shadows included.
 
     Args:
         lamps: The lights.
-        base: R, G, B of the light that comes from everywhere.
-        dim: Share of the background that is missing in the middle of the image's sides.
+        base: R, G, B of the ambient light, grey levels.
+        dim: Loss of ambient light at the middle of the image's sides, as a share.
         noise: Standard deviation of the camera's noise, grey levels.
     """
     grid = torch.linspace(-0.95, 0.95, 39, dtype=torch.float64)
@@ -186,7 +186,7 @@ def lamp_calibration(
         right, down = math.cos(lamp.azimuth), math.sin(lamp.azimuth)
         facing = (1 - x * x - y * y).sqrt() * sin - (x * right + y * down) * cos
         change = torch.linalg.lstsq(powers, facing.clamp(min=0)[:, None] - sin).solution
-        change = change.float().round(decimals=4)  # the last digits differ from run to run
+        change = change.float().round(decimals=4)  # the last digits of lstsq differ from run to run
         colour = torch.tensor(lamp.colour)
         place = torch.zeros(len(terms), 1)
         for term, part in (((0, 0), 1.0), ((1, 0), right * lamp.fall), ((0, 1), down * lamp.fall)):

@@ -1,4 +1,4 @@
-"""Markers: dark dots in the gel that move with its surface."""
+"""Markers: dark dots in the gel, moving with its surface."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class Markers:
 
         Args:
             pictures: float32 (B, 3, H, W), grey levels.
-            motion: float32, mm right and down: (B, M, 2) of the markers, or (B, H, W, 2) of the
-                surface at the pixels; None where nothing moves.
-            spacing: mm per pixel.
+            motion: float32, displacement right and down, mm: (B, M, 2) of the markers, or
+                (B, H, W, 2) of the surface at the pixels; None for no motion.
+            spacing: Width of a pixel, mm.
 
         Raises:
-            ConfigError: ``motion`` is neither.
+            ConfigError: The shape of ``motion`` is neither.
         """
         batch, _, height, width = pictures.shape
         moved = self._moved(motion, height, width, spacing)
@@ -72,13 +72,13 @@ class Markers:
 
 
 def coverage(centres: Tensor, radii: Tensor, height: int, width: int) -> Tensor:
-    """Share of each pixel that discs cover, with smooth edges.
+    """Coverage of each pixel by discs with smooth edges.
 
     Args:
         centres: float32 (B, M, 2), x and y in pixels; (0, 0) is the middle of the first pixel.
         radii: float32 (M,), pixels.
-        height: Of the image, pixels.
-        width: Of the image, pixels.
+        height: Height of the image, pixels.
+        width: Width of the image, pixels.
 
     Returns:
         float32 (B, H, W), 0 to 1.
@@ -98,11 +98,11 @@ def coverage(centres: Tensor, radii: Tensor, height: int, width: int) -> Tensor:
 
 
 def print_markers(pattern: MarkerPattern, generator: torch.Generator) -> Markers:
-    """The markers of one gel: places and radii vary a little.
+    """The markers of one gel, with small variations of places and radii.
 
     Args:
-        pattern: Of the type.
-        generator: Draws the differences.
+        pattern: Marker pattern of the sensor's type.
+        generator: Random generator of the variations.
     """
     x = (torch.arange(pattern.columns) - (pattern.columns - 1) / 2) * pattern.pitch[0]
     y = (torch.arange(pattern.rows) - (pattern.rows - 1) / 2) * pattern.pitch[1]

@@ -1,7 +1,7 @@
-"""Real images of balls pressed into a gel, to fit calibrations on.
+"""Real images of balls pressed into a gel, for fitting calibrations.
 
-The circle of the contact is known, or found; the gel's surface around a ball of known radius
-follows from the same contact mechanics that the simulator uses.
+The circle of the contact is annotated or detected; the gel's surface around a ball of known radius
+follows from the simulator's own contact mechanics.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tactileforge.sim.mechanics.gel import Gel, kernel
 
 Array: TypeAlias = NDArray[Any]
 
-#: Scores count a square of this many contact radii around the contact.
+#: Half side of the scored square around a contact, contact radii.
 CROP = 1.6
 
 
@@ -37,12 +37,12 @@ class Presses:
         background: float32 (3, H, W), the image with no contact, RGB grey levels.
         pictures: uint8 (N, 3, H, W).
         circles: float32 (N, 3), centre x, centre y and radius of the contacts, pixels.
-        spacing: mm per pixel.
-        ball: Radius of the ball, mm.
-        thickness: Of the gel, mm.
-        share: Radius of the contact over that of the circle that was seen.
-        steepest: See `features.normals`.
-        shadows: Whether lights cast shadows that the fit can use.
+        spacing: Width of a pixel, mm.
+        ball: Radius of the ball, mm; 2.
+        thickness: Thickness of the gel, mm; 4.
+        share: Radius of the contact over that of its circle in the image; 1.
+        steepest: Limit of the lateral length of normals, see `features.normals`; 0.7.
+        shadows: Whether the fit uses shadows of the lights; True.
     """
 
     background: Tensor
@@ -68,7 +68,7 @@ class Presses:
         return replace(self, pictures=self.pictures[which], circles=self.circles[which])
 
     def crop(self, number: int, radii: float = CROP) -> tuple[slice, slice]:
-        """Rows and columns of the square of so many contact radii around a contact."""
+        """Rows and columns of the square within ``radii`` contact radii of a contact's centre."""
         x, y, r = (float(v) for v in self.circles[number])
         low = (max(0, int(v - radii * r)) for v in (y, x))
         high = (max(0, int(v + radii * r)) for v in (y, x))
@@ -87,12 +87,12 @@ class Presses:
 def ball_profile(
     ball: float, thickness: float, contact_radius: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Depth of the gel around a ball that touches it within a circle.
+    """Depth of the gel around a ball in contact within a circle.
 
     Args:
         ball: Radius of the ball, mm.
-        thickness: Of the gel, mm.
-        contact_radius: mm; more than the deepest press that was solved gives that one.
+        thickness: Thickness of the gel, mm.
+        contact_radius: Radius of the contact, mm; clipped to the range of the solved presses.
 
     Returns:
         Distances from the centre, mm, and depths there, mm.
@@ -104,11 +104,12 @@ def ball_profile(
     (a, shallow), (b, deep) = presses[after - 1], presses[after]
     share = (wanted - a) / (b - a)
     radii = np.arange(len(shallow)) * _SPACING
-    # Profiles are mixed after their contacts are stretched to the same circle.
+    # Stretch both profiles to the same contact circle before mixing: their edges would not meet.
     mixed = (1 - share) * np.interp(radii * a / wanted, radii, shallow)
     return radii, mixed + share * np.interp(radii * b / wanted, radii, deep)
 
 
+#: Points a side of the solver's grid, their distance (mm), and steps of the depth of presses (mm).
 _POINTS, _SPACING, _STEP = 256, 0.06, 0.15
 
 
@@ -118,7 +119,8 @@ def _ball_presses(ball: float, thickness: float) -> list[tuple[float, Array]]:
     axis = (torch.arange(_POINTS) - _POINTS // 2) * _SPACING
     far = torch.hypot(axis[:, None], axis)
     height = torch.where(far < ball, ball - (ball**2 - far**2).clamp(min=0).sqrt(), 4 * ball)
-    # Without friction, this ratio gives the forces and shapes that the gel's own has with it.
+    # Frictionless contact with this Poisson's ratio gives the forces and shapes of the gel's own
+    # ratio with friction.
     layer = kernel(Gel(thickness=thickness, poisson=0.49), _POINTS, _SPACING)
     rings = (far / _SPACING).round().long().clamp(max=_POINTS // 2).flatten()
     count = torch.bincount(rings)
@@ -137,12 +139,12 @@ def _ball_presses(ball: float, thickness: float) -> list[tuple[float, Array]]:
 def find_circle(
     picture: Tensor, background: Tensor, share: float = 0.3
 ) -> tuple[float, float, float]:
-    """The contact in an image: the disc as large as the largest region that changed.
+    """The contact in an image, as a disc of the area of the largest changed region.
 
     Args:
         picture: (3, H, W), grey levels.
-        background: (3, H, W).
-        share: Of the largest change, what counts as changed.
+        background: (3, H, W), the image without contact, grey levels.
+        share: Threshold of a changed pixel, as a share of the largest change; 0.3.
 
     Returns:
         Centre x, centre y and radius, pixels.
@@ -167,17 +169,17 @@ def read_presses(
     """Reads presses from a folder.
 
     Args:
-        folder: Holds the images.
+        folder: Folder of the images.
         background: Name of the image with no contact.
-        spacing: mm per pixel.
+        spacing: Width of a pixel, mm.
         annotations: Name of a CSV file with the columns file, center_x_px, center_y_px, radius_px;
             None to find the circles in the images.
-        pictures: Pattern of the files of presses, where there are no annotations.
-        about: More of the `Presses`.
+        pictures: Glob pattern of the files of presses; only used without annotations.
+        about: Other fields of `Presses`.
 
     Raises:
         DataNotFoundError: A file does not exist.
-        DataError: A file is no image.
+        DataError: A file is not an image.
     """
     still = read_picture(folder / background).float()
     if annotations is None:
@@ -193,9 +195,9 @@ def read_presses(
     return Presses(still, shots, torch.tensor(circles), spacing, **about)
 
 
-#: Folders of the presses that the shipped calibrations are fitted on, and their known facts.
-#: Of the Mini's, the annotated circles miss the contact by up to a third of their radius: circles
-#: are found. Its colours saturate on slopes that are gentle for the others.
+#: Presses behind the packaged calibrations: folder, background, and parameters of `read_presses`.
+#: The Mini's annotated circles miss the contact by up to a third of their radius, so its circles
+#: are detected. Its colours saturate at gentler slopes than those of the other sensors.
 KNOWN: dict[str, tuple[str, str, dict[str, Any]]] = {
     "gelsight": (
         "taxim_calibration/gelsight",
@@ -232,7 +234,7 @@ KNOWN: dict[str, tuple[str, str, dict[str, Any]]] = {
 
 
 def read_known(name: str, data: Path) -> Presses:
-    """The presses of a calibration that ships, from the folder of all real data."""
+    """The presses behind a packaged calibration, from the folder of all real data."""
     folder, background, about = KNOWN[name]
     return read_presses(data / folder, background, **about)
 
@@ -242,7 +244,7 @@ def read_picture(path: Path) -> Tensor:
 
     Raises:
         DataNotFoundError: The file does not exist.
-        DataError: It is no image.
+        DataError: The file is not an image.
     """
     if not path.is_file():
         raise DataNotFoundError(f"{path} does not exist; give the folder of the ball presses")

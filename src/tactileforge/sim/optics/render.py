@@ -1,8 +1,8 @@
-"""Renders the image that a sensor's camera takes of the surface of its gel.
+"""Rendering of the camera's image of a gel's surface.
 
 The change of each channel from the background is a weighted sum of features of the dent (see
 `features`), and the weights are polynomials of the place in the image (see `lighting`). The
-camera then blurs and shrinks what was drawn, and adds its tone and noise (see `camera`).
+camera then blurs and shrinks the drawn image, and adds its tone and noise (see `camera`).
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from tactileforge.sim.optics.features import Coarse, fine, normals, places
 from tactileforge.sim.optics.lighting import DEGREE
 from tactileforge.sim.optics.sensor_instances import SensorInstance
 
-#: Frames, and pixels of each, that are worked on at a time: what fits a processor's cache.
+#: Frames, and pixels of each, per step: as many as fit a processor's cache.
 _FRAMES = 8
 _TILE = 1 << 13
+#: Margin of the bank of noise, pixels: each frame takes a part of it at a random shift.
 _MARGIN = 64
 
 
@@ -42,7 +43,7 @@ class Optics:
         Args:
             unit: The unit of a sensor, drawn with ``shrink`` times the size of its images.
             device: Device of the dents and the images.
-            shrink: Pixels of a dent to a pixel of the image, along rows and columns.
+            shrink: Pixels of a dent per pixel of the image, along rows and columns.
         """
         self.unit = unit
         self.size = height, width = unit.background.shape[1], unit.background.shape[2]
@@ -76,14 +77,14 @@ class Optics:
             dent: float32 (B, H, W), the gel's surface in mm into the gel, 0 at rest.
             motion: Lateral displacement of the surface in mm, right and down: at the markers
                 (B, M, 2), or at the pixels (B, H, W, 2). Units without markers ignore it.
-            first: Number of the first frame, which chooses the noise; None for no noise.
-            drift: float32 (B, 3), grey levels by which the light has changed; None for none.
+            first: Number of the first frame, the seed of its noise; None for no noise.
+            drift: float32 (B, 3), change of the light, grey levels; None for none.
 
         Returns:
             uint8 (B, 3, H, W), RGB; rows and columns are fewer by ``shrink``.
 
         Raises:
-            ConfigError: The dent has not the size of the unit's image.
+            ConfigError: The size of the dent differs from that of the unit's image.
         """
         if dent.shape[1:] != self.size:
             raise ConfigError(
@@ -102,7 +103,7 @@ class Optics:
         return pictures
 
     def _light(self, dent: Tensor, motion: Tensor | None) -> Tensor:
-        """The light that reaches the camera, grey levels (B, 3, H, W)."""
+        """The light at the camera, grey levels (B, 3, H, W)."""
         out = self._scattered(dent)
         self._shade(dent, out)
         out += self._background
@@ -111,12 +112,12 @@ class Optics:
         return out
 
     def _film(self, light: Tensor, first: int | None) -> Tensor:
-        """Image that the camera makes of light, float32 (B, 3, H, W)."""
+        """The camera's image of light, float32 (B, 3, H, W)."""
         out = self.unit.camera.tone(self.lens(light)) + 0.5
         if first is not None:
             for number, picture in enumerate(out, first):
                 picture += self._grain(number)
-        # Cutting off the fraction rounds, since a half was added.
+        # The conversion to uint8 truncates; with the half added above, it rounds.
         return out.clamp_(0, 255)
 
     def _scattered(self, dent: Tensor) -> Tensor:

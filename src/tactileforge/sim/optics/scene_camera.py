@@ -1,4 +1,4 @@
-"""A small camera image of a shape on a table, as beside the sensor."""
+"""A small image of a shape on a table, as from a camera beside the sensor."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from tactileforge.errors import ConfigError
 from tactileforge.sim.geometry.indenter_geometry import DEEP, Shape
 
-#: Side of the table that is seen, mm; a shape that does not fit is seen from farther away.
+#: Side of the visible part of the table, mm; larger shapes are seen from farther away.
 TABLE = 20.0
+#: Number of horizontal slices of a drawn shape, and least side of an image, pixels.
 _LAYERS = 12
 _SMALLEST = 16
 
@@ -23,14 +24,14 @@ _Image: TypeAlias = NDArray[np.float32]
 
 
 def render_scene_image(shape: Shape, size: int, seed: int) -> NDArray[np.uint8]:
-    """Draws a shape: its touching side up, tilted, lit, in its own colour, on a random table.
+    """Draws a shape on a random table, touching side up, tilted, lit and in its own colour.
 
     The same shape, size and seed give the same image.
 
     Args:
         shape: The object.
         size: Rows and columns of the image, at least 16.
-        seed: Of pose, light and table.
+        seed: Seed of pose, light and table.
 
     Returns:
         uint8 (size, size, 3), RGB.
@@ -57,7 +58,7 @@ def render_scene_image(shape: Shape, size: int, seed: int) -> NDArray[np.uint8]:
     for level in np.arange(1, _LAYERS + 1) * step - step / 2:
         shift = tilt * level * size / side
         cover = _warped(np.clip(0.5 + (high - level) / step, 0, 1), pose, shift)
-        # What is higher will be drawn later; what then shows is a wall.
+        # Layers are drawn from the bottom up: later ones cover the top, so only walls stay dark.
         shade = _warped(np.where(high < level + 2 * step, lit, 0.3), pose, shift)
         surface = shade[..., None] * _colour(shape.name)
         picture += cover[..., None] * (surface - picture)
@@ -82,7 +83,7 @@ def _relief(shape: Shape, size: int, side: float) -> tuple[_Image, _Image]:
 
 
 def _lit(slope: _Image, sunward: float) -> _Image:
-    """Brightness of a surface with those slopes, lit from 45 degrees above that direction."""
+    """Brightness of a surface, from its slopes, lit from ``sunward`` at 45 degrees elevation."""
     facing = (1 - slope @ _direction(sunward)) / np.sqrt(1 + (slope**2).sum(-1))
     return np.asarray(0.25 + 0.75 * np.clip(facing / np.sqrt(2), 0, 1), dtype=np.float32)
 
@@ -92,7 +93,7 @@ def _direction(angle: float) -> _Image:
 
 
 def _pose(turned: float, zoom: float, middle: NDArray[np.float64], size: int) -> _Image:
-    """The matrix that turns and zooms an image about its middle, and moves it."""
+    """The affine matrix (2, 3) for a turn, a zoom about the middle, and a shift of an image."""
     cosine, sine = zoom * np.cos(turned), zoom * np.sin(turned)
     turn = np.asarray([[cosine, -sine], [sine, cosine]])
     moved = middle - turn @ np.full(2, size / 2)
@@ -107,7 +108,7 @@ def _warped(image: NDArray[np.generic], pose: _Image, shift: _Image) -> _Image:
 
 
 def _colour(name: str) -> _Image:
-    """A colour that belongs to a name, the same on every machine."""
+    """A colour derived from a name, the same on every machine."""
     code = crc32(name.encode())
     hue, full, bright = code % 1009 / 1009, code // 1009 % 97 / 97, code // 97873 % 89 / 89
     rgb = colorsys.hsv_to_rgb(hue, 0.4 + 0.55 * full, 0.65 + 0.35 * bright)

@@ -1,7 +1,7 @@
-"""Units of a sensor: no two look alike. A seed draws one.
+"""Units of a sensor, each drawn from a seed and different from the others.
 
-How units differ is the table of `randomise`; what all units of a type share is its
-`sensors.simulation.Simulation`.
+The table of `randomise` gives the differences between units; `sensors.simulation.Simulation` gives
+the properties shared by all units of a type.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ class SensorInstance:
 
     Attributes:
         sensor: Type of the sensor.
-        seed: Draws the unit, and the noise of its frames.
+        seed: Seed of the unit and of the noise of its frames.
         background: float32 (3, H, W), grey levels of the image with no contact.
         calibration: Response of the image to the gel's surface.
-        spacing: mm per pixel.
+        spacing: Width of a pixel, mm.
         noise: Standard deviation of the camera's noise, grey levels.
-        markers: The dots of its gel, if it has any.
+        markers: Markers of its gel; None without.
         camera: Focus, exposure, tone curve, distortion and codec.
     """
 
@@ -60,13 +60,13 @@ def draw_instance(
 
     Args:
         sensor: Type of the sensor.
-        seed: Not negative.
+        seed: Seed of the unit, 0 or more.
         size: Height and width of its images; None for those of the sensor.
-        markers: Whether its gel has markers; None as the type has.
-        randomise: Its differences from others, see `randomise.draw.randomised_rows`.
+        markers: Whether its gel has markers; None for the type's default.
+        randomise: Differences between units, see `randomise.draw.randomised_rows`.
 
     Raises:
-        ConfigError: The sensor is not simulated, or has no gel with markers.
+        ConfigError: The sensor is not simulated, or ``markers`` is True for a type without them.
     """
     style, known = simulation(sensor), spec(sensor)
     height, width = size or (known.height, known.width)
@@ -95,7 +95,7 @@ def draw_instance(
 
 
 def pixel_spacing(sensor: str, height: int) -> float:
-    """Width of a pixel, mm, of an image with so many rows, of the sensor's type."""
+    """Width of a pixel, mm, in an image of ``height`` rows of the sensor's type."""
     shown = simulation(sensor).height_mm or (spec(sensor).area_mm or (0.0,))[0]
     if not shown:
         raise ConfigError(
@@ -105,7 +105,10 @@ def pixel_spacing(sensor: str, height: int) -> float:
 
 
 def instance_gel(base: Gel, sensor: str, seed: int, randomise: Choice) -> Gel:
-    """The gel of a unit, from that of its type; thickness comes in steps of an eighth."""
+    """The gel of a unit, from its type's gel.
+
+    Thickness comes in steps of an eighth, so that units share kernels and batches of the solver.
+    """
     row = RandomDraw(randomise, seed, sensor)
     return replace(
         base,
@@ -140,7 +143,7 @@ def _calibration(style: Simulation, row: RandomDraw) -> OpticalCalibration:
 
 
 def _mixing(row: RandomDraw) -> Tensor:
-    """Matrix by which lights of another strength and colour mix the channels, (3, 3)."""
+    """Mixing matrix (3, 3) of the channels for a unit's strengths and colours of lights."""
     gains = torch.exp(row["light_power"] * _randn(row, "light_power", 3).clamp(-2, 2))
     share = row["light_colour"] * torch.from_numpy(row.rng("light_colour").random((3, 3))).float()
     share = share * (1 - torch.eye(3))
@@ -148,14 +151,14 @@ def _mixing(row: RandomDraw) -> Tensor:
 
 
 def _gradient(height: int, width: int, row: RandomDraw) -> Tensor:
-    """A factor near 1 that grows slowly in some direction for each colour, (3, H, W)."""
+    """Factors near 1 with a linear gradient in a random direction per colour, (3, H, W)."""
     slope = 0.06 * row["unevenness"] * _randn(row, "gradient", 2, 3, 1, 1)
     x, y = torch.linspace(-1, 1, width), torch.linspace(-1, 1, height)[:, None]
     return slope[0] * x + slope[1] * y + 1
 
 
 def _levelled(still: Tensor, style: Simulation, row: RandomDraw) -> Tensor:
-    """The background of a camera that balances colours, (3, H, W)."""
+    """The background after the camera's white balance, if the type has one, (3, H, W)."""
     if style.level is None:
         return still
     wanted = torch.tensor(style.level) + 4 * row["specimen"] * _randn(row, "level", 3)
@@ -163,7 +166,7 @@ def _levelled(still: Tensor, style: Simulation, row: RandomDraw) -> Tensor:
 
 
 def _clouds(strength: float, height: int, width: int, row: RandomDraw) -> Tensor:
-    """Unevenness of light and gel, grey levels, (3, H, W): broad in colour, fine in all alike."""
+    """Unevenness of light and gel, grey levels, (3, H, W): broad per colour, fine in all alike."""
     chance = _chance(row, "clouds")
     total = torch.zeros(1, 3, height, width)
     for cells, depth, shared in ((4, strength, 0.2), (11, strength / 2, 0.5), (70, 0.4, 0.9)):
@@ -175,7 +178,7 @@ def _clouds(strength: float, height: int, width: int, row: RandomDraw) -> Tensor
 
 
 def _markers(sensor: str, style: Simulation, row: RandomDraw) -> Markers:
-    """The markers of one gel, of which some are missing."""
+    """The markers of one gel, some of them missing."""
     if (pattern := style.pattern) is None:
         having = [name for name in SIMULATED if simulation(name).pattern]
         raise ConfigError(

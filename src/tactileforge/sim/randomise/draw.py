@@ -1,4 +1,4 @@
-"""Choices of what is randomised, and draws from the table."""
+"""Choices of randomised rows, and draws from the table."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ CHOICES: dict[str, frozenset[str]] = {
 
 
 def randomised_rows(choice: Choice) -> frozenset[str]:
-    """The rows that are randomised.
+    """Names of the randomised rows.
 
     Args:
         choice: ``none``, ``unit``, ``all``, or names of rows.
 
     Raises:
-        ConfigError: A name that is none; says the nearest.
+        ConfigError: A name is unknown; the message gives the nearest.
     """
     if isinstance(choice, str) and choice in CHOICES:
         return CHOICES[choice]
@@ -42,8 +42,8 @@ class RandomDraw:
     """Values of the rows for one unit or scene.
 
     Args:
-        choice: Rows that are randomised; see `randomised_rows`.
-        seed: Same seed, same values.
+        choice: Randomised rows; see `randomised_rows`.
+        seed: Seed of the values.
         sensor: Type of the sensor, for rows of units.
 
     Example:
@@ -60,5 +60,5 @@ class RandomDraw:
         return row.draw(self.seed, self.sensor) if name in self.chosen else row.neutral
 
     def rng(self, name: str) -> np.random.Generator:
-        """A generator for what a row needs beside its value."""
+        """A generator for further random numbers of a row."""
         return rng(self.seed, f"{name} detail", self.sensor)

@@ -1,9 +1,9 @@
-"""Domain randomisation: how units of a sensor, and touches, differ, as one table.
+"""Domain randomisation: one table of the differences between units of a sensor and between scenes.
 
-A row of `TABLE` names one thing that differs from unit to unit or from scene to scene, its range,
-and where the range comes from. `randomise=none|unit|all` chooses rows by their scope; any rows can
-be chosen by name. What is not chosen has the row's neutral value. Rows are drawn from generators of
-their own: choosing one more leaves the others as they were.
+A row of `TABLE` holds one randomised quantity, its range, and the source of the range.
+`randomise=none|unit|all` chooses rows by their scope; any rows can be chosen by name. A row not
+chosen has its neutral value. Each row is drawn from a generator of its own: choosing one more does
+not change the others.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ _REAL = "backgrounds and touches of the public samples"
 
 @dataclass(frozen=True)
 class RandomisedQuantity:
-    """One thing that differs.
+    """One randomised quantity, with its range.
 
     Attributes:
-        name: The word users type.
-        scope: Whether it is drawn for a unit of a sensor or for a scene.
+        name: Name in options.
+        scope: ``unit`` for one draw per unit of a sensor, ``scene`` for one per scene.
         what: Description, with its unit.
         low: Lowest value.
         high: Highest value.
-        neutral: The value where it is not randomised.
+        neutral: Value without randomisation.
         source: Source of the range.
-        log: Whether the logarithm is spread evenly.
-        share: Chance that it differs at all; else it is neutral.
-        sensors: Ranges of sensors of their own.
+        log: Whether the logarithm is uniform, instead of the value.
+        share: Probability of a random value; otherwise it is neutral.
+        sensors: Lowest and highest value by sensor, for sensors with ranges of their own.
     """
 
     name: str
@@ -60,7 +60,7 @@ class RandomisedQuantity:
 
 
 def rng(seed: int, name: str, sensor: str = "") -> np.random.Generator:
-    """A generator that belongs to a seed, a name and a sensor."""
+    """A generator seeded by a seed, a name and a sensor."""
     return np.random.default_rng([seed, zlib.crc32(f"{name} {sensor}".encode())])
 
 

@@ -10,7 +10,14 @@ from torch.nn import functional as F
 
 from tactileforge.bench.fit.probes import convex, ridge_regression
 from tactileforge.bench.fit.probes.base import class_scores
-from tactileforge.bench.fit.probes.ridge import Ridge, balanced_scores, class_weights, places_of
+from tactileforge.bench.fit.probes.group_weights import Kernels
+from tactileforge.bench.fit.probes.ridge import (
+    Ridge,
+    balanced_scores,
+    choose_weights,
+    class_weights,
+    places_of,
+)
 from tactileforge.bench.tasks.targets import TargetPart
 
 #: Penalties that are tried, as shares of the mean square of the standardised features' length.
@@ -26,7 +33,8 @@ class Logistic(Ridge):
 
     Each class counts the same. Training groups are dealt to at most four inner folds; of five
     penalties that with the best balanced accuracy of the left out predictions is taken, the largest
-    of equals. Samples of a single group are dealt one by one. The problem is convex and nothing is
+    of equals. Samples of a single group are dealt one by one. Groups of features have the weights
+    that `Ridge` chooses, in closed form. The problem is convex and nothing is
     drawn at random.
 
     Args:
@@ -35,12 +43,13 @@ class Logistic(Ridge):
     """
 
     def solve_part(
-        self, part: TargetPart, gram: Tensor, cross: Tensor, truth: Tensor, groups: Sequence[str]
+        self, part: TargetPart, kernels: Kernels, truth: Tensor, groups: Sequence[str]
     ) -> tuple[Tensor, Tensor]:
         """See `Ridge.solve_part`."""
         if part.kind != "classes":
-            return super().solve_part(part, gram, cross, truth, groups)
-        known, asked = ridge_regression.coordinates(gram, cross)
+            return super().solve_part(part, kernels, truth, groups)
+        weights = choose_weights(part, kernels, truth, places_of(groups))
+        known, asked = ridge_regression.coordinates(*kernels.weighted(weights))
         penalties = [share * float(known.square().sum(1).mean()) for share in PENALTIES]
         tried = truth.new_empty(len(penalties), *truth.shape)
         for left_out in inner_folds(places_of(groups)):

@@ -5,22 +5,33 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional as F
 
 from tactileforge.bench.fit.probes import ridge_regression
 from tactileforge.bench.fit.probes.base import Probe, Values, class_scores
+from tactileforge.bench.fit.probes.group_weights import Kernels, group_kernels, weight_grid
 from tactileforge.bench.tasks.targets import TargetPart
+
+#: Of so many candidates one is kept for the mean of the weights.
+_KEPT = 7
 
 
 class Ridge(Probe):
-    """Ridge regression on standardised features, deterministic; only the penalty is chosen.
+    """Ridge regression on standardised features, deterministic; its penalty is chosen.
 
     The penalty is that of the best predictions of training samples whose group is left out, in
     closed form: of each column alone where it is a number, of the classes together by balanced
     accuracy. Classes are regressed on as columns that are 1 / share where they are meant and 0
     elsewhere, so that each class counts the same; the largest wins.
+
+    Of features in several groups (the reading ``groups``) the kernels are added, with weights on a
+    grid of the simplex, chosen by the same predictions: see `choose_weights`. A group that a task
+    does not need can have weight 0; equal weights are no default.
+    Source: a sum of kernels, as in Bach, Lanckriet and Jordan (2004), its weights by
+    cross-validation.
 
     Args:
         width: Size of a token; not needed.
@@ -28,11 +39,16 @@ class Ridge(Probe):
     """
 
     tap: ClassVar[str] = "pooled"
-    readings: ClassVar[tuple[str, ...]] = ("pooled", "summary", "patches")
+    readings: ClassVar[tuple[str, ...]] = ("pooled", "summary", "patches", "groups")
     trained: ClassVar[bool] = False
 
     def solve(
-        self, known: Tensor, truth: Values, groups: Sequence[str], asked: Tensor
+        self,
+        known: Tensor,
+        truth: Values,
+        groups: Sequence[str],
+        asked: Tensor,
+        sizes: Sequence[int] = (),
     ) -> tuple[Values, Values]:
         """Leave-group-out predictions of the training samples, and predictions of new ones.
 
@@ -41,36 +57,71 @@ class Ridge(Probe):
             truth: (n, columns), class indices or normalised vectors.
             groups: n names; samples of one name are left out together.
             asked: (m, d).
+            sizes: Numbers of features of the groups of features that are weighed, side by side;
+                none is one group.
         """
-        known, asked = ridge_regression.standardise(known, asked)
-        gram, cross = (known @ known.T).double(), (asked @ known.T).double()
+        kernels = group_kernels(known, asked, sizes)
         solved = {
-            name: self.solve_part(part, gram, cross, truth[name], groups)
+            name: self.solve_part(part, kernels, truth[name], groups)
             for name, part in self.parts.items()
         }
         inner, outer = ({name: pair[i] for name, pair in solved.items()} for i in range(2))
         return inner, outer
 
     def solve_part(
-        self, part: TargetPart, gram: Tensor, cross: Tensor, truth: Tensor, groups: Sequence[str]
+        self, part: TargetPart, kernels: Kernels, truth: Tensor, groups: Sequence[str]
     ) -> tuple[Tensor, Tensor]:
         """The same for one part.
 
         Args:
             part: What is predicted.
-            gram: float64 (n, n), products of the training samples.
-            cross: float64 (m, n), products of new samples with these.
+            kernels: Products of the samples.
             truth: (n, columns).
             groups: See `solve`.
         """
-        fit = ridge_regression.fit_ridge(gram, _coded(part, truth))
         places = places_of(groups)
-        tried = [fit.left_out(penalty, places) for penalty in fit.penalties]
-        best = _best(part, torch.stack(tried), truth)
+        weights = choose_weights(part, kernels, truth, places)
+        gram, cross = kernels.weighted(weights)
+        fit = ridge_regression.fit_ridge(gram, _coded(part, truth))
+        tried = fit.left_out(fit.penalties, places)
+        best = _best(part, tried, truth)
         used = sorted(set(best.tolist()))
         far = [cross @ fit.dual(fit.penalties[i]) + fit.mean for i in used]
         where = torch.tensor([used.index(i) for i in best.tolist()])
-        return _decoded(part, _chosen(tried, best)), _decoded(part, _chosen(far, where))
+        inner, outer = _chosen(tried, best), _chosen(torch.stack(far), where)
+        return _decoded(part, inner), _decoded(part, outer)
+
+
+def choose_weights(
+    part: TargetPart, kernels: Kernels, truth: Tensor, groups: Sequence[Tensor]
+) -> tuple[float, ...]:
+    """Weights of the groups of features whose leave-group-out predictions are best.
+
+    They are the mean of the best seventh of the grid: which of these is the very best is chance.
+
+    What is compared is the sum over the columns of the regression of the squared error, in shares
+    of the variance, each at its best penalty; of classes all columns have one penalty.
+
+    Args:
+        part: What is predicted.
+        kernels: Products of the samples.
+        truth: (n, columns).
+        groups: int64 places of the samples that are left out together.
+    """
+    grid = weight_grid(len(kernels.gram))
+    if len(grid) == 1:
+        return grid[0]
+    coded = _coded(part, truth)
+    variance = coded.var(0, correction=0).clamp(min=1e-12)
+    errors = []
+    for row in grid:
+        fit = ridge_regression.fit_ridge(kernels.weighted(row)[0], coded)
+        left_out = fit.left_out(fit.penalties, groups)
+        error = (left_out - coded).square().mean(1) / variance
+        error = error.mean(1, keepdim=True) if part.kind == "classes" else error
+        errors.append(float(error.amin(0).sum()))
+    best = torch.tensor(errors).argsort(stable=True)[: max(1, len(grid) // _KEPT)].tolist()
+    return tuple(float(column) for column in np.mean([grid[place] for place in best], 0))
 
 
 def places_of(groups: Sequence[str]) -> list[Tensor]:
@@ -132,7 +183,6 @@ def class_weights(part: TargetPart, truth: Tensor) -> Tensor:
     return 1 / count.clamp(min=1).double()
 
 
-def _chosen(rows: Sequence[Tensor], best: Tensor) -> Tensor:
+def _chosen(stacked: Tensor, best: Tensor) -> Tensor:
     """Gathers each column from its chosen row, (n, k)."""
-    stacked = torch.stack(list(rows))
     return stacked[best, :, torch.arange(len(best))].T

@@ -44,21 +44,25 @@ class DualRidge:
         """Weights of the training samples, (n, k)."""
         return self.vectors @ ((self.vectors.T @ self.truth) / (self.values + penalty)[:, None])
 
-    def left_out(self, penalty: float, groups: Sequence[Tensor]) -> Tensor:
-        """Leave-group-out predictions: each sample by a fit without its group, (n, k).
+    def left_out(self, penalties: Sequence[float], groups: Sequence[Tensor]) -> Tensor:
+        """Leave-group-out predictions: each sample by a fit without its group, (penalties, n, k).
+
+        Only the blocks of ``H`` on its diagonal are computed.
 
         Args:
-            penalty: On the squared weights.
+            penalties: On the squared weights.
             groups: int64 places of the samples of each group; together all of them.
         """
-        share = self.values / (self.values + penalty)
-        # 1 / n is the hat matrix of the intercept, so leaving a group out refits the mean as well
-        hat = (self.vectors * share) @ self.vectors.T + 1 / len(self.truth)
-        residual = self.truth - hat @ self.truth
-        out = torch.empty_like(self.truth)
+        share = self.values / (self.values + self.values.new_tensor(penalties)[:, None])
+        along = self.vectors.T @ self.truth
+        residual = self.truth - self.vectors @ (share[..., None] * along)
+        out = torch.empty_like(residual)
         for places in groups:
-            rest = torch.eye(len(places), dtype=hat.dtype) - hat[places[:, None], places]
-            out[places] = torch.linalg.solve(rest, residual[places])
+            own = self.vectors[places]
+            # 1 / n is the hat matrix of the intercept: leaving a group out refits the mean as well
+            hat = (own * share[:, None]) @ own.T + 1 / len(self.truth)
+            rest = torch.eye(len(places), dtype=hat.dtype) - hat
+            out[:, places] = torch.linalg.solve(rest, residual[:, places])
         return self.truth - out + self.mean
 
 

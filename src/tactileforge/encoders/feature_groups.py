@@ -1,0 +1,199 @@
+"""Features of a clip in named groups: what was trained, and what every picture has for free."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any, Literal, get_args
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from tactileforge.encoders.preprocess import ANYTOUCH2, Preprocess
+from tactileforge.encoders.summary import CELLS, encode_summary, summarise, summary_width
+from tactileforge.errors import ConfigError, unknown
+
+Group = Literal["summary", "photographs", "difference", "statistics"]
+#: Names of all groups, in the order in which they stand side by side.
+GROUPS: tuple[str, ...] = get_args(Group)
+#: Rows and columns of the cells that `low_pass_difference` averages over.
+LOW_PASS = 8
+#: Rows and columns at which `picture_statistics` are taken.
+STATISTICS_SIZE = 128
+_QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
+#: Edges of the rings of the spectrum, in cycles per pixel.
+_RINGS = (0.0, 0.015, 0.03, 0.06, 0.12, 0.2, 0.3, 0.5)
+#: Statistics of a picture: moments, slopes, quantiles and rings of three channels, correlations.
+_STATISTICS = 3 * (4 + 4 + len(_QUANTILES) + len(_RINGS) - 1) + 3
+
+#: Factor of each group in the vector that joins them: see `joint_vector`.
+SCALES = {"summary": 0.0118, "photographs": 0.0011, "difference": 0.0015, "statistics": 0.0078}
+
+
+def group_sizes(encoder: Any) -> dict[str, int]:
+    """Numbers of each group that an encoder has, by name, in the order of `GROUPS`."""
+    stream = getattr(encoder, "photo_stream", None)
+    sizes = {"summary": summary_width(encoder)}
+    if stream is not None:
+        sizes["photographs"] = (CELLS**2 + 1) * len(stream.deviation)
+    return sizes | {"difference": 2 * 3 * LOW_PASS**2, "statistics": _STATISTICS}
+
+
+def check_groups(encoder: Any, names: Sequence[str] | None) -> tuple[str, ...]:
+    """Names of groups in the order of `GROUPS`; None takes all that the encoder has.
+
+    Raises:
+        ConfigError: The encoder has no such group, or none is named.
+    """
+    sizes = group_sizes(encoder)
+    if names is None:
+        return tuple(sizes)
+    if isinstance(names, str) or not names:
+        raise ConfigError(f"groups={names!r}: give a list of names, of: {', '.join(sizes)}")
+    for name in names:
+        if name not in sizes:
+            raise ConfigError(unknown("group of features of the model", name, sizes))
+    return tuple(name for name in sizes if name in names)
+
+
+def encode_groups(
+    encoder: Any, frames: Tensor, background: Tensor, sensor: Tensor, names: Sequence[str]
+) -> dict[str, Tensor]:
+    """Groups of features, each computed once; what is not named costs nothing.
+
+    ``summary`` and ``photographs`` share one pass of the encoder. ``photographs`` alone runs the
+    network of photographs and no block of the transformer; without both, no network runs.
+
+    Args:
+        encoder: A touch encoder; see `contracts.Encoder`.
+        frames: uint8 (B, T, 3, H, W).
+        background: uint8 (B, 3, H, W).
+        sensor: int64 (B,), rows of the sensor table.
+        names: Of the groups, see `check_groups`.
+
+    Returns:
+        float32 (B, n) by name: ``summary``, see `encode_summary`; ``photographs``, maps of the
+        network of photographs, divided by their usual deviations, as means of quarters and
+        deviations over the picture, (B, 2360); ``difference``, see `low_pass_difference`;
+        ``statistics``, see `picture_statistics`.
+    """
+    out: dict[str, Tensor] = {}
+    if "summary" in names:
+        _, _, out = encode_trained(encoder, frames, background, sensor, "photographs" in names)
+    elif "photographs" in names:
+        stream = encoder.photo_stream
+        patches = encoder.patchify(encoder.preprocess(frames, background, sensor))
+        scaled = stream.maps(patches, None) / stream.deviation
+        out["photographs"] = summarise(scaled.flatten(1, 2), encoder.grid)
+    return {name: values.float() for name, values in out.items()} | free_groups(
+        frames, background, names
+    )
+
+
+def encode_trained(
+    encoder: Any, frames: Tensor, background: Tensor, sensor: Tensor, photographs: bool = True
+) -> tuple[Tensor, Tensor, dict[str, Tensor]]:
+    """One pass of an encoder: tokens, projected class tokens, and the groups of its networks.
+
+    Args:
+        encoder: A touch encoder; see `contracts.Encoder`.
+        frames: uint8 (B, T, 3, H, W).
+        background: uint8 (B, 3, H, W).
+        sensor: int64 (B,), rows of the sensor table.
+        photographs: Whether that group is wanted, where the encoder has it.
+    """
+    stream = getattr(encoder, "photo_stream", None) if photographs else None
+    maps: list[Tensor] = []
+    hook = stream and stream.project.register_forward_pre_hook(lambda _, x: maps.append(x[0]))
+    try:
+        tokens, projected, summary = encode_summary(encoder, frames, background, sensor)
+    finally:
+        if hook is not None:
+            hook.remove()
+    groups = {"summary": summary}
+    if maps:
+        groups["photographs"] = summarise(maps[0], encoder.grid)
+    return tokens, projected, groups
+
+
+def free_groups(frames: Tensor, background: Tensor, names: Sequence[str]) -> dict[str, Tensor]:
+    """The groups that need no network, those of them that are named; see `encode_groups`."""
+    free = {"difference": low_pass_difference, "statistics": picture_statistics}
+    return {name: read(frames, background) for name, read in free.items() if name in names}
+
+
+def joint_vector(groups: Mapping[str, Tensor]) -> Tensor:
+    """Groups side by side, each times its fixed factor, float32 (..., n).
+
+    Factors are constants, so a vector depends on its clip alone and keeps how strong a touch is.
+    With them the variance within a task is about 1 in all, of which the summary has .98, the
+    photographs .01, difference and statistics .005 each: the best of thirteen shares for a plain
+    linear probe on ``suite=real``, where more of the other groups cost forces and hardness more
+    than they gave. Variances are medians over those tasks, of ``anytouch2.tiny-real``.
+
+    Args:
+        groups: float (..., n) by name, see `encode_groups`.
+    """
+    return torch.cat([SCALES[name] * values for name, values in groups.items()], -1)
+
+
+def low_pass_difference(frames: Tensor, background: Tensor) -> Tensor:
+    """Coarse changes in grey levels, float32 (B, 384); no norm and no clamp touches them.
+
+    Means of the last frame less the background over 8 x 8 cells (channel, row, column), then of
+    the last frame less the first. Red, green and blue stay apart: their light comes from different
+    sides, so shear and depth differ between them.
+
+    Args:
+        frames: uint8 (B, T, 3, H, W).
+        background: uint8 (B, 3, H, W).
+    """
+    last = frames[:, -1].float()
+    change = torch.cat([last - background.float(), last - frames[:, 0].float()], 1)
+    return F.adaptive_avg_pool2d(change, LOW_PASS).flatten(1)
+
+
+def picture_statistics(frames: Tensor, background: Tensor) -> Tensor:
+    """Statistics of the last frame less its background at 128 x 128, float32 (B, 69).
+
+    Args:
+        frames: uint8 (B, T, 3, H, W).
+        background: uint8 (B, 3, H, W).
+    """
+    pixels = Preprocess.of((STATISTICS_SIZE, STATISTICS_SIZE), ANYTOUCH2).to(frames.device)
+    return statistics_of(pixels(frames[:, -1:], background)[:, 0])
+
+
+def statistics_of(picture: Tensor) -> Tensor:
+    """Moments, slopes, quantiles and rings of the spectrum of each channel, and correlations.
+
+    Args:
+        picture: float (B, 3, H, W).
+
+    Returns:
+        (B, 69): of the channels mean, deviation, skewness, kurtosis, mean absolute slope and its
+        deviation down and across; seven quantiles; logarithms of the power in seven rings; and the
+        correlations between channels.
+    """
+    flat = picture.flatten(2)
+    mean, spread = flat.mean(2), flat.std(2)
+    unit = (flat - mean[..., None]) / spread[..., None].clamp(min=1e-6)
+    edges = torch.tensor(_QUANTILES, device=picture.device)
+    quantiles = flat.quantile(edges, dim=2).permute(1, 2, 0)
+    steps = [picture.diff(dim=dim).flatten(2) for dim in (2, 3)]
+    slopes = [part for step in steps for part in (step.abs().mean(2), step.std(2))]
+    each = [mean, spread, unit.pow(3).mean(2), unit.pow(4).mean(2), *slopes]
+    between = (unit[:, [0, 0, 1]] * unit[:, [1, 2, 2]]).mean(2)
+    return torch.cat([*each, quantiles.flatten(1), rings(picture).flatten(1), between], 1)
+
+
+def rings(x: Tensor) -> Tensor:
+    """Logarithm of the power in rings of the spectrum, (B, C, 7) of (B, C, H, W)."""
+    power = torch.fft.fft2(x, norm="ortho").abs().square()
+    across, down = (torch.fft.fftfreq(n, device=x.device) for n in (x.shape[3], x.shape[2]))
+    radius = (across[None] ** 2 + down[:, None] ** 2).sqrt()
+    inside = [(radius > low) & (radius <= high) for low, high in pairwise(_RINGS)]
+    return (
+        torch.stack([(power * ring).sum((2, 3)) / ring.sum() for ring in inside], 2).add(1e-6).log()
+    )

@@ -1,0 +1,126 @@
+"""Training by Lightning; a run with an early end raises an error with its fix."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import lightning as L
+
+from tactileforge import run_folder
+from tactileforge.callbacks.checkpoints import Checkpoints
+from tactileforge.checkpoint_file import read_checkpoint
+from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.finite import NotFiniteError
+from tactileforge.module import TouchModule
+
+#: Messages of torch after the loss of a process of the group.
+_LOST = re.compile(r"closed by peer|reset by peer|Connection refused|NCCL|Broken pipe", re.I)
+
+#: Warnings of Lightning about intended behaviour.
+_EXPECTED = (
+    r".*isinstance\(treespec, LeafSpec\).*",
+    r"Found \d+ module\(s\) in eval mode at the start of training.*",  # frozen towers, EMA copies
+    r"The number of training batches .* is smaller than the logging interval.*",
+    r"The '\w+_dataloader' does not have many workers.*",
+    r"Total length of `list` across ranks is zero.*",  # nothing is held out: the run itself says so
+    r"It is recommended to use `self.log\('val/.*",  # values are those of all processes already
+    r"Checkpoint directory .* exists and is not empty.*",  # a resumed run
+)
+
+
+def fit(
+    trainer: L.Trainer,
+    module: TouchModule,
+    data: TouchData,
+    saver: Checkpoints,
+    folder: Path,
+    resume: Path | None,
+    step: int,
+) -> None:
+    """Trains to the end of the run.
+
+    Args:
+        trainer: Lightning's trainer.
+        module: Module to train.
+        data: Data of the run.
+        saver: Callback of ``trainer`` that saves checkpoints.
+        folder: Folder of the run.
+        resume: Checkpoint to resume from; None for a new run.
+        step: Optimiser steps taken before; 0 for a new run.
+
+    Raises:
+        NotFiniteError: A number is not finite; states the way back.
+        TactileForgeError: Another process of the run has died.
+        ConfigError: The checkpoint does not fit the run, or an interval its length.
+        KeyboardInterrupt: The run was stopped, and saved if a step was done.
+    """
+    with warnings.catch_warnings():
+        for message in _EXPECTED:
+            warnings.filterwarnings("ignore", message)
+        try:
+            with _resumed_from(resume, saver):
+                trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+        except NotFiniteError as error:
+            raise NotFiniteError(f"{error}. {_way_back(folder, trainer.precision)}") from error
+        except RuntimeError as error:
+            if trainer.world_size == 1 or not _LOST.search(str(error)):
+                raise
+            raise TactileForgeError(
+                f"another process of the run has died ({_first_line(error)}). {_kept(folder)}"
+            ) from error
+        except SystemExit as stop:  # Lightning turns Ctrl-C into it
+            done = trainer.global_step
+            when = f"in the step after {done}" if done > step else "before the first step"
+            raise KeyboardInterrupt(f"{stop.__context__ or 'stopped'} {when}") from stop
+        except ValueError as error:
+            # the interval is longer than an epoch: Lightning learns the epoch's length only here
+            if "val_check_interval" not in str(error):
+                raise
+            raise ConfigError(f"trainer.val_check_interval: {error}") from error
+    if saver.interrupted:
+        raise KeyboardInterrupt(f"stopped at step {trainer.global_step}")
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0][:120]
+
+
+def _kept(folder: Path) -> str:
+    """Advice on how to continue an interrupted run."""
+    if not (folder / run_folder.LAST).is_file():
+        return "Nothing was saved before: give the same command again"
+    return f"Go on from its checkpoint: tactileforge train resume={shlex.quote(str(folder))}"
+
+
+def _way_back(folder: Path, numbers: str) -> str:
+    """Advice on the last checkpoint of a run with non-finite numbers, with its commands."""
+    exact = "" if numbers.startswith("32") else " trainer.precision=32"
+    if not (folder / run_folder.LAST).is_file():
+        also = f" or{exact}" if exact else ""
+        return f"Nothing was saved before: start again with a smaller optim.lr={also}"
+    step = read_checkpoint(folder)["global_step"]
+    name = shlex.quote(str(folder))
+    return (
+        f"The checkpoint of step {step} stays: go back to it with tactileforge train resume={name}"
+        f"{exact}, or start from it with init={name} and a smaller optim.lr="
+    )
+
+
+@contextmanager
+def _resumed_from(resume: Path | None, saver: Checkpoints) -> Iterator[None]:
+    """Names the checkpoint in errors about its content, before the first resumed step."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, RuntimeError) as error:
+        if resume is None or saver.started:
+            raise
+        raise ConfigError(
+            f"{resume}: the run cannot go on with it ({error!r}): it is whole, but was changed or "
+            "is of another program; start a new run from its weights with init="
+        ) from error

@@ -1,0 +1,148 @@
+"""Features in named groups, which probes weigh: what was trained, and what is free."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from tactileforge.encoders.feature_groups import (
+    check_groups,
+    encode_groups,
+    group_sizes,
+    joint_vector,
+)
+from tactileforge.hub.feature_model import FeatureModel, check_batch_size
+from tactileforge.hub.forces import warn_of_light
+from tactileforge.hub.inputs import Images
+from tactileforge.hub.sensor_rows import Policy
+
+
+class GroupedModel(FeatureModel):
+    """The part of `hub.model.Model` that gives groups; see there for arguments and attributes."""
+
+    @property
+    def group_sizes(self) -> dict[str, int]:
+        """Numbers of each group that `groups` gives, by name, in their order."""
+        return group_sizes(self.encoder)
+
+    def encode(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        groups: Sequence[str] | Literal["all"] | None = None,
+        unknown_sensor: Policy = "error",
+        batch_size: int = 32,
+    ) -> Tensor:
+        """Encodes each clip as one vector; warns of light that has changed while nothing touches.
+
+        Args:
+            frames: uint8, RGB, oldest first, of any size: one clip (T, H, W, 3) or (T, 3, H, W), or
+                a batch with B in front. numpy or torch. One image, (H, W, 3), (3, H, W) or a batch
+                with one frame a clip, is shown in all T places, as the authors do.
+            background: A frame without contact of the same recording, of the frames' size: one,
+                or one a clip. ``"first"`` takes the first frame of each clip, ``"none"`` subtracts
+                nothing. May be left out only where the model uses none.
+            sensor: Name of the sensor, or one name a clip; ``"universal"`` takes the universal
+                tokens. May be left out where the model knows one sensor, or none.
+            groups: Names of groups, or ``all``, that are put side by side, each times a fixed
+                factor with which a plain linear probe does well: see `groups` and
+                `feature_groups.joint_vector`. None gives the network's own projected vector, which
+                streams, exports and heads of classes read.
+            unknown_sensor: ``error``, or ``universal`` to take the universal tokens, and warn.
+            batch_size: Clips that are computed at once.
+
+        Returns:
+            float32 (projected,), or (B, projected) for a batch, on the model's device; of groups
+            as many numbers as `group_sizes` tells for them together.
+
+        Raises:
+            DataError: Frames or background are not what the model takes; says both.
+            ConfigError: No background, no such sensor or group, or a batch size below 1.
+        """
+        if groups is None:
+            return self.features(
+                frames,
+                background,
+                sensor,
+                tap="projected",
+                unknown_sensor=unknown_sensor,
+                batch_size=batch_size,
+            )
+        joined = self.groups(
+            frames,
+            background,
+            sensor,
+            names=None if groups == "all" else groups,
+            unknown_sensor=unknown_sensor,
+            batch_size=batch_size,
+        )
+        return joint_vector(joined)
+
+    def groups(
+        self,
+        frames: Images,
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        names: Sequence[str] | None = None,
+        unknown_sensor: Policy = "error",
+        batch_size: int = 32,
+    ) -> dict[str, Tensor]:
+        """Features of clips in groups, each computed once from the uint8 frames.
+
+        They differ in what they know and in how many they are, so a probe does best that weighs
+        them: see the probes ``ridge`` and ``logistic`` of ``tactileforge bench``.
+
+        - ``summary``: of the encoder, as `features` gives it with ``tap="summary"``. No unit.
+        - ``photographs``, (2360,), where the encoder has a network of photographs
+          (``anytouch2.tiny-real``): the network's own maps, as means of the quarters of the image
+          and deviations over it. No unit.
+        - ``difference``, (384,): grey levels, un-normalised. Means over 8 x 8 cells of the last
+          frame less the background, (3, 8, 8), then of the last frame less the first, (3, 8, 8).
+          With ``background="none"`` the first half is the picture itself, less a grey.
+        - ``statistics``, (69,): of the last frame less its background at 128 x 128: moments,
+          slopes and quantiles in shares of the range of grey levels, logarithms of the power in
+          rings of the spectrum, and correlations of the channels.
+
+        Args:
+            frames: See `encode`.
+            background: See `encode`.
+            sensor: See `encode`.
+            names: Groups that are wanted; None takes all. What is not named costs nothing: without
+                ``summary`` no transformer runs, without ``photographs`` beside it no network.
+            unknown_sensor: See `encode`.
+            batch_size: See `encode`.
+
+        Returns:
+            By name, float32 (n,), or (B, n) for a batch, on the model's device; sizes as in
+            `group_sizes`.
+
+        Raises:
+            DataError: See `encode`.
+            ConfigError: See `encode`; or the model has no such group.
+
+        Example:
+            >>> groups = model.groups(clip, rest, "digit", names=["difference"])  # doctest: +SKIP
+            >>> groups["difference"].view(2, 3, 8, 8)[0].mean((1, 2))  # red, green, blue
+        """
+        wanted = check_groups(self.encoder, names)
+        check_batch_size(batch_size)
+        x, still, single = clips = self._prepare(frames, background)
+        warn_of_light("clips", clips, self.encoder, background)
+        rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
+        inputs = zip(*(torch.split(part, batch_size) for part in (x, still, rows)), strict=True)
+        with torch.no_grad(), self._faster():
+            done = [self._groups(wanted, *part) for part in inputs]
+        joint = {name: torch.cat([part[name] for part in done]) for name in wanted}
+        return {name: values[0] if single else values for name, values in joint.items()}
+
+    def _groups(
+        self, names: Sequence[str], frames: Tensor, background: Tensor, rows: Tensor
+    ) -> dict[str, Tensor]:
+        frames, background, rows = (x.to(self.device) for x in (frames, background, rows))
+        return encode_groups(self.encoder, frames, background, rows, names)
