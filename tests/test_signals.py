@@ -4,6 +4,8 @@ import errno
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -87,7 +89,7 @@ def test_a_worker_is_ended_by_its_parent_alone(number: signal.Signals, method: s
     with held():
         worker = context.Process(target=read, args=(number, ready), daemon=True)
         worker.start()
-    assert ready.wait(60)
+    assert ready.wait(180)
     worker.terminate()
     worker.join(60)
     assert worker.exitcode == 0
@@ -112,3 +114,27 @@ def test_train_says_what_was_saved(
     again = f"tactileforge train 'resume={run}'" if kept else "the same command again"
     what = "" if kept else " before the first step; nothing was saved"
     assert said == f"stopped by SIGTERM{what}; go on with: {again}"
+
+
+LEFT = """
+import atexit, sys, time
+from tactileforge import cli
+from tactileforge.errors import SensorError
+from tactileforge.sensors import opening
+
+def dispatch(verb, rest):
+    opening.within(0.1, "digit: open()", lambda: time.sleep(600))
+
+atexit.register(print, "taken down")
+cli.dispatch = dispatch
+sys.argv = ["tactileforge", "record"]
+cli.main()
+"""
+
+
+def test_a_driver_that_hangs_does_not_take_the_exit_status_with_it() -> None:
+    """Its native code must not see the interpreter taken down."""
+    done = subprocess.run([sys.executable, "-c", LEFT], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "error: digit: open() of its driver has not returned within 0.1 s" in done.stderr
+    assert "taken down" not in done.stdout

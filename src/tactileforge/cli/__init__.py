@@ -50,6 +50,12 @@ def main() -> None:
     except BrokenPipeError:  # the reader closed the pipe early, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python flushes again
         status = 1
+    opening = sys.modules.get("tactileforge.sensors.opening")
+    if opening is not None and opening.is_driver_left():
+        # Native code that still runs when the interpreter is taken down aborts the process
+        # ("terminate called without an active exception"), and its exit status is then lost.
+        sys.stderr.flush()
+        os._exit(status)
     sys.exit(status)
 
 

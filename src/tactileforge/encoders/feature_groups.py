@@ -1,4 +1,4 @@
-"""Features of a clip in named groups: what was trained, and what every picture has for free."""
+"""Features of a clip in named groups: from trained networks, and directly from the pixels."""
 
 from __future__ import annotations
 
@@ -15,24 +15,25 @@ from tactileforge.encoders.summary import CELLS, encode_summary, summarise, summ
 from tactileforge.errors import ConfigError, unknown
 
 Group = Literal["summary", "photographs", "difference", "statistics"]
-#: Names of all groups, in the order in which they stand side by side.
+#: Names of all groups, in the order of their concatenation.
 GROUPS: tuple[str, ...] = get_args(Group)
-#: Rows and columns of the cells that `low_pass_difference` averages over.
+#: Rows and columns of the cells averaged by `low_pass_difference`.
 LOW_PASS = 8
-#: Rows and columns at which `picture_statistics` are taken.
+#: Rows and columns of resized images for `picture_statistics`.
 STATISTICS_SIZE = 128
 _QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 #: Edges of the rings of the spectrum, in cycles per pixel.
 _RINGS = (0.0, 0.015, 0.03, 0.06, 0.12, 0.2, 0.3, 0.5)
-#: Statistics of a picture: moments, slopes, quantiles and rings of three channels, correlations.
+#: Number of statistics of a picture: moments, slopes, quantiles and rings of three channels, and
+#: correlations.
 _STATISTICS = 3 * (4 + 4 + len(_QUANTILES) + len(_RINGS) - 1) + 3
 
-#: Factor of each group in the vector that joins them: see `joint_vector`.
+#: Factor of each group in the joint vector, see `joint_vector`.
 SCALES = {"summary": 0.0118, "photographs": 0.0011, "difference": 0.0015, "statistics": 0.0078}
 
 
 def group_sizes(encoder: Any) -> dict[str, int]:
-    """Numbers of each group that an encoder has, by name, in the order of `GROUPS`."""
+    """Sizes of an encoder's groups, by name, in the order of `GROUPS`."""
     stream = getattr(encoder, "photo_stream", None)
     sizes = {"summary": summary_width(encoder)}
     if stream is not None:
@@ -41,10 +42,10 @@ def group_sizes(encoder: Any) -> dict[str, int]:
 
 
 def check_groups(encoder: Any, names: Sequence[str] | None) -> tuple[str, ...]:
-    """Names of groups in the order of `GROUPS`; None takes all that the encoder has.
+    """Names of groups in the order of `GROUPS`; None takes all groups of the encoder.
 
     Raises:
-        ConfigError: The encoder has no such group, or none is named.
+        ConfigError: The encoder has no such group, or no group is named.
     """
     sizes = group_sizes(encoder)
     if names is None:
@@ -60,17 +61,17 @@ def check_groups(encoder: Any, names: Sequence[str] | None) -> tuple[str, ...]:
 def encode_groups(
     encoder: Any, frames: Tensor, background: Tensor, sensor: Tensor, names: Sequence[str]
 ) -> dict[str, Tensor]:
-    """Groups of features, each computed once; what is not named costs nothing.
+    """Computes the named groups of features, each once, and no others.
 
     ``summary`` and ``photographs`` share one pass of the encoder. ``photographs`` alone runs the
     network of photographs and no block of the transformer; without both, no network runs.
 
     Args:
-        encoder: A touch encoder; see `contracts.Encoder`.
+        encoder: Touch encoder; see `contracts.Encoder`.
         frames: uint8 (B, T, 3, H, W).
         background: uint8 (B, 3, H, W).
         sensor: int64 (B,), rows of the sensor table.
-        names: Of the groups, see `check_groups`.
+        names: Names of the groups, see `check_groups`.
 
     Returns:
         float32 (B, n) by name: ``summary``, see `encode_summary`; ``photographs``, maps of the
@@ -94,14 +95,14 @@ def encode_groups(
 def encode_trained(
     encoder: Any, frames: Tensor, background: Tensor, sensor: Tensor, photographs: bool = True
 ) -> tuple[Tensor, Tensor, dict[str, Tensor]]:
-    """One pass of an encoder: tokens, projected class tokens, and the groups of its networks.
+    """Runs an encoder once for tokens, projected class tokens, and the groups of its networks.
 
     Args:
-        encoder: A touch encoder; see `contracts.Encoder`.
+        encoder: Touch encoder; see `contracts.Encoder`.
         frames: uint8 (B, T, 3, H, W).
         background: uint8 (B, 3, H, W).
         sensor: int64 (B,), rows of the sensor table.
-        photographs: Whether that group is wanted, where the encoder has it.
+        photographs: Whether to compute the group ``photographs``, if the encoder has it.
     """
     stream = getattr(encoder, "photo_stream", None) if photographs else None
     maps: list[Tensor] = []
@@ -118,32 +119,33 @@ def encode_trained(
 
 
 def free_groups(frames: Tensor, background: Tensor, names: Sequence[str]) -> dict[str, Tensor]:
-    """The groups that need no network, those of them that are named; see `encode_groups`."""
+    """Computes the named groups among those without a network; see `encode_groups`."""
     free = {"difference": low_pass_difference, "statistics": picture_statistics}
     return {name: read(frames, background) for name, read in free.items() if name in names}
 
 
 def joint_vector(groups: Mapping[str, Tensor]) -> Tensor:
-    """Groups side by side, each times its fixed factor, float32 (..., n).
+    """Concatenates groups, each times its fixed factor, to float32 (..., n).
 
-    Factors are constants, so a vector depends on its clip alone and keeps how strong a touch is.
-    With them the variance within a task is about 1 in all, of which the summary has .98, the
-    photographs .01, difference and statistics .005 each: the best of thirteen shares for a plain
-    linear probe on ``suite=real``, where more of the other groups cost forces and hardness more
-    than they gave. Variances are medians over those tasks, of ``anytouch2.tiny-real``.
+    Factors are constants, so a vector depends on its clip alone and keeps the strength of a touch.
+    With them the total variance within a task is about 1, with shares of .98 for the summary, .01
+    for the photographs, and .005 each for difference and statistics: the best of thirteen sets of
+    shares for a plain linear probe on ``suite=real``. Larger shares of the other groups cost more
+    on forces and hardness than they gained elsewhere. Variances are medians over those tasks, of
+    ``anytouch2.tiny-real``.
 
     Args:
-        groups: float (..., n) by name, see `encode_groups`.
+        groups: Groups by name, float (..., n) each, see `encode_groups`.
     """
     return torch.cat([SCALES[name] * values for name, values in groups.items()], -1)
 
 
 def low_pass_difference(frames: Tensor, background: Tensor) -> Tensor:
-    """Coarse changes in grey levels, float32 (B, 384); no norm and no clamp touches them.
+    """Coarse changes in grey levels, float32 (B, 384), neither normalised nor clamped.
 
-    Means of the last frame less the background over 8 x 8 cells (channel, row, column), then of
-    the last frame less the first. Red, green and blue stay apart: their light comes from different
-    sides, so shear and depth differ between them.
+    Means over 8 x 8 cells (channel, row, column) of the difference between the last frame and the
+    background, then between the last frame and the first. Red, green and blue stay separate: their
+    light comes from different sides, so shear and depth differ between them.
 
     Args:
         frames: uint8 (B, T, 3, H, W).
@@ -155,7 +157,7 @@ def low_pass_difference(frames: Tensor, background: Tensor) -> Tensor:
 
 
 def picture_statistics(frames: Tensor, background: Tensor) -> Tensor:
-    """Statistics of the last frame less its background at 128 x 128, float32 (B, 69).
+    """Statistics of the last frame minus its background at 128 x 128, float32 (B, 69).
 
     Args:
         frames: uint8 (B, T, 3, H, W).
@@ -169,12 +171,12 @@ def statistics_of(picture: Tensor) -> Tensor:
     """Moments, slopes, quantiles and rings of the spectrum of each channel, and correlations.
 
     Args:
-        picture: float (B, 3, H, W).
+        picture: Preprocessed image, float (B, 3, H, W).
 
     Returns:
-        (B, 69): of the channels mean, deviation, skewness, kurtosis, mean absolute slope and its
-        deviation down and across; seven quantiles; logarithms of the power in seven rings; and the
-        correlations between channels.
+        float (B, 69): mean, deviation, skewness and kurtosis of the channels; mean absolute slope
+        and deviation of the slope, down and across; seven quantiles; logarithms of the power in
+        seven rings; and correlations between channels.
     """
     flat = picture.flatten(2)
     mean, spread = flat.mean(2), flat.std(2)

@@ -78,7 +78,7 @@ def summarise(tokens: Tensor, grid: tuple[int, int, int]) -> Tensor:
 
     Args:
         tokens: float (B, L, width); the last of the L are the patches.
-        grid: Their temporal slots, rows and columns.
+        grid: Numbers of temporal slots, rows and columns of the patches.
     """
     slots, rows, columns = grid
     patches = tokens[:, -slots * rows * columns :].float()

@@ -16,6 +16,8 @@ from tactileforge.sensors.awake import CLOCK
 _OPEN, _CLOSE = 30.0, 5.0
 #: Seconds between two looks at a driver that is waited for.
 _LOOK = 0.5
+#: Start of the names of threads in which drivers run.
+_DRIVER = "driver-"
 
 
 class BuiltSensors(NamedTuple):
@@ -134,6 +136,11 @@ def unit_of(sensor: Sensor) -> str:
     return str(getattr(sensor, "unit", "")) or ("" if address.startswith("/dev/") else address)
 
 
+def is_driver_left() -> bool:
+    """Whether a thread of a driver is still in a call that was not waited for; see `within`."""
+    return any(thread.name.startswith(_DRIVER) for thread in threading.enumerate())
+
+
 def within(seconds: float, what: str, call: Callable[[], object]) -> None:
     """Calls a driver in a thread of its own, which is left behind if it does not return.
 
@@ -155,7 +162,7 @@ def within(seconds: float, what: str, call: Callable[[], object]) -> None:
         except BaseException as error:  # it may exit as well, and a thread would in silence
             ended.append(error)
 
-    thread = threading.Thread(target=run, name=f"driver-{what}", daemon=True)
+    thread = threading.Thread(target=run, name=f"{_DRIVER}{what}", daemon=True)
     CLOCK.start()
     end = CLOCK.now() + seconds
     thread.start()
