@@ -34,7 +34,8 @@ class CalibrateOptions:
         fit: Features for the forces: ``auto``, ``none``, ``pictures``, ``taxels``, ``head``, or the
             name of a track.
         axes: Axes of the force to fit, of x, y and z.
-        max_lag: Largest delay of images behind forces to search for, 0 to 1 s; 0 searches for none.
+        max_lag: Largest delay of images behind forces in the search for it, 0 to 1 s; 0 for no
+            search.
         punch_mm: Diameter of a flat round punch, mm, pressed in the recordings with the ``object``
             ``punch``, or in all if there are no such recordings; None for no punch.
         mm_per_pixel: Scale of the images, mm per pixel; None if it is not known.
@@ -246,6 +247,7 @@ def _force(
         raw = name if kind == "head" else None
         return fit_axis(joined, _choices(kind, name, joined), force, fold, name, raw)
 
+    # the lag is fitted on the last wanted axis: the normal force, if it is among them
     wanted = [name for name in AXES if name in options.axes]
     lag = 0.0
     if options.max_lag:

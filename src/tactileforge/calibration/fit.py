@@ -63,7 +63,7 @@ def fit_axis(
     name: str,
     raw: str | None = None,
 ) -> AxisFit:
-    """Fits one axis with the set of features that predicts held-out frames best.
+    """Fits one axis with the best set of features for held-out frames.
 
     Args:
         features: Features by name, float64 (N,) each.
@@ -89,6 +89,7 @@ def fit_axis(
     if float(np.ptp(measured)) < 1e-3:
         raise DataError(f"force {name}: it is {measured[0]:.3g} N throughout; press harder")
     best: AxisFit | None = None
+    # few features come first: a later set has to lower the error on held-out presses
     for names in _affordable(choices, len(measured)):
         columns = np.stack([features[column][known] for column in names], 1)
         for rcond in _RCONDS if len(names) > _MANY else (_RCOND,):

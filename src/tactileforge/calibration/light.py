@@ -77,6 +77,7 @@ def punch_mm_per_pixel(
         DataError: No frame shows contact, or the contact has no rim inside the image.
     """
     changes = (np.abs(frame.astype(np.float32) - rest).mean(-1) for frame in frames)
+    # a generator, so that only the change of one frame is in memory
     deepest = max(changes, key=lambda change: float(change.mean()))
     change = cv2.GaussianBlur(deepest, (0, 0), 1.5)
     felt = (change - max(2 * LEAST, 0.25 * float(change.max()))).clip(min=0)
@@ -95,6 +96,7 @@ def punch_mm_per_pixel(
     at = int(profile.argmax())
     if at < 4 or at > len(profile) - 4:
         raise DataError(f"{name}: the punch has no rim inside the image; press its middle")
+    # the maximum of the parabola through three points is finer than the step of the radii
     low, top, high = profile[at - 1 : at + 2]
     bend = low - 2 * top + high
     peak = at + (0.5 * (low - high) / bend if bend < 0 else 0.0)

@@ -52,7 +52,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
                 with part.open("w+b") as file:
                     torch.save({**checkpoint, "run": self.run}, file)
                     seal(file)
-                    os.fsync(file.fileno())
+                    os.fsync(file.fileno())  # before the rename, so that a power cut leaves a file
                 part.replace(path)
         except (OSError, RuntimeError) as error:  # torch turns a full disk into a RuntimeError
             raise TactileForgeError(
@@ -250,6 +250,6 @@ def _size(trainer: L.Trainer) -> int:
     module = trainer.lightning_module
     state = [*module.parameters(), *module.buffers()]
     kept = [x for optim in trainer.optimizers for one in optim.state.values() for x in one.values()]
-    if not kept:  # before the first step: AdamW will hold two averages of each parameter
+    if not kept:  # before the first step: as AdamW, with two averages of each parameter
         kept = 2 * [x for x in module.parameters() if x.requires_grad]
     return sum(x.nbytes for x in [*state, *kept] if isinstance(x, torch.Tensor))

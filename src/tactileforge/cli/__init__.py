@@ -1,9 +1,9 @@
 """The command line: a verb, and ``key=value`` for everything else. A verb is a file of this folder.
 
-The first line of such a file is its line of ``tactileforge --help``; its ``COMMANDS`` are what the
-verb does, by action (``pack`` of ``data pack``; "" for a verb without actions). Installed packages
-bring further verbs. Files that begin with ``_`` are what verbs share: `_verbs` finds them,
-`_command` says what a command is, `_run` runs it, `_words` reads what was typed.
+The first line of such a file is its line of ``tactileforge --help``; its ``COMMANDS`` are the
+commands of the verb, by action (``pack`` of ``data pack``; "" for a verb without actions).
+Installed packages add further verbs. Files with a leading ``_`` are shared by verbs: `_verbs` finds
+verbs, `_command` defines a command, `_run` runs it, `_words` parses the command line.
 """
 
 from __future__ import annotations

@@ -22,14 +22,14 @@ class Command:
     Attributes:
         run: Function of the command, called with its keys and the whole configuration as plain
             data. Its docstring is the summary in ``--help``.
-        keys: Dataclass of its keys; None where a YAML in conf/ lists them.
+        keys: Dataclass of the keys; None if a YAML in conf/ lists them.
         groups: Groups of options beside the keys, and the default option of each; None for no
             option, ``???`` for a required one.
         groups_last: Whether options override keys; otherwise keys override options.
         bare: Keys set by words without ``=``, in order; the last takes all remaining words where
             it holds a list.
         also: Other names of keys.
-        others: Key that collects unknown keys as a mapping; "" where an unknown key is an error.
+        others: Key that collects unknown keys as a mapping; "" if an unknown key is an error.
         yaml: Name of a YAML in conf/ that replaces keys and groups.
         writes: Function from the keys to the file or folder that is written; None for none.
         into: Whether ``writes`` names a folder.
@@ -79,11 +79,12 @@ class Command:
         return plain(self.finish(config) if self.finish else config)
 
     def start(self, config: dict[str, Any], given: Mapping[str, Any] | None = None) -> Result:
-        """Runs the command after checking that its output can be written.
+        """Runs the command after a check of its output path.
 
         Args:
             config: The whole configuration.
-            given: Values of the keys where they differ from the configuration.
+            given: Values of the keys, for a command run without Hydra; None takes them from the
+                configuration.
 
         Raises:
             ConfigError: A key is wrong, or the place cannot be written.

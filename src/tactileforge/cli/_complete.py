@@ -42,7 +42,7 @@ def complete(line: str | None = None) -> list[str]:
     _, own = own_places([], before)
     groups = dict(command.groups) or (yaml_groups(command.yaml) if command.yaml else {})
     group, equals, start = word.removeprefix("--").partition("=")
-    if equals:  # the shell completes what follows "=" by itself
+    if equals:  # bash replaces only the part after "=", so candidates are values alone
         *_, last = re.split(r"[\[,]", start)
         typed = start.removesuffix(last)
         return [typed + name for name in options(group, own) if name.startswith(last)]

@@ -50,7 +50,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
 
     def task(config: DictConfig) -> Result:
         alone = HydraConfig.get().mode is not hydra.types.RunMode.MULTIRUN
-        # DDP starts further processes with sys.argv: they repeat the command, or this job alone
+        # processes started by a run repeat sys.argv: the command, or this job of a sweep alone
         task_words = [] if alone else HydraConfig.get().overrides.task
         sys.argv = typed if alone else [typed[0], *verb.split(), *places, *task_words]
         if os.getppid() == launcher:

@@ -52,6 +52,7 @@ def run_job(
     if stopped:
         log.info("goes on where it was stopped: %s (%s)", folder, said)
     try:
+        # a job of several processes needs new ones, see `_run_apart`
         if count_processes(config["trainer"]) > 1 and "LOCAL_RANK" not in os.environ:
             _run_apart(folder, words, anew, stopped)
             number = logged(folder, config)
@@ -72,7 +73,7 @@ def run_job(
 
 
 def logged(folder: Path, config: dict[str, Any]) -> float:
-    """Number of a run from its ``metrics.csv``; NaN where the file has none."""
+    """Number of a run from its ``metrics.csv``; NaN if the file has none."""
     curves = {key: float(curve.values[-1]) for key, curve in read_metrics(folder).items()}
     if name := config.get("optimized_metric"):
         return curves.get(name, math.nan)
@@ -84,7 +85,7 @@ def logged(folder: Path, config: dict[str, Any]) -> float:
 
 
 def _run_apart(folder: Path, words: Sequence[str], anew: Sequence[str], stopped: bool) -> None:
-    """Trains in a new process: the process group of an earlier job cannot be used again."""
+    """Trains in new processes, since those of an earlier job have ended with their group."""
     typed = sys.argv[2:]  # folders of options, then the words of the job
     given = anew if stopped else [word for word in words if not word.startswith("hydra")]
     place = "resume" if stopped else "hydra.run.dir"

@@ -69,7 +69,7 @@ def quoted(value: str) -> str:
 
 
 def for_hydra(word: str, sweeps: bool = False) -> str:
-    """Quotes the value of a ``key=value`` word where Hydra would misread it.
+    """Quotes the value of a ``key=value`` word if Hydra would misread it.
 
     Args:
         word: Word as typed.

@@ -1,4 +1,4 @@
-"""Runs commands, with Hydra only where it is needed.
+"""Runs commands, with Hydra only if it is needed.
 
 A command without groups of options that gets plain ``key=value`` words runs without Hydra, whose
 import would delay the answer. Hydra composes the configuration of all other commands, and also runs

@@ -42,7 +42,7 @@ def job_folder(sweep: str, number: int, words: Sequence[str]) -> str:
 
     Args:
         sweep: Folder of the sweep.
-        number: Number of the job; names a new folder, where no other job has that name.
+        number: Number of the job; it names a new folder, unless another job has that name.
         words: ``key=value`` words of the job.
     """
     own = _of_job(words)

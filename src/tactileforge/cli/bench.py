@@ -224,7 +224,7 @@ _SUITES = {"suite": "sim", "pretrain": "none"}
 
 
 def _folder(keys: _Bench) -> str:
-    """Folder of the results, for the check that it can be written."""
+    """Folder of the results, for the check of the output path."""
     return keys.out or "runs/bench"
 
 

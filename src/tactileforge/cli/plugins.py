@@ -135,7 +135,7 @@ _ADDRESSES = ("device", "port")
 def _attached(
     plugins: Sequence[tuple[str, str]], options: Mapping[str, Any]
 ) -> list[tuple[str, str, dict[str, Any]]]:
-    """Attached sensors, each with the options to open it, and plugins that cannot be imported."""
+    """Attached sensors, each with the options to open it, and broken plugins."""
     attached = []
     for kind, name in plugins:
         if kind != "sensors":
@@ -185,7 +185,7 @@ _NAMES = {
     "verb": "brightness",
     "suite": "forces_at_a_glance",
 }
-#: Group of the entry points of a kind, where it is not the plural of the kind.
+#: Group of the entry points of a kind, unless it is the plural of the kind.
 _GROUPS = {"suite": "conf"}
 
 

@@ -23,7 +23,7 @@ class _Sim:
             has indenters of its own), ``textures``, ``all``, or names of shapes.
         motions: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or names of motions.
         seconds: Duration of simulated touch for each sensor, s.
-        val: Share of it for validation, 0 to 1.
+        val: Share of the touches for validation, 0 to 1.
         size: Rows or columns of a picture, whichever are fewer.
         action_seconds: Mean duration of one action, s.
         force: Range of the largest normal force of a touch, N.

@@ -154,7 +154,7 @@ def _prepare(overrides: list[str]) -> list[str]:
 
 
 def _of_run(folder: str) -> dict[str, Any]:
-    """Configuration of the run in a folder, with ``resume`` set to that folder."""
+    """Configuration of the run in a folder, with ``resume`` set to the folder."""
     from tactileforge.run_folder import read_config
 
     return {**read_config(Path(folder)), "resume": folder}

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from tactileforge.encoders.transformer import Transformer, init_weights
 
-_PAD = 256
+_PAD = 256  # the first id after those of the bytes
 
 
 class ByteEncoder(nn.Module):

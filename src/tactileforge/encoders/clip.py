@@ -22,7 +22,7 @@ class ClipTower(nn.Module):
     Args:
         path: Folder, or name on the model hub, e.g. ``laion/CLIP-ViT-B-16-DataComp.XL-s13B-b90K``.
         tower: Kind of tower: ``text`` or ``image``.
-        frozen: Whether its weights are not trained.
+        frozen: Whether its weights stay fixed in training.
 
     Raises:
         PluginError: ``transformers`` is not installed, or the files cannot be read.

@@ -29,7 +29,7 @@ _STAGES = (
 )
 #: The last blocks at a stride of 8, 16 and 32; their outputs are the maps.
 _MAPS = (4, 10, 15)
-_STEM, _WIDTH = 32, 1280
+_STEM, _WIDTH = 32, 1280  # channels of the stem and of the vector
 _EPS = 1e-3  # of batch norm, as in TensorFlow's weights
 #: Names of layers in the file -> our names.
 _LAYERS = {
@@ -124,7 +124,7 @@ class EfficientNetLite(Lite0):
     Args:
         path: File of the weights; None for those of the package, see `load_published`.
         image_size: Height and width of resized images, pixels, a multiple of 32.
-        frozen: Whether its weights are not trained.
+        frozen: Whether its weights stay fixed in training.
 
     Raises:
         PluginError: The weights are missing, or the file holds other weights.

@@ -222,7 +222,7 @@ class PlainViT(Backbone):
             every = torch.stack([stem(patches, kept) for stem in self.stems])
             return every[sensor, torch.arange(len(sensor), device=sensor.device)]
         parts, order = [], []
-        for row, stem in enumerate(self.stems):  # a stem without samples still gets a gradient
+        for row, stem in enumerate(self.stems):  # with no samples too, for a gradient of zeros
             index = (sensor == row).nonzero()[:, 0]
             parts.append(stem(patches[index], None if kept is None else kept[index]))
             order.append(index)

@@ -21,7 +21,7 @@ class ImageViT(nn.Module):
         depth: Number of blocks; None takes the size's.
         image_size: Height and width of resized images, pixels.
         patch: Rows and columns of a patch, a divisor of ``image_size``.
-        frozen: Whether its weights are not trained.
+        frozen: Whether its weights stay fixed in training.
 
     Example:
         >>> import torch

@@ -91,6 +91,7 @@ def compare_outputs(run: Run, encoder: Any, sizes: Sequence[tuple[int, int]]) ->
     for inputs in _batches(encoder, sizes):
         with torch.no_grad():
             expected, outputs = encoder(*inputs), run(*inputs)
+        # forces are NaN for a sensor without a scale: they must be NaN in the graph too
         for mine, theirs in zip(expected, outputs, strict=True):
             strange = theirs.isfinite() != mine.isfinite() if mine.shape == theirs.shape else None
             if strange is None or strange.any():

@@ -76,6 +76,7 @@ def export(
                 "good enough for you"
             )
         loss = {}
+        # after the comparison: the float graph is held to the tolerance, int8 weights are not
         if int8:
             file.quantise(part)
             gap = compare_outputs(file.load(part), module, sizes)
@@ -88,6 +89,7 @@ def export(
             int8=loss,
             **facts,
         )
+        # again, now with metadata: they hold the measured error
         file.save(part, done.text())
         with part.open("rb+") as written:
             os.fsync(written.fileno())

@@ -35,6 +35,6 @@ class ClassifyHead(nn.Module):
             known = batch["object"] >= 0
             count = torch.zeros_like(self.met, dtype=torch.int64)
             count.index_add_(0, batch["object"].remainder(len(count)), known.long())
-            self.met |= sum_over_ranks(count) > 0
+            self.met |= sum_over_ranks(count) > 0  # a buffer must not differ between processes
         out: Tensor = self.linear(views.full.cls)
         return out

@@ -49,7 +49,7 @@ class ShowBackground(Background):
     """Options of the background, the frame without contact.
 
     Attributes:
-        seconds: Time for taking it at the start, s; 0 takes the first frame, unchecked.
+        seconds: Duration of taking it at the start, s; 0 takes the first frame, unchecked.
         image: File of the background, instead of taking it; "" for none.
     """
 

@@ -62,7 +62,7 @@ def info_nce(a: Tensor, b: Tensor, valid: Tensor, scale: Tensor) -> Mean:
         scale: Inverse temperature, a scalar.
     """
     logits = scale * a @ b.T
-    lowest = torch.finfo(logits.dtype).min
+    lowest = torch.finfo(logits.dtype).min  # not -inf: a batch without valid rows would give NaN
     target = torch.arange(len(a), device=a.device)
     losses = (
         F.cross_entropy(side.masked_fill(~valid[None, :], lowest), target, reduction="none")

@@ -85,6 +85,7 @@ class Force(nn.Module):
 
     def sums(self, prediction: Forces, batch: Batch) -> Tensor:
         """Moments of each axis, float64 (7, 3), N; see `contracts.Scored`."""
+        # sums, because R2 of a split is not the mean of R2 over its batches
         valid = batch["force_valid"][:, None].expand(prediction.force.shape)
         true = torch.where(valid, batch["force"][:, 1:], 0).double()
         scaled = prediction.force.detach() * batch["force_scale"][:, None]

@@ -62,6 +62,7 @@ def pair_loss(scores: Tensor, label: Tensor, together: Tensor) -> Mean:
     same = label[:, None] == label
     positive, negative = known & same & together, known & ~same
     anchors = positive.any(1) & negative.any(1)
+    # the largest of random numbers over allowed pairs is a uniform draw among them
     draw = rand_rows(len(label), 2 * len(label), device=scores.device).chunk(2, dim=1)
     chosen = [
         scores.gather(1, chance.masked_fill(~mask, -1).argmax(1, keepdim=True))[:, 0]

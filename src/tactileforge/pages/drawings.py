@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-_DPI = 150
+_DPI = 150  # dots per inch
 
 
 @dataclass(frozen=True)

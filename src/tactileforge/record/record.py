@@ -50,6 +50,7 @@ def record(
     """
     stop = stop or threading.Event()
     summary = RecordSummary(0, 0.0, dict.fromkeys(sensors, 0), {}, 0)
+    # before any device is opened, so that a wrong option is found first
     matrices = {name: axes_matrix(_axes(options, name)) for name in sensors}
     try:
         with (

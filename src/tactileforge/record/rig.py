@@ -32,7 +32,7 @@ _SLACK = 10.0
 _PATIENCE = 10.0
 #: Rows of a stored height map; finer ones can be computed from the frames.
 DEPTH_ROWS = 16
-#: Approximate largest number of frames for a background; more would only take memory.
+#: Largest number of frames for a background; more would only take memory.
 _LOOKED_AT = 60
 
 

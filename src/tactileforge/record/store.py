@@ -27,6 +27,7 @@ from tactileforge.record.raw import Raw, append_raw, merge_raw
 NOTES = ".record"
 #: Name of the index's author, to recognise our own index.
 _BY = "tactileforge record"
+# names of segments and of whole takes: SPLIT-TAKE.NUMBER.tar and SPLIT-TAKE.tar
 _SEGMENT = re.compile(r"(?P<split>train|val)-(?P<take>\d{6})\.(?P<number>\d{4,})\.tar")
 _TAKE = re.compile(r"(?P<split>train|val)-(?P<take>\d{6})\.tar")
 
@@ -177,7 +178,7 @@ class TakeStore:
         try:
             shards.write_shard(part, recordings)
             append_raw(part, raw)
-            _sync(part)
+            _sync(part)  # before the rename: a name in the folder is a complete file
             entry = IndexEntry.of(part)
             part.replace(self.out / name)
         finally:
@@ -202,7 +203,7 @@ class TakeStore:
         Index("record", splits, made={"by": _BY}).save(self.out / NOTES)
         _sync(self.out / NOTES / index.NAME)
         (self.out / NOTES / index.NAME).replace(self.out / index.NAME)
-        _sync(self.out)
+        _sync(self.out)  # the rename itself is durable only once the folder is synced
 
 
 def _parts(name: str) -> dict[str, str] | None:

@@ -17,8 +17,10 @@ from tactileforge.pages.figures import scatter_figure
 from tactileforge.pages.page import Section, legend, panel, panels, paragraph, percent, table
 from tactileforge.report.samples import ClipSample, whole_key
 
+#: Number of neighbours, and temperature of their votes.
 _NEIGHBOURS = 5
 _TEMPERATURE = 0.07
+#: Largest number of classes with a colour of their own in a map.
 _SHOWN = 12
 
 
@@ -120,6 +122,7 @@ def principal(vectors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     """Coordinates on the first two principal axes (n, 2), and every axis's share of variance."""
     centred = vectors - vectors.mean(0)
     _, sizes, axes = np.linalg.svd(centred, full_matrices=False)
+    # the sign of an axis is arbitrary: fixed here, so that each report of a run has the same map
     axes *= np.sign(axes[np.arange(len(axes)), np.abs(axes).argmax(1)])[:, None]
     shares = sizes**2 / max(float((sizes**2).sum()), 1e-12)
     return centred @ axes[:2].T, shares

@@ -68,6 +68,7 @@ def run_findings(
         raise DataError("setup() has not been called")
     skipped, count = data.skipped | dict(skipped), min(_CLIPS, learned)
     split, clips = next(iter(present.items()))
+    # the type of a prediction, not the name of a head, tells which heads predict forces
     _, tried = predictions(module, clips, [0])
     forces = [key for key, value in tried.items() if isinstance(value, Forces)]
     readers = {

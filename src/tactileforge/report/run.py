@@ -74,6 +74,7 @@ def write_report(
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
     assert data.train is not None
     facts = data.train.facts
+    # a short run has a short report: not more clips are read than it was trained on
     learned = max(1, steps) * config["batch"]["size"]
     findings = run_findings(module, data, skipped, learned) if data.train.is_touch else None
     lines = [line for line, _ in (data.skipped | dict(skipped)).values()]

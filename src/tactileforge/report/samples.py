@@ -20,7 +20,7 @@ from tactileforge.heads.decoder import Reconstruction
 from tactileforge.module import TouchModule
 from tactileforge.report.pictures import kind_of, residuals, share
 
-_BATCH = 16
+_BATCH = 16  # clips at once
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ _ROW_NOTES = {
     "Difference": "to the first frame, amplified",
     "Difference, reconstructed": "the same, hidden tubes as predicted",
 }
-_FRAMES = 6
+_FRAMES = 6  # shown of a clip, at most
 
 
 def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: int) -> Section:

@@ -64,4 +64,4 @@ def checked_image(what: str, image: Image) -> Image:
     Raises:
         DataError: The type or shape is wrong; says what was found.
     """
-    return np.array(checked_pixels(image, what, 3))
+    return np.array(checked_pixels(image, what, 3))  # np.array copies, np.asarray would not

@@ -40,7 +40,7 @@ def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Bat
     """
     draw = torch.Generator().manual_seed(seed)
     sensor = [_SENSORS[i % 2] for i in range(size)]
-    pair = torch.arange(size) // 2
+    pair = torch.arange(size) // 2  # one object by two sensors, as `match` needs it
     scale = torch.tensor([spec(name).force_scale for name in sensor])
     rise = torch.linspace(0.2, 1, frames)[:, None] * torch.rand(size, 1, 3, generator=draw)
     background = 100 + 60 * torch.rand(size, 3, 1, 1, generator=draw).expand(-1, -1, image, image)

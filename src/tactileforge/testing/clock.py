@@ -1,4 +1,4 @@
-"""Clocks for tests of sensors, so that results do not depend on the load of the machine.
+"""Clocks for tests of sensors, independent of the load of the machine.
 
 Put one in place of the module ``time`` in a driver::
 

@@ -18,7 +18,7 @@ from tactileforge.sensors.specs import spec
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, require
 
 _SPLITS = ("train", "val")
-_MOST = 1000
+_MOST = 1000  # recordings of a split, for checks of all of them
 
 
 def _first(dataset: Any, split: str, most: int = 8) -> list[Recording]:

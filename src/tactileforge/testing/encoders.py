@@ -35,7 +35,7 @@ def _modality(encoder: Any) -> str:
 
 
 def _inputs(encoder: Any, size: int) -> tuple[Any, ...]:
-    """Arguments of a call: ``size`` samples, whose image size differs from the encoder's own."""
+    """Arguments of a call: ``size`` samples, with an image size different from the encoder's."""
     if _modality(encoder) == "touch":
         made = batch(size, frames=encoder.frames, image=48)
         rows = [encoder.sensors.get(name, 0) for name in known_sensors(encoder, size)]

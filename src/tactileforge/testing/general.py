@@ -105,7 +105,7 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
 
 @cache
 def _listen() -> None:
-    sys.addaudithook(_hear)
+    sys.addaudithook(_hear)  # once, since Python cannot remove an audit hook
 
 
 @contextmanager

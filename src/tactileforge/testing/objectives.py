@@ -68,7 +68,7 @@ def _needs(subject: CheckSubject) -> list[str]:
     """Labels and columns of the objective.
 
     Raises:
-        Skip: There are none.
+        Skip: The objective needs no labels.
     """
     columns = getattr(subject.plugin, "columns", ())
     if callable(columns):

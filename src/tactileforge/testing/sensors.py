@@ -11,7 +11,7 @@ from tactileforge.contracts import Frame, Sensor, SensorSpec
 from tactileforge.errors import TactileForgeError
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, require
 
-_TIMEOUT = 5.0
+_TIMEOUT = 5.0  # s, for a frame
 
 
 @contextmanager

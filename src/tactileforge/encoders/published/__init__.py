@@ -159,6 +159,7 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
     _refuse_other_numbers(layout, {prefix + key: inner[key] for key in used & inner.keys()})
     made = {} if missing else gather_tensors(plan, inner)
     _refuse(layout, missing, unexpected, [] if missing else _wrong(plan, made))
+    # a head for classes may have a pooler too, but only the force head has a second layer of probe
     is_anytouch = layout.name.startswith("anytouch")
     has_head = is_anytouch and {"head.pooler.query_tokens", "head.probe.2.weight"} <= state.keys()
     has_probe = is_anytouch and not has_head and bool(_CLASS_HEADS & state.keys())

@@ -24,7 +24,7 @@ from tactileforge.encoders.published.layout import (
 from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
 from tactileforge.errors import ConfigError
 
-_IMAGE = 224
+_IMAGE = 224  # pixels; the files do not hold it
 #: Trained rows of the sensor table. Row 5 is reserved for DM-Tac, unused in AnyTouch 2's training.
 _SENSORS = {name: row for name, row in PUBLISHED_SENSORS.items() if row < 5}
 #: Seconds between frames at 30 Hz: every second frame, every sixth, every frame.

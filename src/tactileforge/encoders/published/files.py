@@ -149,6 +149,8 @@ def _load(path: Path) -> Any:
     zipped = zipfile.is_zipfile(path)
     if zipped:
         _check_sums(path)
+    # weights_only=True would refuse the leftovers of training programs; `_Unpickler` makes nothing
+    # but tensors and inert stand-ins, so no code of the file is run without it either
     try:
         return torch.load(
             path, map_location="cpu", pickle_module=_Pickles, weights_only=False, mmap=zipped

@@ -97,7 +97,7 @@ def _image_size(state: State, slots: int) -> list[int]:
 
 
 def _check_bands(state: State, width: int, axes: int) -> None:
-    """Checks that the file's fixed positions are those computed by our encoder."""
+    """Compares the file's fixed positions with those computed by our encoder."""
     bands = state.get(_BANDS)
     if bands is None:
         raise ConfigError(f"not a whole Sparsh file; missing: pos_embed or {_BANDS}")

@@ -59,6 +59,7 @@ def _plan(state: State) -> ConversionPlan:
         change[f"stems.{i}.class_token"] = lambda x: x.flatten()
         change[f"stems.{i}.position"] = lambda x: x[0]
         change[f"stems.{i}.embed.weight"] = lambda x: x.flatten(1)
+    # a sensor may be named by T3's name of its stem, or by our name of its type
     sensors = {stem: i for i, stem in enumerate(stems)}
     sensors |= {_ALSO[stem]: i for stem, i in sensors.items() if stem in _ALSO}
     options: dict[str, Any] = {

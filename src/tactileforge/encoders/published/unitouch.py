@@ -50,7 +50,7 @@ def _plan(state: State) -> ConversionPlan:
     change = {
         "class_token": lambda x: x.flatten(),
         "position": lambda x: x[0],
-        # UniTouch repeats its one frame to fill a tube of two, so the weights of both add up.
+        # UniTouch repeats its one frame to fill a tube of two, so the weights of both add up
         "embed.weight": lambda x: x.sum(2).flatten(1),
     }
     for i in range(depth):
