@@ -83,7 +83,7 @@ from tactileforge.untrusted import load_json
 if TYPE_CHECKING:
     from tactileforge.data.batches.clips import Clips, resize_frame, view_of
     from tactileforge.data.batches.columns import CutColumns, take_steps
-    from tactileforge.datasets.reading.figure import plot as plot_recording
+    from tactileforge.datasets.reading.figure import plot_recording
     from tactileforge.distributed import masked_mean, rand_rows
     from tactileforge.encoders.backbone import Backbone, patches_at
     from tactileforge.encoders.preprocess import ANYTOUCH2
@@ -207,7 +207,7 @@ _HEAVY = {
     "Transformer": "encoders.transformer:Transformer",
     "masked_mean": "distributed:masked_mean",
     "patches_at": "encoders.backbone:patches_at",
-    "plot_recording": "datasets.reading.figure:plot",
+    "plot_recording": "datasets.reading.figure:plot_recording",
     "rand_rows": "distributed:rand_rows",
     "resize_frame": "data.batches.clips:resize_frame",
     "take_steps": "data.batches.columns:take_steps",

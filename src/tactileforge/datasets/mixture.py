@@ -94,9 +94,9 @@ class Mixture:
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""
-        from tactileforge.datasets.reading.figure import plot
+        from tactileforge.datasets.reading.figure import plot_recording
 
-        return plot(recording)
+        return plot_recording(recording)
 
 
 @dataclass(frozen=True)

@@ -138,9 +138,9 @@ class Recordings:
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording: frames, frames less the background, forces, actions."""
-        from tactileforge.datasets.reading.figure import plot
+        from tactileforge.datasets.reading.figure import plot_recording
 
-        return plot(recording)
+        return plot_recording(recording)
 
 
 def _labelled(reader: LayoutReader, touch: LayoutTouch) -> list[Recording] | str:

@@ -161,9 +161,9 @@ class Shards:
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording."""
-        from tactileforge.datasets.reading.figure import plot
+        from tactileforge.datasets.reading.figure import plot_recording
 
-        return plot(recording)
+        return plot_recording(recording)
 
     def _unindexed(self, split: str) -> list[Source]:
         content: list[Recording] = []

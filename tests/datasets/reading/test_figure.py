@@ -6,7 +6,7 @@ from matplotlib import pyplot
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.datasets.reading.figure import plot
+from tactileforge.datasets.reading.figure import plot_recording
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def touch() -> Recording:
 
 
 def test_a_panel_for_everything_that_there_is(touch: Recording) -> None:
-    figure = plot(touch)
+    figure = plot_recording(touch)
     assert [panel.get_ylabel() for panel in figure.axes] == [
         "frames",
         "minus background",
@@ -45,13 +45,13 @@ def test_a_panel_for_everything_that_there_is(touch: Recording) -> None:
 
 
 def test_the_background_is_grey_where_nothing_changes(touch: Recording) -> None:
-    strip = plot(touch).axes[1].images[0].get_array()
+    strip = plot_recording(touch).axes[1].images[0].get_array()
     assert strip is not None
     np.testing.assert_allclose(np.asarray(strip)[:, :32].mean(), 128, atol=1)
 
 
 def test_a_still_without_labels(touch: Recording) -> None:
     bare = replace(touch.part(0, 1), no_contact=None, force=None, action=None, text=None)
-    figure = plot(bare)
+    figure = plot_recording(bare)
     assert len(figure.axes) == 1
     figure.canvas.draw()

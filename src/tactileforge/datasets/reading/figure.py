@@ -14,7 +14,7 @@ _SHOWN = 8
 _AXES = ("x right", "y down", "z into the gel")
 
 
-def plot(recording: Recording) -> Figure:
+def plot_recording(recording: Recording) -> Figure:
     """A figure of frames, their difference from the background, forces and actions.
 
     Args:

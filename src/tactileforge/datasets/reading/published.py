@@ -137,9 +137,9 @@ class PublishedDataset(ABC):
 
     def plot(self, recording: Recording) -> Figure:
         """A figure of a recording: frames, frames less the background, forces, actions."""
-        from tactileforge.datasets.reading.figure import plot
+        from tactileforge.datasets.reading.figure import plot_recording
 
-        return plot(recording)
+        return plot_recording(recording)
 
     def _side(self, item: RecordingItem) -> str | None:
         side = self.chosen.side(item.facts)
