@@ -79,7 +79,7 @@ def _check_seal(path: Path) -> None:
             digest.update(chunk)
             left -= len(chunk)
     if comment != _SEAL + digest.hexdigest().encode():
-        raise ValueError("its checksum is another: bytes of it have changed")
+        raise ValueError("its checksum does not match: bytes of it have changed")
 
 
 def read_own(path: str | Path, run: str | None, needs: Sequence[str] = ()) -> dict[str, Any]:

@@ -251,7 +251,7 @@ def unsealed(text: str | bytes) -> dict[str, Any]:
         raise ValueError("it has no checksum")
     stated = plain.pop("sha256")
     if stated != _checksum(plain):
-        raise ValueError("its checksum is another: bytes of it have changed")
+        raise ValueError("its checksum does not match: bytes of it have changed")
     return plain
 
 
@@ -321,12 +321,12 @@ def unsealed_yaml(text: str) -> Any:
         ({'a': 1}, {'a': 2})
         >>> unsealed_yaml(text.replace("a: 1", "a: 3"))
         Traceback (most recent call last):
-        ValueError: its checksum is another: it was changed, or damaged
+        ValueError: its checksum does not match: it was changed, or damaged
     """
     first, _, rest = text.partition("\n")
     is_sealed = "sha256" in first or "remove this line" in first  # the line may be damaged
     if is_sealed and first != f"{_SEAL}{hashlib.sha256(rest.encode()).hexdigest()}":
-        raise ValueError("its checksum is another: it was changed, or damaged")
+        raise ValueError("its checksum does not match: it was changed, or damaged")
     return load_yaml(text)
 
 

@@ -337,7 +337,7 @@ def test_files_at_fault_are_named(old: str, new: str, message: str) -> None:
     text = whole.text()
     assert file.parse_calibration(text, "a.yaml") == whole
     assert old in text
-    with pytest.raises(ConfigError, match=r"a\.yaml: its checksum is another"):
+    with pytest.raises(ConfigError, match=r"a\.yaml: its checksum does not match"):
         file.parse_calibration(text.replace(old, new), "a.yaml")
     text = text.partition("\n")[2]  # by hand, on purpose
     with pytest.raises(ConfigError, match=message):

@@ -131,7 +131,7 @@ def test_what_is_no_run(run: Path, tmp_path: Path) -> None:
     config = copy / "config.yaml"
     changed = config.read_text().replace("image_size: 32", "image_size: 48")
     config.write_text(changed)
-    with pytest.raises(DataError, match="its checksum is another"):
+    with pytest.raises(DataError, match="its checksum does not match"):
         pack.pack_run(copy)
     config.write_text(changed.partition("\n")[2])
     with pytest.raises(DataError, match=r"of another shape: position \("):

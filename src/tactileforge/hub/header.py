@@ -117,7 +117,7 @@ def seal_checkpoint(path: Path) -> None:
 def _check_sum(path: Path, text: bytes, stated: Any) -> None:
     whole = _BEFORE + str(stated).encode()
     if len(str(stated)) != len(_UNKNOWN) or text.count(whole) != 1:
-        raise ConfigError("its checksum is none: bytes of it have changed")
+        raise ConfigError("its checksum is invalid: bytes of it have changed")
     digest = hashlib.sha256()
     with path.open("rb") as file:
         digest.update(file.read(8) + text.replace(whole, _BEFORE + _UNKNOWN.encode()))
@@ -125,7 +125,7 @@ def _check_sum(path: Path, text: bytes, stated: Any) -> None:
         while chunk := file.read(1 << 20):
             digest.update(chunk)
     if digest.hexdigest() != stated:
-        raise ConfigError("its checksum is another: bytes of it have changed; fetch it again")
+        raise ConfigError("its checksum does not match: bytes of it have changed; fetch it again")
 
 
 def read_header(path: str | Path) -> Header:

@@ -267,7 +267,7 @@ def test_a_flipped_byte_in_a_description_costs_that_recording(
     kept, said = _kept(path)
     assert kept == ["0", "2"]
     assert said == [
-        f"{path}:000001.json: damaged (its checksum is another); download or pack it again"
+        f"{path}:000001.json: damaged (its checksum does not match); download or pack it again"
     ]
 
 

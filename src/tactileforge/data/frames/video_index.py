@@ -111,7 +111,7 @@ def _check_file(path: str) -> None:
         if Path(path).is_dir():
             raise DataError(f"{path}: a folder, not a video; {_IMAGES}")
     if "%" in Path(path).name:
-        raise DataNotFoundError(f"{path}: no such file, and patterns of images are none; {_IMAGES}")
+        raise DataNotFoundError(f"{path}: no such file, and no pattern of images; {_IMAGES}")
     raise DataNotFoundError(f"{path}: no such file; correct the path")
 
 

@@ -94,7 +94,7 @@ def parse_description(text: bytes, where: str) -> dict[str, Any]:
             "data again"
         )
     if stated != actual:
-        raise DataError(f"{where}: damaged (its checksum is another); download or pack it again")
+        raise DataError(f"{where}: damaged (its checksum does not match); download or pack it again")
     return dict(about)
 
 
@@ -132,7 +132,7 @@ def build_recording(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Rec
     rows = None if force is None else [none if row is None else row for row in force]
     forces = None if rows is None else np.array(rows, np.float64).reshape(len(rows), 3)
     if forces is not None and (np.abs(forces) > np.finfo(np.float32).max).any():
-        raise ValueError("a force that is none")
+        raise ValueError("an invalid force")
     return Recording(
         key=about["key"],
         sensor=about["sensor"],
