@@ -447,7 +447,7 @@ def test_a_time_that_is_there_twice_changes_no_other(given: list[float], want: l
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("%04d.png", "no such file, and patterns of images are none; open images as frames"),
+        ("%04d.png", "no such file, and no pattern of images; open images as frames"),
         ("", "a folder, not a video; open images as frames"),
         ("gone.mp4", "no such file; correct the path"),
         ("x" * 300 + ".mp4", "no such file"),

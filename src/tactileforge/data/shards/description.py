@@ -94,7 +94,9 @@ def parse_description(text: bytes, where: str) -> dict[str, Any]:
             "data again"
         )
     if stated != actual:
-        raise DataError(f"{where}: damaged (its checksum does not match); download or pack it again")
+        raise DataError(
+            f"{where}: damaged (its checksum does not match); download or pack it again"
+        )
     return dict(about)
 
 
