@@ -27,6 +27,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+# Before the imports: OpenMP reads it when it is loaded.
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import cv2

@@ -45,6 +45,7 @@ def remote() -> dict[str, Any]:
         url = f"http://127.0.0.1:{port}"
         with subprocess.Popen([*server, "-d", str(folder)], stderr=subprocess.DEVNULL) as process:
             try:
+                # The server has no signal of being ready: connect until it answers.
                 while True:
                     with suppress(OSError):
                         socket.create_connection(("127.0.0.1", port)).close()

@@ -167,6 +167,7 @@ def timed(step: Callable[[], None], device: torch.device, seconds: float) -> lis
     """Seconds per step, in rounds of five steps with one synchronisation at their end."""
     times: list[float] = []
     end = time.perf_counter() + seconds
+    # Five steps per synchronisation: waiting after each would add its launch latency to the time.
     while len(times) < 2 or (time.perf_counter() < end and 5 * len(times) < STEPS):
         start = time.perf_counter()
         for _ in range(5):

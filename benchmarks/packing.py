@@ -174,7 +174,7 @@ def core_seconds(subjects: dict[str, Callable[[], None]]) -> dict[str, dict[str,
         for name, subject in subjects.items():
             start = time.process_time()
             subject()
-            if number:
+            if number:  # the first round warms up
                 found[name].append(time.process_time() - start)
     return {
         name: {"min_s": min(own), "median_s": statistics.median(own), "max_s": max(own)}

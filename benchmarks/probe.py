@@ -149,6 +149,7 @@ def as_published(
         for _ in range(epochs):
             times["train"] += seconds(lambda: one.train(split.train))  # noqa: B023
             times["test"] += seconds(lambda: errors.append(one.rmse(split.test)))  # noqa: B023
+        # One error per seed: that of the last epoch.
         errors = [*errors[: SEEDS.index(seed)], errors[-1]]
     passes = epochs * len(SEEDS)
     train = times["train"] / passes / len(split.train)

@@ -85,7 +85,7 @@ def process(rank: int, port: int, out: str) -> None:
             start = time.process_time()
             torch.autograd.backward(model(batch))
             model.zero_grad()
-            if number > 1:
+            if number > 1:  # the first two rounds warm up
                 times[name].append(time.process_time() - start)
     if rank == 0:
         weights = sum(p.numel() for p in models["alone"].parameters() if p.requires_grad)

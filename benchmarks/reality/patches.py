@@ -41,6 +41,7 @@ def patches(
     cut = []
     for recording in recordings:
         for touch in strongest_touches(recording, most):
+            # Centres far enough from the border that the whole patch lies in the image.
             half = PATCH // 2
             inner = touch.touched[half : touch.touched.shape[0] - half, half:-half]
             rows, columns = np.nonzero(inner)

@@ -94,6 +94,7 @@ def _constants(root: Path) -> dict[str, Any]:
     path = next((p / "constants.py" for p in places if (p / "constants.py").is_file()), None)
     if path is None:
         return {}
+    # Parsed, not imported: nothing of the checkout is executed.
     try:
         body = ast.parse(path.read_text(encoding="utf-8")).body
     except (MemoryError, RecursionError, SyntaxError, ValueError) as error:

@@ -209,6 +209,7 @@ class _Shard:
                 yield recording
         except DataError as error:
             lines.append(str(error))
+        # The first line also stands for the recordings lost without a line of their own.
         for line in lines[1:]:
             bad(line, 1)
         if lines:

@@ -105,6 +105,7 @@ class TouchdForce(PublishedDataset):
     def _open(self, key: str, indenter: int, table: Any) -> Recording:
         session, folder = key.split("/")
         numbers, force = self._forces(key, table, _SENSORS[folder])
+        # An archive may unpack into a folder of its own name.
         nested = self.root / session / session / folder
         place = nested if nested.is_dir() else self.root / session / folder
         frames = ImageFrames([place / f"image_{number}.png" for number in numbers])

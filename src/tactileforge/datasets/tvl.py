@@ -132,6 +132,7 @@ class Tvl(PublishedDataset):
         frames = ImageFrames([part / row.touch for row in rows])
         views = [part / row.vision for row in rows]
         image = ImageFrames(views) if all(path.is_file() for path in views) else None
+        # The first release swapped the folders: the smaller image is the touch.
         if image and image.shape[0] * image.shape[1] < frames.shape[0] * frames.shape[1]:
             frames, image = image, frames
         still = part / rows[0].background

@@ -199,6 +199,7 @@ def _depth(
             f"scene: force={force} N, but {name} presses with {forces[0]:.2g} to "
             f"{forces[-1]:.3g} N at {_DEPTHS[0]} to {_DEPTHS[-1]} mm; give a range that meets these"
         )
+    # In logarithms: interpolation is then exact where force grows as a power of the depth.
     wanted = low * (high / low) ** place
     return float(np.exp(np.interp(np.log(wanted), np.log(forces), np.log(_DEPTHS))))
 

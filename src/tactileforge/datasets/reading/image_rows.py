@@ -74,6 +74,7 @@ class ImageRows:
     ) -> None:
         known = {name for image in images for name in self._spellings(image, path, is_shared)}
         for name, (where, _) in table.items():
+            # A row may name an existing file outside the layout's pattern.
             if name in known or any((base / name).exists() for base in (self.folder, path.parent)):
                 continue
             fix = "correct the row, or remove it"

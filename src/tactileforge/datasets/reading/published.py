@@ -125,6 +125,7 @@ class PublishedDataset(ABC):
                 continue
             opened = True
             yield recording
+        # Validation may be empty; training and test may not.
         if opened or split == "val":
             return
         if self.skipped:

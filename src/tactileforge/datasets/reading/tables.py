@@ -236,6 +236,7 @@ def _delayed(
         return force
     place = np.interp(times - lag, times, np.arange(len(times)), left=np.nan, right=np.nan)
     known = np.flatnonzero(np.isfinite(place))
+    # The tolerance keeps a lag of whole frames exact: rounding must not mix in a neighbour's NaN.
     before = np.floor(place[known] + 1e-6).astype(int)
     share = np.clip(place[known] - before, 0, None)[:, None]
     share[share < 1e-6] = 0

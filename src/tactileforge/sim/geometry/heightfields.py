@@ -122,6 +122,7 @@ def weave(pitch: float, depth: float, over: Pattern) -> Height:
 def cells(size: float, seed: int) -> Callable[[Array, Array], tuple[Array, Array, Array]]:
     """Scattered points: distances to the nearest and the next one, and a number of the nearest."""
     side = 16
+    # Points repeat after 16 cells: any place has some, from a table of constant size.
     table = np.random.default_rng(seed).random((3, side, side))
 
     def nearest(x: Array, y: Array) -> tuple[Array, Array, Array]:

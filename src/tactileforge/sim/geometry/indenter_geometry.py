@@ -99,6 +99,7 @@ def shape_of(
     """A `Shape` with its lowest point, size and roundness measured from its height."""
     away = np.arange(0.0, REACH + 0.1, 0.1)
     angle = np.radians(np.arange(0.0, 360.0, 3.0))
+    # On circles: a shape is round if its height is constant along each of them.
     rho, theta = np.meshgrid(away, angle)
     heights = height(rho * np.cos(theta), rho * np.sin(theta))
     solid = (heights < DEEP).any(0)

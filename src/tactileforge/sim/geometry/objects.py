@@ -202,6 +202,7 @@ def _samples(triangles: Array, cells: int) -> Iterator[tuple[NDArray[np.int64], 
     span = high - low + 1
     seen = (span > 0).all(1)
     triangles, low, span = triangles[seen], low[seen], span[seen]
+    # Boxes are padded to powers of two: few sizes, and so few batches, cover all triangles.
     sizes = 2 ** np.ceil(np.log2(span)).astype(np.int64)
     for width, height in np.unique(sizes, axis=0):
         rows = np.flatnonzero((sizes == (width, height)).all(1))
@@ -249,6 +250,7 @@ def _shape(name: str, top: Array, spacing_mm: float) -> Shape:
     touched = top[(away <= REACH) & (top > _EMPTY / 2)]
     if not touched.size:
         raise ConfigError(f"{name}: nothing within {REACH:g} mm of the place that is touched")
+    # A rim without material, so that interpolation beyond the grid gives `DEEP`.
     below = np.pad(np.clip(touched.max() - top, 0, DEEP), 1, constant_values=DEEP)
 
     def height(x: Array, y: Array) -> Array:

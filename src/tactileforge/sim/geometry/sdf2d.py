@@ -70,6 +70,7 @@ def polygon(*corners: Point) -> SDF:
         inside = np.zeros(x.shape, dtype=bool)
         for (ax, ay), (bx, by) in edges:
             nearest = np.minimum(nearest, _squared(x, y, (ax, ay), (bx, by)))
+            # Even-odd rule: each edge that a ray to the right crosses toggles inside and outside.
             if ay != by:
                 crosses = ((ay > y) != (by > y)) & (x < ax + (y - ay) * (bx - ax) / (by - ay))
                 inside ^= crosses
@@ -136,6 +137,7 @@ def wavy(radius: float, wave: float, count: int) -> SDF:
 
     def distance(x: Array, y: Array) -> Array:
         away, angle = np.hypot(x, y), count * np.arctan2(y, x)
+        # Division by the length of the gradient makes the level function a distance near the edge.
         slope = wave * count * np.sin(angle) / np.maximum(away, radius / 2)
         return np.asarray((away - radius - wave * np.cos(angle)) / np.hypot(1, slope))
 

@@ -129,6 +129,7 @@ class Codec:
         if self._before is None or self._count % _KEY == 1:
             self._before = _coded(picture, self.mpeg).astype(np.int16)
             return self._before.astype(np.uint8)
+        # Coded around mid-grey, since a coded image has no negative values.
         change = np.clip(picture - self._before + 128, 0, 255).astype(np.uint8)
         now = self._before + _coded(change, self.mpeg).astype(np.int16) - 128
         self._before = np.clip(now, 0, 255)

@@ -102,6 +102,7 @@ class SurfaceReader:
         for _ in range(_ROUNDS):
             slope = self._slopes(change - scattered)
             depth = self._poisson(slope)
+            # Slopes leave a constant open; it is chosen to put the border at rest.
             depth = depth - _border(depth)
             scattered = torch.lerp(scattered, self._scattered(depth), _SHARE)
         return Surface(slope, depth)
@@ -116,6 +117,7 @@ class SurfaceReader:
         steepest = self.calibration.steepest
         seen = change.flatten(2)
         x = y = torch.zeros_like(seen[:, 0])
+        # Ratio of the variances of error and normal: the weight of a Gaussian prior on normals.
         prior = (_ERROR / min(_SLOPE, steepest)) ** 2
         for _ in range(_STEPS):
             rest = seen - _weighted(fine(x, y), self._fine)
@@ -175,6 +177,7 @@ class Poisson:
         self._rows, self._columns = (_cosines(n) for n in size)
         tall, wide = (2 - 2 * torch.cos(math.pi * torch.arange(n) / n) for n in size)
         curvature = tall[:, None] + wide
+        # The constant has no curvature: its coefficient is set to 0, without a division by 0.
         curvature[0, 0] = 1.0
         self._inverse = 1 / curvature
         self._inverse[0, 0] = 0.0

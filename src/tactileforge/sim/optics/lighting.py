@@ -50,6 +50,7 @@ class OpticalCalibration:
 
     def mirrored(self) -> OpticalCalibration:
         """The calibration of the left-right mirrored sensor."""
+        # Odd powers of x change their sign in a mirror, as do slopes to the right.
         place = torch.tensor([(-1.0) ** i for i, _ in exponents(DEGREE)])[:, None]
         power = torch.tensor([(-1.0) ** i for i, _ in POWERS])[:, None, None]
         smooth = torch.tensor([-1.0, 1, 1] * len(BLURS) + [1.0] * len(self.lights))[:, None, None]
@@ -76,6 +77,7 @@ class OpticalCalibration:
             ],
             -1,
         )
+        # Of the three features of a blur, the two slopes turn as a vector; the bulge does not.
         slopes = [i for blur in range(len(BLURS)) for i in (3 * blur, 3 * blur + 1)]
         coarse = self.coarse.clone()
         for channel, angle in enumerate(angles):

@@ -129,6 +129,7 @@ def _ball_presses(ball: float, thickness: float) -> list[tuple[float, Array]]:
     for depth in np.arange(_STEP, 1.8 * ball, _STEP):
         pressure = contact.press(layer, (float(depth) - height)[None], pressure)
         radius = math.sqrt(float((pressure > 0).sum()) / math.pi) * _SPACING
+        # Profiles are looked up by the radius, which must grow: deeper presses do not widen it.
         if profiles and radius < profiles[-1][0] + 1e-3:
             break
         total = torch.bincount(rings, weights=layer.press(pressure).flatten())

@@ -185,6 +185,7 @@ def _markers(sensor: str, style: Simulation, row: RandomDraw) -> Markers:
             unknown("marker gel", sensor, having, "Draw the unit with markers=False.")
         )
     pitch = row["marker_pitch"]
+    # A finer pitch needs more markers to cover the same gel, and smaller ones to stay apart.
     near = replace(
         pattern,
         pitch=(pattern.pitch[0] * pitch, pattern.pitch[1] * pitch),
