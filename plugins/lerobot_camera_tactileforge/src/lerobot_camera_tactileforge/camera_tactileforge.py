@@ -1,4 +1,4 @@
-"""A touch sensor that LeRobot reads as a camera."""
+"""A touch sensor as a camera of LeRobot."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from tactileforge.plugin import (
     open_sensor,
 )
 
-#: Seconds that the first frame, and a frame that `read` waits for, may take.
+#: Longest wait for the first frame, and for a frame in `read`, s.
 _FIRST, _READ = 10.0, 5.0
-#: Seconds between two looks at a sensor that gives no frame.
+#: Time between two checks of a silent sensor, s: a lost one ends the wait early.
 _LOOK = 0.1
 
 
 class TactileForgeCamera(Camera):
     """A sensor plugin, read in a thread of its own; a lost one is opened again.
 
-    Frames are uint8 (height, width, 3), RGB. Of an array of taxels they are its picture, in which
-    128 is the value without contact.
+    Frames are uint8 (height, width, 3), RGB. The frames of an array of taxels are its picture, in
+    which 128 is the value without contact.
 
     Args:
-        config: Which sensor, and how.
+        config: Sensor plugin, its options, and size and rate of the frames.
     """
 
     def __init__(self, config: TactileForgeCameraConfig) -> None:
@@ -60,13 +60,13 @@ class TactileForgeCamera(Camera):
 
     @staticmethod
     def find_cameras() -> list[dict[str, Any]]:
-        """The attached sensors of all plugins that give pictures."""
+        """Lists the attached sensors of all plugins of kind ``image`` or ``array``."""
         found = []
         for name in names("sensors"):
             try:
                 sensor: Sensor = build("sensors", {"name": name})
                 addresses = sensor.discover() if sensor.spec.kind in ("image", "array") else []
-            except Exception:  # it needs options, or its SDK is not there
+            except Exception:  # the plugin needs options, or its SDK is not installed
                 continue
             shape = {"width": sensor.spec.width, "height": sensor.spec.height}
             profile = {**shape, "fps": sensor.spec.fps, "format": "RGB"}
@@ -99,7 +99,7 @@ class TactileForgeCamera(Camera):
         try:
             open_sensor(self.config.sensor, self._sensor)
         except TactileForgeError as error:
-            with suppress(TactileForgeError):  # it may hang or fail here as well
+            with suppress(TactileForgeError):  # the device may hang or fail here as well
                 close_sensor(self.config.sensor, self._sensor)
             raise ConnectionError(f"{self} cannot be opened: {error}") from error
         reconnect = self.config.reconnect
@@ -120,10 +120,10 @@ class TactileForgeCamera(Camera):
             self._new.notify_all()
 
     def _wait(self, seconds: float) -> Frame:
-        """The newest frame, once there is one that was not read.
+        """Waits for an unread frame, and returns the newest.
 
         Raises:
-            TimeoutError: None comes in time.
+            TimeoutError: No unread frame comes in time.
             ConnectionError: The sensor has ended or is gone.
         """
         capture, end = self._opened(), time.monotonic() + seconds
@@ -153,22 +153,24 @@ class TactileForgeCamera(Camera):
         return np.asarray(cv2.resize(frame.array, size, interpolation=how), np.uint8)
 
     def read(self) -> NDArray[np.uint8]:
-        """The next frame, from now on.
+        """Waits for the next frame, from now on.
 
         Raises:
             DeviceNotConnectedError: It is not open.
-            TimeoutError: No frame comes.
-            ConnectionError: It is gone, and does not come back.
+            TimeoutError: No frame comes within 5 s.
+            ConnectionError: The sensor is lost, and does not come back.
         """
         with self._new:
             self._seen = self._number
         return self.async_read(1000 * _READ)
 
     def async_read(self, timeout_ms: float = 200) -> NDArray[np.uint8]:
-        """The newest frame, once: waits where it was read already; see `read`.
+        """Returns the newest unread frame, and waits for one if necessary.
+
+        It raises the same errors as `read`.
 
         Args:
-            timeout_ms: How long to wait.
+            timeout_ms: Longest wait, ms.
         """
         frame = self._wait(timeout_ms / 1000)
         with self._new:
@@ -176,12 +178,12 @@ class TactileForgeCamera(Camera):
         return self._show(frame)
 
     def read_latest(self, max_age_ms: int = 500) -> NDArray[np.uint8]:
-        """The newest frame, without waiting; it may have been read already.
+        """Returns the newest frame without waiting; it may have been read already.
 
         Raises:
             DeviceNotConnectedError: It is not open.
-            RuntimeError: There was no frame yet.
-            TimeoutError: It is older than ``max_age_ms``.
+            RuntimeError: No frame has come yet.
+            TimeoutError: The newest frame is older than ``max_age_ms``.
         """
         self._opened()
         frame = self._frame
@@ -197,7 +199,7 @@ class TactileForgeCamera(Camera):
 
         Raises:
             DeviceNotConnectedError: It is not open.
-            ConnectionError: Its driver fails or hangs; it is left behind.
+            ConnectionError: Its driver fails or hangs; the sensor is then left open.
         """
         capture, self._capture = self._opened(), None
         capture.stop()

@@ -16,16 +16,17 @@ class TactileForgeCameraConfig(CameraConfig):
     """A sensor plugin of tactileforge, and its options.
 
     Attributes:
-        sensor: Name of the plugin, of ``tactileforge plugins list``.
-        options: Of the plugin, for example ``{serial: D20001}``.
-        width: Columns of a frame; None for those of the sensor. Frames are resized to it.
-        height: Rows, likewise. Images of one policy must have one shape.
-        fps: Frames per second that the data set states; None for those of the sensor.
-        reconnect: Seconds for which a sensor that is lost is opened again and again.
+        sensor: Name of the plugin, as listed by ``tactileforge plugins list``.
+        options: Options of the plugin, for example ``{serial: D20001}``.
+        width: Columns of a frame, resized; None for those of the sensor.
+        height: Rows of a frame, resized; None for those of the sensor. All images of a policy must
+            have the same shape.
+        fps: Frames per second stated in the data set; None for the rate of the sensor.
+        reconnect: Time for which a lost sensor is opened again and again, s.
 
     Raises:
         PluginError: There is no such plugin.
-        ValueError: It gives no pictures, or a size is below 1.
+        ValueError: The sensor gives no pictures, or a size is below 1.
     """
 
     fps: int | None = None
@@ -46,6 +47,6 @@ class TactileForgeCameraConfig(CameraConfig):
             raise ValueError(f"width={self.width}, height={self.height}: give 1 or more")
 
     def build(self) -> Sensor:
-        """The sensor, unopened."""
+        """Builds the sensor, unopened."""
         sensor: Sensor = build("sensors", {**self.options, "name": self.sensor})
         return sensor

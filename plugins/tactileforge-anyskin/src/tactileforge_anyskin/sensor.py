@@ -1,8 +1,8 @@
 """AnySkin and ReSkin: magnetometers under a magnetic skin, read over a serial port.
 
-A packet is, of every magnetometer, four little-endian floats (temperature in degrees Celsius; x, y
-and z of the field in microtesla), and at last carriage return and line feed. There is no header, no
-checksum and no counter.
+A packet consists of four little-endian floats for each magnetometer (temperature in degrees
+Celsius; x, y and z of the field in microtesla), then carriage return and line feed. There is no
+header, no checksum and no counter.
 """
 
 from __future__ import annotations
@@ -15,19 +15,20 @@ from tactileforge_arrays import SerialArray
 
 from tactileforge.plugin import Link, SensorSpec, SerialLink
 
-#: Temperatures that can be true, degrees Celsius.
+#: Range of plausible temperatures, degrees Celsius.
 COLDEST, HOTTEST = -20.0, 100.0
-#: Sizes of values that can be true, other than 0. A packet that is taken to begin where it does not
-#: has floats that are put together of parts of two, of which some lie far outside.
+#: Range of plausible magnitudes, other than 0. A packet that is read from the wrong offset has
+#: floats composed of parts of two values, and some of these lie far outside.
 LEAST, MOST = 1e-3, 1e5
-#: More bytes than this at once have waited too long to be shown as what is felt now.
+#: Bytes received at once from which on they are thrown away: they have waited too long to be shown
+#: as the present touch.
 STALE = 4000
 #: Where the five magnetometers are drawn, row and column: the middle, and its four sides.
 PLACES = ((1, 1), (0, 1), (1, 0), (1, 2), (2, 1))
 
 
 class FreshLink(SerialLink):
-    """A serial port that throws away what has waited too long.
+    """A serial port without its stale bytes: a backlog of `STALE` or more is thrown away.
 
     Attributes:
         stale: Bytes thrown away.
@@ -36,7 +37,7 @@ class FreshLink(SerialLink):
     stale = 0
 
     def receive(self, timeout: float) -> bytes:
-        """See `Link.receive`; b"" after throwing bytes away."""
+        """Receives bytes, as `Link.receive` does; b"" after a backlog was thrown away."""
         data = super().receive(timeout)
         if len(data) < STALE:
             return data
@@ -45,20 +46,21 @@ class FreshLink(SerialLink):
 
 
 class AnySkin(SerialArray):
-    """An AnySkin: magnetometers, of which the change of the field is drawn.
+    """An AnySkin: magnetometers, drawn as the change of their field.
 
     Args:
         port: Path of the serial port, for example ``/dev/ttyACM0``.
         positions: Row and column of each magnetometer in the picture, in the order of the packet.
         shape: Rows and columns of the picture.
-        span: Change of the field that is full colour, microtesla.
+        span: Change of the field drawn as full colour, microtesla.
         rate: Largest change of the field, microtesla a second; see `SerialArray`.
-        baseline: Packets whose median is the field without contact, taken when it is opened.
+        baseline: Packets for the field without contact (their median), taken at opening.
         usb: Vendor and product of the board, for example ``2341:8057``, to find the port by.
-        serial_number: Of the board, to find the port by.
+        serial_number: Serial number of the board, to find the port by.
 
     Attributes:
-        spec: Its rate is measured while the baseline is taken: the board sends as fast as it can.
+        spec: Specification. Its rate is measured while the baseline is taken, as the board sends
+            as fast as it can.
     """
 
     spec = SensorSpec(
@@ -103,7 +105,7 @@ class AnySkin(SerialArray):
         )
 
     def plausible(self, payload: bytes) -> bool:
-        """Whether a thermometer and a magnetometer can give its values."""
+        """Whether all values are plausible for a thermometer and a magnetometer."""
         values = self.unpack(payload)
         sizes, heat = np.abs(values), values[:, 0]
         possible = (sizes == 0) | ((sizes >= LEAST) & (sizes <= MOST))
@@ -115,6 +117,6 @@ class AnySkin(SerialArray):
 
 
 class ReSkin(AnySkin):
-    """A ReSkin: its packets are those of an `AnySkin`, whose options it has."""
+    """A ReSkin, with the packets and options of an `AnySkin`."""
 
     spec = replace(AnySkin.spec, name="reskin")

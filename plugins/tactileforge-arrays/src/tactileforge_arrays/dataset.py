@@ -22,31 +22,31 @@ if TYPE_CHECKING:
 
 
 class SimArray:
-    """The touches of ``sim`` as a grid of taxels below a skin feels them.
+    """The touches of ``sim``, measured by a grid of taxels below a skin.
 
     Normal and shear traction are summed over the cell of each taxel, with noise, and drawn by the
     layout of the array: red, green and blue are x, y and z (`sensors.taxels`). Forces are exact.
-    The values of taxels are the track ``taxels``, N. The first use simulates, and keeps the touches
-    in the folder ``cache``.
+    The values of the taxels are the track ``taxels``, N. The first use simulates the touches, and
+    stores them in the folder ``cache``.
 
     Args:
         scenes: Number of touches for training.
         val: Number of touches for validation.
         sensor: Name of the array in recordings; see `tactileforge.sensors.specs`.
         shape: Rows and columns of taxels.
-        pitch: mm from taxel to taxel.
-        axes: 3 for taxels that feel shear, 1 for normal force alone.
-        span: Force on a taxel that is full colour, N; it tells no more.
-        noise: Standard deviation of a taxel, N.
-        bits: Of the converter.
+        pitch: Distance between neighbouring taxels, mm.
+        axes: 3 for normal force and shear, 1 for normal force alone.
+        span: Force on a taxel drawn as full colour, N; larger forces are clipped to it.
+        noise: Standard deviation of the noise of a taxel, N.
+        bits: Resolution of the converter, in bits.
         size: Rows of the image; None for one pixel a taxel.
-        indenters: As those of ``sim``.
-        motions: As those of ``sim``.
-        action_seconds: Mean duration of one action.
-        force: Lowest and highest of the largest normal forces, N.
-        seed: Another seed, other touches.
-        cache: Folder that keeps them; None for ``$TACTILEFORGE_CACHE``, or the user's cache.
-        processes: Processes that simulate; None for one a core.
+        indenters: Indenters of the simulation: the option ``indenters`` of ``sim``.
+        motions: Motions of the simulation: the option ``motions`` of ``sim``.
+        action_seconds: Mean duration of one action, s.
+        force: Range of the peak normal force of a touch, lowest and highest, N.
+        seed: Seed of the touches; a different seed gives different touches.
+        cache: Folder of the stored touches; None for ``$TACTILEFORGE_CACHE``, or the user's cache.
+        processes: Number of simulating processes; None for one a core.
 
     Raises:
         ConfigError: A number of touches is negative, or not positive for training.
@@ -91,7 +91,7 @@ class SimArray:
         """The taxel array.
 
         Raises:
-            ConfigError: A number makes no sense.
+            ConfigError: A number is out of range.
         """
         from tactileforge_arrays.scenes import Array
 
@@ -121,7 +121,7 @@ class SimArray:
             return names if isinstance(names, str) else tuple(names)
 
         return SimConfig(
-            sensors=("gelsight",),  # of no use here: the array has a skin of its own
+            sensors=("gelsight",),  # required, but unused: the array has a skin of its own
             indenters=plain(self.indenters),
             motions=plain(self.motions),
             size=64,
@@ -136,19 +136,19 @@ class SimArray:
 
     @property
     def folder(self) -> Path:
-        """Folder in which the touches of this configuration are kept."""
+        """Folder of the stored touches of this configuration."""
         from tactileforge_arrays.scenes import folder_name
 
         return cache_folder(self.cache) / "sim_array" / folder_name(self.config, self.array)
 
     def recordings(self, split: str) -> Iterator[Recording]:
-        """Yields the recordings of a split; simulates those that are not there yet.
+        """Yields the recordings of a split; simulates the missing ones.
 
         Args:
             split: ``train`` or ``val``.
 
         Raises:
-            ConfigError: An unknown split, indenter or motion, or an array that makes no sense.
+            ConfigError: An unknown split, indenter or motion, or an invalid array.
         """
         from tactileforge.sim.config import FIRST_VAL
         from tactileforge.sim.generate import path_of
@@ -163,7 +163,7 @@ class SimArray:
             yield from read_shard(path_of(folder, number))
 
     def plot(self, recording: Recording) -> Figure:
-        """A figure of a recording."""
+        """Plots a recording."""
         from tactileforge.plugin import plot_recording
 
         return plot_recording(recording)

@@ -1,4 +1,4 @@
-"""Simulated touches as arrays of taxels feel them."""
+"""Simulated touches, measured by arrays of taxels."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ from tactileforge.sim.optics.scene_camera import render_scene_image
 from tactileforge.sim.scene import POINTS, SPACING, Scene
 from tactileforge.threads import one_thread
 
-#: Frames per second that are simulated.
+#: Simulated frames per second.
 FPS = 30.0
-#: Frames without contact that a recording has.
+#: Frames without contact in a recording.
 _REST = 5
 #: Coefficients of friction, from slippery to sticky.
 _FRICTION = (0.5, 1.2)
-#: From here on scenes are worth the start of more processes.
+#: Number of missing scenes from which on more processes are worth their start.
 _MANY = 4
 _NONE = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))
 
@@ -53,11 +53,11 @@ class Array:
     Attributes:
         sensor: Its name in recordings.
         shape: Rows and columns of taxels.
-        pitch: mm from taxel to taxel.
-        axes: 3 for taxels that feel shear, 1 for normal force alone.
-        span: Force on a taxel that is full colour, and the most that it can tell, N.
-        noise: Standard deviation of a taxel, N.
-        bits: Of the converter, over -span to span.
+        pitch: Distance between neighbouring taxels, mm.
+        axes: 3 for normal force and shear, 1 for normal force alone.
+        span: Force on a taxel drawn as full colour, N; larger forces are clipped to it.
+        noise: Standard deviation of the noise of a taxel, N.
+        bits: Resolution of the converter in bits, over -span to span.
         size: Rows of the image; None for one pixel a taxel.
     """
 
@@ -88,7 +88,7 @@ class Array:
             raise ConfigError(f"sim_array: size={self.size} pixels for {rows} rows of taxels")
 
     def layout(self) -> TaxelLayout:
-        """Layout by which its taxels are drawn as an image."""
+        """Layout of its taxels in the image."""
         rows, columns = self.shape
         channels = (0, 1, 2) if self.axes == 3 else (0,)
         if self.size is None or self.size == rows:
@@ -101,7 +101,11 @@ class Array:
     def measured(
         self, forces: NDArray[np.float64], chance: np.random.Generator
     ) -> NDArray[np.float32]:
-        """Forces with noise, clipped and in steps of the converter, float32 of the same shape."""
+        """Adds noise to forces, clips them and rounds to steps of the converter.
+
+        Returns:
+            float32 of the same shape, N.
+        """
         step = 2 * self.span / (2**self.bits - 1)
         noisy = forces + chance.normal(0, self.noise, forces.shape)
         steps = np.rint(noisy.clip(-self.span, self.span) / step)
@@ -112,15 +116,16 @@ class Array:
 def taxel_forces(
     contact: ContactState, shape: tuple[int, int], pitch: float
 ) -> NDArray[np.float64]:
-    """Pressure and shear, summed over the cells of taxels.
+    """Sums pressure and shear over the cells of taxels.
 
-    The array lies around the middle of the image. What presses beside it is lost. The force of a
-    point is shared among the four taxels around it, so that it moves on smoothly.
+    The array lies around the middle of the image. Forces beside it are lost. The force of a point
+    is shared bilinearly among the four taxels around it, so that a moving contact changes their
+    values smoothly.
 
     Args:
         contact: One moment of one touch (a batch of 1).
         shape: Rows and columns of taxels.
-        pitch: mm from taxel to taxel.
+        pitch: Distance between neighbouring taxels, mm.
 
     Returns:
         float64 (taxels, 3), N: x, y, z of the object on the array.
@@ -146,7 +151,7 @@ def taxel_forces(
 def _shares(
     row: NDArray[np.float64], column: NDArray[np.float64]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-    """The four taxels around each point, and the share of each."""
+    """Yields the four taxels around each point, and the bilinear share of each."""
     first = np.stack([np.floor(row), np.floor(column)], 1).astype(np.int64)
     down, right = row - first[:, 0], column - first[:, 1]
     for i in (0, 1):
@@ -170,9 +175,9 @@ def play_on_array(scene: Scene, array: Array) -> NDArray[np.float64]:
 
 
 def recording(config: SimConfig, array: Array, number: int) -> Packed:
-    """One scene on the array, encoded without loss; the forces on taxels are a track.
+    """Simulates one scene on the array, encoded without loss; the forces on taxels are a track.
 
-    The label is their sum without noise: what presses beside the array is not in it.
+    The label is their sum without noise. Forces beside the array are not part of it.
     """
     scene = config.scene(number)
     forces = play_on_array(scene, array)
@@ -206,7 +211,7 @@ def recording(config: SimConfig, array: Array, number: int) -> Packed:
 
 
 def folder_name(config: SimConfig, array: Array) -> str:
-    """Names what is simulated, and the code that does it."""
+    """Digest of the simulated scenes, the array and the code of this module."""
     text = json.dumps([config.digest(), asdict(array)], sort_keys=True)
     return hashlib.sha256(text.encode() + Path(__file__).read_bytes()).hexdigest()[:16]
 
@@ -214,14 +219,14 @@ def folder_name(config: SimConfig, array: Array) -> str:
 def write_array_scenes(
     config: SimConfig, array: Array, folder: Path, numbers: Sequence[int], processes: int | None
 ) -> None:
-    """Writes the scenes that are not there yet, one shard each.
+    """Writes the missing scenes, one shard each.
 
     Args:
         config: The simulated scenes.
         array: The taxel array.
         folder: Folder of the shards.
         numbers: Numbers of scenes; validation starts at `sim.config.FIRST_VAL`.
-        processes: Processes that simulate; None for one a core.
+        processes: Number of simulating processes; None for one a core.
     """
     missing = [n for n in numbers if not path_of(folder, n).exists()]
     count = process_count(len(missing), processes)
@@ -244,7 +249,7 @@ def _write(config: SimConfig, array: Array, folder: Path, number: int) -> None:
 
 
 def _main(config: str, array: str, folder: str, *numbers: str) -> None:
-    """A process that simulates a share of the scenes."""
+    """Simulates a share of the scenes, in a process of its own."""
     scenes = strict.build(SimConfig, "", json.loads(config))
     taxels = strict.build(Array, "", json.loads(array))
     end_with_parent()

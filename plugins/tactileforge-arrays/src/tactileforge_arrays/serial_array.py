@@ -29,43 +29,44 @@ from tactileforge.plugin import (
     spec,
 )
 
-#: Seconds that the frames of a baseline may take.
+#: Longest time for the frames of a baseline, s.
 _PATIENCE = 5.0
-#: Sizes of a drawn value that can be true, in spans, other than 0, where nothing else is said.
+#: Range of plausible magnitudes of a drawn value, in spans, other than 0, where ``limits`` is None.
 _LEAST, _MOST = 1e-9, 1e6
 
 
 class SerialArray(StreamSensor):
     """Taxels over a serial port.
 
-    A driver of a known device subclasses it and gives what is known to ``super().__init__``.
+    A driver of a known device subclasses it, and passes the known options to ``super().__init__``.
 
     Args:
         port: Path of the port; "" takes the one port that ``usb`` and ``serial_number`` name.
         type: Name of the type of sensor, in recordings; see `tactileforge.sensors.specs`.
         shape: Rows and columns of the picture.
-        payload: What a packet carries, as `struct` writes it, for example ``<15f``.
-        header: What it begins with, hexadecimal, for example ``aa55``.
-        footer: What it ends with, hexadecimal.
-        checksum: See `checksums.CHECKSUMS`.
-        covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
+        payload: Format of the payload of a packet, as of `struct`, for example ``<15f``.
+        header: First bytes of a packet, hexadecimal, for example ``aa55``.
+        footer: Last bytes of a packet, hexadecimal.
+        checksum: Name of the checksum, one of `checksums.CHECKSUMS`.
+        covers: Bytes covered by the checksum: ``packet`` (header and payload) or ``payload``.
         values: Values of each taxel in the payload.
-        channels: Which of them are x, y and z; one alone is z. The others are kept in ``raw``.
+        channels: Indices of x, y and z among these values; a single index is z. The other values
+            are stored in ``raw``.
         positions: Row and column of each taxel; None for a grid, row by row.
-        span: Change of a value, of all axes or of each, that is full colour.
-        limits: Lowest and highest value that can be true; None for sizes that agree with ``span``.
-        rate: Largest change of a drawn value a second, where there is no checksum. A packet that
-            changes more must be borne out by the next; None for ``span`` a packet, 0 for no limit.
-        baseline: Frames whose median is the value without contact, taken when it is opened.
+        span: Change of a value drawn as full colour, one number for all axes or one for each.
+        limits: Lowest and highest plausible value; None for a wide range around ``span``.
+        rate: Largest change of a drawn value a second, where there is no checksum. A packet with a
+            larger change must be confirmed by the next; None for ``span`` a packet, 0 for no limit.
+        baseline: Frames for the value without contact (their median), taken at opening.
         fps: Packets a second.
         baudrate: Bits a second.
         usb: Vendor and product of the USB device, for example ``2833:4001``.
-        serial_number: Of the USB device.
+        serial_number: Serial number of the USB device.
 
     Attributes:
         free_running: Whether the device sends as fast as it can; its rate is then measured while
             the baseline is taken.
-        layout: How taxels are drawn.
+        layout: Layout of the taxels in the picture.
         rest: float32 (taxels, values), the baseline of the open device.
     """
 
@@ -125,7 +126,7 @@ class SerialArray(StreamSensor):
         self.rest: NDArray[np.float32] = np.zeros((self.layout.taxels, values), np.float32)
 
     def plausible(self, payload: bytes) -> bool:
-        """Whether values are finite and within ``limits``. A driver may check more."""
+        """Whether all values are finite and within ``limits``. A driver may check more."""
         values = self.unpack(payload)
         if not np.isfinite(values).all():
             return False
@@ -136,7 +137,7 @@ class SerialArray(StreamSensor):
         return bool(((sizes == 0) | ((sizes >= _LEAST) & (sizes <= _MOST))).all())
 
     def follows(self, before: Arrival | None, after: Arrival) -> bool:
-        """Whether values have changed by no more than ``rate``; a checksum says it as well."""
+        """Whether values have changed by no more than ``rate``; always true with a checksum."""
         if self.framing.checksum != "none" or self.rate == 0:
             return True
         if before is None:
@@ -145,12 +146,12 @@ class SerialArray(StreamSensor):
         return changes_by_at_most(most, before, after, self.spec.fps, self.layout.channels)
 
     def unpack(self, payload: bytes) -> NDArray[np.float32]:
-        """The values of a payload, float32 (taxels, values)."""
+        """Unpacks the values of a payload, float32 (taxels, values)."""
         values = np.array(struct.unpack(self.payload, payload), np.float64).astype(np.float32)
         return values.reshape(self.layout.taxels, self.values)
 
     def discover(self) -> list[str]:
-        """Ports of the USB device, if one is named; else the port, if it exists."""
+        """Lists the ports of the USB device, if one is named; else the port, if it exists."""
         return attached_ports(self.port, self.usb, self.serial_number)
 
     def connect(self) -> Link:
@@ -158,10 +159,10 @@ class SerialArray(StreamSensor):
         return SerialLink(self.port or self.find_port(), self.baudrate)
 
     def find_port(self) -> str:
-        """The port of the one device that is attached; "" where none is asked for.
+        """Finds the port of the one attached device; "" where no device is named.
 
         Raises:
-            SensorError: None is attached, or several are.
+            SensorError: No such device is attached, or several are.
         """
         ports = self.discover()
         if not ports and (self.usb or self.serial_number):
@@ -172,13 +173,13 @@ class SerialArray(StreamSensor):
         return ports[0] if ports else ""
 
     def new_parser(self) -> Parser:
-        """A parser of its framing."""
+        """Builds a parser of its framing."""
         return PacketParser(self.framing)
 
     def ready(self) -> None:
-        """Takes the baseline, and measures the rate of a device that is ``free_running``.
+        """Takes the baseline, and measures the rate of a ``free_running`` device.
 
-        After a loss the baseline stays, as something may press by now.
+        After a loss the old baseline stays, as something may press on the sensor by now.
 
         Raises:
             SensorError: Too few packets come.
@@ -198,12 +199,13 @@ class SerialArray(StreamSensor):
             times.append(frame.time)
         if seen and not self.keeps_zero:
             self.rest = np.median(seen, axis=0).astype(np.float32)
-        if self.free_running and len(times) > 1:  # from the first packet: a board has to boot
+        # Measured from the first packet, not from opening: a board has to boot.
+        if self.free_running and len(times) > 1:
             self.set_rate((len(times) - 1) / (times[-1] - times[0]))
-        self._frames.clear()  # they were drawn without it
+        self._frames.clear()  # the frames so far were drawn without the baseline
 
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Image and raw values of a packet."""
+        """Decodes the image and the raw values of a packet."""
         values = self.unpack(payload)
         return self.layout.draw(values, self.rest), values
 
@@ -217,7 +219,7 @@ def _ordered(limits: Sequence[float] | None) -> tuple[float, float] | None:
 
 
 def _checked(payload: str, taxels: int, values: int, channels: Sequence[int]) -> int:
-    """Size of the payload in bytes, checked against the number of taxels."""
+    """Checks the payload against the number of taxels, and returns its size in bytes."""
     size, count = payload_size(payload)
     if count != taxels * values:
         raise ConfigError(

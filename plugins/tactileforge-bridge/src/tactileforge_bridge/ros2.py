@@ -11,7 +11,7 @@ from typing import Any
 
 from tactileforge.plugin import ConfigError
 
-#: Values of ``/tactile/NAME/reading``, in order; NaN where one is not known.
+#: Values of ``/tactile/NAME/reading``, in order; NaN for an unknown one.
 READING = ("contact", "slip", "difference", "depth_mm", "latency_ms")
 
 
@@ -20,12 +20,12 @@ class Ros2:
 
     For each sensor: ``/tactile/NAME/wrench``, the force; ``/tactile/NAME/embedding``, the vector;
     ``/tactile/NAME/reading``, the values of `READING`; ``/tactile/NAME/event``, a word. An array is
-    an image of one row, 32FC1: the common message that has a stamp and an array.
+    sent as an image of one row, 32FC1, as this is the common message with a stamp and an array.
 
     Args:
         node: Name of the node.
-        prefix: Of the topics.
-        depth: Messages that are kept for a slow subscriber.
+        prefix: Prefix of all topics.
+        depth: Length of the queue for a slow subscriber, in messages.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class Ros2:
         """Starts the node.
 
         Raises:
-            ConfigError: ROS 2 is not there.
+            ConfigError: ROS 2 is not installed, or not sourced.
         """
         try:
             import geometry_msgs.msg
@@ -86,7 +86,7 @@ class Ros2:
             self._publish_array("embedding", message, message["embedding"])
 
     def _publish_array(self, what: str, message: dict[str, Any], values: Sequence[float]) -> None:
-        """An array with a stamp: an image of one row."""
+        """Publishes an array with a stamp, as an image of one row."""
         numbers = array("f", values)
         image = self._stamped(what, message)
         image.height, image.width, image.encoding = 1, len(numbers), "32FC1"
@@ -95,7 +95,7 @@ class Ros2:
         self._topic(str(message["sensor"]), what).publish(image)
 
     def _stamped(self, what: str, message: dict[str, Any]) -> Any:
-        """A message of a type, with the time and the name of the sensor."""
+        """Builds an empty message of a type, with the time and the name of the sensor."""
         made = self._types[what]()
         made.header.frame_id = str(message["sensor"])
         seconds, nano = divmod(round(message["unix"] * 1e9), 10**9)

@@ -11,11 +11,11 @@ class ZeroMq:
     """A PUB socket: the name of the sensor, then the message as JSON.
 
     Args:
-        address: To bind; ``tcp://127.0.0.1:*`` takes any free port.
-        queue: Messages that may wait for a slow subscriber; more are lost.
+        address: Address to bind; ``tcp://127.0.0.1:*`` takes any free port.
+        queue: Length of the queue for a slow subscriber, in messages; more are lost.
 
     Attributes:
-        endpoint: What it is bound to; "" while it is closed.
+        endpoint: Bound address; "" while the socket is closed.
     """
 
     def __init__(self, address: str = "tcp://127.0.0.1:5556", queue: int = 2) -> None:
@@ -27,7 +27,7 @@ class ZeroMq:
         """Binds the address.
 
         Raises:
-            ConfigError: pyzmq is not installed, or the address cannot be had.
+            ConfigError: pyzmq is not installed, or the address cannot be bound.
         """
         try:
             import zmq
@@ -49,7 +49,7 @@ class ZeroMq:
     def send(self, message: dict[str, Any]) -> None:
         """Sends a message; does not wait."""
         parts = [str(message["sensor"]).encode(), to_json(message).encode()]
-        self._socket.send_multipart(parts)  # a PUB socket drops what it cannot send
+        self._socket.send_multipart(parts)  # never blocks: a PUB socket drops what it cannot send
 
     def close(self) -> None:
         """Unbinds; a second call does nothing."""

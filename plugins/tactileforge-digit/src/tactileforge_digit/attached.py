@@ -13,12 +13,12 @@ USB = "2833:0209"
 
 @dataclass(frozen=True)
 class Unit:
-    """A DIGIT that is attached.
+    """An attached DIGIT.
 
     Attributes:
-        path: For example ``/dev/video2``.
-        serial: Its serial number, for example ``D20001``.
-        revision: Of its firmware, times 100; None where Linux does not say.
+        path: Path of the device, for example ``/dev/video2``.
+        serial: Serial number, for example ``D20001``.
+        revision: Version of its firmware, times 100; None where Linux does not list it.
     """
 
     path: str
@@ -27,10 +27,10 @@ class Unit:
 
 
 def attached(system: Path | None = None) -> list[Unit]:
-    """The DIGITs that are attached, by number of the device.
+    """Lists the attached DIGITs, by number of the device.
 
     Args:
-        system: Folder that lists cameras; None for that of this machine.
+        system: Linux's folder of video devices; None for that of this machine.
     """
     folder = system or v4l2.SYSTEM
     cameras = v4l2.matching(f"usb:{USB}", v4l2.video_devices(folder))
@@ -41,7 +41,7 @@ def attached(system: Path | None = None) -> list[Unit]:
 
 
 def _revision(node: Path) -> int | None:
-    """The release number of the USB device, which has four decimal digits: ``0200`` is 2.00."""
+    """Reads the release number of the USB device, four decimal digits: ``0200`` is 2.00."""
     try:
         text = ((node / "device").resolve().parent / "bcdDevice").read_text().strip()
     except OSError:

@@ -1,4 +1,4 @@
-"""DIGIT: a camera on USB, upright, with three lights that the host controls."""
+"""DIGIT: a camera on USB, upright, with three lights controlled by the host."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import cv2
 from tactileforge.plugin import SPECS, Camera, ConfigError, SensorError
 from tactileforge_digit.attached import USB, attached
 
-#: Width and height that the camera gives, before it is turned upright, and its rates.
+#: Width and height of a frame before it is turned upright, and rates, by mode.
 MODES = {"qvga": (320, 240, (60, 30)), "vga": (640, 480, (30, 15))}
-#: Full light, and the firmware from which on the lights take it, times 100.
+#: Full intensity, and the first firmware with this scale of intensities, times 100.
 FULL, LIGHTS_SINCE = 15, 200
 
 
@@ -24,13 +24,12 @@ class Digit(Camera):
         resolution: ``qvga`` (60 or 30 frames a second) or ``vga`` (30 or 15).
         fps: Frames a second.
         lights: Intensity of the red, green and blue light, 0 to 15 each. None is full light with
-            firmware 2.00 or later, and leaves them alone with an older one, whose scale is not
-            known.
+            firmware 2.00 or later, and leaves them alone with an older one, whose scale is unknown.
         device: Path of the camera, or of a video file in its place; "" finds it by ``serial``.
         warmup: Frames to throw away when it is opened: the first ones may be green.
 
     Raises:
-        ConfigError: A mode that it does not have, or lights out of range.
+        ConfigError: An unknown mode or rate, or lights out of range.
     """
 
     spec = SPECS["digit"]
@@ -64,10 +63,10 @@ class Digit(Camera):
         )
 
     def adjust(self, capture: Any) -> None:
-        """Sets the lights, through the control that is the zoom of other cameras.
+        """Sets the lights. Their control is the one for the zoom in other cameras.
 
         Raises:
-            SensorError: Its firmware is too old to know what ``lights`` mean, or refuses them.
+            SensorError: Its firmware is too old for this scale of ``lights``, or refuses them.
         """
         super().adjust(capture)
         revision = self.revision()
@@ -81,19 +80,19 @@ class Digit(Camera):
         self.control(capture, "lights", cv2.CAP_PROP_ZOOM, self.zoom)
 
     def revision(self) -> int | None:
-        """The firmware of the device that is to be opened, times 100; None where not known."""
+        """Version of the firmware of the chosen device, times 100; None where unknown."""
         there = self.discover()
         return next((unit.revision for unit in attached() if unit.path in there), None)
 
 
 def packed(lights: Sequence[int]) -> int:
-    """Intensities as the device takes them, four bits each: red, green, blue.
+    """Packs intensities for the device, four bits each: red, green, blue.
 
     Args:
-        lights: Three, 0 to 15.
+        lights: Three intensities, 0 to 15.
 
     Raises:
-        ConfigError: They are not.
+        ConfigError: There are not three, or one is out of range.
 
     Example:
         >>> hex(packed([15, 0, 3]))

@@ -1,4 +1,4 @@
-"""DM-Tac through the software of its maker, ``dmrobotics``, which is imported when it is opened."""
+"""DM-Tac through the software of its maker, ``dmrobotics``; it is imported at opening."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tactileforge.plugin import SPECS, ConfigError, Frame, Sensor, SensorError, TactileForgeError
 
-#: Pictures that it gives: of the camera, and cut and straightened.
+#: Methods of the software, by picture: as the camera gives it, or cut and straightened.
 PICTURES = {"raw": "getRawImg", "infer": "getInferImg"}
 
 
@@ -23,12 +23,12 @@ class DmTacSdk(Sensor):
     Args:
         serial: Serial number, for example ``M2505150275``, or number of the device, from 0.
         picture: ``infer`` (cut and straightened) or ``raw`` (as its camera gives it).
-        backend: What computes: ``cpu``, ``cuda`` or another that the software knows.
+        backend: Computing device: ``cpu``, ``cuda`` or a further one of the software.
         max_fps: Frames a second at most.
         remote: Address of a sensor on the network, for example ``192.168.127.10:50051``.
 
     Attributes:
-        spec: Once open, with height and width of the pictures.
+        spec: Specification; once open, with height and width of the pictures.
         address: ``dmrobotics:SERIAL`` while it is open, else "".
     """
 
@@ -52,7 +52,7 @@ class DmTacSdk(Sensor):
         self._next: Frame | None = None
 
     def discover(self) -> list[str]:
-        """Nothing: the software does not say what is attached."""
+        """Lists no device, as the software cannot enumerate them."""
         return []
 
     def open(self) -> None:
@@ -72,7 +72,7 @@ class DmTacSdk(Sensor):
         name = self.remote or self.serial
         try:
             self._sensor = sdk.Sensor(sdk.SensorOptions(**self._options()))
-        except Exception as error:  # the software does not say what it raises
+        except Exception as error:  # the software documents no types of errors
             raise SensorError(f"DM-Tac {name}: cannot be opened ({error}); is it on?") from error
         self.address, self._last = f"dmrobotics:{name}", -1
         try:
@@ -87,7 +87,7 @@ class DmTacSdk(Sensor):
         self.spec = replace(self.spec, height=height, width=width)
 
     def _options(self) -> dict[str, Any]:
-        """Options of the software; a device is a number or a serial number."""
+        """Options of the software. Digits alone are the number of a device, not a serial number."""
         options = {
             "dev_id": int(self.serial) if self.serial.isdecimal() else self.serial,
             "backend": self.backend,
@@ -97,11 +97,11 @@ class DmTacSdk(Sensor):
         return options | ({"remote_addr": self.remote} if self.remote else {})
 
     def read(self, timeout: float = 1.0) -> Frame:
-        """The next picture, with the time at which it came.
+        """Waits for the next picture; its time is that of its arrival.
 
         Raises:
             TactileForgeError: It is not open.
-            SensorError: The software says that something is wrong with the device.
+            SensorError: The software reports an error of the device.
             TimeoutError: No new picture within ``timeout`` seconds.
         """
         if self._next is not None:
@@ -126,14 +126,14 @@ class DmTacSdk(Sensor):
                 raise TimeoutError(f"{self.address}: no picture within {timeout:g} s")
 
     def close(self) -> None:
-        """Lets go of the device; a second call does nothing."""
+        """Releases the device; a second call does nothing."""
         sensor, self._sensor, self.address, self._next = self._sensor, None, "", None
         if sensor is not None:
             sensor.disconnect()
 
 
 def _rgb(picture: Any) -> NDArray[np.uint8]:
-    """The pixels of a picture, which are bare or in its ``img``: blue, green, red, or grey."""
+    """Converts a picture to RGB. Its pixels are bare or in ``img``, as BGR or grey."""
     pixels = np.asarray(getattr(picture, "img", picture))
     code = cv2.COLOR_GRAY2RGB if pixels.ndim == 2 else cv2.COLOR_BGR2RGB
     return np.ascontiguousarray(cv2.cvtColor(pixels, code))

@@ -1,4 +1,4 @@
-"""DM-Tac as the camera that it is: its pictures, without the software of its maker."""
+"""DM-Tac as a plain camera, without the software of its maker."""
 
 from __future__ import annotations
 
@@ -6,26 +6,26 @@ from collections.abc import Sequence
 
 from tactileforge.plugin import SPECS, Camera
 
-#: What its camera has in its name.
+#: Part of the name of its camera.
 NAME = "N160MU2"
 
 
 class DmTac(Camera):
-    """A DM-Tac W, whose pictures are shown as its camera gives them.
+    """A DM-Tac W, with the pictures of its camera unchanged.
 
-    Its modes, crop and orientation are not public, so nothing is asked for and nothing is cut off
-    unless told.
+    Its modes, crop and orientation are not public. By default no mode is requested, and the
+    pictures are neither cut nor turned.
 
     Args:
-        serial: Serial number on USB; "" takes the one that is attached.
+        serial: Serial number on USB; "" takes the only attached one.
         device: Path of the camera, or of a video file in its place; "" finds it by its name.
-        width: Columns to ask for; None for what it gives.
-        height: Rows to ask for.
-        fps: Frames a second to ask for.
-        crop: Left, top, width and height of the gel, in pixels; None for all.
-        rotation: Degrees to turn it counter-clockwise then: 0, 90, 180 or 270.
-        resize: Height and width at last; None to leave it.
-        warmup: Frames to throw away when it is opened.
+        width: Columns to request from the camera; None for its default.
+        height: Rows to request from the camera; None for its default.
+        fps: Frames a second to request from the camera; None for its default.
+        crop: Left, top, width and height of the gel, in pixels; None for the whole picture.
+        rotation: Counter-clockwise rotation after the crop, degrees: 0, 90, 180 or 270.
+        resize: Height and width of the final picture; None to keep its size.
+        warmup: Frames to throw away at opening.
     """
 
     spec = SPECS["dm"]

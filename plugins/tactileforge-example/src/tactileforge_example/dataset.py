@@ -1,4 +1,4 @@
-"""A synthetic data set: every recording is one press of a ball, drawn when it is read."""
+"""A synthetic data set: every recording is one press of a ball, drawn on reading."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class PressFrames:
     Attributes:
         depths: Depth of the ball in each frame, in its radii.
         shape: Height and width.
-        centre: Where the ball is, y and x in -1..1.
+        centre: Position of the ball, y and x in -1..1.
     """
 
     depths: NDArray[np.float64]
@@ -34,7 +34,7 @@ class PressFrames:
         return len(self.depths)
 
     def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
-        """Draws the frames asked for, uint8 (n, H, W, 3)."""
+        """Draws the requested frames, uint8 (n, H, W, 3)."""
         return np.stack([press(self.depths[i], *self.shape, self.centre) for i in indices])
 
 
@@ -44,10 +44,10 @@ class DummyPresses:
     Forces follow a Hertz contact, ``5 N * depth ** 1.5``, without shear.
 
     Args:
-        sensor: Type of sensor the frames are drawn for: sets their size and rate.
-        count: Recordings; every fourth is for validation.
-        frames: Frames of a recording.
-        seed: The same seed gives the same recordings.
+        sensor: Type of sensor; it sets size and rate of the frames.
+        count: Number of recordings; every fourth is for validation.
+        frames: Number of frames of a recording.
+        seed: Random seed; the same seed gives the same recordings.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class DummyPresses:
         self.skipped: list[str] = []
 
     def recordings(self, split: str) -> Iterator[Recording]:
-        """The recordings of a split, ``train`` or ``val``."""
+        """Yields the recordings of a split, ``train`` or ``val``."""
         for i in range(self.count):
             if ("val" if i % 4 == 3 else "train") == split:
                 yield self._recording(i)
@@ -89,7 +89,7 @@ class DummyPresses:
         )
 
     def plot(self, recording: Recording) -> Figure:
-        """Four frames of a recording above its normal force."""
+        """Plots four frames of a recording above its normal force."""
         from matplotlib import pyplot
 
         figure: Figure

@@ -18,18 +18,18 @@ class SmallCnn(Backbone):
 
     Args:
         width: Channels, and the size of a token.
-        layers: Residual convolutions.
-        frames: Frames of a clip; ``tube`` divides it.
-        image_size: Height and width the frames are resized to, or one number for both.
+        layers: Number of residual convolutions.
+        frames: Frames of a clip, a multiple of ``tube``.
+        image_size: Height and width of the resized frames, or one number for both.
         patch: Rows and columns of a patch.
         tube: Frames of a patch.
-        mask_ratio: Share of the positions that the masked view hides.
-        spacing: Seconds between the frames of a clip.
+        mask_ratio: Share of the positions hidden in the masked view.
+        spacing: Time between the frames of a clip, s.
         sensors: Row of each sensor; a run fills it in. All sensors are encoded alike.
         pixels: Preprocessing, see `tactileforge.encoders.preprocess.Preprocess`.
 
     Attributes:
-        serves: Objectives that it can be trained with; the conformance suite takes a step of each.
+        serves: Names of its objectives; the conformance suite takes a training step with each.
     """
 
     serves = ("pixel", "diff", "align", "match", "force")
@@ -60,7 +60,7 @@ class SmallCnn(Backbone):
         self.project = nn.Linear(width, width)
 
     def sensor_ids(self, sensor: Sequence[str]) -> Tensor:
-        """Zeros (B,): all sensors are encoded alike."""
+        """Zeros, int64 (B,): all sensors are encoded alike."""
         return torch.zeros(len(sensor), dtype=torch.int64, device=self.hidden.device)
 
     def encode(
@@ -70,20 +70,20 @@ class SmallCnn(Backbone):
         kept: Tensor | None = None,
         class_only: bool = False,
     ) -> Tensor:
-        """Tokens of the patches, of those that are kept where some are hidden.
+        """Encodes the patches as tokens, one for each visible patch.
 
         Args:
             patches: float (B, slots, N, 3 * tube * patch * patch).
             sensor: int64 (B,), not used.
-            kept: int64 (B, K), positions to see; None sees all.
-            class_only: Not used: there is no class token.
+            kept: int64 (B, K), visible positions; None for all.
+            class_only: Not used, as there is no class token.
 
         Returns:
             float (B, slots * (K or N), width).
         """
         slots, rows, columns = self.grid
         x = self.embed(patches)
-        if kept is not None:  # a hidden patch is the same whatever is in it
+        if kept is not None:  # convolutions see all positions: no hidden content may leak
             seen = torch.zeros(len(x), x.shape[2], dtype=torch.bool, device=x.device)
             seen = seen.scatter(1, kept, True)[:, None, :, None]
             x = torch.where(seen, x, self.hidden.to(x.dtype))

@@ -1,4 +1,4 @@
-"""The head that tells how much of the gel is touched."""
+"""A head for the share of the gel in contact."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class ContactAreaHead(nn.Module):
     """One number for each temporal slot, from the mean of its patches.
 
     Args:
-        encoder: The touch encoder (given by the framework).
+        encoder: The touch encoder (passed by the framework).
     """
 
     def __init__(self, encoder: Encoder) -> None:
@@ -21,7 +21,7 @@ class ContactAreaHead(nn.Module):
         self.area = nn.Linear(encoder.width, 1)
 
     def forward(self, views: Views, batch: Batch) -> Tensor:
-        """Contact area, float (B, slots)."""
+        """Predicts the contact area, float (B, slots)."""
         full = views.full
         slots = full.tokens[:, full.prefix :].chunk(full.grid[0], dim=1)
         means = torch.stack([slot.mean(1) for slot in slots], dim=1)

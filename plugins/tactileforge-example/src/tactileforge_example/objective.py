@@ -1,4 +1,4 @@
-"""The share of the gel that is touched is predicted."""
+"""An objective for the share of the gel in contact."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from tactileforge.plugin import NEUTRAL_BACKGROUND, Batch, Mean, masked_mean
 class ContactArea(nn.Module):
     """Squared error of the contact area of each temporal slot.
 
-    The target needs no labels: the share of pixels that differ from the background. A sample whose
-    recording has no background has no target, and stays out.
+    The target needs no labels: it is the share of pixels that differ from the background. A sample
+    whose recording has no background has no target, and is left out of the mean.
 
     Args:
-        threshold: A pixel counts as touched when its colours differ by more, on average, of 255.
+        threshold: Smallest difference of a touched pixel from the background, averaged over its
+            colours, of 255.
     """
 
     head: ClassVar[str] = "contact_area"
@@ -27,11 +28,11 @@ class ContactArea(nn.Module):
         self.threshold = threshold
 
     def forward(self, prediction: Tensor, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
-        """The loss; logs the mean contact area.
+        """Computes the loss; logs the mean contact area.
 
         Args:
-            prediction: float (B, slots).
-            batch: See `tactileforge.contracts`.
+            prediction: Predicted contact area, float (B, slots).
+            batch: The batch; see `tactileforge.contracts`.
         """
         background = batch["background"]
         area = contact_area(batch["frames"], background, self.threshold)
@@ -42,12 +43,12 @@ class ContactArea(nn.Module):
 
 
 def contact_area(frames: Tensor, background: Tensor, threshold: float) -> Tensor:
-    """The share of pixels of each frame that differ from the background.
+    """Share of touched pixels of each frame, by their difference from the background.
 
     Args:
         frames: uint8 (B, T, 3, H, W).
         background: uint8 (B, 3, H, W).
-        threshold: See `ContactArea`.
+        threshold: Smallest difference of a touched pixel, of 255; see `ContactArea`.
 
     Returns:
         float (B, T), 0 to 1.

@@ -19,14 +19,14 @@ _QUINTIC = (3.4445, -4.7750, 2.0315)
 
 
 class Muon:
-    """Muon.
+    """Muon for the matrices outside of the heads, AdamW for all other parameters.
 
     Args:
-        lr: Learning rate of vectors, embeddings and heads, which AdamW trains.
-        weight_decay: Decay of matrices.
-        betas: Averages of AdamW.
+        lr: Learning rate of vectors, embeddings and heads, trained by AdamW.
+        weight_decay: Decay of matrices, per step and learning rate.
+        betas: Decay rates of AdamW's averages of the gradient and of its square.
         matrix_lr: Learning rate of the matrices of the encoder.
-        momentum: Share of the old momentum that is kept at each step.
+        momentum: Decay rate of Muon's average of the gradient, 0 or more, below 1.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Muon:
     def build(
         self, parameters: Sequence[tuple[str, nn.Parameter]], fused: bool
     ) -> torch.optim.Optimizer:
-        """One optimiser with three groups."""
+        """Builds one optimiser with three groups of parameters."""
         inner = [p for name, p in parameters if p.ndim == 2 and not name.startswith("heads.")]
         chosen = set(map(id, inner))
         others = [p for _, p in parameters if id(p) not in chosen]
@@ -103,13 +103,14 @@ class _MuonAndAdamW(torch.optim.Optimizer):
 
 
 def orthogonal(matrix: Tensor, steps: int = 5) -> Tensor:
-    """A matrix with the singular vectors of another, and singular values near 1.
+    """Moves the singular values of a matrix close to 1, and keeps its singular vectors.
 
     Args:
-        matrix: Float (rows, columns).
-        steps: Iterations.
+        matrix: float (rows, columns).
+        steps: Number of Newton-Schulz iterations.
     """
     a, b, c = _QUINTIC
+    # Wide, so that the product below is the smaller of the two Gram matrices.
     wide = matrix.T if matrix.shape[0] > matrix.shape[1] else matrix
     x: Tensor = wide / (wide.norm() + 1e-7)
     for _ in range(steps):
@@ -119,5 +120,5 @@ def orthogonal(matrix: Tensor, steps: int = 5) -> Tensor:
 
 
 def stable_decay(step: int, warm: int, total: int) -> float:
-    """Warm-up, a constant learning rate, and a linear decay over the last fifth of the run."""
+    """Factor of the learning rate: warm-up, constant, linear decay over the last fifth."""
     return max(0.0, min(1.0, (step + 1) / warm, (total - step) / max(1.0, 0.2 * total)))

@@ -13,14 +13,14 @@ from tactileforge_example.synthetic import GEL, press
 
 
 class Dummy:
-    """A device that needs no hardware. It runs in real time: frames that nobody reads are lost.
+    """A device without hardware. It runs in real time: unread frames are lost.
 
     Args:
-        gain: Contrast of what touches the gel.
-        rest: Seconds after it is opened before anything touches it: recorders take a background.
+        gain: Contrast of the contact in the image.
+        rest: Time without contact after opening, s; recorders take their background then.
     """
 
-    #: On the class: data sets and encoders look the type of sensor up by name.
+    #: An attribute of the class: data sets and encoders look up the type of sensor by name.
     spec = SensorSpec(
         name="dummy",
         height=120,
@@ -36,7 +36,7 @@ class Dummy:
         self._next = 0
 
     def discover(self) -> list[str]:
-        """No device is ever attached."""
+        """Lists no device, as none is ever attached."""
         return []
 
     def open(self) -> None:
@@ -45,7 +45,7 @@ class Dummy:
         self._next = 0
 
     def read(self, timeout: float = 1.0) -> Frame:
-        """The next unseen frame.
+        """Waits for the next unseen frame.
 
         Raises:
             TactileForgeError: It is not open.
@@ -66,7 +66,7 @@ class Dummy:
         return Frame(array=self._noisy(self._draw(index / self.spec.fps), index), time=due)
 
     def _noisy(self, image: NDArray[np.uint8], index: int) -> NDArray[np.uint8]:
-        """With the noise of a camera: a picture that comes again to the bit is a frozen one."""
+        """Adds the noise of a camera: recorders take a bit-identical picture for a frozen one."""
         noise = np.random.default_rng(index).integers(-1, 2, image.shape)
         return (image + noise).clip(0, 255).astype(np.uint8)
 

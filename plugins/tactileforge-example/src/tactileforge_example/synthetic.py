@@ -1,25 +1,26 @@
-"""A ball pressed into a gel, drawn: simple enough to read, and like touch enough to learn from."""
+"""Drawings of a ball in a gel: simple enough to read, and enough like touch to learn from."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-#: Colour of the gel where nothing touches it.
+#: Colour of the gel without contact, RGB.
 GEL = (120.0, 130.0, 140.0)
+#: Radius of the ball, in halves of the image.
 RADIUS = 0.8
 
 
 def press(
     depth: float, height: int, width: int, centre: tuple[float, float] = (0.0, 0.0)
 ) -> NDArray[np.uint8]:
-    """The image of a ball in the gel: slopes to the right, down and left shine in R, G and B.
+    """Draws a ball in the gel: slopes to the right, down and left shine in R, G and B.
 
     Args:
-        depth: How deep the ball is, in its radii: 0 (no contact) to 1.
+        depth: Depth of the ball, in its radii: 0 (no contact) to 1.
         height: Rows of the image.
         width: Columns of the image.
-        centre: Where the ball is, y and x in -1..1.
+        centre: Position of the ball, y and x in -1..1.
 
     Returns:
         uint8 (height, width, 3), RGB.

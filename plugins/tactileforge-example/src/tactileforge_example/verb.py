@@ -1,4 +1,4 @@
-"""Prints how bright the recordings of a data set are."""
+"""Prints the brightness of the recordings of a data set."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class Brightness:
     """Mean grey level of each recording.
 
     Attributes:
-        split: Recordings of ``train`` or of ``val``.
-        frames: Frames of each recording to read, spread evenly.
+        split: Split to read, ``train`` or ``val``.
+        frames: Number of frames to read of each recording, spread evenly.
     """
 
     split: str = "train"

@@ -1,26 +1,26 @@
-"""Packets that have only a header, which may stand inside of them as well."""
+"""A parser of packets with a header alone; its bytes may occur among the values as well."""
 
 from __future__ import annotations
 
-#: Headers in a row, a packet apart, that show where packets begin.
+#: Headers in a row, a packet apart, as proof of the start of a packet.
 PROOFS = 3
 
 
 class GridParser:
-    """The `Parser` of packets of one size that begin with a header.
+    """A `Parser` of packets of fixed size, with a header and nothing else to find them by.
 
-    Where packets begin is decided only when a single place fits: the header is there `PROOFS` times
-    in a row, and nowhere else. A packet counts when the header of the next one follows it. After
-    the first that does not, the place is looked for anew.
+    The start of packets is decided only when a single offset fits, with the header `PROOFS` times
+    in a row. A packet is accepted when the header of the next one follows it. After the first one
+    without such a header, the start is searched again.
 
     Args:
-        header: What a packet begins with.
-        payload: Bytes behind it.
+        header: First bytes of a packet.
+        payload: Bytes of a packet after the header.
 
     Attributes:
-        good: Packets found.
-        bad: Packets that no header follows, and searches that had no single answer.
-        lost: Bytes that belong to no packet.
+        good: Accepted packets.
+        bad: Packets without a header after them, and searches with no offset or several.
+        lost: Bytes outside of packets.
     """
 
     def __init__(self, header: bytes, payload: int) -> None:
@@ -31,7 +31,7 @@ class GridParser:
 
     @property
     def waiting(self) -> int:
-        """Bytes that are not yet decided on."""
+        """Bytes not yet decided on."""
         return len(self._buffer)
 
     def feed(self, data: bytes) -> list[bytes]:
@@ -46,12 +46,12 @@ class GridParser:
         return payloads
 
     def _needed(self) -> int:
-        """Bytes that the next decision takes."""
+        """Bytes needed for the next decision."""
         headers = 1 if self._locked else PROOFS
         return headers * self.size + len(self.header)
 
     def _packet(self, place: int, payloads: list[bytes]) -> int:
-        """Takes the packet at a place; how far to go on."""
+        """Takes the packet at a place, and returns the number of bytes to advance."""
         end = place + self.size
         if not self._buffer.startswith(self.header, end):
             self.bad += 1
@@ -62,7 +62,7 @@ class GridParser:
         return self.size
 
     def _search(self, place: int) -> int:
-        """Looks for the one place where packets begin; how far to go on."""
+        """Searches the start of packets, and returns the number of bytes to advance."""
         fits = []
         start, end = place - 1, place + self.size + len(self.header) - 1
         while (start := self._buffer.find(self.header, start + 1, end)) >= 0:

@@ -1,7 +1,7 @@
 """FlexiTac: a grid of pressure sensors, read over a serial port.
 
 A packet is ``AA 55`` and a byte for each taxel, row by row. There is no length, no checksum and no
-counter, and the header may stand among the taxels as well: see `parser.GridParser`.
+counter, and the header may occur among the taxels as well; see `parser.GridParser`.
 """
 
 from __future__ import annotations
@@ -13,21 +13,22 @@ from tactileforge_flexitac.parser import GridParser
 
 
 class FlexiTac(SerialArray):
-    """A FlexiTac, of which the change of pressure is drawn, in counts of its converter.
+    """A FlexiTac, drawn as the change of pressure, in counts of its converter.
 
     Args:
         port: Path of the serial port, for example ``/dev/ttyUSB0``.
-        rows: Of taxels.
-        columns: Of taxels.
-        span: Change that is full colour, counts of 255.
+        rows: Rows of taxels.
+        columns: Columns of taxels.
+        span: Change drawn as full colour, counts of 255.
         rate: Largest change of a taxel, counts a second; see `SerialArray`.
-        baseline: Packets whose median is the pad without contact, taken when it is opened.
+        baseline: Packets for the pad without contact (their median), taken at opening.
         baudrate: Bits a second.
         usb: Vendor and product of the board, for example ``1a86:55d3``, to find the port by.
-        serial_number: Of the board, to find the port by.
+        serial_number: Serial number of the board, to find the port by.
 
     Attributes:
-        spec: Its rate is measured while the baseline is taken: the board sends as fast as it can.
+        spec: Specification. Its rate is measured while the baseline is taken, as the board sends
+            as fast as it can.
     """
 
     spec = SensorSpec(
@@ -71,5 +72,5 @@ class FlexiTac(SerialArray):
         )
 
     def new_parser(self) -> Parser:
-        """A parser of its packets."""
+        """Builds a parser of its packets."""
         return GridParser(self.framing.header, self.framing.payload)
