@@ -59,10 +59,10 @@ class Bench:
     """Runs tasks on models, one model after another.
 
     Args:
-        tasks: What is measured.
-        store: Where features are kept.
-        writer: Where results go.
-        options: How.
+        tasks: Tasks to measure.
+        store: Location of the features.
+        writer: Writer of the results.
+        options: Options of the run.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class Bench:
     def _group(
         self, entry: ModelEntry, subjects: Sequence[FrozenEncoder], every: Sequence[PreparedTask]
     ) -> None:
-        """Runs the tasks of one source that are not done; all of them share features."""
+        """Runs the unfinished tasks of one source; all of them share features."""
         group = [prepared for prepared in every if not self._is_done(prepared, entry, subjects)]
         extracted: list[SourceFeatures | None] = []
         frozen = self._frozen(group)
@@ -136,7 +136,7 @@ class Bench:
                 self._refuse(error, prepared, entry)
 
     def _frozen(self, tasks: Sequence[PreparedTask]) -> list[PreparedTask]:
-        """Tasks whose probes leave the encoder as it is."""
+        """Tasks with a frozen encoder: their probes do not fine-tune it."""
         return [prepared for prepared in tasks if not self.choices[prepared.task.name].finetune]
 
     def _features(

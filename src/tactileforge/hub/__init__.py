@@ -1,4 +1,4 @@
-"""Models by name: cards, verified files, and encoders that are ready for use.
+"""Models by name: cards, verified files, and encoders ready for use.
 
 - `hub.cards`: what the zoo says of each model; needs no torch
 - `hub.store`: where files of weights lie, and how they get there; verified on every load

@@ -39,22 +39,23 @@ class Weight:
     Attributes:
         tag: The model is called ``card.tag``.
         licence: SPDX identifier, or `NO_LICENCE`.
-        sha256: Of the one-file checkpoint; imported weights have none before they are imported.
-        bytes: Its size.
+        sha256: Hash of the one-file checkpoint, 64 hexadecimal digits; "" for imported weights,
+            which have none before they are imported.
+        bytes: Size of the one-file checkpoint.
         file: Path inside the zoo, of weights that come with the package.
-        url: Of a one-file checkpoint: ``https://``, ``file://``, or
+        url: Address of a one-file checkpoint: ``https://``, ``file://``, or
             ``hf://OWNER/REPO/FILE@REVISION``.
         layout: Published layout that the importer has to find in the user's own download.
         encoder: Options that the imported encoder must have, e.g. ``{size: base}``.
         frames: Frames of a clip; 0 for the card's.
         spacing: Seconds between them, where ``frames`` is given.
-        source: Where the published file is to be had.
+        source: Place of the published file, for the user to fetch it.
         gated: Whether its authors ask for terms to be accepted first.
         sensors: Types of sensors that these weights saw, where they are not the card's.
         data: Data that they were trained on, likewise.
         demonstration: Whether it only shows how things work: it may then be shipped without
             passing the release gate, and says so wherever it is listed.
-        purpose: What they are for, in a few words; "" takes the first sentence of the card.
+        purpose: Purpose of the weights, in a few words; "" takes the first sentence of the card.
     """
 
     tag: str
@@ -86,11 +87,11 @@ class CardResult:
 
     Attributes:
         task: Benchmark, task and sensor.
-        metric: What is measured.
+        metric: Name of the metric.
         value: The number.
-        unit: Of the number; "" for a plain one.
-        model: Which weights gave it.
-        source: Where it can be looked up; a page of ``docs/`` for what we measured.
+        unit: Unit of the number; "" for a plain one.
+        model: Tag of the weights.
+        source: Reference for the number; a page of ``docs/`` for our own measurements.
     """
 
     task: str
@@ -102,7 +103,7 @@ class CardResult:
 
     @property
     def is_ours(self) -> bool:
-        """Whether it was measured by this project."""
+        """Whether this project measured it."""
         return self.source.startswith("docs/")
 
 
@@ -112,7 +113,7 @@ class Card:
 
     Attributes:
         name: The word users type.
-        title: Its name in print.
+        title: Name in print.
         licence: SPDX identifier of what its authors published, or `NO_LICENCE`.
         paper: Title, venue and arXiv number.
         code: Address of its authors' code; "" if none.
@@ -120,7 +121,7 @@ class Card:
         data: Data sets it was trained on.
         frames: Frames of a clip.
         spacing: Seconds between them; 0 for one frame.
-        weights: Its weights, the default first.
+        weights: Files of weights, the default first.
         results: Numbers of the paper, or measured.
         gates: The release gate of weights of ours, task by task; `zoo gate` writes it.
         text: The page below the front matter.
@@ -173,14 +174,14 @@ class Card:
         raise ConfigError(unknown(f"weights of {self.name}", tag, (w.tag for w in self.weights)))
 
     def purpose(self, weight: Weight | None) -> str:
-        """What some weights are for; the first sentence of the card where nothing else is said."""
+        """Purpose of a file of weights; without one, the first sentence of the card."""
         if weight and weight.purpose:
             return weight.purpose
         paragraph = " ".join(self.text.partition("\n")[2].strip().partition("\n\n")[0].split())
         return re.split(r"(?<=[a-z0-9)])\. ", paragraph)[0].rstrip(".")
 
     def trained_on(self, weight: Weight | None) -> tuple[list[str], list[str]]:
-        """Sensors and data that some weights saw."""
+        """Sensors and data seen in training by a file of weights; without its own, the card's."""
         own = weight and weight.sensors, weight and weight.data
         return own[0] or self.sensors, own[1] or self.data
 
@@ -213,10 +214,10 @@ def card_names() -> tuple[str, ...]:
 
 @cache
 def read_card(name: str) -> Card:
-    """The card of that name; of two, the zoo's own.
+    """The card called ``name``; of two, the zoo's own.
 
     Raises:
-        ConfigError: There is none, or it is not complete.
+        ConfigError: There is no such card, or it is incomplete.
     """
     if name not in card_names():
         if package := package_of("recipe", name):
@@ -246,7 +247,7 @@ def find_card(model: str) -> tuple[Card, Weight]:
 
 
 def folder_of_run(folder: Path) -> str:
-    """Error text for a folder where a model is wanted."""
+    """Error text for a folder in place of a model file."""
     packed = folder / "model.safetensors"
     if packed.is_file():
         return f"{folder} is a folder, and a model one file: file:{packed}"
@@ -257,7 +258,7 @@ def folder_of_run(folder: Path) -> str:
 
 
 def list_cards(pattern: str = "*") -> list[tuple[str, Card, Weight | None]]:
-    """The models whose names match: full name, card and weights.
+    """The models with matching names: full name, card and weights.
 
     A card without weights is listed under its own name.
     """
@@ -272,7 +273,7 @@ def parse_card(name: str, text: str, recipe: bool) -> Card:
     """Reads a card from its text.
 
     Args:
-        name: Its name, for errors.
+        name: Name of the card, for errors.
         text: Front matter between two lines of ``---``, then Markdown.
         recipe: Whether the zoo has a recipe of that name.
 
@@ -302,7 +303,7 @@ def parse_card(name: str, text: str, recipe: bool) -> Card:
 
 
 def _check(card: Card) -> None:
-    """Validates what the types cannot express."""
+    """Validates the rules beyond the types."""
     where = f"card {card.name}"
     tags = [weight.tag for weight in card.weights]
     for weight in card.weights:

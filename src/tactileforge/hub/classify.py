@@ -1,4 +1,4 @@
-"""Classes of clips, from a linear head on what a model encodes."""
+"""Classes of clips, by a linear head on a model's vectors."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Classes:
     """Classes of clips.
 
     Attributes:
-        names: Of the classes.
+        names: Names of the classes.
         probability: float32 (classes,), or (B, classes) for a batch; they sum to 1.
     """
 
@@ -41,7 +41,7 @@ class Classes:
 
     @property
     def name(self) -> str | list[str]:
-        """The most probable class, or one a clip."""
+        """The most probable class; a list of one name per clip for a batch."""
         best = self.probability.argmax(-1).tolist()
         return self.names[best] if isinstance(best, int) else [self.names[i] for i in best]
 
@@ -51,15 +51,15 @@ class ClassFacts:
     """Metadata of a head.
 
     Attributes:
-        format: Version of the file.
-        task: What it was fitted for.
-        names: Of the classes.
+        format: Version of the file format.
+        task: Task of the benchmark.
+        names: Names of the classes.
         encoder: Hash of the encoder's weights, see `encoder_hash`.
         background: Whether a frame without contact was subtracted; None where the encoder takes
             none.
-        sensors: Whose pictures it was fitted to.
-        penalty: On the squared weights, as it was chosen.
-        metrics: Of clips that were left out while it was chosen, by name.
+        sensors: Sensors of the clips it was fitted to.
+        penalty: Chosen penalty on the squared weights.
+        metrics: Metrics of the clips left out while the penalty was chosen, by name.
     """
 
     format: int
@@ -77,7 +77,7 @@ class ClassHead:
     """A linear layer on the vectors of one encoder.
 
     Attributes:
-        facts: Its metadata.
+        facts: Metadata of the head.
         weight: float32 (classes, projected).
         bias: float32 (classes,).
     """
@@ -100,11 +100,11 @@ def encoder_hash(encoder: Any) -> str:
 
 
 def read_class_head(path: str | Path) -> ClassHead:
-    """Reads a head that the benchmark wrote; nothing in it is executed.
+    """Reads a head written by the benchmark; nothing in it is executed.
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: It is not such a head, or contradicts itself.
+        DataError: The file is not such a head, or contradicts itself.
     """
     path = Path(path).expanduser()
     if not path.is_file():
@@ -150,14 +150,14 @@ def classes_of(vectors: Tensor, layer: Layer) -> Classes:
 def fitted_layer(
     head: str | Path | ClassHead, encoder: str, model: str, subtracts: bool, sensors: Iterable[str]
 ) -> Layer:
-    """The layer of a head that the benchmark fitted.
+    """The layer of a head fitted by the benchmark.
 
     Args:
-        head: It, or its file.
+        head: The head, or its file.
         encoder: Hash of the model's encoder, see `encoder_hash`.
-        model: What it is called in errors.
+        model: Name of the model in errors.
         subtracts: Whether a background is given.
-        sensors: Names of those that are given; none to leave that open.
+        sensors: Names of the sensors; empty leaves that open.
 
     Raises:
         ConfigError: It was fitted to another encoder, to pictures of another sensor, or to pictures
@@ -189,9 +189,9 @@ def packed_layer(heads: Any, names: Sequence[str] | None, model: str) -> Layer:
     """The rows of the head of a run for some objects.
 
     Args:
-        heads: Of the model, by name.
-        names: Of the objects.
-        model: What it is called in errors.
+        heads: Heads of the model, by name.
+        names: Names of the objects, two or more.
+        model: Name of the model in errors.
 
     Raises:
         ConfigError: There is no such head, or it was not trained on these objects.

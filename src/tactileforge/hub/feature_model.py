@@ -31,7 +31,7 @@ from tactileforge.hub.taps import Tap, check_tap, is_plain, read_tap
 
 
 class FeatureModel(nn.Module):
-    """The part of `hub.model.Model` that encodes clips; see there for arguments and attributes."""
+    """Encoding of clips, as base of `hub.model.Model`; see there for arguments and attributes."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class FeatureModel(nn.Module):
 
     @property
     def sensors(self) -> list[str]:
-        """Sensors that it was trained on; it takes others where ``any_sensor`` is true."""
+        """Sensors in its training; it takes others where ``any_sensor`` is true."""
         return list(self.encoder.sensors)
 
     @property
@@ -78,12 +78,12 @@ class FeatureModel(nn.Module):
 
     @property
     def recipe(self) -> dict[str, Any]:
-        """The resolved recipe that trained it; empty for imported weights."""
+        """The resolved recipe of its training; empty for imported weights."""
         return self.header.recipe
 
     @property
     def squashed(self) -> tuple[int, int] | None:
-        """Height and width that training squashed frames to, whatever the encoder does after that.
+        """Height and width of squashed frames in its training, before any resizing by the encoder.
 
         None for imported weights: their encoder was trained on frames of any size.
         """
@@ -114,21 +114,21 @@ class FeatureModel(nn.Module):
         tap: Tap = "projected",
         unknown_sensor: Policy = "error",
     ) -> Tensor:
-        """Encodes clips at once, with gradients where they are enabled: ``model(clips, ...)``.
+        """Encodes all clips at once, with gradients if they are enabled: ``model(clips, ...)``.
 
         Args:
-            frames: See `encode`.
-            background: See `encode`.
-            sensor: See `encode`.
-            tap: See `features`.
-            unknown_sensor: See `encode`.
+            frames: Clips, uint8, RGB, in the shapes of `encode`.
+            background: Frame without contact, or a word in its place, as in `encode`.
+            sensor: Name of the sensor, or one name a clip, as in `encode`.
+            tap: Name of a tap, as in `features`.
+            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
 
         Returns:
-            As `features`, float32.
+            Features of the tap, float32; shapes as in `features`.
 
         Raises:
-            DataError: See `encode`.
-            ConfigError: See `features`.
+            DataError: Frames or background are not what the model takes.
+            ConfigError: No background, no such sensor, or no such tap of this encoder.
         """
         check_tap(self.encoder, tap)
         x, still, single = self._prepare(frames, background)
@@ -149,9 +149,9 @@ class FeatureModel(nn.Module):
         """Features of clips at one of the encoder's taps.
 
         Args:
-            frames: See `encode`.
-            background: See `encode`.
-            sensor: See `encode`.
+            frames: Clips, uint8, RGB, in the shapes of `encode`.
+            background: Frame without contact, or a word in its place, as in `encode`.
+            sensor: Name of the sensor, or one name a clip, as in `encode`.
             tap: ``tokens`` (L, width), as the encoder's authors use them: prefix tokens, then
                 patches in order of slot, row, column. ``cls`` (width,), the class token among them.
                 ``patches`` (slots, rows, columns, width), the others by their places. ``projected``
@@ -161,14 +161,14 @@ class FeatureModel(nn.Module):
                 projected without the norm (AnyTouch 1). ``summary`` (n,), means in the quarters of
                 the image and deviations of the patches of up to four blocks: the vector to probe
                 where no objective trained ``projected``; see `encode_summary`.
-            unknown_sensor: See `encode`.
-            batch_size: See `encode`.
+            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
+            batch_size: Clips that are computed at once.
 
         Returns:
             float32, with B in front for a batch.
 
         Raises:
-            DataError: See `encode`.
+            DataError: Frames or background are not what the model takes.
             ConfigError: See `encode`; or the encoder has no class token, or no last norm.
         """
         check_tap(self.encoder, tap)
@@ -182,16 +182,16 @@ class FeatureModel(nn.Module):
         return out[0] if single else out
 
     def compile(self, *args: Any, **kwargs: Any) -> None:
-        """Compiles the preprocessing and blocks that `encode`, `force` and all methods call.
+        """Compiles the preprocessing and the blocks used by `encode`, `force` and all methods.
 
-        The first call after it, and the first of each other batch size, takes a minute.
+        The first call after it, and the first call with each other batch size, takes a minute.
 
         Args:
-            *args: None; options have names.
-            **kwargs: See `torch.compile`.
+            *args: No positional arguments; options have names.
+            **kwargs: Options of `torch.compile`.
 
         Raises:
-            ConfigError: The encoder has no such blocks: it is not one of ours.
+            ConfigError: The encoder has no blocks to compile: it is not one of ours.
         """
         from tactileforge.compiled import compile_blocks
 
@@ -236,7 +236,7 @@ class FeatureModel(nn.Module):
 
 
 def check_batch_size(batch_size: int) -> None:
-    """Raises a ConfigError where it is no number of clips."""
+    """Raises a ConfigError unless it is a whole number of clips, 1 or more."""
     if not isinstance(batch_size, int) or isinstance(batch_size, bool) or batch_size < 1:
         raise ConfigError(f"batch_size={batch_size!r}: give a whole number of clips, 1 or more")
 

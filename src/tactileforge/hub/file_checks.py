@@ -25,7 +25,7 @@ _LARGEST = 8192
 
 
 def check_plugin(path: Path, header: Header) -> None:
-    """Raises a PluginError with the install command where the encoder is not installed."""
+    """Raises a PluginError with the install command if the encoder is not installed."""
     name = header.encoder["name"]
     if name in registry.names("encoders"):
         return
@@ -39,7 +39,7 @@ def check_plugin(path: Path, header: Header) -> None:
 
 
 def check_nodes(path: Path, header: Header) -> None:
-    """Checks what the file would have built, before anything is.
+    """Checks the arguments of encoder and heads before any of them is built.
 
     Raises:
         DataError: An argument names a file or a place on the network, is larger than that of any
@@ -85,13 +85,13 @@ def _check_argument(path: Path, where: str, value: Any) -> None:
 
 
 def build(path: Path, kind: str, node: Mapping[str, Any], **given: Any) -> Any:
-    """A plugin from the arguments that a file has for it; see `registry.build`.
+    """Builds a plugin from the arguments in a file's header; see `registry.build`.
 
     Raises:
-        DataError: It cannot be built from them.
-        TactileForgeError: See `registry.build`.
-        NotImplementedError: It needs its numbers where it is built, and there are none.
-        RuntimeError: Likewise.
+        DataError: The plugin cannot be built from them.
+        TactileForgeError: The registry refuses the arguments; see `registry.build`.
+        NotImplementedError: The plugin needs its numbers while it is built, and there are none.
+        RuntimeError: For the same reason as NotImplementedError.
     """
     try:
         return registry.build(kind, node, **given)
@@ -104,7 +104,7 @@ def build(path: Path, kind: str, node: Mapping[str, Any], **given: Any) -> Any:
 
 
 def _check_total(path: Path, header: Header) -> None:
-    """Builds without memory, and compares with what the file has."""
+    """Builds on the meta device, without memory, and compares sizes with the file's."""
     parts: list[nn.Module] = []
     kinds = [("encoders", header.encoder)]
     kinds += [("heads", entry["node"]) for entry in header.heads.values()]

@@ -83,10 +83,10 @@ def save_checkpoint(
 
     Args:
         path: The file.
-        encoder: Its state is kept.
-        header: See `make_header`.
+        encoder: The encoder; its state is written.
+        header: Metadata to write; see `make_header`.
         dtype: Type in which fractions are kept; they are float32 again after loading.
-        heads: Those that the header names; their state is kept under ``head.NAME.``.
+        heads: Heads named in the header; their state is written under ``head.NAME.``.
 
     Raises:
         ConfigError: An unknown type, a number that is not finite or does not fit it.
@@ -185,7 +185,7 @@ def _is_of_head(key: str, header: Header) -> bool:
 def _open_heads(
     path: Path, header: Header, encoder: Any, state: Mapping[str, Tensor]
 ) -> dict[str, nn.Module]:
-    """The heads that the header names, filled and frozen."""
+    """Builds the heads of the header, fills in their weights and freezes them."""
     heads: dict[str, nn.Module] = {}
     for name, entry in header.heads.items():
         prefix = _of_head(name)

@@ -42,7 +42,7 @@ class ModelReadings:
 
 
 def opened_calibration(given: Calibration | str | Path | None) -> Calibration | None:
-    """A calibration, read where its file is given; see `load_calibration` for errors."""
+    """A calibration, read from its file if given as one; see `load_calibration` for errors."""
     if isinstance(given, str | Path):
         from tactileforge.calibration.file import load_calibration
 
@@ -54,12 +54,12 @@ def fitted_axes(calibration: Calibration, names: Sequence[str], model: str) -> M
     """The fits of a calibration, if it was made for a model; see `HeadModel.axes_of`.
 
     Args:
-        calibration: Of one unit.
-        names: Sensors that they are for.
-        model: Fingerprint.
+        calibration: Calibration of one unit.
+        names: Names of the sensors in the batch.
+        model: Fingerprint of the model.
 
     Raises:
-        ConfigError: They are of another model or sensor.
+        ConfigError: The fits belong to another model or sensor.
     """
     for name in sorted(set(names)):
         calibration.check(name)
@@ -75,8 +75,8 @@ def scales(entry: Mapping[str, Any], sensors: Sequence[str]) -> Tensor | None:
     """Force scale, the newtons per unit of output, float32 (B, 1, 3); None without one.
 
     Args:
-        entry: Of a head, see `Header.heads`.
-        sensors: B names.
+        entry: Header entry of a head; see `Header.heads`.
+        sensors: Names of the sensors, B of them.
     """
     known = entry.get("scale", {})
     if not all(name in known for name in sensors):
@@ -99,13 +99,13 @@ def warn_of_estimates(stacklevel: int = 3) -> None:
 
 
 def warn_of_missing(what: str, missing: Tensor, why: str, stacklevel: int = 3) -> None:
-    """Warns of frames that get no estimate.
+    """Warns of frames without an estimate.
 
     Args:
         what: Name of the estimate.
         missing: bool (...), one a frame.
-        why: Reasons for which it is left out.
-        stacklevel: See `warnings.warn`.
+        why: Reasons why they have none.
+        stacklevel: Level of the caller, as in `warnings.warn`.
     """
     if count := int(missing.sum()):
         warnings.warn(
@@ -123,14 +123,14 @@ def has_no_background(encoder: Any, background: Any) -> bool:
 def warn_of_light(
     what: str, clips: ClipInputs, encoder: Any, background: Any, stacklevel: int = 3
 ) -> None:
-    """Warns of frames whose light has changed while nothing touches, where that can be told.
+    """Warns of frames with changed light and no touch, if the encoder subtracts a background.
 
     Args:
         what: Name of what is read of the frames.
         clips: A batch.
-        encoder: That reads it.
-        background: As it was given.
-        stacklevel: See `warnings.warn`.
+        encoder: The touch encoder.
+        background: Background as the caller gave it: images, a word, or None.
+        stacklevel: Level of the caller, as in `warnings.warn`.
     """
     if torch.compiler.is_compiling() or has_no_background(encoder, background):
         return
@@ -144,7 +144,7 @@ def warn_of_light(
 
 
 def without_light(estimate: Tensor, clips: Tensor, backgrounds: Tensor) -> Tensor:
-    """Estimates, NaN in frames whose light has changed while nothing touches.
+    """Estimates, with NaN in frames with changed light and no touch.
 
     Args:
         estimate: float32 (B, n, ...), of the last n frames of each clip.
@@ -157,12 +157,12 @@ def without_light(estimate: Tensor, clips: Tensor, backgrounds: Tensor) -> Tenso
 
 
 def within_scale(force: Tensor, read: Mapping[str, Tensor], scale: Tensor) -> Tensor:
-    """Forces, NaN in frames in which the head says more than the sensor's scale along an axis.
+    """Forces, with NaN in frames with a prediction beyond the sensor's scale along any axis.
 
     Args:
         force: float32 (B, n, 3), N.
-        read: What the head said before any calibration, see `calibration_inputs`.
-        scale: See `scales`.
+        read: Outputs of the head before any calibration, see `calibration_inputs`.
+        scale: Force scale, N, float32 (B, 1, 3); see `scales`.
     """
     said = torch.stack([read[name] for name in AXES], -1)
     beyond = (said.abs() > scale.to(said.device)).any(-1, keepdim=True)
@@ -178,11 +178,11 @@ def calibration_inputs(
     (``hidden0``, ...) where the head tells.
 
     Args:
-        head: Of the forces.
+        head: The force head.
         encoder: The touch encoder.
         tokens: Float (B, L, width).
         projected: Float (B, projected).
-        scale: See `scales`.
+        scale: Force scale, N, float32 (B, 1, 3); see `scales`.
     """
     views = views_of(encoder, tokens, projected)
     newton = head(views, {}).force.float() * scale
@@ -194,7 +194,7 @@ def calibration_inputs(
 
 
 class DoneViews:
-    """Views of a pass that is done: `full` alone.
+    """Views of a finished pass: `full` alone.
 
     Args:
         full: Features with every patch visible.
@@ -205,7 +205,7 @@ class DoneViews:
 
 
 def views_of(encoder: Any, tokens: Tensor, projected: Tensor) -> Any:
-    """Views, for heads, of an encoder's pass that is done: the full one.
+    """Views, for heads, of an encoder's finished pass: the full one.
 
     Args:
         encoder: The touch encoder.
@@ -229,7 +229,7 @@ def to_newton(readings: Mapping[str, Tensor], axes: Mapping[str, Axis] | None = 
     """Forces (B, T - 1, 3), N; an axis without a calibration keeps the head's output.
 
     Args:
-        readings: See `calibration_inputs`.
+        readings: Inputs of a calibration, by name, float32 (B, T - 1); see `calibration_inputs`.
         axes: Fits of a unit, by axis.
     """
     columns = []

@@ -30,15 +30,15 @@ class Gate:
     Attributes:
         model: Tag of the weights.
         suite: ``real``, or ``real_held_out``.
-        task: Its name in print.
-        tokens: What the probe reads: ``pooled``, the mean of the patch tokens; ``summary``, see
+        task: Name of the task in print.
+        tokens: Features for the probe: ``pooled``, the mean of the patch tokens; ``summary``, see
             `Model.features`; all ``patches``; or ``groups``, weighed, see `Model.groups`.
-        metric: What is measured, accuracies as shares; ``mean`` in the row of all tasks together.
+        metric: Name of the metric, accuracies as shares; ``mean`` in the row of all tasks together.
         value: The number.
-        chance: That of a probe that sees nothing.
-        random: Above random weights of the same architecture, mean of three.
+        chance: Value of a probe without features.
+        random: Lead over random weights of the same architecture, mean of three.
         random_low: Lower end of its interval.
-        pixels: Above 16 x 16 pixels of the difference.
+        pixels: Lead over 16 x 16 pixels of the difference.
         pixels_low: Lower end of its interval.
         counted: Whether it counts, and the row of all tasks together has it.
     """
@@ -63,7 +63,7 @@ class Gate:
 
 
 def count_won(rows: Sequence[Gate], tokens: str) -> tuple[int, int]:
-    """Number of counted tasks won with one kind of tokens, and number of all that count."""
+    """Number of counted tasks won with one kind of tokens, and number of all counted tasks."""
     chosen = [row for row in rows if row.tokens == tokens and row.metric != MEAN and row.counted]
     return sum(row.beats for row in chosen), len(chosen)
 
@@ -87,14 +87,14 @@ def read_gates(folder: str | Path, tag: str, words: Sequence[str], sha256: str =
     """The rows of some weights.
 
     Args:
-        folder: Of a bench with ``gate.json``.
-        tag: Of the weights.
-        words: How the bench may have called them.
-        sha256: What the file must have been; "" leaves it unchecked.
+        folder: Folder of a bench with ``gate.json``.
+        tag: Tag of the weights.
+        words: Possible names of the model in the bench.
+        sha256: Expected hash of the file; "" leaves it unchecked.
 
     Raises:
         DataNotFoundError: There is no gate in the folder.
-        DataError: It did not measure the model, or measured another file.
+        DataError: The bench did not measure the model, or measured another file.
     """
     path = Path(folder) / FILE
     if not path.is_file():
@@ -162,12 +162,12 @@ def stamp_card(card: Path, tag: str, sha256: str, size: int) -> None:
 
     Args:
         card: The file ``NAME.md``.
-        tag: Of the weights.
-        sha256: Of the file.
-        size: Its bytes.
+        tag: Tag of the weights.
+        sha256: New hash of the file.
+        size: New size of the file, bytes.
 
     Raises:
-        ConfigError: The card gives none for the tag.
+        ConfigError: The card has no such line for the tag.
     """
     text = card.read_text("utf-8")
     for key, value in (("sha256", sha256), ("bytes", str(size))):

@@ -1,4 +1,4 @@
-"""Features in named groups, which probes weigh: what was trained, and what is free."""
+"""Features in named groups, trained and untrained, for probes to weigh."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from tactileforge.hub.sensor_rows import Policy
 
 
 class GroupedModel(FeatureModel):
-    """The part of `hub.model.Model` that gives groups; see there for arguments and attributes."""
+    """Groups of features, as base of `hub.model.Model`; see there for arguments and attributes."""
 
     @property
     def group_sizes(self) -> dict[str, int]:
-        """Numbers of each group that `groups` gives, by name, in their order."""
+        """Size of each group of `groups`, by name, in their order."""
         return group_sizes(self.encoder)
 
     def encode(
@@ -95,8 +95,8 @@ class GroupedModel(FeatureModel):
     ) -> dict[str, Tensor]:
         """Features of clips in groups, each computed once from the uint8 frames.
 
-        They differ in what they know and in how many they are, so a probe does best that weighs
-        them: see the probes ``ridge`` and ``logistic`` of ``tactileforge bench``.
+        They differ in content and in size. A probe does best if it weighs the groups, as the
+        probes ``ridge`` and ``logistic`` of ``tactileforge bench`` do.
 
         - ``summary``: of the encoder, as `features` gives it with ``tap="summary"``. No unit.
         - ``photographs``, (2360,), where the encoder has a network of photographs
@@ -110,20 +110,20 @@ class GroupedModel(FeatureModel):
           rings of the spectrum, and correlations of the channels.
 
         Args:
-            frames: See `encode`.
-            background: See `encode`.
-            sensor: See `encode`.
-            names: Groups that are wanted; None takes all. What is not named costs nothing: without
+            frames: Clips, uint8, RGB, in the shapes of `encode`.
+            background: Frame without contact, or a word in its place, as in `encode`.
+            sensor: Name of the sensor, or one name a clip, as in `encode`.
+            names: Names of groups; None takes all. A group that is not named costs nothing: without
                 ``summary`` no transformer runs, without ``photographs`` beside it no network.
-            unknown_sensor: See `encode`.
-            batch_size: See `encode`.
+            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
+            batch_size: Clips that are computed at once.
 
         Returns:
             By name, float32 (n,), or (B, n) for a batch, on the model's device; sizes as in
             `group_sizes`.
 
         Raises:
-            DataError: See `encode`.
+            DataError: Frames or background are not what the model takes.
             ConfigError: See `encode`; or the model has no such group.
 
         Example:

@@ -1,4 +1,4 @@
-"""Heads that are kept beside an encoder: forces in newton, the surface of the gel in mm."""
+"""Heads beside an encoder: forces in newton, the surface of the gel in mm."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class HeadModel(GroupedModel):
-    """The part of `hub.model.Model` that reads heads; see there for arguments and attributes."""
+    """Reading of heads, as base of `hub.model.Model`; see there for arguments and attributes."""
 
     _fingerprint = _encoder_hash = ""
 
@@ -38,15 +38,15 @@ class HeadModel(GroupedModel):
         """The force of the object on the gel in frames 2..T of each clip.
 
         Warns without a calibration of the unit: units differ in gel and light, and the newtons are
-        then an estimate, no measurement. Warns, too, of frames that get no force: the light has
+        then an estimate, not a measurement. Warns, too, of frames without a force: the light has
         changed since the background was taken and nothing touches (`sensors.light`), or the force
         is beyond the scale of the sensor, which no force in training was.
 
         Args:
-            frames: See `encode`.
-            background: See `encode`.
+            frames: Clips, uint8, RGB, in the shapes of `encode`.
+            background: Frame without contact, or a word in its place, as in `encode`.
             sensor: See `encode`; the universal tokens do not fit forces.
-            calibration: Of this unit, or its file, fitted to what this model reads (``tactileforge
+            calibration: Calibration of this unit, or its file, fitted to this model (``tactileforge
                 calibrate model=...``); an axis that it leaves out stays the model's estimate.
 
         Returns:
@@ -56,7 +56,7 @@ class HeadModel(GroupedModel):
         Raises:
             ConfigError: The file has no force head, no scale for a sensor, or the calibration is of
                 another model or sensor.
-            DataError: See `encode`.
+            DataError: Frames or background are not what the model takes.
         """
         if "force" not in self.heads:
             raise ConfigError(
@@ -81,16 +81,16 @@ class HeadModel(GroupedModel):
         *,
         unknown_sensor: Policy = "error",
     ) -> Tensor:
-        """The displacement of the gel's surface in each frame of each clip, as it is estimated.
+        """The estimated displacement of the gel's surface in each frame of each clip.
 
         It was learned from simulated gels; see the card for how well real ones are read. Warns of
         frames that get none, because the light has changed since the background was taken.
 
         Args:
-            frames: See `encode`.
-            background: See `encode`.
-            sensor: See `encode`.
-            unknown_sensor: See `encode`.
+            frames: Clips, uint8, RGB, in the shapes of `encode`.
+            background: Frame without contact, or a word in its place, as in `encode`.
+            sensor: Name of the sensor, or one name a clip, as in `encode`.
+            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
 
         Returns:
             float32 (T, 3, 32, 32), or (B, T, 3, 32, 32) for a batch, mm along x and y of the image
@@ -98,7 +98,7 @@ class HeadModel(GroupedModel):
 
         Raises:
             ConfigError: The file has no surface head; see `encode`.
-            DataError: See `encode`.
+            DataError: Frames or background are not what the model takes.
         """
         if "surface" not in self.heads:
             raise ConfigError(
@@ -125,21 +125,21 @@ class HeadModel(GroupedModel):
         names: Sequence[str] | None = None,
         unknown_sensor: Policy = "error",
     ) -> Classes:
-        """The classes of clips, by a linear head on what `encode` gives.
+        """Classifies clips by a linear head on the vectors of `encode`.
 
         Args:
             frames: See `encode`; or one image (H, W, 3) or (3, H, W), shown as a clip that stands
                 still.
-            background: See `encode`.
-            sensor: See `encode`.
+            background: Frame without contact, or a word in its place, as in `encode`.
+            sensor: Name of the sensor, or one name a clip, as in `encode`.
             head: A head that the benchmark fitted to this model, ``heads/TASK.MODEL.safetensors``;
                 None takes the one of a run trained with the objective ``classify``.
             names: Objects to choose from, for the head of a run, which keeps no names.
-            unknown_sensor: See `encode`.
+            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
 
         Raises:
-            ConfigError: No head, or one of another model, of another sensor, or fitted with a
-                background where none is given, or the other way round; see `encode`.
+            ConfigError: There is no head, or it belongs to another model or sensor, or was fitted
+                with a background where none is given, or the other way round; see `encode`.
             DataError: The file is not a head; see `encode`.
             DataNotFoundError: There is no such file.
         """
@@ -173,13 +173,13 @@ class HeadModel(GroupedModel):
         Args:
             name: A key of ``heads``.
             frames: See `encode`; a batch.
-            background: See `encode`.
-            sensor: See `encode`.
-            unknown_sensor: See `encode`.
+            background: Frame without contact, or a word in its place, as in `encode`.
+            sensor: Name of the sensor, or one name a clip, as in `encode`.
+            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
 
         Raises:
             ConfigError: There is no such head; see `encode`.
-            DataError: See `encode`.
+            DataError: Frames or background are not what the model takes.
         """
         if name not in self.heads:
             raise ConfigError(unknown("head of the model", name, self.heads))
@@ -202,17 +202,17 @@ class HeadModel(GroupedModel):
         """Vectors and forces of clips, from one pass of the encoder.
 
         Args:
-            frames: See `encode`.
-            background: See `encode`.
-            sensor: See `encode`.
-            unknown_sensor: See `encode`.
-            calibration: See `force`.
+            frames: Clips, uint8, RGB, in the shapes of `encode`.
+            background: Frame without contact, or a word in its place, as in `encode`.
+            sensor: Name of the sensor, or one name a clip, as in `encode`.
+            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
+            calibration: Calibration of this unit, or its file, as in `force`.
             check: Whether light and colours are compared with the background; see `force`. A
                 stream does so itself, in pictures as they came.
 
         Raises:
-            DataError: See `encode`.
-            ConfigError: See `force`.
+            DataError: Frames or background are not what the model takes.
+            ConfigError: No background, no such sensor, or a calibration of another model or sensor.
         """
         x, still, single = self._prepare(frames, background, check)
         names = self._names(sensor, len(x))
@@ -242,13 +242,13 @@ class HeadModel(GroupedModel):
         NaN, with a warning, in frames whose light has changed while nothing touches.
 
         Args:
-            frames: See `encode`; a batch.
-            background: See `encode`.
-            sensor: See `encode`.
+            frames: Clips, uint8, RGB, as in `encode`; a batch.
+            background: Frame without contact, or a word in its place, as in `encode`.
+            sensor: Name of the sensor, as in `encode`.
 
         Raises:
-            ConfigError: See `force`.
-            DataError: See `encode`.
+            ConfigError: No background, no force head, or no scale for the sensor.
+            DataError: Frames or background are not what the model takes.
         """
         x, still, _ = self._prepare(frames, background)
         names = self._names(sensor, len(x))
@@ -280,7 +280,7 @@ class HeadModel(GroupedModel):
         return self._encoder_hash or forces.fingerprint([self.encoder])
 
     def keep_fingerprint(self) -> None:
-        """Keeps the hashes of the weights of now: what fits a model fits its rounded copy."""
+        """Keeps the hashes of the current weights: a fit for a model also fits its rounded copy."""
         self._fingerprint, self._encoder_hash = self.fingerprint, self.encoder_hash
 
     def _readable(self, tokens: Tensor, projected: Tensor, scale: Tensor) -> dict[str, Tensor]:
@@ -291,10 +291,10 @@ class HeadModel(GroupedModel):
         """The fits of a calibration, if it was made for this model.
 
         Args:
-            calibration: Of one unit.
-            names: Sensors that they are for.
+            calibration: Calibration of one unit.
+            names: Names of the sensors in the batch.
 
         Raises:
-            ConfigError: They are of another model or sensor.
+            ConfigError: The fits belong to another model or sensor.
         """
         return forces.fitted_axes(calibration, names, self.fingerprint)

@@ -48,14 +48,14 @@ class Header:
         name: Name of the model; "" if it has none.
         encoder: Plugin and constructor arguments: ``{"name": ..., ...}``.
         package: Distribution that provides the plugin.
-        package_version: Its version when the file was written.
+        package_version: Version of that distribution when the file was written.
         versions: Versions of the packages that trained or imported the weights.
         sensors: Row of each sensor in the encoder's table.
-        input: What goes in: frames, height and width, mean and standard deviation.
+        input: Form of the input: frames, height and width, mean and standard deviation.
         spacing: Seconds between the frames of a clip; 0 for one frame.
         dtype: Type in which the numbers are kept.
         licence: SPDX identifier.
-        commit: Of the source that wrote the file; "" if unknown.
+        commit: Commit of the source that wrote the file; "" if unknown.
         data: Training data: name of the data set, and the licences of its recordings.
         recipe: The resolved recipe; empty for imported weights.
         source: Steps of the run, or the published file and its sha256.
@@ -87,7 +87,7 @@ class Header:
             has_place: Whether there is a place for the checksum, for `seal_checkpoint`.
 
         Raises:
-            ConfigError: It is no plain data, or longer than a reader accepts.
+            ConfigError: The metadata is not plain data, or is longer than a reader accepts.
         """
         content = asdict(self) | ({"sha256": _UNKNOWN} if has_place else {})
         if not self.heads:  # so files without heads are what they always were
@@ -129,11 +129,11 @@ def _check_sum(path: Path, text: bytes, stated: Any) -> None:
 
 
 def read_header(path: str | Path) -> Header:
-    """The header of a one-file checkpoint, whose checksum must be right where it has one.
+    """Reads the header of a one-file checkpoint; a checksum, if there is one, must be right.
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: It is truncated, damaged, something else, or not one of ours; says what it is.
+        DataError: The file is truncated, damaged, something else, or not one of ours; says which.
     """
     path = Path(path)
     if path.is_dir():
@@ -209,7 +209,7 @@ def _json_text(path: Path, file: BinaryIO) -> bytes:
 
 
 def _check_table(path: Path, start: int, table: dict[str, Any]) -> None:
-    """Checks that the tensors lie one behind the other, and that the file ends with the last."""
+    """Checks the tensors for gaps and overlaps, and the end of the file against the last one."""
     places = [_place(f"tensor {name!r}", entry) for name, entry in table.items()]
     end = 0
     expected, size = start + max((last for _, last in places), default=0), path.stat().st_size
@@ -222,7 +222,7 @@ def _check_table(path: Path, start: int, table: dict[str, Any]) -> None:
 
 
 def _place(where: str, entry: Any) -> tuple[int, int]:
-    """First and last place of a tensor's bytes, which are as many as its shape says."""
+    """First and last place of a tensor's bytes; checks their number against its shape."""
     about = strict.mapping(where, entry)
     offsets, shape, dtype = (about.get(key) for key in ("data_offsets", "shape", "dtype"))
     if not (_counts(offsets) and len(offsets) == 2):

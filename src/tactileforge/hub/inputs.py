@@ -68,11 +68,11 @@ def prepare_clips(
 
 
 def warn_of_swapped_clips(clips: ClipInputs, stacklevel: int = 4) -> None:
-    """Warns of clips whose newest frame has red and blue the other way round than its background.
+    """Warns of clips with red and blue swapped between the newest frame and the background.
 
     Args:
         clips: A batch.
-        stacklevel: See `warnings.warn`.
+        stacklevel: Level of the caller, as in `warnings.warn`.
     """
     if torch.compiler.is_compiling():
         return
@@ -100,7 +100,7 @@ def squash_images(images: NDArray[np.uint8], size: tuple[int, int] | None) -> ND
 
 
 def squash_clips(clips: ClipInputs, size: tuple[int, int] | None) -> ClipInputs:
-    """Clips whose frames and backgrounds are squashed; see `squash_images`."""
+    """Clips with squashed frames and backgrounds; see `squash_images`."""
     if size is None or tuple(clips.frames.shape[-2:]) == size:
         return clips
     frames, background = (_squashed(x, size) for x in (clips.frames, clips.background))
@@ -114,7 +114,7 @@ def _squashed(images: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def _repeat_stills(frames: Images, count: int) -> tuple[Images, bool]:
-    """Frames whose clips have ``count`` of them where they had one; and whether it is one clip."""
+    """Repeats single frames ``count`` times along the clip; also tells whether it is one clip."""
     axes = getattr(frames, "ndim", 0)
     if axes == 3:
         frames = frames[None]

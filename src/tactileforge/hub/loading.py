@@ -32,7 +32,7 @@ def load(
 
     Args:
         name_or_file: ``NAME.TAG``, ``NAME`` for the default weights, ``file:PATH``, or a `Path`.
-        device: Where the model computes.
+        device: Device of the computation, e.g. ``cpu``.
         dtype: In which type it does: ``float32``, ``bfloat16``, ``int8`` or ``auto``, see
             `precision.set_precision`.
         frames: Another number of frames a clip than it was trained on, where its positions can be
@@ -70,7 +70,7 @@ def load(
 
 
 def _warn(name: str, trained: Mapping[str, Any], encoder: Any) -> None:
-    """Warns where positions were interpolated."""
+    """Warns of interpolated positions."""
     for what, before, after in (
         ("frames", trained.get("frames"), encoder.frames),
         ("pixels a side", trained.get("size"), list(encoder.image_size)),
@@ -87,7 +87,7 @@ def list_models(pattern: str = "*", *, weights: bool = False) -> list[str]:
     """Names of the models of the zoo, ``NAME.TAG``, sorted by card.
 
     Args:
-        pattern: What names must match; ``*`` stands for anything.
+        pattern: Pattern of the names; ``*`` stands for anything.
         weights: Only those that `load` gives: shipped, remote, or imported already.
 
     Example:

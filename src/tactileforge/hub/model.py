@@ -39,15 +39,15 @@ class Model(HeadModel):
 
     Args:
         encoder: A touch encoder; see `contracts.Encoder`.
-        header: Of its file.
-        card: Of the zoo, where it has one.
-        device: Where it computes.
-        heads: Those of its file, by name; `force` and `readings` use ``force``, `surface` its own.
+        header: Header of its file.
+        card: Card of the zoo; None without one.
+        device: Device of the computation, e.g. ``cpu``.
+        heads: Heads of its file, by name; `force` and `readings` use ``force``, `surface` its own.
 
     Attributes:
         encoder: The ``torch.nn.Module``.
-        header: Of its file.
-        card: Of the zoo, or None.
+        header: Header of its file.
+        card: Card of the zoo, or None.
         frames: Frames of a clip, T.
         projected: Size of a vector.
         heads: ``torch.nn.ModuleDict``; empty where the file has none.
@@ -93,13 +93,13 @@ class Model(HeadModel):
         """Vectors along a video; only ``batch_size`` clips are in memory at once.
 
         Args:
-            video: See `cut_clips`.
+            video: A file, frames, or an array of them, uint8 (T, H, W, 3), RGB.
             background: See `encode`, but ``"first"`` is the first frame of the video.
-            sensor: See `encode`.
-            hop: See `cut_clips`.
-            times: See `cut_clips`.
-            groups: See `encode`.
-            unknown_sensor: See `encode`.
+            sensor: Name of the sensor, as in `encode`.
+            hop: Seconds between the ends of neighbouring clips; at least one frame.
+            times: float64, seconds of each frame, increasing; a file knows its own.
+            groups: Names of groups, ``all``, or None for the projected vector, as in `encode`.
+            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
             batch_size: Clips that are read and computed at once.
 
         Returns:
@@ -107,8 +107,9 @@ class Model(HeadModel):
             many numbers as the groups have.
 
         Raises:
-            ConfigError: See `encode` and `cut_clips`.
-            DataError: See `cut_clips`; or a frame cannot be decoded.
+            ConfigError: No times for frames without any, an invalid hop, or as in `encode`.
+            DataError: The video is too short for one clip, its times do not go forward, or a frame
+                cannot be decoded.
         """
         check_batch_size(batch_size)
         frames = open_video(video)
@@ -148,11 +149,11 @@ class Model(HeadModel):
             background: The frame without contact, uint8 (H, W, 3); ``first``, the first frame,
                 unchecked; or how it is taken: None and `Background` take the median of the first
                 ``seconds``, in which nothing may touch.
-            contact: When something touches.
-            slip: When something slips.
+            contact: Thresholds of contact; see `ContactOptions`.
+            slip: Thresholds of slip; see `SlipOptions`.
             embedding: Whether predictions carry the model's vector.
-            unknown_sensor: See `encode`.
-            calibration: See `force`.
+            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
+            calibration: Calibration of this unit, or its file, as in `force`.
 
         Raises:
             ConfigError: The model does not know the sensor, or the calibration is of another.

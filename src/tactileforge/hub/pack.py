@@ -146,7 +146,7 @@ def import_published(model: str, source: str | Path, sensor: str = "") -> Path:
     Args:
         model: ``NAME.TAG``, or ``NAME``.
         source: The file as its authors publish it; its heads are imported with the encoder.
-        sensor: On which its force head was trained, where the name of the file does not say.
+        sensor: Sensor of its force head's training, where the name of the file does not say.
 
     Returns:
         The one-file checkpoint; `tactileforge.load` finds it by its name from now on.
@@ -198,7 +198,7 @@ def import_published(model: str, source: str | Path, sensor: str = "") -> Path:
 def _check_variant(
     card: cards.Card, weight: cards.Weight, layout: str, node: Mapping[str, Any], source: Path
 ) -> None:
-    """Raises a DataError where the file belongs to another model or variant."""
+    """Raises a DataError if the file belongs to another model or variant."""
     wanted = _variant(card, weight)
     variant = {"layout": layout, **{key: node.get(key) for key in wanted if key != "layout"}}
     if variant == wanted:
@@ -214,7 +214,7 @@ def _check_variant(
 
 
 def _variant(card: cards.Card, weight: cards.Weight) -> dict[str, Any]:
-    """Configuration that an importer must detect for these weights."""
+    """Configuration of these weights, for an importer to detect."""
     return {"layout": weight.layout, "frames": card.clip(weight)[0], **weight.encoder}
 
 

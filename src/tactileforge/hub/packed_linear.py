@@ -1,4 +1,4 @@
-"""Linear layers that are faster on a CPU, for inference only."""
+"""Faster linear layers on a CPU, for inference only."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _PROBES = 64
 
 
 class _Packed(NamedTuple):
-    """A copy of a weight in oneDNN's layout, with a check that it is up to date."""
+    """A copy of a weight in oneDNN's layout, with a check of whether it is up to date."""
 
     source: nn.Parameter
     version: int
@@ -35,7 +35,7 @@ class _Packed(NamedTuple):
 
 
 class PackedLinears(TorchFunctionMode):
-    """Context in which linear layers on the CPU use weights in oneDNN's packed layout.
+    """Context with oneDNN's packed layout for the weights of linear layers on the CPU.
 
     Torch rearranges a weight each time it is used; here it is done once, and the copy is kept for
     the next time. The numbers are the same but for rounding. Nothing about the modules changes, and

@@ -16,12 +16,12 @@ from tactileforge.errors import ConfigError
 def changed_options(
     encoder: Any, frames: int | None, image_size: int | tuple[int, int] | None
 ) -> dict[str, Any]:
-    """Options of an encoder that are asked for and are not what it has.
+    """Requested options of an encoder, as far as they differ from its own.
 
     Args:
-        encoder: As it was trained.
-        frames: Of a clip; None leaves them.
-        image_size: Rows and columns, or one number for both; None leaves them.
+        encoder: The trained encoder.
+        frames: Frames of a clip; None keeps their number.
+        image_size: Rows and columns, or one number for both; None keeps the size.
     """
     options: dict[str, Any] = {}
     if frames is not None and frames != encoder.frames:
@@ -38,8 +38,8 @@ def rebuild_encoder(node: Mapping[str, Any], encoder: Any, options: Mapping[str,
 
     Args:
         node: Plugin and arguments of the encoder that was trained.
-        encoder: That encoder, with its weights.
-        options: See `changed_options`.
+        encoder: The trained encoder, with its weights.
+        options: Options to change, by name; see `changed_options`.
 
     Raises:
         ConfigError: The encoder does not take an option, or its positions cannot be interpolated.

@@ -1,4 +1,4 @@
-"""Types of number in which a loaded model computes."""
+"""Number types of a loaded model's computation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Heads of a published file, beside the encoder that is imported from it."""
+"""Heads of a published file, beside its imported encoder."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def published_heads(
 
     Args:
         converted: The file.
-        encoder: Its encoder.
-        source: Its path: the names of the published files tell the sensor.
-        sensor: On which the force head was trained; "" asks the name.
+        encoder: Imported encoder of the file.
+        source: Path of the file: the names of the published files tell the sensor.
+        sensor: Sensor of the force head's training; "" takes it from the name of the file.
 
     Returns:
         By name: ``force``, and ``classes`` for the heads that name materials.

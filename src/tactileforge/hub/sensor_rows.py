@@ -59,8 +59,8 @@ def row_each(encoder: Any, names: Sequence[str], policy: Policy, any_sensor: boo
 
     Args:
         encoder: The touch encoder.
-        names: See `name_each`.
-        policy: For a sensor that has no row.
+        names: Names of the sensors, one per clip; see `name_each`.
+        policy: Policy for a sensor without a row: ``error`` or ``universal``.
         any_sensor: Whether the encoder ignores sensors.
 
     Raises:

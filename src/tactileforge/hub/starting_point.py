@@ -1,4 +1,4 @@
-"""Weights of a model that a new run starts from."""
+"""Weights of a model as the start of a new run."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def starting_weights(name: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
 
 
 def starting_heads(name: str) -> dict[str, Any]:
-    """Plugin and constructor arguments of the heads that `starting_weights` has, by name."""
+    """Plugin and constructor arguments of the heads in `starting_weights`, by name."""
     heads = {} if name == "pixels" else load(name).header.heads
     return {key: found["node"] for key, found in heads.items()}
 

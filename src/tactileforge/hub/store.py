@@ -32,10 +32,10 @@ class Import:
 
     Attributes:
         file: Name of the one-file checkpoint.
-        sha256: Of that file.
-        bytes: Its size.
+        sha256: Hash of that file.
+        bytes: Size of that file.
         source: Name of the published file.
-        source_sha256: Its hash; "" for a folder.
+        source_sha256: Hash of the published file; "" for a folder.
     """
 
     file: str
@@ -61,7 +61,7 @@ def fetch_weights(card: Card, weight: Weight) -> Path:
     """Path of the verified file of a model; downloads it if it is missing.
 
     Raises:
-        DataError: Its hash or size is not the one that is recorded.
+        DataError: The file's hash or size differs from the record.
         DataNotFoundError: It is not there, and cannot be had from here; says how to get it.
         ConfigError: The address is of an unknown kind, or needs a package.
     """
@@ -113,11 +113,11 @@ def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha2
     Two imports at once end in the one that is recorded last; both files are whole.
 
     Args:
-        card: Of the model.
-        weight: Of the model.
+        card: Card of the model.
+        weight: Its file of weights.
         part: The one-file checkpoint, in `weights_folder`.
         source: Name of the published file.
-        source_sha256: Its hash.
+        source_sha256: Hash of the published file; "" for a folder.
 
     Returns:
         Where the file lies now.
@@ -220,7 +220,7 @@ def _fetch(name: str, url: str, headers: Mapping[str, str], size: int, part: Pat
 
 
 def _address(name: str, url: str) -> tuple[str, dict[str, str]]:
-    """Where a file lies, and the headers that are sent there."""
+    """Address of a file, and the headers to send there."""
     if not url.startswith("hf://"):
         if url.partition(":")[0] not in ("https", "http", "file"):
             raise ConfigError(f"{name}: {url}: use https://, http://, file:// or hf://")

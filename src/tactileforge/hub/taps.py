@@ -1,4 +1,4 @@
-"""Taps: features that can be read from one pass of an encoder."""
+"""Taps: features from one pass of an encoder."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _CLASS = ("projected", "cls")
 
 
 def check_tap(encoder: Any, tap: str) -> None:
-    """Raises a ConfigError where an encoder has no such tap; says which it has."""
+    """Raises a ConfigError if an encoder lacks a tap; says which it has."""
     if tap not in TAPS:
         raise ConfigError(unknown("tap", tap, TAPS))
     if tap == "cls" and encoder.prefix == 0:
@@ -39,7 +39,7 @@ def check_tap(encoder: Any, tap: str) -> None:
 
 
 def is_plain(encoder: Any) -> bool:
-    """Whether `Backbone.forward` is what computes; an encoder with its own is asked by that."""
+    """Whether the encoder uses `Backbone.forward`; one with its own is called through it."""
     return getattr(encoder.forward, "__func__", None) is Backbone.forward
 
 
@@ -66,7 +66,7 @@ def read_tap(encoder: Any, tap: str, *inputs: Tensor) -> Tensor:
 
 
 def _pass(encoder: Any, tap: str, *inputs: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
-    """Tokens, projected class tokens, and the tokens before the norm, where they are normed."""
+    """Tokens, projected class tokens, and the tokens before the norm if they are normed."""
     if not getattr(encoder, "norm_tokens", False) or tap in ("tokens", "patches", *_CLASS):
         return (*encoder(*inputs), None)
     before: list[Tensor] = []

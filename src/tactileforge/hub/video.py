@@ -72,7 +72,7 @@ def cut_clips(
 
 
 def _rows(times: Times, end: int, frames: int, spacing: float, period: float) -> list[int] | None:
-    """The frames of the clip that ends with a frame; None where there is none."""
+    """Frames of the clip ending with frame ``end``; None if there is no such clip."""
     reach = frames * clip_step(period, spacing)
     first = int(np.searchsorted(times, times[end] - reach))
     rows = clip_rows(times[first : end + 1], frames, spacing, period)

@@ -1,1 +1,1 @@
-"""Encoders and the probes that are fitted on them."""
+"""Encoders and the probes fitted on them."""

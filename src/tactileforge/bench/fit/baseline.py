@@ -1,4 +1,4 @@
-"""The base of what stands in for an encoder of touch in a bench."""
+"""Base of the stand-ins for a touch encoder in a bench."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Baselines: features of the frames that no touch has taught, in place of an encoder."""
+"""Baselines: features of frames without training on touch, in place of an encoder."""
 
 from __future__ import annotations
 
@@ -89,9 +89,9 @@ class Hog(Flat):
 
 
 class BackgroundOnly(Flat):
-    """The frame without contact at 16 x 16: features that exist before any contact.
+    """The frame without contact at 16 x 16: features from before any contact.
 
-    A task that it answers has a shortcut, as where all recordings of an object are of one hour.
+    A task that it solves has a shortcut, e.g. if all recordings of an object are of one hour.
     """
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:

@@ -21,10 +21,10 @@ def keep_class_head(
     It was fitted to all clips of the task; its metrics are of clips that were left out.
 
     Args:
-        folder: Of the benchmark.
+        folder: Folder of the benchmark.
         prepared: The task.
         subject: The encoder.
-        result: What was measured.
+        result: Result of the probe, with its layer.
 
     Returns:
         The file; None where the task has no classes, or the model is a baseline or untrained.

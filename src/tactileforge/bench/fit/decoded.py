@@ -25,8 +25,8 @@ def clip_folder(folder: Path, source: TaskSource, clips: Clips, spacing: float) 
     """The folder of some clips; None where they are too many to keep.
 
     Args:
-        folder: Of all clips that are kept.
-        source: What they are cut from.
+        folder: Parent folder of all stored clips.
+        source: Source of the clips.
         clips: The clips.
         spacing: Seconds between their frames.
     """
@@ -39,10 +39,10 @@ def clip_folder(folder: Path, source: TaskSource, clips: Clips, spacing: float) 
 
 
 def stored_batches(folder: Path, size: int) -> Iterator[Batch] | None:
-    """Batches of clips that are kept, in order; None where they are not.
+    """Batches of stored clips, in order; None if they are not stored.
 
     Args:
-        folder: See `clip_folder`.
+        folder: Folder of the clips; see `clip_folder`.
         size: Clips of a batch.
     """
     note = folder / "sensors.json"
@@ -67,9 +67,9 @@ def store_batches(folder: Path, count: int, batches: Iterator[Batch]) -> Iterato
     """Passes all batches on, and keeps their clips once the last has come.
 
     Args:
-        folder: See `clip_folder`.
+        folder: Folder of the clips; see `clip_folder`.
         count: Clips in all.
-        batches: From the first clip on.
+        batches: Batches, from the first clip on.
     """
     folder.mkdir(parents=True, exist_ok=True)
     sweep_parts(folder)

@@ -46,12 +46,12 @@ class ProbeResult:
     """A tested probe, over all folds.
 
     Attributes:
-        outcomes: Of each fold.
-        predicted: In the units of the truth, of each part, (n, columns).
-        truth: Alike.
+        outcomes: Trained probe of each fold.
+        predicted: Predictions of each part, (n, columns), in the units of the truth.
+        truth: True values of each part, (n, columns).
         metrics: Values by name.
-        layer: Of a linear probe, fitted again to all clips: its penalty, and float64 (width + 1,
-            outputs) of each part.
+        layer: Layer of a linear probe, fitted again to all clips: its penalty, and float64
+            (width + 1, outputs) of each part.
     """
 
     outcomes: Sequence[TrainedProbe]
@@ -88,12 +88,12 @@ def evaluate_probe(
 
     Args:
         prepared: The task.
-        choice: Its probe.
+        choice: Choice of the probe.
         subject: The encoder.
-        features: Of its clips at least; None where the encoder is trained too.
-        store: How clips are read where the encoder is trained too.
-        seeds: Of the probes; one is enough where nothing is drawn.
-        select_on_test: Whether the best epoch is that of the test clips.
+        features: Features of its clips, or of more; None where the encoder is trained too.
+        store: Options for reading clips where the encoder is trained too.
+        seeds: Seeds of the probes; one is enough if nothing is drawn.
+        select_on_test: Whether the best epoch is chosen on the test clips.
 
     Returns:
         One result a learning rate and seed, rates first.

@@ -68,13 +68,13 @@ def extract_features(
     extraction goes on where it was, and of two processes that need the same one computes it.
 
     Args:
-        store: Where they are kept.
+        store: Location of the features.
         subject: The encoder.
         source: The clips.
-        clips: Which of them.
+        clips: Places of the clips to read.
         taps: ``projected``, ``tokens``.
-        flips: Which mirror images.
-        policy: What to do with an unknown sensor: ``error`` or ``universal``.
+        flips: Mirror images to read.
+        policy: Policy for an unknown sensor: ``error`` or ``universal``.
 
     Returns:
         By tap and flip, float16 (n, ...), in the order of ``clips``.
@@ -104,7 +104,7 @@ def extract_features(
 
 
 def _remove_partial(folder: Path) -> None:
-    """Removes what passes over other sets of arrays left when they were stopped."""
+    """Removes files left by stopped passes over other sets of arrays."""
     for path in folder.iterdir():
         if path.suffix != ".npy":
             path.unlink()
@@ -128,7 +128,7 @@ def _key(subject: FrozenEncoder, source: TaskSource, clips: NDArray[np.int64], p
 
 
 class _Extraction:
-    """One pass over the clips that fills several arrays."""
+    """One pass over the clips, filling several arrays."""
 
     def __init__(
         self,
@@ -197,7 +197,7 @@ class _Extraction:
                 start += count
 
     def _read(self, clips: Clips, rows: range) -> Iterator[Batch]:
-        """Batches of some rows, decoded once for all encoders that read them in this form."""
+        """Batches of some rows, decoded once for all encoders with this form of input."""
         size, spacing = self.store.batch, self.subject.spacing_of(self.source.clip)
         folder = decoded.clip_folder(
             self.store.folder.parent / "clips", self.source, clips, spacing

@@ -35,11 +35,11 @@ def finetune_encoder(
 
     Args:
         prepared: The task.
-        choice: Its probe; ``choice.finetune`` is the learning rate of the encoder.
+        choice: Choice of the probe; ``choice.finetune`` is the learning rate of the encoder.
         subject: The encoder; it is left as it was.
-        store: How clips are read.
+        store: Options for reading clips; see `FeatureStore`.
         uses: Clips to train on, to select on, and to test on.
-        seeds: Of the probes.
+        seeds: Seeds of the probes.
         score: Metric of predictions on the clips to select on.
         higher: Whether a higher score is better.
 

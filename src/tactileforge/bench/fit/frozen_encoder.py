@@ -1,4 +1,4 @@
-"""Encoders of the benchmark: frozen, with the form of clip that they are shown."""
+"""Frozen encoders of the benchmark, with the form of their input clips."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ class FrozenEncoder:
     Args:
         name: The word that users type.
         encoder: A touch encoder.
-        header: What is known of it.
-        sha256: Of its file; "" takes that of its weights.
-        device: Where it computes.
+        header: Metadata of the encoder.
+        sha256: Hash of its file; "" takes the hash of its weights.
+        device: Device of the computation.
 
     Attributes:
-        frames: Frames of a clip that it is shown.
+        frames: Frames of an input clip.
         weights: Hash of its weights.
-        preprocessing: What else its features depend on; plain data.
+        preprocessing: All else that its features depend on, as plain data.
     """
 
     def __init__(
@@ -93,11 +93,11 @@ class FrozenEncoder:
 
     @property
     def group_sizes(self) -> dict[str, int]:
-        """Numbers of each group of features, which lie side by side in the tap ``groups``."""
+        """Size of each group of features; they lie side by side in the tap ``groups``."""
         return group_sizes(self.encoder)
 
     def taps(self, kind: type[Probe]) -> tuple[str, ...]:
-        """Names of the features that a kind of probe reads and this encoder has."""
+        """Names of the features for a kind of probe, as far as this encoder has them."""
         if not kind.readings:
             return (kind.tap,)
         return kind.readings[:1] if self.flat else kind.readings
@@ -109,12 +109,12 @@ class FrozenEncoder:
         return self.header.spacing
 
     def size_for(self, shape: tuple[int, int]) -> tuple[int, int]:
-        """Height and width to which frames of a shape are read."""
+        """Height and width after reading, for recorded frames of a shape."""
         size: tuple[int, int] = self.encoder.image_size
         return shape if self.native else size
 
     def unknown(self, sensors: Sequence[str]) -> list[str]:
-        """Those of the sensors that the encoder does not know."""
+        """Sensors unknown to the encoder."""
         unknown = []
         for name in sensors:
             try:
@@ -129,9 +129,9 @@ class FrozenEncoder:
         """Features for probes, without gradients.
 
         Args:
-            batch: See `run`.
-            flip: See `run`.
-            policy: See `run`.
+            batch: Clips, see `run`.
+            flip: Whether it is mirrored left to right, and top to bottom.
+            policy: Policy for an unknown sensor: ``error`` or ``universal``.
             groups: Whether ``summary`` or ``groups`` are asked for.
 
         Returns:
@@ -150,12 +150,12 @@ class FrozenEncoder:
     def run(
         self, batch: Batch, flip: tuple[bool, bool], policy: str, groups: bool = False
     ) -> dict[str, Tensor]:
-        """The same, with gradients where the encoder has them.
+        """Outputs of the encoder for a batch, with gradients if it has them; see `features`.
 
         Args:
-            batch: See `tactileforge.contracts`.
+            batch: Clips, backgrounds and sensors, see `tactileforge.contracts`.
             flip: Whether it is mirrored left to right, and top to bottom.
-            policy: What to do with an unknown sensor: ``error`` or ``universal``.
+            policy: Policy for an unknown sensor: ``error`` or ``universal``.
             groups: Whether to add ``summary`` and ``groups``, see `features`.
         """
         frames = batch["frames"].to(self.device, non_blocking=True)

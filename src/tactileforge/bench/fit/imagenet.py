@@ -1,4 +1,4 @@
-"""The baseline ``imagenet``: features of photographs, of a model that never saw touch."""
+"""The baseline ``imagenet``: features of a network of photographs, not of touch."""
 
 from __future__ import annotations
 

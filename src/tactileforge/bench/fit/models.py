@@ -30,10 +30,10 @@ class ModelEntry:
 
     Attributes:
         name: The word users type.
-        title: Its name in print.
-        open: Its encoders, each from a training of its own.
+        title: Name in print.
+        open: Constructors of its encoders, each from a training of its own.
         group: ``model`` or ``ablation``.
-        recipe: What it was trained with; "" if unknown.
+        recipe: Recipe of its training; "" if unknown.
         folders: Runs that trained it.
     """
 
@@ -51,15 +51,15 @@ def model_entry(
     device: str = "cpu",
     runs: Mapping[str, Path] | None = None,
 ) -> ModelEntry:
-    """A model by the word that names it.
+    """Resolves a model by its word.
 
     Args:
         word: A name of the zoo, ``file:PATH``, ``run:FOLDER``, ``untrained:WORD`` (new random
             weights in the shape of another model, or of a recipe), or one of
             `baselines.BASELINES`.
         composed: Overrides with which a recipe is composed for ``untrained:RECIPE``.
-        device: Where it computes.
-        runs: Folders of models that were trained, which ``untrained:NAME`` may name.
+        device: Device of the computation.
+        runs: Folders of the models trained here, by name, for ``untrained:NAME``.
 
     Raises:
         ConfigError: There is no such model.

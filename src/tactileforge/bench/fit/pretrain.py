@@ -32,10 +32,10 @@ class PretrainModel:
     """A model to train.
 
     Attributes:
-        title: Its name in print.
-        recipe: Of the zoo.
+        title: Name in print.
+        recipe: Name of a recipe of the zoo.
         words: Overrides of ``tactileforge train``.
-        seeds: One run each.
+        seeds: Seeds, one run each.
         group: ``model`` or ``ablation``.
     """
 
@@ -52,8 +52,8 @@ class PretrainJob:
 
     Attributes:
         name: Model and seed.
-        folder: Of the run.
-        words: Its overrides.
+        folder: Folder of the run.
+        words: Overrides of ``tactileforge train``.
     """
 
     name: str
@@ -62,7 +62,7 @@ class PretrainJob:
 
     @property
     def finished(self) -> bool:
-        """Whether training is complete: the report is written last."""
+        """Whether training is complete; the report is written last."""
         return (self.folder / "report.html").is_file() and self.has_checkpoint
 
     @property
@@ -101,7 +101,7 @@ def ablations(
     Args:
         wanted: ``all``, or names with commas between them.
         known: Names in zoo/ablation.
-        models: Those to train already; without any, ``anytouch2``.
+        models: Models listed so far; if empty, ``anytouch2`` is trained.
 
     Raises:
         ConfigError: An unknown ablation.
@@ -187,7 +187,7 @@ def train_all(runs: Sequence[PretrainJob], hydra: Sequence[str] | None) -> None:
     """Trains runs one after another, or as jobs of Hydra.
 
     Args:
-        runs: What to train.
+        runs: Runs to train.
         hydra: Words for Hydra, e.g. ``hydra/launcher=ray``, whose launcher then spreads the jobs
             and has to see their folders; None without it.
     """

@@ -27,9 +27,9 @@ class PreparedTask:
 
     Attributes:
         task: The task.
-        source: Its clips.
-        target: What they are to predict.
-        splits: Who trains and tests, one for each fold.
+        source: Source of its clips.
+        target: Target of the prediction.
+        splits: Clips for training, validation and test, one split for each fold.
     """
 
     task: Task
@@ -45,7 +45,7 @@ class PreparedTask:
 
     @property
     def clips(self) -> NDArray[np.int64]:
-        """int64, ascending: clips of the source that a split uses."""
+        """Clips of the source used by any split: int64, ascending."""
         used = [
             places
             for split in self.splits
@@ -98,10 +98,10 @@ class ProbeChoice:
     """The probe of a task: its class, its options and its training.
 
     Attributes:
-        name: What it is called.
+        name: Name of the probe.
         kind: The class.
         options: Arguments of its constructor.
-        training: How it is trained.
+        training: Training options.
         finetune: Learning rate of the encoder where that is trained too; 0 leaves it frozen.
     """
 

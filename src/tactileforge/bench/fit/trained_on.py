@@ -1,4 +1,4 @@
-"""Training data that a model's file names, and its overlap with the gate's held-out data."""
+"""Training data named by a model's file, and its overlap with the gate's held-out data."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def trained_on(header: Header) -> list[str]:
 
 
 def seen(header: Header) -> list[str]:
-    """Held-out data of the gate that training may have seen, sorted; ideally none."""
+    """Held-out data of the gate possibly seen in training, sorted; ideally empty."""
     overlap = []
     for name, held_out in _sets(header.recipe.get("data") or {}):
         for known, share in HELD_OUT.items():

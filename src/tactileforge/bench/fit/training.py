@@ -30,7 +30,7 @@ class Examples:
         features: Mapped arrays (m, ...), by flip.
         rows: int64 (n,), row of each example in them.
         truth: Normalised truth (n, columns) of each part, by flip.
-        device: Where probes are trained.
+        device: Device of the probes' training.
     """
 
     features: dict[Flip, Array]
@@ -74,11 +74,11 @@ class TrainedProbe:
     """One probe after its training.
 
     Attributes:
-        seed: Of its first weights.
-        lr: Its learning rate.
+        seed: Seed of its first weights.
+        lr: Learning rate.
         predicted: Predictions on the test clips, normalised, of its best epoch.
-        score: Of the validation clips, in that epoch.
-        epoch: That epoch, from 1; -1 where nothing is trained.
+        score: Score on the validation clips, in that epoch.
+        epoch: Best epoch, from 1; -1 where nothing is trained.
         reading: Features that it reads, where its kind reads several.
         penalty: Chosen penalty of a linear probe.
         train: Loss of each epoch.
@@ -105,7 +105,7 @@ class ProbeEnsemble:
     Args:
         probes: The members, on one device.
         rates: Learning rate of each.
-        training: What else they are trained with.
+        training: Other training options.
         steps: Optimiser steps in all.
     """
 
@@ -207,11 +207,11 @@ def train_probes(
     their order.
 
     Args:
-        build: A new probe with random weights.
-        training: How.
+        build: Constructor of a new probe with random weights.
+        training: Training options of the probe.
         examples: Features and truth.
         uses: Clips to train on, to select on, and to test on.
-        seeds: Of the probes.
+        seeds: Seeds of the probes.
         score: Metric of predictions on the clips to select on; called once a member and epoch.
         higher: Whether a higher score is better.
 

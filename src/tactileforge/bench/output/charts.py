@@ -50,9 +50,9 @@ def scatter(
     Args:
         truth: float (N,).
         predicted: float (N,); what lies outside the limits is drawn on their edge.
-        axis: Its name.
-        limits: Of both axes.
-        unit: Of the values; errors of N are given in mN.
+        axis: Name of the axis.
+        limits: Lower and upper limit of both axes.
+        unit: Unit of the values; errors of N are given in mN.
     """
     rows = np.unique(np.linspace(0, len(truth) - 1, POINTS).round().astype(int))
     error = rmse(truth, predicted)
@@ -75,12 +75,12 @@ def _r(truth: NDArray[Any], predicted: NDArray[Any]) -> str:
 def confusion(
     truth: NDArray[np.int64], predicted: NDArray[np.int64], names: Sequence[str]
 ) -> tuple[Markup, NDArray[np.int64]]:
-    """Shares of each true class that are predicted as each class.
+    """Confusion matrix: shares of each true class predicted as each class.
 
     Args:
         truth: int64 (N,).
         predicted: int64 (N,).
-        names: Of the classes.
+        names: Names of the classes.
 
     Returns:
         The drawing, and the counts it shows, int64 (C, C), true classes first.

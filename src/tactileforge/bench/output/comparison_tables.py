@@ -45,7 +45,7 @@ class Columns:
         self.notes = Notes()
 
     def head(self, task: ResultTask) -> ColumnHead:
-        """Title, main metric, and which way is better."""
+        """Title, main metric, and the better direction."""
         return metric_head(task.metric(), task.title)
 
     def score(self, task: ResultTask, model: ResultModel) -> SeedScores | None:
@@ -129,7 +129,7 @@ def main_table(results: Results, all_scores: Scores) -> Table | None:
 
 
 def _other_tasks(results: Results) -> list[tuple[str, str]]:
-    """Tasks that did not run and have no column."""
+    """Tasks without a run and without a column."""
     listed = {"", *(task.name for task in results.tasks)}
     rest = (skipped for skipped in results.not_run if skipped.task not in listed)
     return [("‡", f"Task {skipped.task} was not run. {sentences(skipped)}") for skipped in rest]
@@ -203,7 +203,7 @@ def _ablation_column(
 
 
 def comparison_mark(change: Interval, better: str) -> tuple[str, Tone]:
-    """The sign of a difference, and its tone: filled where it exceeds its interval."""
+    """The sign of a difference, and its tone; filled if it exceeds its interval."""
     if change.mean == 0:
         return "", ""
     worse = (change.mean > 0) == (better == "lower")

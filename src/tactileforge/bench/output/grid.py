@@ -26,7 +26,7 @@ class TableEntry:
         text: Plain text, never empty.
         rank: ``best`` is bold, ``second`` underlined.
         marks: Footnotes it refers to.
-        tone: How a page shows it; says nothing that the text does not say.
+        tone: Emphasis on a page; it adds nothing to the text.
         below: A second line, in brackets where there is but one.
     """
 
@@ -52,13 +52,13 @@ class ColumnHead:
 
 @dataclass(frozen=True)
 class Table:
-    """A table whose first column names the rows.
+    """A table with the names of the rows in its first column.
 
     Attributes:
         name: A word, for anchors and labels.
-        title: Plain text, as all others.
-        caption: What a reader has to know.
-        head: One for each column.
+        title: Title in plain text, as all others.
+        caption: Explanation for the reader.
+        head: Heads of the columns, one each.
         rows: Entries.
         notes: Footnotes: mark and text.
     """
@@ -99,7 +99,7 @@ class Notes:
 
 
 def decimals(values: Iterable[float]) -> int:
-    """Decimals that give the largest value four digits, three at most.
+    """Number of decimals for four digits in the largest value, three at most.
 
     Example:
         >>> decimals([0.5]), decimals([3.0, 42.31]), decimals([80.83, 1051.03])
@@ -116,7 +116,7 @@ def fixed(value: float, digits: int, signed: bool = False) -> str:
 
 
 def plus_minus(interval: Interval, digits: int, signed: bool = False) -> str:
-    """A mean, and half the width of its interval where it has one."""
+    """A mean, and half the width of its interval if it has one."""
     text = fixed(interval.mean, digits, signed)
     if math.isnan(interval.half):
         return text

@@ -1,4 +1,4 @@
-"""The sections of the bench's page that are drawn: forces, confusions, losses."""
+"""Drawn sections of the bench's page: forces, confusions, losses."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def draw_figures(folder: Path, results: Results, scores: Scores) -> list[Section
 def _read(
     folder: Path, results: Results, scores: Scores, task: ResultTask
 ) -> tuple[dict[str, Predictions], Markup]:
-    """Predictions of one task by title of the model, and words on those that are not there."""
+    """Predictions of one task by title of the model, and text on the missing ones."""
     names, readings, trouble = titles(results), {}, []
     for model in results.models:
         score = main_score(scores, task, model)
@@ -97,7 +97,7 @@ def _scatters(task: ResultTask, values: Mapping[str, Predictions]) -> Markup:
 
 
 def _limits(readings: Sequence[Predictions]) -> dict[str, tuple[float, float]]:
-    """One range for an axis, in which all true values are, with room around them."""
+    """One range for each axis, with all true values and room around them."""
     limits: dict[str, tuple[float, float]] = {}
     for axis in dict.fromkeys(axis for one in readings for axis in one.columns):
         parts = [one.truth[:, one.columns.index(axis)] for one in readings if axis in one.columns]

@@ -20,10 +20,10 @@ class PublishedScore:
     Attributes:
         model: Full name of the weights, ``card.tag``.
         task: Benchmark, task and sensor.
-        metric: What was measured.
+        metric: Name of the metric.
         value: The number.
-        unit: Of the number.
-        source: Where it can be looked up.
+        unit: Unit of the number.
+        source: Reference for the number.
     """
 
     model: str
@@ -110,7 +110,7 @@ def published_for_task(
 def beside_tables(
     results: Results, all_scores: Scores, rows: Sequence[PublishedScore]
 ) -> list[Table]:
-    """Measured beside published numbers: a table for each task and metric that both have."""
+    """Measured beside published numbers: a table for each shared task and metric."""
     grids = []
     for task in results.tasks:
         pairs = published_for_task(task, rows)

@@ -31,8 +31,8 @@ def bench_page(
     """The whole page.
 
     Args:
-        folder: Where the predictions lie.
-        results: What was measured.
+        folder: Folder of the predictions.
+        results: Results of the bench.
         scores: The same, by task and model.
         rows: Published numbers.
         gate: The release gate, where it was measured.
@@ -77,7 +77,7 @@ def _top(results: Results, scores: Scores) -> Markup:
 
 
 def _leaders(results: Results, scores: Scores) -> list[tuple[str, str]]:
-    """Best models by task, and the tasks in which the lead exceeds the interval."""
+    """Best models by task, and the tasks with a lead beyond the interval."""
     first: dict[str, list[str]] = {}
     clear = compared = 0
     for task in results.tasks:

@@ -1,4 +1,4 @@
-"""Tables of the settings that were tried, and of every metric of a task."""
+"""Tables of the tried settings, and of every metric of a task."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def _settings_column(
 
 
 def _words_of(setting: dict[str, Any], rows: Sequence[tuple[ResultModel, dict[str, Any]]]) -> str:
-    """The options that differ between rows."""
+    """Options with different values in different rows, as text."""
     every = [other for _, other in rows]
     differing = [key for key in setting if any(o.get(key) != setting[key] for o in every)]
     return ", ".join(f"{key}={setting[key]}" for key in differing) or "as published"

@@ -61,7 +61,7 @@ def write_all(folder: Path) -> list[Path]:
 def tables(
     results: Results, all_scores: Scores, rows: list[PublishedScore], gate: Table | None = None
 ) -> list[Table]:
-    """All tables that are not empty, measured numbers first."""
+    """All tables with content, measured numbers first."""
     grids = [
         gate,
         comparison_tables.main_table(results, all_scores),

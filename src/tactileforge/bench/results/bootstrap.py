@@ -27,7 +27,7 @@ Sums = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GroupedScore:
-    """A score as sums over groups, so that the bootstrap over groups is a matrix product.
+    """A score as sums over groups: the bootstrap over groups becomes a matrix product.
 
     The score is ``start + sign * mean_k(top_k / bottom_k)``, tops and bottoms summed over groups.
 
@@ -59,11 +59,12 @@ def grouped_score(path: Path, metric: str) -> GroupedScore:
     """Scores of the test clips of a cell.
 
     Args:
-        path: Its predictions.
+        path: File of its predictions.
         metric: One of `METRICS`.
 
     Raises:
-        DataError: The file does not say which clips belong together, or the metric is another.
+        DataError: The file does not say which clips belong together, or the metric is not in
+            `METRICS`.
     """
     predictions = read_predictions(path)
     with np.load(path, allow_pickle=False) as file:
@@ -106,11 +107,11 @@ class ScoreInterval:
 
 
 def compared(tallies: Sequence[GroupedScore], others: Sequence[GroupedScore] = ()) -> ScoreInterval:
-    """Mean score of some networks, or its difference to that of others, by the bootstrap.
+    """Bootstrap of the mean score of some networks, or of its lead over other networks.
 
     Args:
-        tallies: A tally each.
-        others: Alike; none to give the score itself.
+        tallies: Scores of the networks, one each.
+        others: Scores of the other networks, one each; empty to give the score itself.
 
     Raises:
         DataError: They were not tested on the same groups.
@@ -122,13 +123,13 @@ def compared(tallies: Sequence[GroupedScore], others: Sequence[GroupedScore] = (
 def compared_over_tasks(
     tasks: Sequence[tuple[Sequence[GroupedScore], Sequence[GroupedScore]]],
 ) -> ScoreInterval:
-    """Mean over tasks of what `compared` gives for each; tasks are drawn from independently.
+    """Mean over tasks of the results of `compared`; tasks are drawn from independently.
 
     Args:
         tasks: Networks and others of each task; see `compared`.
 
     Raises:
-        DataError: See `compared`.
+        DataError: The networks of a task were not tested on the same groups.
     """
     parts = [_bootstrap(*task, seed=_SEED + number) for number, task in enumerate(tasks)]
     return _interval(

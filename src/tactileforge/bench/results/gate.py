@@ -46,9 +46,9 @@ class GateRow:
     Attributes:
         task: Name of the task; `MEAN` for all of them together.
         model: Name of the model.
-        reading: What the probe read; see `Ridge.readings`.
-        score: Its score.
-        above: What it is above ``random``, baselines and other models, by name.
+        reading: Features for the probe; see `Ridge.readings`.
+        score: Score of the model.
+        above: Lead over ``random``, baselines and other models, by name.
     """
 
     task: str
@@ -64,7 +64,7 @@ class GateRow:
 
 
 def gate_tasks(results: Results) -> list[ResultTask]:
-    """The tasks that the gate can judge: those whose main metric is a sum over clips."""
+    """Tasks with a sum over clips as main metric; the gate can judge no others."""
     return [task for task in results.tasks if task.main in METRICS]
 
 
@@ -72,8 +72,8 @@ def compute_gate(folder: Path, results: Results) -> list[GateRow]:
     """Rows of the gate: every model in every task and in their mean, with each kind of features.
 
     Args:
-        folder: Of a bench.
-        results: What it left.
+        folder: Folder of a bench.
+        results: Results of the bench.
     """
     gate_rows = []
     by_task = {task.name: _cells(folder, results, task) for task in gate_tasks(results)}
@@ -128,7 +128,7 @@ def _of(folder: Path, cell: Cell, task: ResultTask) -> GroupedScore:
 def _others(
     cells: Mapping[tuple[str, str], list[GroupedScore]], model: str, reading: str
 ) -> dict[str, list[GroupedScore]]:
-    """Tallies of what a model is compared with: baselines in one reading each, and models."""
+    """Tallies of a model's competitors: baselines in one reading each, and other models."""
     if is_baseline(model):
         return {}
     random = cells.get((f"untrained:{model}", reading))
@@ -156,8 +156,8 @@ def gate_outcome(
     weights, pixels, picture statistics and the network of photographs alone.
 
     Args:
-        gate_rows: Of all models.
-        model: Name of one.
+        gate_rows: Rows of all models.
+        model: Name of the judged model.
         uncounted: Tasks that do not count.
     """
     rows = [row for row in gate_rows if row.model == model and row.task not in (MEAN, *uncounted)]

@@ -18,7 +18,7 @@ class Interval:
     Attributes:
         mean: The mean.
         half: Half the width of the 95 % interval; NaN where one value gives none.
-        values: What the mean is of.
+        values: Averaged values.
     """
 
     mean: float
@@ -69,7 +69,7 @@ def student_t(freedom: int) -> float:
 
 
 def _within(angle: float, freedom: int) -> float:
-    """Probability that ``|t| < sqrt(freedom) * tan(angle)``."""
+    """Probability of ``|t| < sqrt(freedom) * tan(angle)``."""
     sine, cosine = math.sin(angle), math.cos(angle)
     odd = freedom % 2
     term = cosine if odd else 1.0

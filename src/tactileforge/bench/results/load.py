@@ -60,11 +60,11 @@ def read_cell(where: str, content: Any) -> Cell:
     """One cell, from plain data.
 
     Args:
-        where: Its place, for messages.
-        content: As in ``results.json``.
+        where: Place of the cell, for messages.
+        content: Plain data, as in ``results.json``.
 
     Raises:
-        DataError: A number is none.
+        DataError: A number is invalid.
         ConfigError: A key is missing, unknown or of another type.
     """
     cell = _row(where, "cells", content)
@@ -140,7 +140,7 @@ def _number(where: str, value: Any) -> float:
 
 
 def _check(path: Path, results: Results) -> None:
-    """Validates what the types cannot express."""
+    """Validates the rules beyond the types."""
     tasks = {task.name: task for task in results.tasks}
     models = {model.name for model in results.models}
     _once(f"{path}: task", [task.name for task in results.tasks])

@@ -19,10 +19,10 @@ class Predictions:
 
     Attributes:
         truth: float (N, K), or int64 (N, K) classes.
-        predicted: Of the same shape and type.
+        predicted: Predictions, of the same shape and type.
         columns: Names of the K values; of the K classifiers.
-        names: Of the classes; empty for values.
-        unit: Of values; "" where the file does not say.
+        names: Names of the classes; empty for values.
+        unit: Unit of the values; "" where the file does not say.
     """
 
     truth: NDArray[Any]

@@ -15,7 +15,7 @@ class ResultMetric:
 
     Attributes:
         name: Its name, e.g. ``rmse_sum_axes``.
-        unit: Of its values; "" for a plain number.
+        unit: Unit of its values; "" for a plain number.
         better: ``lower`` or ``higher``.
     """
 
@@ -30,13 +30,13 @@ class ResultTask:
 
     Attributes:
         name: The word users type.
-        title: Its name in print; equal to a card's ``task`` where numbers are published for it.
-        probe: What is trained on the features.
-        data: What it is trained and tested on.
-        split: How training, validation and test are told apart.
+        title: Name in print; equal to a card's ``task`` where numbers are published for it.
+        probe: Probe trained on the features.
+        data: Data of training and test.
+        split: Separation of training, validation and test.
         metrics: All that is measured.
         main: The metric of the main table.
-        selection: What the best epoch is chosen on, ``validation`` or ``test``.
+        selection: Clips for choosing the best epoch, ``validation`` or ``test``.
         counted: Whether the release gate counts it.
     """
 
@@ -63,8 +63,8 @@ class ResultModel:
         name: The word users type.
         title: Its name in print.
         group: ``model``, or ``ablation`` of the first model of the same recipe.
-        recipe: What it was trained with; "" if unknown.
-        sha256: Of its weights; "" if it has none.
+        recipe: Recipe of its training; "" if unknown.
+        sha256: Hash of its weights; "" if it has none.
         facts: Parameters, frames, image size, steps and the like, by name.
     """
 
@@ -83,13 +83,13 @@ class Cell:
     Attributes:
         task: Name of a task.
         model: Name of a model.
-        seed: Of the probe, or of the model where it was trained here.
+        seed: Seed of the probe, or of the model where it was trained here.
         setting: Options of the probe; the first setting of a model in a task is the one of the
             main table.
         metrics: Values by name; NaN where there is no number.
         epoch: The best epoch; -1 where there are none.
         curve: Losses of the probe, by split.
-        predictions: Path of what it predicted, from the folder of the results; "" if not kept.
+        predictions: Path of its predictions, from the folder of the results; "" if not kept.
     """
 
     task: str
@@ -108,7 +108,7 @@ class LossCurve:
 
     Attributes:
         model: Name of a model.
-        objective: Its name.
+        objective: Name of the objective.
         step: Optimiser steps.
         train: Training loss at each step; NaN where it was not logged.
         validation: The same in validation; empty if there was none.
@@ -123,11 +123,11 @@ class LossCurve:
 
 @dataclass(frozen=True, kw_only=True)
 class NotRun:
-    """A task, model or cell that was not run, with the reason.
+    """A skipped task, model or cell, with the reason.
 
     Attributes:
-        reason: Why.
-        fix: What to do about it; "" if nothing helps.
+        reason: Reason for skipping it.
+        fix: Remedy; "" if nothing helps.
         task: Name of the task; "" for all tasks of the model.
         model: Name of the model; "" for all models of the task.
     """
@@ -147,14 +147,14 @@ class Results:
     """All results of a benchmark.
 
     Attributes:
-        suite: Its name.
-        versions: Of the packages.
+        suite: Name of the suite.
+        versions: Versions of the packages, by name.
         settings: Seeds, epochs and the like, by name.
         tasks: Columns of the main table.
-        models: Rows of the tables; also those of which all that is known is that they did not run.
-        cells: What was measured.
+        models: Rows of the tables, including models of which no task was run.
+        cells: Trained and tested probes.
         training: Loss curves of the models that were trained for the bench.
-        not_run: What was not run, and why.
+        not_run: Skipped tasks, models and cells, with reasons.
     """
 
     suite: str

@@ -37,7 +37,7 @@ class SeedScores:
         """Mean and interval over the seeds with a finite number; None without any.
 
         Args:
-            metric: Its name; the main one of the task by default.
+            metric: Name of the metric; the main one of the task by default.
         """
         values = [cell.metrics.get(metric or self.task.main, math.nan) for cell in self.cells]
         finite = [value for value in values if math.isfinite(value)]
@@ -90,7 +90,7 @@ def edge_rates(results: Results, all_scores: Scores) -> list[str]:
 
 
 def words(results: Results, task: str, model: str) -> list[str]:
-    """Reasons, with fixes, for a cell that was not run in whole or in part."""
+    """Reasons, with fixes, for a cell skipped in whole or in part."""
     return [sentences(skipped) for skipped in results.not_run if skipped.covers(task, model)]
 
 

@@ -43,13 +43,13 @@ class Writer:
     """Writer of results; keeps valid results of an interrupted benchmark.
 
     Args:
-        folder: Where they go.
+        folder: Folder of the results.
         suite: Name of the suites.
-        settings: What the bench was run with.
-        tasks: Its tasks.
+        settings: Settings of the bench.
+        tasks: Tasks of the bench.
 
     Attributes:
-        notes: What is to be known of tasks before their numbers are read, a line each.
+        notes: Caveats of tasks, to read before their numbers, a line each.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Writer:
             return {}  # none yet, or of another format: everything is measured again
 
     def note(self, task: str, text: str) -> None:
-        """Adds to what is said of the split of a task, there and in ``notes`` for the console."""
+        """Adds text to the split of a task, and to ``notes`` for the console."""
         self.notes.append(f"{task}: {text}")
         tasks = self.results.tasks
         tasks[:] = [
@@ -147,11 +147,11 @@ class Writer:
         """Stores predictions, classes also as a table; returns the cell with their path.
 
         Args:
-            cell: To which they belong.
-            name: Of the part that is predicted.
-            part: What is predicted.
+            cell: Cell of the predictions.
+            name: Name of the predicted part.
+            part: Part of the target.
             predicted: (n, columns).
-            truth: Alike.
+            truth: True values, (n, columns).
             units: Bootstrap unit of each clip.
             clips: Recording and last frame of each.
         """

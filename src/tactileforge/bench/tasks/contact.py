@@ -42,7 +42,7 @@ def last_contact(change: NDArray[np.float64]) -> tuple[int, int] | None:
     None where the recording ends in contact, or never has any.
 
     Args:
-        change: See `contact_energy`.
+        change: Contact energy of each frame, float64; see `contact_energy`.
     """
     # a high percentile stands for the firm grasp: the maximum may be one bad frame
     bound = _NOISE + _SHARE * max(float(np.percentile(change, 80)) - _NOISE, 0.0)
@@ -56,11 +56,11 @@ def last_contact(change: NDArray[np.float64]) -> tuple[int, int] | None:
 def contact_state(
     contact: tuple[int, int] | None, frame: int, times: NDArray[np.float64]
 ) -> str | None:
-    """``held``, ``losing``, or None elsewhere, and where contact is not known or too short.
+    """Contact state: ``held``, ``losing``, or None elsewhere or if contact is unknown or too short.
 
     Args:
-        contact: See `last_contact`.
-        frame: The frame that is asked about.
+        contact: First and last frame of the contact, or None; see `last_contact`.
+        frame: Frame in question.
         times: Seconds of each frame.
     """
     if contact is None or round(times[contact[1]] - times[contact[0]], 6) < HELD_S[1]:

@@ -47,7 +47,7 @@ def label_text(value: str | float) -> str:
 
 
 def matches_filter(source: TaskSource, number: int, chosen: Mapping[str, Any]) -> bool:
-    """Whether a recording has the facts that a filter names; see `suite.SplitPlan`."""
+    """Whether the facts of a recording match a filter; see `suite.SplitPlan`."""
     for name, wanted in chosen.items():
         values = {str(value) for value in (wanted if isinstance(wanted, list) else [wanted])}
         if recording_fact(source, number, name) not in values:

@@ -30,8 +30,8 @@ class PerAxis(Metric):
     """A metric of each axis of a vector, in float64, reduced to one number.
 
     Args:
-        metric: Of torchmetrics, with one output per axis.
-        reduce: From the values of the axes, (axes,), to one number.
+        metric: Metric of torchmetrics, with one output per axis.
+        reduce: Function from the values of the axes, (axes,), to one number.
 
     Example:
         >>> import torch
@@ -111,10 +111,10 @@ class R2(Metric):
 
 
 class MeanRecall(Metric):
-    """Mean recall of the classes that the truth has.
+    """Mean recall of the classes in the truth.
 
-    `torchmetrics.MulticlassAccuracy` is no substitute: to it, a class that is predicted and that
-    the truth does not have is one of recall 0.
+    `torchmetrics.MulticlassAccuracy` is no substitute: it gives recall 0 to a class that is
+    predicted and absent from the truth.
 
     Args:
         classes: Number of classes.
@@ -146,7 +146,7 @@ class Percent(Metric):
     """A metric of classes, in percent; several columns of classes count as more samples.
 
     Args:
-        metric: Of class indices, between 0 and 1.
+        metric: Metric of class indices, between 0 and 1.
     """
 
     full_state_update = False
@@ -174,7 +174,7 @@ def _balanced(part: TargetPart) -> Metric:
 
 
 def _f1(part: TargetPart) -> Metric:
-    """Of the second class where there are two; else the mean over classes."""
+    """F1 of the second class if there are two; else the mean over classes."""
     if len(part.names) == 2:
         return Percent(BinaryF1Score())
     return Percent(MulticlassF1Score(len(part.names), average="macro"))
@@ -203,13 +203,13 @@ def _of_numbers(metric: type[Metric], part: TargetPart, **options: Any) -> Metri
 
 @dataclass(frozen=True)
 class MetricKind:
-    """A metric that a task may name.
+    """Definition of a metric for tasks.
 
     Attributes:
         of: Kinds of the part it measures, see `targets.TargetPart`.
-        unit: Of its values; "" for a plain number, or one in the unit of the label.
+        unit: Unit of its values; "" for a plain number, or one in the unit of the label.
         better: ``lower`` or ``higher``.
-        build: From the part.
+        build: Constructor of the metric, from the part.
     """
 
     of: tuple[str, ...]
@@ -260,10 +260,10 @@ def metric_kind(name: str) -> MetricKind:
 
 
 def part_of(name: str, parts: dict[str, TargetPart]) -> str:
-    """The first part of a target that a metric measures.
+    """Name of the first part of a target of a kind measured by a metric.
 
     Raises:
-        ConfigError: None is of its kind.
+        ConfigError: No part is of a kind that it measures.
     """
     wanted = metric_kind(name).of
     for key, part in parts.items():
@@ -281,10 +281,10 @@ def measure(name: str, part: TargetPart, predicted: Tensor, truth: Tensor) -> fl
     """The value of a metric.
 
     Args:
-        name: See `METRICS`.
-        part: What is predicted.
+        name: Key of `METRICS`.
+        part: Part of the target.
         predicted: (n, columns), newton or class indices.
-        truth: Alike.
+        truth: True values, (n, columns), in the same units.
 
     Raises:
         DataError: The value is not finite.

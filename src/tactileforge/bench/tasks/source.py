@@ -25,9 +25,9 @@ class TaskSource:
     """Recordings with their sides of the data set, and an index of clips shared by all models.
 
     Args:
-        recordings: What to cut.
+        recordings: Recordings to cut.
         sides: Side of each in its data set.
-        clip: Where clips end.
+        clip: Rule for the ends of clips.
 
     Attributes:
         index: int64 (n, 2), recording and last frame of each clip.
@@ -74,7 +74,7 @@ def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: ClipSpec)
     Args:
         data: See `suite.Task`.
         sides: Sides of the data set to read.
-        clip: Where clips are cut.
+        clip: Rule for cutting clips.
 
     Raises:
         DataNotFoundError: Data is missing; says what to download.

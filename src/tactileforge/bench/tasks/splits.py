@@ -69,7 +69,7 @@ def build_splits(task: Task, source: TaskSource, target: Target) -> list[Split]:
 
 
 def _nothing_for(use: str, task: Task, every: int, rest: int, test: int) -> str:
-    """Error text for a use without recordings: what there is, and the key that decides."""
+    """Error text for a use without recordings: the counts, and the key to change."""
     plan = task.split
     left = {
         "train": f"split.validation={dict(plan.validation)} takes all {rest} that may train"
@@ -101,7 +101,7 @@ def check_leakage(
     validation: Sequence[int],
     test: Sequence[int],
 ) -> None:
-    """Leakage check: raises a ConfigError where two splits share frames or an unseen fact."""
+    """Raises a ConfigError if two splits share frames or an unseen fact: a check for leakage."""
     uses = {"train": train, "validation": validation, "test": test}
     spans = [
         (*_span(source.recordings[n].key), use) for use, chosen in uses.items() for n in chosen
@@ -148,7 +148,7 @@ def _strata(numbers: Sequence[int], of: NDArray[np.int64], target: Target) -> di
 
 
 def _ordered(names: Mapping[int, str], stratum: Mapping[int, int]) -> dict[int, list[str]]:
-    """Groups by stratum, in an order that depends only on their names."""
+    """Groups by stratum, in an order by the hashes of their names alone."""
     strata: dict[str, set[int]] = {}
     for number, name in names.items():
         strata.setdefault(name, set()).add(stratum[number])
@@ -191,7 +191,7 @@ def _validation(
 
 
 def unseen_classes(target: Target, splits: Sequence[Split]) -> str:
-    """Test clips of classes that their training never saw, in words; "" where there are none."""
+    """Test clips of classes without training clips, as text; "" if there are none."""
     names: dict[str, None] = {}
     missed = tested = 0
     for part in target.parts.values():

@@ -34,7 +34,7 @@ class ClipSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class SplitPlan:
-    """Filters that assign recordings to training, validation and test.
+    """Filters assigning recordings to training, validation and test.
 
     A filter names facts and the values they may have: ``{side: train, sensor: [digit]}``. Facts are
     ``side`` (of the data set), ``sensor``, ``object``, ``recording``, ``tier``, any label, and
@@ -69,15 +69,15 @@ class Task:
 
     Attributes:
         name: The word users type.
-        title: Its name in print; where numbers are published, that on the cards of the zoo.
+        title: Name in print; for published numbers, the name on the cards of the zoo.
         data: Data set plugin and its options, or ``{preset: NAME, layouts: [...], ...}`` for a
             preset in conf/data.
-        target: What is predicted; see `targets.TARGETS`.
+        target: Predicted quantity; see `targets.TARGETS`.
         probe: ``name``, and options of the probe and of its training.
         metrics: Names; the first is the main one.
-        split: Who trains and who tests.
+        split: Plan of training, validation and test.
         about: The data, in words.
-        clip: Where clips are cut.
+        clip: Rule for cutting clips.
         scale: Newton per axis that count as 1; empty takes those of the sensor.
         clamp: Largest normalised target; 0 for none.
         flips: Whether clips are mirrored at random in training.
@@ -102,7 +102,7 @@ class Task:
 
     @property
     def sides(self) -> tuple[str, ...]:
-        """Sides of the data set to read: all that train may take, and those that others name.
+        """Sides of the data set to read: all candidates for training, and all sides in filters.
 
         Without a side in ``only`` or ``train``, training takes train and val less the test.
         """

@@ -89,7 +89,7 @@ class Target:
 
     @property
     def names(self) -> NDArray[np.int64] | None:
-        """int64 (n,), the class of each clip where there is one column of classes first."""
+        """Class of each clip, int64 (n,), if the first part is one column of classes; else None."""
         part = next(iter(self.parts.values()))
         if part.kind != "classes" or part.truth.shape[1] != 1:
             return None
@@ -135,7 +135,7 @@ def build_target(task: Task, source: TaskSource) -> Target:
 
 
 def _labels(task: Task, source: TaskSource) -> str:
-    """Part of an error: the labels that there are, where one was named."""
+    """Part of an error: the known labels, if the target names a label."""
     if not task.target.startswith("label:"):
         return ""
     known = {name for recording in source.recordings for name in recording.labels}
@@ -143,7 +143,7 @@ def _labels(task: Task, source: TaskSource) -> str:
 
 
 def _partial(parts: dict[str, TargetPart]) -> str:
-    """Part of an error: the known axes of a force, where no clip has all of them."""
+    """Part of an error: the known axes of a force, if no clip has all of them."""
     for part in parts.values():
         known = part.truth.isfinite().any(0).tolist()
         if part.kind == "force" and any(known):
@@ -207,7 +207,7 @@ def _newton(task: Task, source: TaskSource, change: bool) -> TargetPart:
 
 
 def _normal_force(task: Task, source: TaskSource) -> dict[str, TargetPart]:
-    """Force along z in newton, where no more was measured."""
+    """Force along z in newton, for data without the other axes."""
     force = _newton(task, source, change=False)
     z = TargetPart("numbers", force.truth[:, 2:], force.scale[:, 2:], ("z",))
     return {"normal_force": z}

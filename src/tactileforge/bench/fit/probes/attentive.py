@@ -71,7 +71,7 @@ class Attentive(Probe):
 
     Args:
         width: Size of a token.
-        parts: What is predicted.
+        parts: Parts of the target.
         heads: Attention heads.
     """
 

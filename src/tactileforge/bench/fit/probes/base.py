@@ -25,8 +25,8 @@ class ProbeTraining:
         batch: Clips of a batch.
         lr: Learning rates; each is a setting of its own.
         optimiser: ``adamw`` or ``adam``.
-        betas: Of the optimiser.
-        weight_decay: Of all parameters.
+        betas: Decay rates of the optimiser's two running means.
+        weight_decay: Weight decay of all parameters, as the optimiser applies it.
         schedule: ``cosine`` to 0, a step at a time, or ``constant``.
     """
 
@@ -47,13 +47,13 @@ class Probe(nn.Module):
 
     Args:
         width: Size of a feature: of a token, or of the projected class token.
-        parts: What is predicted.
+        parts: Parts of the target.
 
     Attributes:
         tap: Features it reads, see `FrozenEncoder.features`: ``tokens`` (B, L, width), or others
             (B, width).
         readings: Taps that it reads in turn, each a setting of its own; none takes ``tap`` alone.
-        published: How it is trained, as published where it is.
+        published: Training options, as published where they are.
         trained: Whether it is trained at all.
     """
 
@@ -76,7 +76,7 @@ class Probe(nn.Module):
         """A scalar: cross-entropy of classes and smooth L1 of vectors, summed over the parts.
 
         Args:
-            out: What `forward` gives.
+            out: Output of `forward`.
             truth: (B, columns), class indices or normalised vectors.
         """
         losses = [self.loss_of(part, out[name], truth[name]) for name, part in self.parts.items()]

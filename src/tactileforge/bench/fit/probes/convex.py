@@ -21,7 +21,7 @@ class Axes(NamedTuple):
 
 
 def axes_of(features: Tensor) -> Axes:
-    """Singular value decomposition of features that are centred, float64 (n, width)."""
+    """Singular value decomposition of centred features, float64 (n, width)."""
     return Axes(*torch.linalg.svd(features, full_matrices=False))
 
 
@@ -35,9 +35,9 @@ def fit_layer(
     """Minimises an error plus half the penalty times the squared weights.
 
     Args:
-        axes: Of the training samples.
-        error: Convex, of the outputs (n, outputs); a mean over the samples.
-        penalty: On the squared weights; the offset is not penalised.
+        axes: Decomposition of the training samples.
+        error: Convex function of the outputs (n, outputs); a mean over the samples.
+        penalty: Penalty on the squared weights; the offset is not penalised.
         start: Weights and offset to start from, float64 (width + 1, outputs).
         tolerance: Largest component of the gradient at which it has converged.
 

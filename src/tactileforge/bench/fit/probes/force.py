@@ -20,7 +20,7 @@ class Force(Probe):
 
     Args:
         width: Size of a token.
-        parts: What is predicted: one vector.
+        parts: Parts of the target: one vector.
         heads: Attention heads.
     """
 
@@ -42,7 +42,7 @@ class SparshForce(Force):
 
     Args:
         width: Size of a token.
-        parts: What is predicted: a force.
+        parts: Parts of the target: a force.
         heads: Attention heads.
     """
 

@@ -1,4 +1,4 @@
-"""Sums of kernels: groups of features, and the weights that inner folds may choose among."""
+"""Sums of kernels over groups of features, and the grid of weights for inner folds."""
 
 from __future__ import annotations
 
@@ -62,9 +62,9 @@ def group_kernels(known: Tensor, asked: Tensor, sizes: Sequence[int] = ()) -> Ke
 
 
 def weight_grid(groups: int) -> list[tuple[float, ...]]:
-    """Weights of groups that sum to 1, in steps of a quarter, the most even ones first.
+    """Weights of groups, summing to 1, in steps of a quarter, the most even ones first.
 
-    The corners are single groups; what a task does not need gets weight 0.
+    The corners are single groups; a group that a task does not need gets weight 0.
     """
     steps = [row for row in product(range(STEPS + 1), repeat=groups) if sum(row) == STEPS]
     steps.sort(key=lambda row: (max(row), row))

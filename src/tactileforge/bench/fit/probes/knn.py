@@ -21,9 +21,9 @@ class Knn(Probe):
 
     Args:
         width: Size of the projected class token.
-        parts: What is predicted.
-        neighbours: How many of them.
-        temperature: Of their weights.
+        parts: Parts of the target.
+        neighbours: Number of neighbours.
+        temperature: Temperature of the neighbours' weights.
     """
 
     tap: ClassVar[str] = "projected"

@@ -27,7 +27,7 @@ class Linear(Probe):
 
     Args:
         width: Size of the projected class token.
-        parts: What is predicted.
+        parts: Parts of the target.
         penalties: Penalties that are tried.
     """
 
@@ -52,7 +52,7 @@ class Linear(Probe):
         score: Callable[[Values], float],
         higher: bool,
     ) -> tuple[float, float]:
-        """The penalty whose predictions of the validation samples are best, and their score.
+        """Chooses the penalty with the best validation score; also that score.
 
         Args:
             known: (n, width), features of the training samples.
@@ -72,7 +72,7 @@ class Linear(Probe):
         Args:
             known: (n, width).
             truth: (n, columns), class indices or normalised vectors.
-            penalty: On the squared weights of standardised features.
+            penalty: Penalty on the squared weights of standardised features.
         """
         return self.path(known, truth, [penalty])[0]
 

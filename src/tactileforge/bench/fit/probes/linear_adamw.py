@@ -20,7 +20,7 @@ class LinearAdamW(Probe):
 
     Args:
         width: Size of the projected class token.
-        parts: What is predicted.
+        parts: Parts of the target.
     """
 
     tap: ClassVar[str] = "projected"

@@ -39,7 +39,7 @@ class Logistic(Ridge):
 
     Args:
         width: Size of a token; not needed.
-        parts: What is predicted.
+        parts: Parts of the target.
     """
 
     def solve_part(
@@ -64,7 +64,7 @@ class Logistic(Ridge):
 
 
 def inner_folds(groups: Sequence[Tensor]) -> list[Tensor]:
-    """Deals groups to folds, the largest first to the fold that is smallest so far.
+    """Deals groups to folds: the largest first, each to the smallest fold so far.
 
     Args:
         groups: int64 places of the samples of each group.
@@ -90,10 +90,10 @@ def _path(
 
 
 def balanced_error(part: TargetPart, truth: Tensor) -> Callable[[Tensor], Tensor]:
-    """Cross-entropy of logits (n, outputs) in which each class counts the same.
+    """Cross-entropy of logits (n, outputs), with equal weight for each class.
 
     Args:
-        part: What is predicted.
+        part: Part of the target.
         truth: (n, columns), class indices.
     """
     classes, weight = truth.flatten().long(), class_weights(part, truth)

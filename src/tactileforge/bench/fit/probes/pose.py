@@ -22,7 +22,7 @@ class Pose(Attentive):
 
     Args:
         width: Size of a token.
-        parts: What is predicted: columns of classes.
+        parts: Parts of the target: columns of classes.
         heads: Attention heads.
     """
 

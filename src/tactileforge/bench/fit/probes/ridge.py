@@ -35,7 +35,7 @@ class Ridge(Probe):
 
     Args:
         width: Size of a token; not needed.
-        parts: What is predicted.
+        parts: Parts of the target.
     """
 
     tap: ClassVar[str] = "pooled"
@@ -71,13 +71,13 @@ class Ridge(Probe):
     def solve_part(
         self, part: TargetPart, kernels: Kernels, truth: Tensor, groups: Sequence[str]
     ) -> tuple[Tensor, Tensor]:
-        """The same for one part.
+        """Predictions of one part; see `solve`.
 
         Args:
-            part: What is predicted.
+            part: Part of the target.
             kernels: Products of the samples.
             truth: (n, columns).
-            groups: See `solve`.
+            groups: n names; samples of one name are left out together, as in `solve`.
         """
         places = places_of(groups)
         weights = choose_weights(part, kernels, truth, places)
@@ -95,15 +95,15 @@ class Ridge(Probe):
 def choose_weights(
     part: TargetPart, kernels: Kernels, truth: Tensor, groups: Sequence[Tensor]
 ) -> tuple[float, ...]:
-    """Weights of the groups of features whose leave-group-out predictions are best.
+    """Weights of the groups of features with the best leave-group-out predictions.
 
     They are the mean of the best seventh of the grid: which of these is the very best is chance.
 
-    What is compared is the sum over the columns of the regression of the squared error, in shares
-    of the variance, each at its best penalty; of classes all columns have one penalty.
+    The compared value is the sum, over the columns of the regression, of the squared error in
+    shares of the variance, each at its best penalty; of classes all columns have one penalty.
 
     Args:
-        part: What is predicted.
+        part: Part of the target.
         kernels: Products of the samples.
         truth: (n, columns).
         groups: int64 places of the samples that are left out together.
@@ -153,7 +153,7 @@ def _best(part: TargetPart, tried: Tensor, truth: Tensor) -> Tensor:
     """Index of the best penalty of each column of the regression, int64 (k,).
 
     Args:
-        part: What is predicted.
+        part: Part of the target.
         tried: (penalties, n, k), predictions without the own group.
         truth: (n, columns).
     """
@@ -167,10 +167,10 @@ def _best(part: TargetPart, tried: Tensor, truth: Tensor) -> Tensor:
 
 
 def balanced_scores(part: TargetPart, tried: Tensor, truth: Tensor) -> Tensor:
-    """What goes as the balanced accuracy, float64 (penalties,).
+    """Scores proportional to the balanced accuracy, float64 (penalties,).
 
     Args:
-        part: What is predicted.
+        part: Part of the target.
         tried: (penalties, n, columns), class indices.
         truth: (n, columns).
     """
@@ -178,7 +178,7 @@ def balanced_scores(part: TargetPart, tried: Tensor, truth: Tensor) -> Tensor:
 
 
 def class_weights(part: TargetPart, truth: Tensor) -> Tensor:
-    """Weight of a sample of each class with which all count the same, float64 (classes,)."""
+    """Weight of a sample of each class, for equal weight of all classes, float64 (classes,)."""
     count = torch.bincount(truth.flatten().long(), minlength=len(part.names))
     return 1 / count.clamp(min=1).double()
 

@@ -50,7 +50,7 @@ class DualRidge:
         Only the blocks of ``H`` on its diagonal are computed.
 
         Args:
-            penalties: On the squared weights.
+            penalties: Penalties on the squared weights.
             groups: int64 places of the samples of each group; together all of them.
         """
         share = self.values / (self.values + self.values.new_tensor(penalties)[:, None])
@@ -78,7 +78,7 @@ def standardise(known: Tensor, asked: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def coordinates(gram: Tensor, cross: Tensor) -> tuple[Tensor, Tensor]:
-    """Samples along the axes that the training samples span, with the same products.
+    """Samples along the axes of the training samples' span, with the same products.
 
     Args:
         gram: float64 (n, n), products of the training samples.
@@ -94,7 +94,7 @@ def coordinates(gram: Tensor, cross: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def feature_scale(known: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean of each feature and the factor that gives it deviation 1; 0 for constant features.
+    """Mean of each feature, and its factor to deviation 1; 0 for constant features.
 
     Args:
         known: Float (n, d), training samples.

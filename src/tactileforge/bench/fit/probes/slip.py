@@ -22,9 +22,9 @@ class Slip(Probe):
 
     Args:
         width: Size of a token.
-        parts: What is predicted: classes and vectors.
+        parts: Parts of the target: classes and vectors.
         heads: Attention heads.
-        weights: Of the classes in the loss.
+        weights: Weights of the classes in the loss.
     """
 
     published: ClassVar[ProbeTraining] = ProbeTraining(
