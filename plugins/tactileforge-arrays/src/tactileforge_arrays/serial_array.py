@@ -121,6 +121,7 @@ class SerialArray(StreamSensor):
             valid=self.plausible,
         )
         height, width = self.layout.shape
+        # A driver's own type is the one of its class; any other name is looked up.
         known = self.spec if type == self.spec.name else spec(type)
         self.spec = replace(known, height=height, width=width, fps=fps, kind="array")
         self.rest: NDArray[np.float32] = np.zeros((self.layout.taxels, values), np.float32)

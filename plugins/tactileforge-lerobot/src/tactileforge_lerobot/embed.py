@@ -72,7 +72,7 @@ class TouchVectors:
 
     @property
     def about(self) -> dict[str, Any]:
-        """Settings to repeat where a policy runs, as plain data."""
+        """Settings to repeat for running a policy, as plain data."""
         clip = {"frames": self.model.frames, "spacing": self.model.spacing}
         return {"model": self.name, **asdict(self.options), **clip, "devices": self.devices}
 

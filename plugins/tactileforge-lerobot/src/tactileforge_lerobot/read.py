@@ -287,7 +287,7 @@ class LeRobotFolder:
         return np.arange(int(row["length"])) / self.info.fps
 
     def _check_rate(self, what: str, times: NDArray[np.float64]) -> None:
-        """Raises a `DataError` if the rate of times differs from that of the metadata."""
+        """Raises a `DataError` if the rate of times differs from the rate in the metadata."""
         fps = self.info.fps
         step = float(np.median(np.diff(times))) if len(times) > 1 else 1 / fps
         if abs(step * fps - 1) > _RATE:
