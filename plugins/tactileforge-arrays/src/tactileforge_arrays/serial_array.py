@@ -50,8 +50,8 @@ class SerialArray(StreamSensor):
         checksum: Name of the checksum, one of `checksums.CHECKSUMS`.
         covers: Bytes covered by the checksum: ``packet`` (header and payload) or ``payload``.
         values: Values of each taxel in the payload.
-        channels: Indices of x, y and z among these values; a single index is z. The other values
-            are stored in ``raw``.
+        channels: Indices of x, y and z among these values; a single index is z. All values are
+            stored in ``raw``.
         positions: Row and column of each taxel; None for a grid, row by row.
         span: Change of a value drawn as full colour, one number for all axes or one for each.
         limits: Lowest and highest plausible value; None for a wide range around ``span``.

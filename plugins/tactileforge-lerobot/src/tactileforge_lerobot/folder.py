@@ -167,7 +167,7 @@ def _pattern(value: Any, default: str) -> str:
 def _filled(root: Path, key: str, pattern: str, fields: Mapping[str, str | int]) -> Path:
     """Fills in a path pattern; only names with a number of digits are allowed in braces.
 
-    `str.format` is not used, as a pattern of a foreign file could read attributes with it.
+    Unlike `str.format`, this gives the pattern of a foreign file no access to attributes.
     """
     where = f"{root / INFO}, {key}"
     try:

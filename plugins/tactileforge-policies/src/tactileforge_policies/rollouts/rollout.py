@@ -88,6 +88,7 @@ def _write(options: RolloutOptions, numbers: Iterable[int], told: Callable[[], o
             episode = play_episode(env, actor, options.episode_seed(number))
             video = f"videos/{number:05d}.mp4"
             seen = write_video(options.folder / video, episode_frames(episode), episode.rate)
+            # The result is written last, as its file marks the episode as done.
             result_of(episode, video if seen else "").save(_path(options.folder, number))
             told()
     env.close()
