@@ -35,7 +35,7 @@ def camera():
 
 
 def test_lerobot_builds_it_from_words():
-    """As ``--robot.cameras={left: {type: tactileforge, ...}}`` does."""
+    """Parses a configuration like ``--robot.cameras={left: {type: tactileforge, ...}}``."""
     words = {"type": "tactileforge", "sensor": "sim", "options": SIM}
     parsed = draccus.decode(CameraConfig, words)
     assert isinstance(parsed, TactileForgeCameraConfig)
@@ -95,7 +95,7 @@ def test_attached_sensors_are_found():
 
 
 class Broken:
-    """Opens, gives two frames, and is gone."""
+    """A sensor with two frames, then lost."""
 
     spec = config().build().spec
 

@@ -1,4 +1,4 @@
-"""Against a board that is not there: it speaks the protocol byte by byte over a pseudo-terminal."""
+"""The driver against a simulated board, byte by byte over a pseudo-terminal."""
 
 import itertools
 import random
@@ -18,12 +18,12 @@ VECTOR = bytes.fromhex("0000c841 0000c03f 000000c0 0080c842 0d0a")
 
 
 def packet(number=0.0, z=100.25):
-    """Five magnetometers; the x of all is its number."""
+    """A packet of five magnetometers; the x of all is the packet's number."""
     return struct.pack("<20f", *[25.0, number, -2.0, z] * 5) + b"\r\n"
 
 
 def noisy_packets(count, seed=0):
-    """Fields that vary; the x of the first magnetometer is the number of the packet."""
+    """Packets of noisy fields; the x of the first magnetometer is the packet's number."""
     rng = random.Random(seed)
     values = [rng.uniform(-900, 900) for _ in range(20)]
     for number in range(count):
@@ -37,7 +37,7 @@ def numbers(frames):
 
 
 def read_until_silent(sensor, board=None, silence=0.8):
-    """All frames until nothing comes any more after all was sent."""
+    """Reads all frames until the board is silent after its last packet."""
     frames = []
     while True:
         over = board is None or not board.is_playing
@@ -49,7 +49,7 @@ def read_until_silent(sensor, board=None, silence=0.8):
 
 
 def timed(monkeypatch, packets, fps, delay=0.0):
-    """An AnySkin whose packets come on a clock of their own."""
+    """An AnySkin with packet times of a simulated clock."""
     clock = FakeTime()
     for module in ("tactileforge.sensors.stream", "tactileforge_arrays.serial_array"):
         monkeypatch.setattr(f"{module}.time", clock)
@@ -70,7 +70,7 @@ def test_the_known_packet(board):
         frame = sensor.read()
         assert frame.raw.tolist() == [[25.0, 1.5, -2.0, 100.25]]
         assert sensor.read().time > frame.time
-        assert sensor.parser.lost == len(VECTOR)  # the first has no end of another before it
+        assert sensor.parser.lost == len(VECTOR)  # the first one has no footer before it
 
 
 def test_a_packet_of_five_has_82_bytes():
@@ -79,7 +79,7 @@ def test_a_packet_of_five_has_82_bytes():
 
 @pytest.fixture
 def patient(monkeypatch):
-    """Nothing is stale, so that a busy machine changes nothing."""
+    """Disables the limit of stale bytes: a busy machine must not change results."""
     monkeypatch.setattr("tactileforge_anyskin.sensor.STALE", 1_000_000)
 
 
@@ -92,7 +92,7 @@ def test_split_and_merged_packets_all_come(board, patient, faults):
 
 
 def test_a_start_in_the_middle_and_line_ends_inside_of_floats(board, patient):
-    """The z of all hold the two bytes that end a packet, always at the same places."""
+    """The footer's two bytes occur in the z of all magnetometers, always at the same places."""
     false_end = struct.unpack("<f", b"\x0d\x0a\x48\x43")[0]
     z = pytest.approx(false_end)
     packets = [packet(number, z=false_end) for number in range(40)]
@@ -141,7 +141,7 @@ def test_what_has_waited_too_long_is_thrown_away(board):
     with AnySkin(port=board.port, baseline=0) as sensor:
         board.write(b"".join(noisy_packets(49)))  # 4018 bytes
         while sensor._link._port.in_waiting < 4018:
-            pass  # it takes a while from one end of the line to the other
+            pass  # bytes take a while from one end of the line to the other
         with pytest.raises(TimeoutError):
             sensor.read(0.05)
         assert sensor._link.stale >= 4000
@@ -225,7 +225,7 @@ def test_after_a_loss_the_baseline_stays(board):
         play(400.0)
         sensor.reopen()
         assert sensor.rest.tolist() == rest.tolist()
-        sensor.open()  # on purpose: a new zero
+        sensor.open()  # opened again on purpose: takes a new zero
         assert sensor.rest[0, 3] == pytest.approx(400.0, abs=0.1)
 
 

@@ -26,7 +26,7 @@ QUICK = {"indenters": "small_sphere", "action_seconds": 0.2, "processes": 1}
 def contact(
     place: tuple[float, float, float], at: tuple[int, int], traction: tuple[float, float, float]
 ) -> ContactState:
-    """One point of the object's grid (row, column) carries traction (x, y, z), MPa."""
+    """A contact with traction (x, y, z), MPa, at one point (row, column) of the object's grid."""
     pressure, shear = torch.zeros(1, POINTS, POINTS), torch.zeros(1, 2, POINTS, POINTS)
     pressure[0, at[0], at[1]] = traction[2]
     shear[0, :, at[0], at[1]] = torch.tensor(traction[:2])
@@ -36,7 +36,7 @@ def contact(
 
 
 def test_a_load_lands_on_the_taxels_around_it() -> None:
-    """By hand: the point is 0.1 mm right of and below the object's middle, which is at (1, -2)."""
+    """By hand: the point is 0.1 mm right of and below the middle of an object at (1, -2)."""
     middle = POINTS // 2
     loads = taxel_forces(contact((1.0, -2.0, 0.0), (middle, middle), (1, 2, 3)), (4, 4), 2.0)
     grid = loads.reshape(4, 4, 3)
@@ -105,7 +105,7 @@ def test_taxels_sum_to_the_exact_force_and_are_what_is_drawn(cache: str) -> None
 
 
 def test_the_label_is_what_the_array_feels(cache: str) -> None:
-    """An object larger than the array: what presses beside it is in no taxel, nor in the label."""
+    """An object larger than the array: forces beside it are in no taxel, nor in the label."""
     wide = {"indenters": "square_prism", "motions": "slide_right", "noise": 0.0, "bits": 16}
     options = {**QUICK, **wide, "span": 5.0, "pitch": 1.0}
     full, z = (
@@ -123,7 +123,7 @@ def test_the_label_is_what_the_array_feels(cache: str) -> None:
 
 
 def test_processes_write_what_one_does(cache: str, tmp_path: Path) -> None:
-    """From a script without a guard, too: each process is a command of its own."""
+    """Also works from a script without a ``__main__`` guard: each process is a new command."""
     script = tmp_path / "script.py"
     script.write_text(
         "from tactileforge_arrays.dataset import SimArray\n"

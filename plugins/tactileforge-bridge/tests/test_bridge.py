@@ -23,7 +23,7 @@ def test_messages_arrive_over_zeromq():
         socket.setsockopt(zmq.RCVTIMEO, 10_000)
         socket.connect(sender.endpoint)
         socket.subscribe(b"digit")
-        while not socket.poll(50):  # it takes a moment until a subscription is known
+        while not socket.poll(50):  # a subscription takes a moment to arrive
             sender.send(MESSAGE)
         topic, body = socket.recv_multipart()
         assert (topic, json.loads(body)) == (b"digit 1", MESSAGE)
@@ -66,7 +66,7 @@ class Image:
 
 @pytest.fixture
 def sent(monkeypatch):
-    """Stand-ins for ROS 2, and what is published: topic, message."""
+    """Stand-ins for ROS 2, and a list of the published topics and messages."""
     sent = []
 
     def create_publisher(kind, name, depth):

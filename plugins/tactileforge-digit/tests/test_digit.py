@@ -12,7 +12,7 @@ from tactileforge.testing.clock import FakeTime
 
 @pytest.fixture
 def clock(monkeypatch):
-    """The time of cameras and of a test, which passes where somebody sleeps."""
+    """A simulated clock for cameras and the test; it advances on sleep alone."""
     made = FakeTime()
     monkeypatch.setattr(camera, "time", made)
     return made
@@ -82,7 +82,7 @@ def test_which_one_must_be_clear(two):
 
 
 class Device:
-    """OpenCV's capture of a DIGIT: it gives the size and rate that are set."""
+    """OpenCV's capture of a DIGIT, with the size and rate last set."""
 
     def __init__(self, zooms=True):
         self.asked, self.zooms = [], zooms
@@ -133,7 +133,7 @@ def test_modes(two, device, given, size, shape):
         assert (sensor.spec.height, sensor.spec.width) == shape
         assert (sensor.spec.name, sensor.spec.fps) == ("digit", size[2])
     assert frame.shape == (*shape, 3)
-    assert frame[-1, 0].tolist() == [200, 20, 10]  # what was left is below: turned upright
+    assert frame[-1, 0].tolist() == [200, 20, 10]  # upright: left is now below
     assert frame[0, 0].tolist() == [0, 0, 0]
     controls = [control for control, _ in device.asked]
     assert controls[:4] == [
@@ -184,7 +184,7 @@ def test_options_that_cannot_be(given, message):
 
 @pytest.fixture
 def video(tmp_path):
-    """Three seconds of a camera that lies on its side, at 30 frames a second."""
+    """Three seconds of a camera on its side, at 30 frames a second."""
     path = tmp_path / "digit.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, (320, 240))
     for i in range(80):

@@ -1,4 +1,4 @@
-"""Against a pad that is not there: it speaks the protocol byte by byte over a pseudo-terminal."""
+"""The driver against a simulated pad, byte by byte over a pseudo-terminal."""
 
 import itertools
 import random
@@ -18,7 +18,7 @@ SMALL = {"rows": 2, "columns": 3, "baseline": 0}
 
 
 def packet(number):
-    """A pad whose first two taxels are its number; no two bytes of it are a header."""
+    """A packet with its number in the first two taxels, and no header among its bytes."""
     return b"\xaa\x55" + divmod(number, 100)[0].to_bytes() + bytes([number % 100] * 383)
 
 
@@ -61,7 +61,7 @@ def test_split_and_merged_packets_all_come(pad, faults):
     with FlexiTac(port=pad.port, baseline=0) as sensor:
         pad.play(map(packet, range(101)), faults=faults)
         frames = read_until_silent(sensor)
-        assert numbers(frames) == list(range(100))  # the last has nothing behind it yet
+        assert numbers(frames) == list(range(100))  # the last one is not followed by a header yet
         assert (sensor.parser.bad, sensor.parser.lost) == (0, 0)
     assert (np.diff([frame.time for frame in frames]) > 0).all()
 
@@ -103,7 +103,7 @@ def test_lost_bytes_and_garbage_cost_packets_and_never_give_wrong_ones(pad):
 
 
 def test_random_bytes_are_hardly_ever_a_packet():
-    """Three headers that far apart are one in 2^48."""
+    """Three headers at this distance occur by chance once in 2^48 places."""
     parser = FlexiTac().new_parser()
     rng = random.Random(0)
     found = [p for _ in range(1000) for p in parser.feed(rng.randbytes(1000))]

@@ -1,4 +1,4 @@
-"""Against a Net F/T that is not there: its page over HTTP, its records over UDP."""
+"""The driver against a simulated Net F/T: its page over HTTP, its records over UDP."""
 
 import itertools
 import random
@@ -22,7 +22,7 @@ PAGE = (
 
 
 def record(number, status=0, newton=1.0):
-    """Big-endian: two sequence numbers, a status, six counts."""
+    """A record, big-endian: two sequence numbers, a status, six counts."""
     counts = [round(newton * 1_000_000 * i) for i in (1, -2, 3)] + [2_000_000, 0, -1_000_000]
     return struct.pack(">3I6i", number, 7 * number % 2**32, status, *counts)
 
@@ -189,7 +189,7 @@ def test_a_device_that_is_switched_off(device, options):
         device.write(record(1))
         sensor.read()
         device.close()
-        sensor._link.send(request(ati.START))  # nobody is there to take it
+        sensor._link.send(request(ati.START))  # the device is off: nobody receives it
         with pytest.raises(SensorError, match="gone"):
             sensor.read()
 
@@ -249,7 +249,7 @@ def test_a_million_random_bytes_are_no_record():
 
 
 def serve(device, over):
-    """Obeys one driver after the other, at 500 records a second."""
+    """Serves one driver after the other, at 500 records a second."""
     streams, numbers = False, itertools.count(1)
     while not over.is_set():
         try:

@@ -1,4 +1,4 @@
-"""Against an FT 300 that is not there: it speaks its protocol over a pseudo-terminal."""
+"""The driver against a simulated FT 300, over a pseudo-terminal."""
 
 import random
 import struct
@@ -24,18 +24,18 @@ def checked(body):
 
 
 def packet(number):
-    """Forces in hundredths of a newton, torques in thousandths of a newton metre."""
+    """A packet of forces in hundredths of a newton, torques in thousandths of a newton metre."""
     return checked(b"\x20\x4e" + struct.pack("<6h", number, -number, 7, number, -number, 11))
 
 
 class Ft300(PtyDevice):
-    """Streams while it is asked to; fifty 0xFF end that.
+    """A simulated FT 300: streams on request, until fifty 0xFF end it.
 
     Args:
-        streams: Whether another program has left it streaming.
-        answer: What it says to a request, without checksum; b"" for nothing.
-        faults: What goes wrong with its packets.
-        packets: How many it has to send; then it is silent.
+        streams: Whether it streams at first, as left on by another program.
+        answer: Answer to a request, without checksum; b"" for no answer.
+        faults: Faults of its packets.
+        packets: Number of packets to send; then it is silent.
     """
 
     def __init__(self, streams=False, answer=ACCEPTED, faults=None, packets=10**9):
@@ -93,7 +93,7 @@ def numbers(frames):
 
 
 def test_modbus_messages_are_those_of_the_manuals():
-    """Of the grippers of the same maker, which print whole messages."""
+    """Messages from the manuals of the same maker's grippers; those print whole messages."""
     request = modbus.write_request(9, 0x03E8, [0x0100, 0, 0])
     assert request == bytes.fromhex("0910 03e8 0003 06 0100 0000 0000 72e1")
     assert modbus.write_reply(9, 0x03E8, 3) == bytes.fromhex("0910 03e8 0003 0130")

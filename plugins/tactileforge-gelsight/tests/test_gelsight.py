@@ -13,7 +13,7 @@ from tactileforge.testing.clock import FakeTime
 
 @pytest.fixture
 def clock(monkeypatch):
-    """The time of cameras and of a test, which passes where somebody sleeps."""
+    """A simulated clock for cameras and the test; it advances on sleep alone."""
     made = FakeTime()
     monkeypatch.setattr(camera, "time", made)
     return made
@@ -39,11 +39,11 @@ def system(tmp_path, monkeypatch):
 
 
 class Device:
-    """OpenCV's capture of a Mini: it says yes to everything, and has one mode.
+    """OpenCV's capture of a Mini: it accepts every setting, and has one mode.
 
     Args:
-        period: Seconds between frames.
-        dark: Frames that are black at first.
+        period: Time between frames, s.
+        dark: Number of black frames at the start.
     """
 
     def __init__(self, clock, period, dark=0, size=(3280, 2464)):
@@ -107,7 +107,7 @@ def test_another_mode_is_refused(system, monkeypatch, clock):
 
 
 def test_the_crop_is_a_seventh_at_each_side():
-    """Of 2464 x 3280 pixels, rows 352 to 2111 and columns 468 to 2811."""
+    """The crop of 2464 x 3280 pixels is rows 352 to 2111 and columns 468 to 2811."""
     sensor = GelSightMini()
     frame = np.full((2464, 3280, 3), 255, np.uint8)
     frame[352:2112, 468:2812] = 90

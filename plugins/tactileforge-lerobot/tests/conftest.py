@@ -3,7 +3,7 @@ import pytest
 
 @pytest.fixture(autouse=True, scope="session")
 def _cache(tmp_path_factory):
-    """Touches that tests simulate are thrown away after them."""
+    """Puts the simulated touches of tests in a temporary cache."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TACTILEFORGE_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield

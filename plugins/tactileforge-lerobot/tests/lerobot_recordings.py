@@ -10,12 +10,12 @@ from tactileforge_lerobot.dataset import LeRobot
 
 from tactileforge.plugin import ArrayFrames, Recording
 
-#: What the video may lose on these pictures, dB.
+#: Lowest accepted quality of the video on these pictures, dB (PSNR).
 PSNR = 36.0
 
 
 def touch(number: int, sensor: str = "digit", frames: int = 24, fps: float = 30.0) -> Recording:
-    """A blob that moves over a coloured background, with forces, actions and a track."""
+    """A recording of a moving blob on a coloured background, with forces, actions and a track."""
     rng = np.random.default_rng([number, len(sensor)])
     rows, columns = np.mgrid[:64, :48]
     still = np.stack([80 + columns, 90 + rows * 0.5, 160 - columns], -1)

@@ -45,7 +45,7 @@ def test_what_is_recorded_is_a_demonstration_in_lerobots_format(tmp_path, capsys
     out = tmp_path / "demos"
     words = ["sensor=sim", "sensor.sim.size=32", "sensor.sim.type=digit", "robot=sim_robot"]
     words += ["robot.joints=2", "seconds=1.5", "background.seconds=0", "text=press", f"out={out}"]
-    one = os.environ | {"OMP_NUM_THREADS": "1"}  # a busy machine
+    one = os.environ | {"OMP_NUM_THREADS": "1"}  # fast on a busy machine too
     command = [sys.executable, "-m", "tactileforge", "record", *words]
     done = subprocess.run(command, capture_output=True, text=True, env=one)
     assert done.returncode == 0, done.stderr

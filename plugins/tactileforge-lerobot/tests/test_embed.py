@@ -50,7 +50,7 @@ def model():
 
 @SLOW
 def test_vectors_are_those_of_the_model_whatever_the_batch(model) -> None:
-    """By hand: the clip of row 9, at 6 frames a second, holds the frames 6, 7, 8, 9."""
+    """Computed by hand: the clip of row 9, at 6 frames a second, holds the frames 6, 7, 8, 9."""
     left, right = demonstration(0)
     shown = episode([right, left], 6)
     options = EmbedOptions(batch_size=5)
@@ -87,7 +87,7 @@ def test_other_devices_are_named(model) -> None:
 def test_the_verb_writes_what_lerobots_policies_read(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Camera, state, action and vectors; the frames of touch stay out, as their shape is other."""
+    """Camera, state, action and vectors; touch frames are left out, as their shape differs."""
     demos = [part for number in range(2) for part in demonstration(number)]
     write_dataset(demos, tmp_path / "demos", LeRobotOptions(images="png"))
     words = ["data=lerobot", f"data.root={tmp_path / 'demos'}", "data.val=0"]

@@ -1,4 +1,4 @@
-"""Touch to a LeRobot data set and back; and data sets that others wrote."""
+"""Touch to a LeRobot data set and back; and data sets of other programs."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -95,7 +95,7 @@ def test_the_folder_is_what_lerobot_reads(tmp_path: Path) -> None:
 
 
 def test_sensors_of_one_take_share_rows(tmp_path: Path) -> None:
-    """The slower sensor's frames come again; what comes back has each once."""
+    """Frames of the slower sensor are repeated in rows; read back, each occurs once."""
     fast = replace(touch(0), labels={"take": 0, "device": "left"})
     slow = replace(
         touch(0, "gelsight_mini", 15, 18.75), labels={"take": 0, "device": "right"}, tracks={}
@@ -147,7 +147,7 @@ def test_files_are_split_by_size(tmp_path: Path) -> None:
 
 
 def test_data_sets_of_others_are_read(tmp_path: Path) -> None:
-    """Without our file in meta/: names of features say what is touch."""
+    """Without our file in meta/, the touch features are given by name."""
     root = tmp_path / "set"
     write_dataset([touch(0), touch(1)], root, LeRobotOptions())
     (root / folder.TOUCH).unlink()
@@ -397,7 +397,7 @@ def test_episodes_that_are_cut_off_are_named(tmp_path: Path) -> None:
 
 
 def test_a_long_episode_is_read_in_parts(tmp_path: Path) -> None:
-    """The camera's images are the nearest in time; never are all frames in memory."""
+    """The camera's images are the nearest in time; never are all frames in memory at once."""
     frames = [CountedFrames(np.full((300, 32, 32, 3), 9, np.uint8)) for _ in range(2)]
     times = np.arange(300) / 30
     long = replace(
@@ -417,7 +417,7 @@ def test_a_long_episode_is_read_in_parts(tmp_path: Path) -> None:
 
 
 class CountedFrames(ArrayFrames):
-    """Frames that note what is read."""
+    """Frames with a log of the read indices."""
 
     def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
         noted = self.__dict__.setdefault("noted", [])
@@ -545,7 +545,7 @@ CELLS = (None, True, -1, 1 << 50, float("nan"), "x", [1], b"a", {"a": 1})
 
 @pytest.mark.parametrize("where", ["meta/episodes", "data", "meta"])
 def test_tables_that_are_bent_are_named_or_read(tmp_path: Path, where: str) -> None:
-    """Each column dropped, renamed, and with cells of another type."""
+    """Each column is dropped, renamed, and filled with cells of a different type."""
     import pyarrow
 
     root, named = tmp_path / "set", 0

@@ -58,7 +58,7 @@ def test_no_action_is_lost_where_a_slow_sensor_shows_a_frame_again(tmp_path: Pat
 
 
 def test_state_and_actions_of_others_become_tracks(tmp_path: Path) -> None:
-    """A set without our metadata: the task's words, the state and the actions are there."""
+    """A data set without our metadata still has the task's words, the state and the actions."""
     root = tmp_path / "set"
     write_dataset(demonstration(0), root, LeRobotOptions(images="png"))
     (root / folder.TOUCH).unlink()
@@ -155,7 +155,7 @@ def test_the_verb_says_what_a_policy_lacks(
 
 
 def test_videos_of_lerobot_are_av1(tmp_path: Path) -> None:
-    """The whole way: a set whose videos are AV1, as LeRobot's recorder writes them."""
+    """End to end: a data set with AV1 videos, as written by LeRobot's recorder."""
     av = pytest.importorskip("av")
     if "libsvtav1" not in av.codecs_available:
         pytest.skip("this PyAV has no encoder of AV1")

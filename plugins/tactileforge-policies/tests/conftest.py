@@ -9,7 +9,7 @@ from tactileforge import processes
 
 @pytest.fixture(autouse=True, scope="session")
 def _alone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """What tests keep is thrown away after them; those that run side by side start no others."""
+    """Puts the cache in a temporary folder; tests in parallel start no further processes."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TACTILEFORGE_CACHE", str(tmp_path_factory.mktemp("cache")))
         if "PYTEST_XDIST_WORKER" in os.environ:

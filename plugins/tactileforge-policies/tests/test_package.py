@@ -1,4 +1,4 @@
-"""What the package brings: cards of its recipes, verbs, and a README that names all of it."""
+"""Contents of the package: cards of its recipes, verbs, and a complete README."""
 
 import ast
 import re

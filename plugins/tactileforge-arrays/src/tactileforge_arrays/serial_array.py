@@ -50,8 +50,8 @@ class SerialArray(StreamSensor):
         checksum: Name of the checksum, one of `checksums.CHECKSUMS`.
         covers: Bytes covered by the checksum: ``packet`` (header and payload) or ``payload``.
         values: Values of each taxel in the payload.
-        channels: Indices of x, y and z among these values; a single index is z. The other values
-            are stored in ``raw``.
+        channels: Indices of x, y and z among these values; a single index is z. All values are
+            stored in ``raw``.
         positions: Row and column of each taxel; None for a grid, row by row.
         span: Change of a value drawn as full colour, one number for all axes or one for each.
         limits: Lowest and highest plausible value; None for a wide range around ``span``.
@@ -121,6 +121,7 @@ class SerialArray(StreamSensor):
             valid=self.plausible,
         )
         height, width = self.layout.shape
+        # A driver's own type is the one of its class; any other name is looked up.
         known = self.spec if type == self.spec.name else spec(type)
         self.spec = replace(known, height=height, width=width, fps=fps, kind="array")
         self.rest: NDArray[np.float32] = np.zeros((self.layout.taxels, values), np.float32)

@@ -22,10 +22,10 @@ class Muon:
     """Muon for the matrices outside of the heads, AdamW for all other parameters.
 
     Args:
-        lr: Learning rate of vectors, embeddings and heads, trained by AdamW.
+        lr: Learning rate of AdamW, for heads and for tensors with one axis or more than two.
         weight_decay: Decay of matrices, per step and learning rate.
         betas: Decay rates of AdamW's averages of the gradient and of its square.
-        matrix_lr: Learning rate of the matrices of the encoder.
+        matrix_lr: Learning rate of the other matrices (two axes).
         momentum: Decay rate of Muon's average of the gradient, 0 or more, below 1.
     """
 

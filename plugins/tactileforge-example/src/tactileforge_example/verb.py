@@ -1,4 +1,4 @@
-"""Prints the brightness of the recordings of a data set."""
+"""Prints the mean grey level of the recordings of a data set."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """ATI Net F/T and Ethernet Axia: forces and torques over Ethernet, up to 7,000 a second.
 
 "Raw data transfer": a request of 8 bytes over UDP starts the stream, and each record of 36 bytes
-carries two sequence numbers, a status and six counts. How many counts a newton has, and whether
-they are newtons, is on the page ``netftapi2.xml`` of the device.
+carries two sequence numbers, a status and six counts. The counts per unit, and the unit, are read
+from the page ``netftapi2.xml`` of the device.
 """
 
 from __future__ import annotations
@@ -21,25 +21,26 @@ from tactileforge.plugin import Arrival, ForceTorque, Frame, Link, Parser, Senso
 
 #: Commands of a request.
 STOP, START, BIAS = 0x0000, 0x0002, 0x0042
-#: The bit of a status that is set with every bit that means an error.
+#: Bit of a status for any error.
 ERROR = 1 << 31
-#: Newton, and newton metre, of the units of the device, written without dashes and blanks.
+#: Size of the units of the device, N and N m; their names are written without dashes and blanks.
 FORCES = {"n": 1.0, "kn": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605}
 FORCES |= {"kgf": 9.80665, "gf": 9.80665e-3}
 TORQUES = {"nm": 1.0, "nmm": 1e-3, "knm": 1e3, "kgfcm": 0.0980665}
 TORQUES |= {"lbfin": 0.1129848290276167, "lbfft": 1.3558179483314004}
 _PAGE_BYTES = 1 << 20
 _WRAP = 1 << 32
-#: Records that may be lost in a row, or come too late, before the next must bear a number out.
+#: Largest step of the record number without a need of confirmation by the next record: forwards for
+#: lost records, backwards for late ones.
 NEAR = 16
 
 
 def request(command: int, count: int = 0) -> bytes:
-    """A request.
+    """Packs a request.
 
     Args:
         command: `STOP`, `START` or `BIAS`.
-        count: Records to send; 0 for no end.
+        count: Number of records to send; 0 for an endless stream.
 
     Example:
         >>> request(START).hex()
@@ -53,9 +54,9 @@ class Settings:
     """Settings reported by the device.
 
     Attributes:
-        force: Newton of a count.
-        torque: Newton metre of a count.
-        rate: Records a second; None where it does not say.
+        force: Force of a count, N.
+        torque: Torque of a count, N m.
+        rate: Records a second; None where the device does not state it.
     """
 
     force: float
@@ -64,22 +65,22 @@ class Settings:
 
 
 class AtiNetFT(ForceTorque):
-    """An ATI Net F/T, whose forces and torques are passed on in N and N m.
+    """An ATI Net F/T, read in N and N m.
 
-    Records that are lost on the way are counted, and one that comes twice or too late is dropped. A
-    record whose status is an error is dropped too: its numbers do not count. One whose number is
-    more than `NEAR` ahead, or whose force jumps, is dropped unless the next goes on from it.
+    Lost records are counted. A record is dropped if it comes twice or too late, or if its status is
+    an error, as its values are then invalid. A record more than `NEAR` ahead, or with a jump in
+    force, is dropped unless the next one continues from it.
 
     Args:
-        host: Name or number of the device.
-        port: Its port for raw data transfer.
-        bias: Whether what it shows when it is opened becomes zero.
+        host: Name or IP address of the device.
+        port: Its UDP port for raw data transfer.
+        bias: Whether the reading at opening becomes zero.
         http_port: Port of its web pages.
-        most: Largest force (N) and torque (N m) that can be true.
+        most: Largest plausible force (N) and torque (N m).
 
     Attributes:
-        missed: Records that were sent and did not come, since it was opened.
-        status: Of the last record.
+        missed: Number of records lost on the way, since opening.
+        status: Status of the last record.
     """
 
     spec = SensorSpec(
@@ -108,10 +109,10 @@ class AtiNetFT(ForceTorque):
         self.missed = self.status = self._errors = 0
 
     def connect(self) -> Link:
-        """Reads what a count is, and opens the way for the records.
+        """Reads the size of a count, and opens the link for the records.
 
         Raises:
-            SensorError: It does not answer, or its units are not known.
+            SensorError: The device does not answer, or its units are unknown.
         """
         settings_held = settings(fetch(self.page), self.page)
         self.scale = np.repeat([settings_held.force, settings_held.torque], 3)
@@ -121,20 +122,20 @@ class AtiNetFT(ForceTorque):
         return super().connect()
 
     def start(self, link: Link) -> None:
-        """Asks for records without end; what it shows becomes zero, unless it was lost."""
+        """Requests an endless stream, after zeroing; a reopened device keeps its zero."""
         if self.bias and not self.keeps_zero:
             link.send(request(BIAS))
         link.send(request(START))
 
     def stop(self, link: Link) -> None:
-        """Asks for no more."""
+        """Ends the stream."""
         link.send(request(STOP))
 
     def wrench(self, payload: bytes) -> NDArray[np.float64]:
-        """Forces and torques of a record; see `ForceTorque.wrench`.
+        """Unpacks forces and torques of a record; see `ForceTorque.wrench`.
 
         Raises:
-            ValueError: Its status is an error, or one as new has come already.
+            ValueError: Its status is an error, or a record as new has come already.
         """
         status: int = struct.unpack_from(">I", payload, 8)[0]
         last = self.continuity.last
@@ -147,13 +148,13 @@ class AtiNetFT(ForceTorque):
         return super().wrench(payload)
 
     def follows(self, before: Arrival | None, after: Arrival) -> bool:
-        """Whether its number is one of the next; a stream begins with 1."""
+        """Whether a record continues the last one; a stream begins with number 1."""
         last = 0 if before is None else _number(before.payload)
         is_next = 0 < (_number(after.payload) - last) % _WRAP <= NEAR
         return is_next and (before is None or self.is_smooth(before, after))
 
     def take(self, parser: Parser, data: bytes) -> None:
-        """Takes a datagram, and counts the records that are missing before it."""
+        """Takes a datagram, and counts the missing records before it."""
         before, count = self.continuity.last, len(self._frames)
         super().take(parser, data)
         last = self.continuity.last
@@ -166,10 +167,10 @@ class AtiNetFT(ForceTorque):
         self._errors = 0
 
     def read(self, timeout: float = 1.0) -> Frame:
-        """The next record; see `StreamSensor.read`.
+        """Waits for the next record; see `StreamSensor.read`.
 
         Raises:
-            TimeoutError: No record that counts within ``timeout`` seconds.
+            TimeoutError: No valid record within ``timeout`` seconds.
         """
         try:
             return super().read(timeout)
@@ -188,14 +189,14 @@ def _number(payload: bytes) -> int:
 
 
 def fetch(page: str, timeout: float = 3.0) -> str:
-    """Text of a page of the device, whatever proxy the machine has.
+    """Fetches the text of a page of the device, and bypasses any proxy of the machine.
 
     Args:
-        page: Its address.
-        timeout: Seconds.
+        page: Address of the page.
+        timeout: Longest wait, s.
 
     Raises:
-        SensorError: It does not come.
+        SensorError: The page cannot be fetched.
     """
     try:
         with build_opener(ProxyHandler({})).open(page, timeout=timeout) as answer:
@@ -211,11 +212,11 @@ def settings(text: str, page: str = "netftapi2.xml") -> Settings:
     """Reads the page of settings.
 
     Args:
-        text: The page.
-        page: Its address, for errors.
+        text: Content of the page.
+        page: Address of the page, for errors.
 
     Raises:
-        SensorError: Something is missing on it, or has no meaning.
+        SensorError: A value is missing or invalid.
     """
 
     def field(name: str) -> str:

@@ -1,4 +1,4 @@
-"""As much of Modbus RTU as it takes to write a register."""
+"""The part of Modbus RTU needed to write a register."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from collections.abc import Sequence
 
 from tactileforge.plugin import CHECKSUMS, Link, SensorError
 
-#: "Write registers", and the mark of a reply that refuses.
+#: The function "write registers", and the bit of a refusing reply.
 WRITE, REFUSED = 0x10, 0x80
 _CRC = CHECKSUMS["crc16_modbus"]
 
 
 def packet(body: bytes) -> bytes:
-    """A message with its checksum."""
+    """Appends the checksum to a message."""
     return body + _CRC.of(body)
 
 
 def write_request(slave: int, register: int, values: Sequence[int]) -> bytes:
-    """Asks to write 16-bit values to registers that follow each other."""
+    """Packs a request to write 16-bit values to consecutive registers."""
     head = struct.pack(">BBHHB", slave, WRITE, register, len(values), 2 * len(values))
     return packet(head + struct.pack(f">{len(values)}H", *values))
 
 
 def write_reply(slave: int, register: int, count: int) -> bytes:
-    """Expected reply to a write of some values."""
+    """Expected reply to a write of ``count`` values."""
     return packet(struct.pack(">BBHH", slave, WRITE, register, count))
 
 
@@ -33,17 +33,17 @@ def write(link: Link, slave: int, register: int, value: int, timeout: float) -> 
     """Writes one register.
 
     Args:
-        link: To the device.
-        slave: Its number on the line.
-        register: Which.
-        value: 16 bits.
-        timeout: Seconds it may take to answer.
+        link: Open link to the device.
+        slave: Number of the device on the line.
+        register: Number of the register.
+        value: Value to write, 16 bits.
+        timeout: Longest wait for the answer, s.
 
     Returns:
-        What has come behind the answer already.
+        Bytes received after the answer.
 
     Raises:
-        SensorError: It refuses, or does not answer in time.
+        SensorError: The device refuses, or does not answer in time.
     """
     link.send(write_request(slave, register, [value]))
     accepted = write_reply(slave, register, 1)
@@ -51,6 +51,7 @@ def write(link: Link, slave: int, register: int, value: int, timeout: float) -> 
     end, seen = time.monotonic() + timeout, b""
     while (left := end - time.monotonic()) > 0:
         seen += link.receive(left)
+        # The answer is searched, as bytes of an older stream may stand before it.
         _, answer, rest = seen.partition(accepted)
         if answer:
             return rest

@@ -2,7 +2,7 @@
 
 The stream is switched on by writing 0x0200 to register 410 over Modbus RTU, and off by sending 0xFF
 fifty times. A packet is ``20 4E``, six little-endian 16-bit integers (forces in N / 100, torques in
-N m / 1000), and the checksum of Modbus over all before it.
+N m / 1000), and the checksum of Modbus over all bytes before it.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from dataclasses import replace
 from tactileforge.plugin import ForceTorque, Link
 from tactileforge_ft import modbus
 
-#: Its number on the line, and the register and value that switch the stream on.
+#: Number of the device on the line; register and value to switch the stream on.
 SLAVE, REGISTER, STREAM = 9, 410, 0x0200
-#: What switches the stream off, how often, and seconds between: half a second in all.
+#: Byte to switch the stream off, its repetitions, and the pause between them, s: 0.5 s in all.
 INTERRUPT, TIMES, PAUSE = b"\xff", 50, 0.01
-#: Seconds in which it answers, and of silence after which the stream has ended.
+#: Longest wait for an answer, and silence at the end of a stream, s.
 TIMEOUT, SILENCE = 1.0, 0.05
 
 
 class Robotiq(ForceTorque):
-    """A Robotiq FT 300 (or FT 150), whose forces and torques are passed on as it gives them.
+    """A Robotiq FT 300 (or FT 150), with forces and torques unchanged, in N and N m.
 
     Args:
         port: Path of the serial port, for example ``/dev/ttyUSB0``.
@@ -45,10 +45,10 @@ class Robotiq(ForceTorque):
         )
 
     def start(self, link: Link) -> None:
-        """Ends a stream that another program has left, and begins a new one.
+        """Ends a stream left on by another program, and begins a new one.
 
         Raises:
-            SensorError: It refuses, or does not answer.
+            SensorError: The device refuses, or does not answer.
         """
         self.stop(link)
         end = time.monotonic() + TIMEOUT

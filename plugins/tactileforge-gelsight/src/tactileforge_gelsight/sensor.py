@@ -1,4 +1,4 @@
-"""GelSight Mini: a camera on USB with one large mode, of which the middle is shown."""
+"""GelSight Mini: a camera on USB with one large mode, cut to its middle."""
 
 from __future__ import annotations
 
@@ -6,31 +6,31 @@ from dataclasses import replace
 
 from tactileforge.plugin import SPECS, Camera, ConfigError, v4l2
 
-#: What every Mini's name begins with. Its USB id is that of other cameras as well.
+#: Beginning of the name of every Mini. Its USB id is not unique: other cameras share it.
 NAME = "GelSight Mini"
-#: The one mode that it has: width, height, and frames a second that it promises.
+#: The only mode of the camera: width, height and its promised frames a second.
 WIDTH, HEIGHT, PROMISED = 3280, 2464, 25.0
-#: Share of height and width to cut off at each side, and height and width of a frame then.
+#: Share of height and width to cut off at each side; height and width of the resized frame.
 BORDER, SHAPE = 1 / 7, (240, 320)
 
 
 class GelSightMini(Camera):
     """A GelSight Mini with a gel without markers.
 
-    The frames of the camera are cut to the part that shows the gel, and made 240 x 320 pixels. The
-    camera promises 25 frames a second; on Linux about 18 come. The rate that comes is measured when
-    it is opened, on frames that are thrown away: the first ones are black.
+    The frames of the camera are cut to the part that shows the gel, and resized to 240 x 320
+    pixels. The camera promises 25 frames a second; on Linux about 18 come. The true rate is
+    measured at opening, on frames that are thrown away, as the first ones are black.
 
     Args:
-        unit: Number on the unit, for example ``2BKR-9FKA``; "" takes the one that is attached.
+        unit: Number on the unit, for example ``2BKR-9FKA``; "" takes the only attached one.
         device: Path of the camera, or of a video file in its place; "" finds it by its name.
         width: Columns of the camera.
         height: Rows of the camera.
         border: Share of height and width to cut off at each side.
-        warmup: Frames to throw away when it is opened.
+        warmup: Frames to throw away at opening, 2 or more.
 
     Raises:
-        ConfigError: Too few frames to throw away.
+        ConfigError: ``warmup`` is below 2.
     """
 
     spec = SPECS["gelsight_mini"]
@@ -58,28 +58,28 @@ class GelSightMini(Camera):
         self.frames = warmup
 
     def number(self, camera: v4l2.VideoDevice) -> str:
-        """Its serial number; else the last word of its name, the number on the unit."""
+        """Serial number of a camera; else the last word of its name, the number on the unit."""
         return camera.serial or camera.name.removeprefix(NAME).split(":")[0].strip().split(" ")[-1]
 
     def open(self) -> None:
         """Claims the camera, and measures its rate.
 
         Raises:
-            SensorError: See `Camera.open`; or no frames come.
+            SensorError: The camera cannot be opened (see `Camera.open`), or no frames come.
         """
         super().open()
         if not self.address:
-            return  # a file keeps the rate that it says
+            return  # a video file keeps its stated rate
         try:
             times = [self.read(2.0).time for _ in range(self.frames)]
         except BaseException:
             self.close()
             raise
-        half = len(times) // 2  # the first ones may come at once
+        half = len(times) // 2  # buffered frames may come at once at first: measure the second half
         self.spec = replace(self.spec, fps=half / (times[-1] - times[-1 - half]))
 
 
 class GelSightMiniMarkers(GelSightMini):
-    """A GelSight Mini with a gel with markers; its options are those of `GelSightMini`."""
+    """A GelSight Mini with a gel with markers, and the options of `GelSightMini`."""
 
     spec = replace(SPECS["gelsight_mini"], name="gelsight_mini_markers", markers=True)

@@ -22,12 +22,12 @@ class Embed:
     """Keys of ``data embed``.
 
     Attributes:
-        model: NAME.TAG of the zoo or file:PATH; its weights stay as they are.
+        model: NAME.TAG of the zoo or file:PATH; its weights stay frozen.
         out: Folder of the data set; it must not exist.
-        embed: How touch becomes vectors.
-        device: Where the model computes.
-        threads: How many threads it may take; None for torch's choice.
-        lerobot: How the data set is written.
+        embed: Options of the vectors.
+        device: Device of the model, for example cpu or cuda.
+        threads: Number of CPU threads for the model; None for torch's choice.
+        lerobot: Options of the written data set.
     """
 
     model: str
@@ -41,9 +41,9 @@ class Embed:
 def embed(keys: Embed, config: dict[str, Any]) -> None:
     """Writes a LeRobot data set with an encoder's vectors, for LeRobot's policies.
 
-    They are observation.environment_state (docs/lerobot.md#policies).
+    The vectors are the feature observation.environment_state (docs/lerobot.md#policies).
     """
-    from tactileforge import load  # torch, which no --help has to wait for
+    from tactileforge import load  # imports torch, which is slow: late, so that --help is fast
 
     if keys.threads:
         import torch

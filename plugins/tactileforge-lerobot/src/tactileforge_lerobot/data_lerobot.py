@@ -16,7 +16,7 @@ class Export:
 
     Attributes:
         out: Folder of the data set; it must not exist.
-        lerobot: How.
+        lerobot: Options of the written data set.
     """
 
     out: str
@@ -31,13 +31,13 @@ def export(keys: Export, config: dict[str, Any]) -> None:
 def write(
     out: str, options: LeRobotOptions, config: dict[str, Any], vectors: Vectors | None = None
 ) -> LeRobotSummary:
-    """Writes both splits of the data set of a configuration, and says what came of it.
+    """Writes both splits of the data set of a configuration, and prints a summary.
 
     Args:
         out: Folder of the LeRobot data set.
-        options: How it is written.
-        config: The whole configuration; ``data`` is what is written.
-        vectors: See `write.write_dataset`.
+        options: Options of the written data set.
+        config: The whole configuration; ``data`` is the data set to write.
+        vectors: Source of further vectors, None for none; see `write.write_dataset`.
     """
     from tactileforge_lerobot.write import write_dataset
 

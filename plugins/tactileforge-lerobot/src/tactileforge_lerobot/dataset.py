@@ -18,27 +18,28 @@ _BACKGROUNDS = ("first", "none")
 
 
 class LeRobot:
-    """Touch features of LeRobot episodes (`docs/lerobot.md`); a feature of one is a recording.
+    """Touch features of LeRobot episodes, one recording each (`docs/lerobot.md`).
 
-    ``observation.state`` and ``action`` are the tracks ``state`` and ``robot_action`` of each.
+    ``observation.state`` and ``action`` are the tracks ``state`` and ``robot_action`` of each
+    recording.
 
-    What `tactileforge data lerobot` wrote needs no option but ``root``.
+    A data set written by `tactileforge data lerobot` needs no option but ``root``.
 
     Args:
         root: Folder of the data set.
-        touch: Names of the features that are touch, for example ``observation.images.digit``; None
-            for those that `tactileforge data lerobot` wrote.
-        sensors: Type of the sensor of each.
-        force: Name of the feature that holds the force of each, "" for none; None where they have
-            none.
-        force_columns: Which of its columns are x, y and z; three more for each further feature of
-            touch, where these differ.
-        camera: Name of the feature that shows the scene.
+        touch: Names of the touch features, for example ``observation.images.digit``; None for those
+            written by `tactileforge data lerobot`.
+        sensors: Type of the sensor of each touch feature.
+        force: Name of the force feature of each touch feature, "" for none; None where no touch
+            feature has a force.
+        force_columns: Columns x, y and z of the force features; three numbers for all, or three for
+            each touch feature.
+        camera: Name of the feature with the camera's view of the scene; None for none.
         background: ``first`` where episodes begin without contact, else ``none``.
-        val: Share of the episodes that is held out for validation.
+        val: Share of the episodes held out for validation.
 
     Raises:
-        ConfigError: An option makes no sense.
+        ConfigError: An option is invalid, or options contradict each other.
     """
 
     def __init__(
@@ -82,7 +83,7 @@ class LeRobot:
 
     @property
     def provides(self) -> frozenset[str]:
-        """Labels that the features give; none where the folder says nothing."""
+        """Labels provided by the features; empty where the folder cannot be read."""
         try:
             touch, names = self._touch(), self.folder.info.features
             written = [about for one in self.folder.touch for about in one.values()]
@@ -100,15 +101,16 @@ class LeRobot:
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split, episode by episode.
 
-        One that cannot be read is left out and listed in ``skipped``.
+        An unreadable recording is left out and listed in ``skipped``.
 
         Args:
             split: ``train`` or ``val``.
 
         Raises:
             DataNotFoundError: There is no data set.
-            DataError: It is of another version, or lacks a feature.
-            ConfigError: An unknown split, or ``touch`` is not given.
+            DataError: Its version is not supported, it lacks a feature, or no recording of the
+                split can be read.
+            ConfigError: An unknown split, or ``touch`` is missing.
         """
         if split not in ("train", "val"):
             raise ConfigError(unknown("split", split, ("train", "val")))
@@ -135,7 +137,7 @@ class LeRobot:
             raise failed
 
     def plot(self, recording: Recording) -> Figure:
-        """A figure of a recording."""
+        """Plots a recording."""
         from tactileforge.plugin import plot_recording
 
         return plot_recording(recording)

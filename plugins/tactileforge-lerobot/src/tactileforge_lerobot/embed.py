@@ -30,9 +30,10 @@ class EmbedOptions:
 
     Attributes:
         vector: ``pooled``, the mean of the patch tokens; ``cls``, the class token; or
-            ``projected``, what ``model.encode`` and ``model.stream`` give.
-        unknown_sensor: Of a sensor that the model never saw: ``error``, or ``universal``.
-        batch_size: Clips that are computed at once.
+            ``projected``, the vector of ``model.encode`` and ``model.stream``.
+        unknown_sensor: Treatment of a sensor outside of the model's training: ``error``, or
+            ``universal``.
+        batch_size: Clips per batch.
     """
 
     vector: str = "pooled"
@@ -51,15 +52,15 @@ class EmbedOptions:
 
 
 class TouchVectors:
-    """Vectors of the rows of an episode: of each device, in the order of their names.
+    """Vectors of the rows of an episode, concatenated over devices in the order of their names.
 
     The clip of a row ends with the row's frame, and holds nothing later. Where it would reach back
-    before the recording, the first frame is held.
+    before the recording, the first frame is repeated.
 
     Args:
-        model: A loaded model; nothing of it changes.
-        name: By which it was loaded.
-        options: How.
+        model: A loaded model; it stays unchanged.
+        name: Name or path of the model, for the metadata.
+        options: Options of the vectors.
 
     Attributes:
         devices: Names in the order of their vectors; empty before the first episode.
@@ -71,17 +72,18 @@ class TouchVectors:
 
     @property
     def about(self) -> dict[str, Any]:
-        """Settings that must be the same where a policy runs, as plain data."""
+        """Settings to repeat for running a policy, as plain data."""
         clip = {"frames": self.model.frames, "spacing": self.model.spacing}
         return {"model": self.name, **asdict(self.options), **clip, "devices": self.devices}
 
     def __call__(self, shown: Episode) -> NDArray[np.float32]:
-        """Vectors of the rows, float32 (N, devices * width).
+        """Encodes the rows of an episode, float32 (N, devices * width).
 
-        Warns where frames come too seldom for clips as the model was trained on.
+        Warns where the frame rate is too low for the clips of the model's training.
 
         Raises:
-            DataError: Other devices than the episodes before, or a frame cannot be decoded.
+            DataError: The devices differ from those of earlier episodes, or a frame cannot be
+                decoded.
             ConfigError: The model does not know the sensor.
         """
         devices = sorted(shown.parts)
@@ -98,7 +100,7 @@ class TouchVectors:
         return np.concatenate([self._of(shown.parts[d], shown.rows[d]) for d in devices], axis=1)
 
     def _of(self, part: Recording, rows: NDArray[np.int64]) -> NDArray[np.float32]:
-        """Vectors of the clips that end with some frames of a recording, (N, width)."""
+        """Encodes the clips with given last frames of a recording, (N, width)."""
         ends, places = np.unique(rows, return_inverse=True)
         clips = held_clips(part.times, ends, self.model.frames, self.model.spacing)
         still = part.background()

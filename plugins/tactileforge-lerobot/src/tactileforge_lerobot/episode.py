@@ -1,4 +1,4 @@
-"""Recordings that were made together, on the rows of one episode."""
+"""Simultaneous recordings on the rows of one episode."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from tactileforge_lerobot import folder
 
 @dataclass(frozen=True)
 class Episode:
-    """Recordings that were made together.
+    """Simultaneous recordings.
 
     Attributes:
-        parts: One of each device, by its name.
-        rows: int64 (N,): the frame of each row, by device.
-        dropped: Frames that no row shows, by device.
+        parts: Recording of each device, by its name.
+        rows: Index of the frame of each row, int64 (N,), by device.
+        dropped: Number of frames outside of all rows, by device.
     """
 
     parts: dict[str, Recording]
@@ -34,7 +34,7 @@ class Episode:
 
     @property
     def seen(self) -> tuple[str, Recording]:
-        """Device and recording whose camera image is that of the episode."""
+        """Device and recording with the camera image of the episode; the first one if none has."""
         with_image = (item for item in self.parts.items() if item[1].image is not None)
         return next(with_image, next(iter(self.parts.items())))
 
@@ -47,17 +47,17 @@ class Episode:
 
 
 def device_word(recording: Recording) -> str:
-    """The word for a recording's sensor in the names of features."""
+    """Name of a recording's sensor in the names of features."""
     labels = recording.labels
     name = str(labels.get("device", labels.get("finger", recording.sensor)))
     return re.sub(r"[^A-Za-z0-9_]+", "_", name)
 
 
 def episode_rate(recordings: Iterable[Recording]) -> int:
-    """Frames per second of the fastest, as a whole number.
+    """Frames per second of the fastest recording, as a whole number.
 
     Raises:
-        DataError: None has two frames.
+        DataError: No recording has two frames.
     """
     steps = [recording.period for recording in recordings if len(recording.times) > 1]
     if not steps:
@@ -66,7 +66,7 @@ def episode_rate(recordings: Iterable[Recording]) -> int:
 
 
 def group_takes(recordings: Iterable[Recording]) -> Iterator[list[Recording]]:
-    """Recordings of one take or episode, one a device; those without such a label are alone.
+    """Groups recordings by take or episode, one per device; unlabelled ones are alone.
 
     Raises:
         DataError: The recordings of an episode do not follow one another.
@@ -97,15 +97,15 @@ def group_takes(recordings: Iterable[Recording]) -> Iterator[list[Recording]]:
 
 
 def robot_part(parts: Iterable[Recording], track: str) -> Recording | None:
-    """The first recording of an episode that carries a track of the robot."""
+    """First recording of an episode with a track of the robot, or None."""
     return next((part for part in parts if track in part.tracks), None)
 
 
 def _known_span(recordings: Sequence[Recording]) -> tuple[float, float]:
-    """First and last time at which the robot's state and actions are known, s.
+    """First and last time with known state and actions of the robot, s.
 
     Raises:
-        DataError: They are never known, or not in between.
+        DataError: They are unknown everywhere, or somewhere in between.
     """
     start, end = -np.inf, np.inf
     for track in folder.ROBOT:
@@ -124,10 +124,11 @@ def _known_span(recordings: Sequence[Recording]) -> tuple[float, float]:
 
 
 def episode(recordings: Sequence[Recording], fps: float) -> Episode:
-    """Puts recordings on common rows: each row has the frame that is nearest to its time.
+    """Puts recordings on common rows; each row has the frame nearest to its time.
 
     Raises:
-        DataError: They share no time, or state or actions of the robot are unknown in between.
+        DataError: They do not overlap in time, or state or actions of the robot are unknown in
+            between.
     """
     first, last = _known_span(recordings)
     start = max(first, *(float(recording.times[0]) for recording in recordings))
@@ -155,12 +156,12 @@ def episode(recordings: Sequence[Recording], fps: float) -> Episode:
 
 
 def episode_features(shown: Episode, images: str) -> dict[str, dict[str, Any]]:
-    """The features of an episode, without those that all have.
+    """Declares the features of an episode, without `folder.COMMON`.
 
     Args:
         shown: The episode.
-        images: ``video``; ``png``; ``auto``: arrays, whose every pixel counts, without loss; or
-            ``camera``: the paired camera alone.
+        images: ``video``; ``png``; ``auto``: arrays of taxels as png, as each pixel is a value, all
+            others as video; or ``camera``: the paired camera alone.
     """
     declared: dict[str, dict[str, Any]] = {}
     for track, feature in folder.ROBOT.items():
@@ -202,7 +203,7 @@ def _numbers(dtype: str, size: int, names: list[str] | None) -> dict[str, Any]:
 
 
 def number_rows(shown: Episode, feature: str) -> NDArray[Any]:
-    """The rows of a feature that is no image, (N, ...)."""
+    """Rows of a numeric feature, (N, size)."""
     for track, name in folder.ROBOT.items():
         source = robot_part(shown.parts.values(), track)
         if feature == name and source is not None:
@@ -216,7 +217,7 @@ def number_rows(shown: Episode, feature: str) -> NDArray[Any]:
 
 
 def image_rows(shown: Episode, feature: str) -> Frames:
-    """The rows of a feature that is an image, as they were recorded; read when they are needed."""
+    """Rows of an image feature, as they were recorded; read on demand."""
     name = feature.removeprefix("observation.images.")
     if name in shown.parts:
         return FrameSubset(shown.parts[name].frames, shown.rows[name].tolist())

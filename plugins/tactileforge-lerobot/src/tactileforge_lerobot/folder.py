@@ -24,27 +24,27 @@ INFO, STATS, TASKS = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
 TOUCH = "meta/tactileforge.json"
 #: Version of that file.
 TOUCH_VERSION = 1
-#: Files of a chunk.
+#: Number of files of a chunk.
 CHUNK = 1000
-#: Tracks of a robot, and LeRobot's features of them: one of an episode, whatever its sensors.
+#: Tracks of a robot, and their features in LeRobot: one per episode, whatever its sensors.
 ROBOT = {"state": "observation.state", "robot_action": "action"}
-#: Feature that LeRobot's policies read as it is; see `write_dataset`.
+#: Feature read unchanged by LeRobot's policies; see `write_dataset`.
 ENVIRONMENT = "observation.environment_state"
-#: Row groups of images that stay in memory: LeRobot writes one an episode.
+#: Row groups of images kept in memory: LeRobot writes one per episode.
 _GROUPS = 8
-#: Errors that tables of others may raise where they are read.
+#: Errors raised while reading malformed tables of other programs.
 WRONG = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
-#: What a name in braces of a path looks like: ``{file_index}`` or ``{file_index:03d}``.
+#: Field in braces of a path: ``{file_index}`` or ``{file_index:03d}``.
 _PLACE = re.compile(r"\{([a-z_]{1,40})(?::0?([1-9])d)?\}")
-#: Types of features that are numbers.
+#: Types of numeric features.
 NUMBERS = (
     *(f"float{bits}" for bits in (16, 32, 64)),
     *(f"{kind}{bits}" for kind in ("int", "uint") for bits in (8, 16, 32, 64)),
     "bool",
 )
-#: Largest size of a feature, and most rows a second, of any data set.
+#: Largest accepted size of a feature, and rows a second; more is a damaged file.
 _LARGEST, _FASTEST = 1 << 24, 1e5
-#: Features that every data set has.
+#: Features of every data set.
 COMMON: dict[str, dict[str, Any]] = {
     "timestamp": {"dtype": "float32", "shape": [1], "names": None},
     "frame_index": {"dtype": "int64", "shape": [1], "names": None},
@@ -55,7 +55,7 @@ COMMON: dict[str, dict[str, Any]] = {
 
 
 def import_arrow() -> ModuleType:
-    """The package pyarrow, with ``parquet``; half a second, which no ``--help`` has to wait for."""
+    """Imports pyarrow with ``parquet``; late, as it takes half a second and ``--help`` is fast."""
     import pyarrow.parquet
 
     module: ModuleType = pyarrow
@@ -73,7 +73,7 @@ class Info:
 
     Attributes:
         fps: Rows per second.
-        features: By name: dtype, shape, names.
+        features: Description of each feature (dtype, shape, names), by its name.
         data_path: Pattern of the parquet files.
         video_path: Pattern of the videos.
     """
@@ -88,8 +88,8 @@ class Info:
         """Reads the file.
 
         Raises:
-            DataNotFoundError: There is none.
-            DataError: It is of another version, or not what LeRobot writes.
+            DataNotFoundError: There is no such file.
+            DataError: Its version is not supported, or its content is invalid.
         """
         path = root / INFO
         if not path.is_file():
@@ -117,7 +117,7 @@ class Info:
         return info
 
     def data_file(self, root: Path, place: Mapping[str, int]) -> Path:
-        """The parquet file of a chunk and file number.
+        """Path of the parquet file of a chunk and file number.
 
         Raises:
             DataError: The pattern has an unknown field, or leads out of the data set.
@@ -125,7 +125,7 @@ class Info:
         return _filled(root, "data_path", self.data_path, place)
 
     def video_file(self, root: Path, feature: str, place: Mapping[str, int]) -> Path:
-        """The video of a feature, by chunk and file number.
+        """Path of the video of a feature, by chunk and file number.
 
         Raises:
             DataError: The pattern has an unknown field, or leads out of the data set.
@@ -133,7 +133,7 @@ class Info:
         return _filled(root, "video_path", self.video_path, {"video_key": feature, **place})
 
     def pictures(self) -> list[str]:
-        """Names of the features that are videos or images."""
+        """Names of the features of dtype video or image."""
         return [
             key for key, feature in self.features.items() if feature["dtype"] in ("video", "image")
         ]
@@ -146,7 +146,7 @@ def _rate(value: Any) -> float:
 
 
 def _feature(name: str, value: Any) -> dict[str, Any]:
-    """A feature whose dtype is a plain word, and whose shape has sizes that an array may have."""
+    """Checks a feature: its dtype is a plain word, its shape has sizes of a possible array."""
     feature = dict(value)
     dtype, shape = feature["dtype"], feature["shape"]
     if not isinstance(dtype, str) or not re.fullmatch(r"[a-z][a-z_]{0,30}[0-9]{0,3}", dtype):
@@ -165,7 +165,10 @@ def _pattern(value: Any, default: str) -> str:
 
 
 def _filled(root: Path, key: str, pattern: str, fields: Mapping[str, str | int]) -> Path:
-    """A path of a data set; of Python's formats, names with a number of digits are all it has."""
+    """Fills in a path pattern; only names with a number of digits are allowed in braces.
+
+    Unlike `str.format`, this gives the pattern of a foreign file no access to attributes.
+    """
     where = f"{root / INFO}, {key}"
     try:
         name = _PLACE.sub(lambda found: _written(fields[found[1]], found[2]), pattern)
@@ -186,15 +189,17 @@ def _written(value: str | int, digits: str | None) -> str:
 
 
 def inside(root: Path, name: str, where: str) -> Path:
-    """A file of a data set; its links may lead to the files that Hugging Face's cache shares.
+    """Resolves a file of a data set, and refuses paths outside of it.
+
+    Links may lead to the shared files (``blobs``) of Hugging Face's cache.
 
     Args:
-        root: The data set.
-        name: Path of the file from there.
-        where: Place that names it, for messages.
+        root: Folder of the data set.
+        name: Path of the file, relative to ``root``.
+        where: Origin of the name, for messages.
 
     Raises:
-        DataError: It lies outside the data set.
+        DataError: The file lies outside the data set.
     """
     if "\0" in name or any(len(part.encode()) > 255 for part in name.split("/")):
         raise DataError(f"{where}: {name[:60]!r} is no path; correct it")
@@ -210,7 +215,7 @@ def inside(root: Path, name: str, where: str) -> Path:
 
 
 def column_names(path: Path) -> list[str]:
-    """The columns of a parquet file.
+    """Names of the columns of a parquet file.
 
     Raises:
         DataError: It cannot be read.
@@ -223,7 +228,7 @@ def column_names(path: Path) -> list[str]:
 
 @cache
 def read_parquet(path: Path, columns: tuple[str, ...] | None = None) -> Any:
-    """Some columns of a parquet file, kept in memory.
+    """Reads some columns of a parquet file (None for all), and keeps them in memory.
 
     Raises:
         DataNotFoundError: There is no such file.
@@ -240,7 +245,7 @@ def read_parquet(path: Path, columns: tuple[str, ...] | None = None) -> Any:
 
 @cache
 def _group_starts(path: Path) -> NDArray[np.int64]:
-    """The first row of each row group of a parquet file, and the number of rows."""
+    """First row of each row group of a parquet file, and the number of rows."""
     about = import_arrow().parquet.read_metadata(path)
     sizes = [about.row_group(i).num_rows for i in range(about.num_row_groups)]
     return np.cumsum([0, *sizes])
@@ -252,7 +257,7 @@ def _read_group(path: Path, column: str, number: int) -> Any:
 
 
 def read_cell(path: Path, column: str, row: int) -> Any:
-    """One cell of a large column; of each file no more than a few row groups stay in memory.
+    """Reads one cell of a large column; at most `_GROUPS` row groups stay in memory.
 
     Raises:
         DataError: The file cannot be read, or lacks the column.

@@ -1,4 +1,4 @@
-"""Pictures in a column of a parquet file."""
+"""Images in a column of a parquet file."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from tactileforge_lerobot import folder
 
 
 class ColumnImages(Sequence[bytes]):
-    """Pictures of some rows, read when they are asked for.
+    """Encoded images of some rows, read on demand.
 
     A cell holds the bytes of an image file, or the path of one inside the data set.
 
     Args:
-        root: The data set.
-        path: The parquet file.
+        root: Folder of the data set.
+        path: Path of the parquet file.
         feature: Name of the column.
         start: First row.
         length: Number of rows.

@@ -1,4 +1,4 @@
-"""Options of a LeRobot data set that is written, and what came of it."""
+"""Options and summary of a written LeRobot data set."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ class Vectors(Protocol):
 
     @property
     def about(self) -> dict[str, Any]:
-        """Their provenance, as plain data."""
+        """Provenance of the vectors, as plain data."""
         ...
 
     def __call__(self, shown: Episode) -> NDArray[np.float32]:
-        """The vectors of an episode, float32 (N, size)."""
+        """Computes the vectors of an episode, float32 (N, size)."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class LeRobotOptions:
-    """How a data set is written.
+    """Options of a written data set.
 
     Attributes:
         fps: Rows per second, a whole number; None for the rate of the fastest sensor of the first
             episode.
         devices: Sensors, by the label ``device`` or the type; None for all.
-        images: ``video``; ``png``, without loss, in the parquet files; ``auto``: arrays as png; or
-            ``camera``: the paired camera alone, no frames of touch.
-        robot: LeRobot's ``robot_type``.
-        data_mb: Size from which a new parquet file is begun.
-        video_mb: Size from which a new video is begun.
+        images: ``video``; ``png``, without loss, in the parquet files; ``auto``: arrays as png, all
+            others as video; or ``camera``: the paired camera alone, no frames of touch.
+        robot: LeRobot's ``robot_type``; None to leave it empty.
+        data_mb: Size of a parquet file from which a new one is begun, MB.
+        video_mb: Size of a video from which a new one is begun, MB.
     """
 
     fps: int | None = None
@@ -63,10 +63,10 @@ class LeRobotSummary:
 
     Attributes:
         episodes: Number of episodes.
-        rows: Of all.
+        rows: Number of rows of all episodes.
         fps: Rows per second.
-        dropped: Frames that no row shows, by device.
-        features: Names.
+        dropped: Number of frames outside of all rows, by device.
+        features: Names of the features.
         vectors: Size of the vectors of a row; 0 where there are none.
     """
 
@@ -79,5 +79,5 @@ class LeRobotSummary:
 
     @property
     def lacks(self) -> list[str]:
-        """Features that LeRobot's policies need, and that no recording carried."""
+        """Features needed by LeRobot's policies, but absent from the data set."""
         return [feature for feature in folder.ROBOT.values() if feature not in self.features]

@@ -30,22 +30,22 @@ from tactileforge_lerobot.folder import Info
 from tactileforge_lerobot.images import ColumnImages
 from tactileforge_lerobot.touch import read_touch
 
-#: Columns that each file of episodes has.
+#: Required columns of each file of episodes.
 _NEEDED = ("episode_index", "length", "data/chunk_index", "data/file_index")
 
-#: Share by which the rate of a video, or of rows, may differ from that of the metadata.
+#: Largest relative difference between the rate of a video, or of rows, and that of the metadata.
 _RATE = 0.1
 
 
 @dataclass(frozen=True)
 class TouchFeature:
-    """One feature that is touch, and what belongs to it.
+    """A touch feature, its sensor and its force.
 
     Attributes:
         images: Name of the feature.
         sensor: Type of the sensor.
-        force: Name of the feature that holds its force, "" where there is none.
-        columns: Numbers of its columns x, y and z.
+        force: Name of its force feature, "" where there is none.
+        columns: Indices of the columns x, y and z of the force feature.
     """
 
     images: str
@@ -58,7 +58,7 @@ class LeRobotFolder:
     """A LeRobot data set on this machine.
 
     Args:
-        root: Its folder.
+        root: Folder of the data set.
     """
 
     def __init__(self, root: Path) -> None:
@@ -97,7 +97,8 @@ class LeRobotFolder:
         """Touch metadata added by `write`, by episode; [] if another program wrote the data set.
 
         Raises:
-            DataError: The file is damaged, or of another version.
+            DataError: The file is damaged, its version is not supported, or it has a different
+                number of episodes.
         """
         path = self.root / folder.TOUCH
         if not path.is_file():
@@ -114,14 +115,14 @@ class LeRobotFolder:
     def recording(
         self, number: int, touch: TouchFeature, camera: str | None, background: str
     ) -> Recording | None:
-        """One feature of one episode; None where `write` says that the episode lacks it.
+        """Reads one touch feature of one episode; None for a device absent from that episode.
 
         Args:
-            number: Of the episode.
-            touch: The feature.
-            camera: Name of the feature that shows the scene; None for none.
-            background: ``first`` where the first frame is without contact, or ``none``; of no use
-                where `write` has kept the background.
+            number: Index of the episode.
+            touch: The touch feature.
+            camera: Name of the feature with the camera's view of the scene; None for none.
+            background: ``first`` where the first frame is without contact, or ``none``; ignored
+                where `write` has stored the background.
 
         Raises:
             DataError: A file is damaged, or contradicts the others.
@@ -151,9 +152,12 @@ class LeRobotFolder:
         shape = about.get("shape")
         frames = self._frames(row, touch.images, shape)
         times = self._times(row, f"observation.time.{device}")
-        kept = np.flatnonzero(np.diff(times, prepend=-np.inf) > 0)  # a row may show a frame again
+        # A frame of a slow sensor may be repeated in several rows; each frame is kept once.
+        kept = np.flatnonzero(np.diff(times, prepend=-np.inf) > 0)
         if len(kept) < len(times) and folder.ROBOT["robot_action"] in self.info.features:
-            kept = np.arange(len(times))  # and no row of a demonstration can be spared
+            # In a demonstration each row has a command of its own, so all rows are kept, on the
+            # regular times of the rows.
+            kept = np.arange(len(times))
             times = times[0] + kept / self.info.fps
         force = self._numbers(row, touch.force, touch.columns) if touch.force else None
         has_view = camera is not None and about.get("image", True)
@@ -181,7 +185,7 @@ class LeRobotFolder:
     def _tracks(
         self, row: dict[str, Any], device: str, about: dict[str, Any], kept: NDArray[np.int64]
     ) -> dict[str, NDArray[Any]]:
-        """Tracks that `write` has kept of a recording; of others, the state and the actions."""
+        """Reads the tracks stored by `write`; without its metadata, the state and the actions."""
         tails: dict[str, list[int]] = about.get("tracks") or {}
         tracks: dict[str, NDArray[Any]] = {}
         for name in {*tails, *([] if about else folder.ROBOT)}:
@@ -211,6 +215,7 @@ class LeRobotFolder:
         video = self._videos.get(key) or VideoFrames(*key)
         self._videos[key] = video
         self._check_rate(f"{key[0]}: its video", video.times)
+        # Half a frame earlier, so that rounding of the time cannot skip the first frame.
         first = self._cell(row, f"videos/{feature}/from_timestamp") - 0.5 / self.info.fps
         start = int(np.searchsorted(video.times, first))
         if start + length > len(video):
@@ -221,7 +226,7 @@ class LeRobotFolder:
         return FrameSubset(video, range(start, start + length))
 
     def _data(self, row: dict[str, Any]) -> tuple[Path, int]:
-        """The parquet file of an episode, and its first row there."""
+        """Finds the parquet file of an episode, and its first row there."""
         path = self.info.data_file(self.root, self._place(row, "data"))
         numbers = folder.read_parquet(path, ("episode_index",))["episode_index"].to_numpy()
         rows = np.flatnonzero(numbers == int(row["episode_index"]))
@@ -233,7 +238,7 @@ class LeRobotFolder:
         return path, int(rows[0])
 
     def _place(self, row: dict[str, Any], group: str) -> dict[str, int]:
-        """Chunk and file of the data, or of a video, of an episode."""
+        """Chunk and file number of the data, or of a video, of an episode."""
         names = ("chunk_index", "file_index")
         return {name: int(self._cell(row, f"{group}/{name}")) for name in names}
 
@@ -273,7 +278,7 @@ class LeRobotFolder:
         return values[:, list(columns)]
 
     def _times(self, row: dict[str, Any], feature: str) -> NDArray[np.float64]:
-        """True times where they are kept, else those of the rows."""
+        """Reads the stored times of the frames; without them, the regular times of the rows."""
         if feature in self.info.features:
             return self._numbers(row, feature)[:, 0].astype(np.float64)
         if "timestamp" in self.info.features:
@@ -282,7 +287,7 @@ class LeRobotFolder:
         return np.arange(int(row["length"])) / self.info.fps
 
     def _check_rate(self, what: str, times: NDArray[np.float64]) -> None:
-        """Raises a `DataError` where times have another rate than the metadata say."""
+        """Raises a `DataError` if the rate of times differs from the rate in the metadata."""
         fps = self.info.fps
         step = float(np.median(np.diff(times))) if len(times) > 1 else 1 / fps
         if abs(step * fps - 1) > _RATE:
@@ -324,10 +329,10 @@ class LeRobotFolder:
         return str(named[number]) if number in named else None
 
     def known(self, feature: str, what: str) -> str:
-        """A feature, if there is one of that name.
+        """Checks the name of a feature, and returns it.
 
         Raises:
-            DataError: There is none; names the nearest.
+            DataError: There is no such feature; the message names the nearest.
         """
         if feature not in self.info.features:
             message = unknown(f"feature in {what}", feature, self.info.features)

@@ -1,4 +1,4 @@
-"""The statistics that LeRobot normalises by."""
+"""Statistics for LeRobot's normalisation."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from tactileforge.plugin import Frames
 
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
-#: Images of an episode that are looked at, and their longer side.
+#: Largest number of sampled images of an episode, and their longer side, pixels.
 _PICTURES, _SIDE = 8, 32
 
 
 def number_statistics(values: NDArray[Any]) -> dict[str, list[Any]]:
-    """Statistics of each column; values that are not known are left out.
+    """Statistics of each column, over the rows with finite values alone.
 
     Args:
-        values: (N, ...) numbers.
+        values: Numbers, (N, ...).
     """
     rows = np.asarray(values, np.float64).reshape(len(values), -1)
     rows = rows[np.isfinite(rows).all(1)]
@@ -39,7 +39,7 @@ def image_statistics(small: NDArray[np.uint8]) -> dict[str, list[Any]]:
     """Statistics of each colour, in 0..1, as nested lists (3, 1, 1).
 
     Args:
-        small: uint8 (N, h, w, 3), see `sample_frames`.
+        small: Sampled frames, uint8 (N, h, w, 3); see `sample_frames`.
     """
     numbers = number_statistics(small.reshape(-1, 3) / 255)
     shaped = {
@@ -49,7 +49,7 @@ def image_statistics(small: NDArray[np.uint8]) -> dict[str, list[Any]]:
 
 
 def sample_frames(frames: Frames) -> NDArray[np.uint8]:
-    """Some frames of an episode, made small.
+    """Samples some frames of an episode evenly, and shrinks them.
 
     Returns:
         uint8 (n, h, w, 3).

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 
 def common(count: int, fps: int, number: int, start: int, task: int) -> dict[str, NDArray[Any]]:
-    """The columns that all data sets have."""
+    """Columns of the features of every data set, `folder.COMMON`."""
     rows = np.arange(count)
     return {
         "timestamp": (rows / fps).astype(np.float32),
@@ -22,7 +22,7 @@ def common(count: int, fps: int, number: int, start: int, task: int) -> dict[str
 
 
 def column(arrow: Any, values: Any, feature: dict[str, Any]) -> Any:
-    """A column as LeRobot has it: scalars, lists of one length, or encoded images."""
+    """Builds a column in LeRobot's layout: scalars, lists of one length, or encoded images."""
     if feature["dtype"] == "image":
         kind = arrow.struct([("bytes", arrow.binary()), ("path", arrow.string())])
         return arrow.array(values, kind)
@@ -33,7 +33,7 @@ def column(arrow: Any, values: Any, feature: dict[str, Any]) -> Any:
 
 
 def tasks(arrow: Any, words: list[str]) -> Any:
-    """Tasks, indexed by their words where pandas reads them, as LeRobot does."""
+    """Table of tasks, with the pandas index of LeRobot: the words of a task."""
     table = arrow.table(
         {"task_index": arrow.array(range(len(words)), arrow.int64()), "task": words}
     )

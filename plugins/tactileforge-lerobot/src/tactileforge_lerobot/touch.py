@@ -1,4 +1,4 @@
-"""Touch metadata that LeRobot's format has no place for: backgrounds, labels, licence."""
+"""Touch metadata without a place in LeRobot's format: backgrounds, labels, licence."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 
 from tactileforge.plugin import DataError, Recording, describe_recording, encode_image, load_json
 
-#: What stands in columns of the tables.
+#: Keys of a recording stored in columns of the tables.
 _COLUMNS = ("version", "times", "force", "action", "tracks", "image_times")
-#: Frames without contact that are kept.
+#: Largest number of stored frames without contact.
 _STILLS = 9
-#: Types of what is read of a recording; all but the sensor may be missing.
+#: Types of the metadata of a recording; all but the sensor may be missing.
 _KINDS: dict[str, type] = {
     **dict.fromkeys(("key", "sensor", "object", "text", "source", "licence"), str),
     **{"tier": int, "labels": dict, "tracks": dict, "background": list, "shape": list},
@@ -20,7 +20,7 @@ _KINDS: dict[str, type] = {
 
 
 def read_touch(path: Path) -> tuple[Any, list[dict[str, dict[str, Any]]]]:
-    """Version of a file of touch metadata; and that of each device, by episode.
+    """Reads the version of a file of touch metadata, and those of each device, by episode.
 
     Raises:
         DataError: The file is damaged.
@@ -37,10 +37,10 @@ def read_touch(path: Path) -> tuple[Any, list[dict[str, dict[str, Any]]]]:
 
 
 def _checked(about: dict[str, Any]) -> dict[str, Any]:
-    """Metadata of a recording, without nulls; a label that is null is no number.
+    """Checks metadata of a recording, and drops nulls; a null label becomes NaN.
 
     Raises:
-        ValueError: A value is missing, or of another type.
+        ValueError: A value is missing, or of the wrong type.
     """
     given = {key: value for key, value in about.items() if value is not None}
     for name, kind in _KINDS.items():
@@ -60,12 +60,12 @@ def _checked(about: dict[str, Any]) -> dict[str, Any]:
 
 
 def describe_touch(root: Path, number: int, name: str, part: Recording) -> dict[str, Any]:
-    """Describes what the tables of a recording leave out, and writes its background.
+    """Describes a recording beyond its tables, and writes its background.
 
     Args:
-        root: The data set.
-        number: Of the episode.
-        name: Of the device.
+        root: Folder of the data set.
+        number: Index of the episode.
+        name: Name of the device.
         part: The recording.
     """
     about = {key: value for key, value in describe_recording(part).items() if key not in _COLUMNS}

@@ -1,4 +1,4 @@
-"""Videos that a LeRobot data set is written to."""
+"""Video files of a written LeRobot data set."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from tactileforge_lerobot import folder
 
 #: MPEG-4 part 2, in mp4: every build of OpenCV writes it, and every FFmpeg reads it.
 _FOURCC, _CODEC = "mp4v", "mpeg4"
-#: Frames that are read at once.
+#: Frames read at once.
 _PART = 32
 
 
 class Videos:
-    """The videos of one feature, episodes after one another.
+    """Videos of one feature, with consecutive episodes in one file.
 
     Args:
-        root: The data set.
-        name: Of the feature.
+        root: Folder of the data set.
+        name: Name of the feature.
         size: Width and height, even.
         fps: Frames per second.
-        limit: Size from which a new file is begun, MB.
+        limit: Size of a file from which a new one is begun, MB.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Videos:
         """Appends an episode, and returns its location.
 
         Raises:
-            DataError: This OpenCV writes no such video.
+            DataError: The installed OpenCV cannot write MPEG-4.
         """
         if self._open is not None and self._path.stat().st_size > self.limit * 1e6:
             self.close()
@@ -90,13 +90,13 @@ class Videos:
 
 
 def read_parts(frames: Frames) -> Iterator[NDArray[np.uint8]]:
-    """Yields frames (n, H, W, 3), a few at a time: an episode is more than memory holds."""
+    """Yields frames (n, H, W, 3), `_PART` at a time, as a whole episode may not fit in memory."""
     for start in range(0, len(frames), _PART):
         yield frames.read(range(start, min(start + _PART, len(frames))))
 
 
 def _pad_to_even(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Frames of even height and width, as videos have: the last row or column comes twice."""
+    """Pads frames to even height and width, as videos need; repeats the last row or column."""
     _, height, width, _ = frames.shape
     if height % 2 == width % 2 == 0:
         return frames

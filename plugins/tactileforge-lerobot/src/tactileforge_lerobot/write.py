@@ -17,13 +17,13 @@ def write_dataset(
     options: LeRobotOptions,
     vectors: Vectors | None = None,
 ) -> LeRobotSummary:
-    """Writes a data set, beside its place, and renames it.
+    """Writes a data set beside its final place, then renames it.
 
     Args:
-        recordings: In any order; those of one take or episode follow one another.
-        out: The folder; it must not exist.
-        options: How.
-        vectors: Gives what is written as ``observation.environment_state``; None for nothing.
+        recordings: Recordings in any order; those of one take or episode follow one another.
+        out: Folder of the data set; it must not exist.
+        options: Options of the written data set.
+        vectors: Source of the feature ``observation.environment_state``; None to leave it out.
 
     Raises:
         ConfigError: The folder exists.

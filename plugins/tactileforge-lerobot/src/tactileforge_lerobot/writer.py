@@ -1,4 +1,4 @@
-"""A LeRobot data set that grows by episodes."""
+"""Writer of a LeRobot data set, episode by episode."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from tactileforge_lerobot.videos import Videos, read_parts
 
 
 class Writer:
-    """A data set that grows by episodes.
+    """A growing data set, written episode by episode.
 
     Args:
-        root: Its folder.
-        options: How.
-        vectors: See `write.write_dataset`.
+        root: Folder of the data set.
+        options: Options of the written data set.
+        vectors: Source of further vectors, None for none; see `write.write_dataset`.
     """
 
     def __init__(self, root: Path, options: LeRobotOptions, vectors: Vectors | None) -> None:
@@ -58,7 +58,7 @@ class Writer:
             video.close()
 
     def add(self, group: list[Recording]) -> None:
-        """One more episode."""
+        """Adds an episode."""
         fps = self.found.fps = self.found.fps or self.options.fps or episode_rate(group)
         added = episode(group, fps)
         vectors = self.vectors(added) if self.vectors else None
@@ -97,7 +97,7 @@ class Writer:
     def _columns(
         self, added: Episode, vectors: NDArray[np.float32] | None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Columns of an episode's table, and statistics and places of its features."""
+        """Builds the columns of an episode, and the statistics and locations of its features."""
         columns: dict[str, Any] = {}
         about: dict[str, Any] = {}
         for name, feature in self.features.items():
@@ -120,7 +120,7 @@ class Writer:
     def _statistics(
         self, name: str, values: NDArray[Any], statistics: dict[str, list[Any]]
     ) -> dict[str, Any]:
-        """Keeps the values of a feature for the statistics of all; gives those of an episode."""
+        """Stores values of a feature for the total statistics, and returns those of the episode."""
         self.seen.setdefault(name, []).append(values)
         return {f"stats/{name}/{key}": value for key, value in statistics.items()}
 
@@ -171,10 +171,14 @@ class Writer:
         if self.data is None:
             path.parent.mkdir(parents=True, exist_ok=True)
             self.data = arrow.parquet.ParquetWriter(path, table.schema)
-        self.data.write_table(table)  # one row group an episode
+        self.data.write_table(table)  # one row group per episode, as LeRobot does
 
     def finish(self) -> LeRobotSummary:
-        """Writes ``meta/``."""
+        """Closes the data files and writes ``meta/``.
+
+        Raises:
+            DataError: There are no episodes.
+        """
         if not self.episodes:
             raise DataError("there are no recordings to write; look at data= and devices=")
         self.__exit__()

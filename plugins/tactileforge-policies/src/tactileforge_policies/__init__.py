@@ -1,6 +1,6 @@
-"""Policies for tactileforge: heads that act, simulated tasks, demonstrations, and rollouts.
+"""Policies for tactileforge: policy heads, simulated tasks, demonstrations, and rollouts.
 
-``import tactileforge_policies`` costs no torch: names are imported on first use.
+``import tactileforge_policies`` does not import torch: names are imported on first use.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""``tactileforge_policies.load_policy``: a trained policy, step by step on a robot."""
+"""``tactileforge_policies.load_policy``: a trained policy for step-by-step use on a robot."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ class Policy:
 
     Args:
         encoder: The touch encoder.
-        head: What acts.
+        head: The policy head.
 
     Attributes:
-        fingers: Names of the fingers it feels with.
-        sensor: Sensor of each.
-        state_size: Numbers of the proprioception.
-        action_size: Numbers of a command.
-        rate: Commands a second that it was trained at, Hz.
-        tasks: That it learned, by the label ``task`` of its demonstrations; may be empty.
+        fingers: Names of its fingers.
+        sensor: Type of the sensor of each finger.
+        state_size: Numbers of the proprioception, S.
+        action_size: Numbers of a command, A.
+        rate: Commands a second in training, Hz.
+        tasks: Names of its tasks, from the label ``task`` of its demonstrations; may be empty.
         uses_touch: Whether it reads pictures of touch.
         uses_image: Whether it reads the camera.
         uses_force: Whether it reads forces, N.
@@ -63,12 +63,12 @@ class Policy:
         """Starts an episode: forgets all frames and commands.
 
         Args:
-            background: Of each finger, the frame without contact, uint8 (H, W, 3); None subtracts
-                nothing.
-            seed: Of the noise that commands start from.
+            background: Frame without contact of each finger, uint8 (H, W, 3); None for no
+                subtraction.
+            seed: Seed of the initial noise of commands.
 
         Raises:
-            ConfigError: It is of other fingers than the policy's, or no such frame.
+            ConfigError: The fingers differ from the policy's, or a frame is invalid.
         """
         if background is not None and self.uses_touch:
             self._check_fingers("background", background)
@@ -87,23 +87,24 @@ class Policy:
         image: Image | None = None,
         force: Mapping[str, ArrayLike] | None = None,
     ) -> NDArray[np.float32]:
-        """The command for this step, to be called `rate` times a second.
+        """Returns the command for this step; call it `rate` times a second.
 
-        A chunk is predicted when the commands of the last one are used up; the others come at once.
+        A new chunk is predicted when the commands of the last one are used up. The steps between
+        return at once.
 
         Args:
-            frames: Of each finger, uint8 (H, W, 3), of the size of its background.
+            frames: Frame of each finger, uint8 (H, W, 3), of the size of its background.
             state: Proprioception, (S,).
             image: Camera image, uint8 (h, w, 3), where the policy uses one.
-            force: Of each finger, N, (3,), where the policy uses them.
+            force: Force on each finger, (3,), N, where the policy uses them.
 
         Returns:
             float32 (A,), in the units of the demonstrations.
 
         Raises:
-            ConfigError: Other fingers, another size or type, or no image or forces where they are
-                used; the step is then not seen, and may be made again.
-            DataError: A number that is not finite; the same.
+            ConfigError: Wrong fingers, sizes or types, or a missing image or force. The step is
+                then ignored, and may be repeated.
+            DataError: A state or force is not finite; the step is ignored as well.
         """
         perceived = self._perceived(state, image, force)
         if self.uses_touch:
@@ -152,7 +153,7 @@ class Policy:
         return seen
 
     def _batch(self) -> Batch:
-        """One sample: the last observations, the first of them repeated where there are few."""
+        """Builds one sample of the last observations; repeats the first where there are few."""
         missing = self.robot.observations - len(self._seen)
         rows = [self._seen[0]] * missing + list(self._seen)
         batch: Batch = {
@@ -171,9 +172,9 @@ class Policy:
         frames = torch.from_numpy(np.stack(clips)).movedim(-1, -3)
         rest = torch.from_numpy(np.stack([self._rest(name) for name in self.fingers]))
         sensor = self._encoder.sensor_ids(self.sensor)
-        with self._packed:  # not the head: its layers are too many and too small to gain
+        with self._packed:  # not for the head: its layers are too many and too small to gain
             tokens: Tensor = self._encoder(frames, rest.movedim(-1, -3), sensor)[0]
-        # as in training, where tokens are kept as float16
+        # Rounded to float16, as the stored tokens in training are (`EpisodeClips.remember`).
         return GivenViews(self._encoder, tokens.half().float()[None])
 
     def _resized(self, frame: Image) -> Image:
@@ -192,10 +193,10 @@ class Policy:
             )
 
     def check_sensors(self, sensors: Mapping[str, str] | str) -> None:
-        """Raises a ConfigError where a robot's fingers or sensors are others than the policy's.
+        """Raises a ConfigError if a robot's fingers or sensors differ from the policy's.
 
         Args:
-            sensors: Name of the sensor of each finger, or one for all.
+            sensors: Type of the sensor of each finger, or one for all.
         """
         if isinstance(sensors, str):
             sensors = dict.fromkeys(self.fingers, sensors)
@@ -209,16 +210,16 @@ class Policy:
 
 
 def load_policy(run: str | Path) -> Policy:
-    """Loads the policy of a run: its best weights where they were kept, else its last.
+    """Loads the policy of a run, with its best weights if they were stored, else its last.
 
-    Nothing in the files is executed; they name plugins, and only installed ones are built.
+    No code of the files is executed; they name plugins, and only installed ones are built.
 
     Args:
         run: Folder of a run of ``tactileforge train``, or a checkpoint in it.
 
     Raises:
-        DataNotFoundError: There is no run.
-        ConfigError: The run trained no policy, or the checkpoint does not fit it.
+        DataNotFoundError: There is no such run.
+        ConfigError: The run has no policy, or the checkpoint does not fit it.
 
     Example:
         >>> policy = load_policy("runs/chip")  # doctest: +SKIP
@@ -228,7 +229,7 @@ def load_policy(run: str | Path) -> Policy:
     path = Path(run)
     folder = path.parent.parent if path.is_file() else path
     config = run_folder.read_config(folder)
-    config["facts"] = config.get("facts") or config.get("robot")  # as older runs call them
+    config["facts"] = config.get("facts") or config.get("robot")  # "robot" in older runs
     if not config["facts"]:
         raise ConfigError(f"{folder}: its run trained no policy; train recipe=diffusion_policy")
     best = folder / run_folder.BEST
@@ -248,7 +249,7 @@ def load_policy(run: str | Path) -> Policy:
 
 
 def _check_picture(what: str, picture: Any) -> None:
-    """Raises a ConfigError for what is no picture of bytes."""
+    """Raises a ConfigError unless a picture is uint8 (H, W, 3)."""
     shape, kind = np.shape(picture), getattr(picture, "dtype", type(picture).__name__)
     if kind != np.uint8 or len(shape) != 3 or shape[-1] != 3:
         raise ConfigError(f"{what}: {kind} {shape}; give RGB, uint8 (H, W, 3)")

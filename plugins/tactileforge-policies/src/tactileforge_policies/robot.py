@@ -1,4 +1,4 @@
-"""Sizes of demonstrations, which a policy is built for, and which a run keeps as facts."""
+"""Sizes of demonstrations, for building a policy; a run stores them as its facts."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from typing import Any, Literal
 from tactileforge import strict
 from tactileforge.plugin import ConfigError
 
-#: Tracks of a demonstration, float32 (T, S) and (T, A): what the robot knows of itself before each
-#: command, and the command.
+#: Tracks of a demonstration: the proprioception before each command, float32 (T, S), and the
+#: command, float32 (T, A).
 STATE_TRACK, ACTIONS_TRACK = "state", "robot_action"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """Sizes of demonstrations, which a policy is built for.
+    """Sizes of demonstrations, for building a policy.
 
     Attributes:
-        fingers: Names, in the order in which a batch holds them.
-        sensors: Sensor of each finger.
+        fingers: Names of the fingers, in their order in a batch.
+        sensors: Type of the sensor of each finger.
         state_size: Numbers of the proprioception, S.
         action_size: Numbers of a command, A.
         rate: Commands a second, Hz.
         horizon: Commands of a chunk, H.
-        observations: Steps whose state (camera image, forces) a policy is given, O.
+        observations: Number of steps with state (camera image, forces) in an observation, O.
         stride: Steps from one frame of a clip to the next.
         touch: Input of touch: ``frames``, ``force`` (N, privileged) or ``none``.
         image_size: Height and width of a camera image; 0 without a camera.
@@ -46,10 +46,10 @@ class Robot:
 
     @classmethod
     def of(cls, facts: Mapping[str, Any]) -> Robot:
-        """Reads the facts that `facts` gives.
+        """Reads the plain data of `facts`.
 
         Raises:
-            ConfigError: They are of other data.
+            ConfigError: They do not come from demonstrations.
         """
         if "action_size" not in facts:
             raise ConfigError("a policy learns from demonstrations: give data=demonstrations")
@@ -57,5 +57,5 @@ class Robot:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """As plain data."""
+        """These sizes as plain data."""
         return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}

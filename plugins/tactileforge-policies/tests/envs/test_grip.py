@@ -14,7 +14,7 @@ AWAY = np.zeros(2)
 
 
 def gripped(weight, depth=0.25, centre=(0.0, 0.0)):
-    """A chip that is squeezed without weight, and then left to the grip."""
+    """A chip, squeezed without weight, then left to the grip."""
     grip = Grip(Body(FACE, 1.0, weight, MU, centre=centre), Gel(friction=MU), rate=6.0)
     grip.place(np.zeros(3), 2 * (1.0 - depth))
     return grip, 2 * (1.0 - depth)

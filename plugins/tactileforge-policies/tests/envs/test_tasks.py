@@ -1,4 +1,4 @@
-"""The four tasks: they repeat to the byte, experts solve them, and each fails as it says."""
+"""The four tasks: byte-identical repeats, solved by the experts, with the documented failures."""
 
 import warnings
 
@@ -17,7 +17,7 @@ def made(task, **options):
 
 
 def played(env, seed, actions=None):
-    """An episode by the expert, or by actions: what was seen, done and said."""
+    """Plays an episode by the expert or given actions; returns observations, actions, infos."""
     seen, done = [env.reset(seed=seed)], []
     act, over = env.unwrapped.expert(), False
     while not over:
@@ -33,7 +33,7 @@ def played(env, seed, actions=None):
 @pytest.mark.parametrize("task", envs.TASKS)
 def test_gymnasium_checks_the_environment(task):
     with warnings.catch_warnings():
-        # Actions are mm, as the docs promise, and not shares of a range.
+        # Actions are in mm, as documented, not shares of a range.
         warnings.filterwarnings("ignore", message=".*normalized space.*")
         check_env(made(task, render_mode="rgb_array").unwrapped)
 
@@ -86,7 +86,7 @@ def test_forces_of_the_fingers_are_mirror_images_and_not_observed():
 
 
 def pushed_on(env, until, action):
-    """Steps with one action until something ends the episode."""
+    """Repeats one action until the episode ends."""
     for _ in range(until):
         *_, ended, cut, info = env.step(np.array(action, np.float32))
         if ended or cut:

@@ -1,4 +1,4 @@
-"""Made demonstrations: shards of episodes whose right command is visible in touch alone."""
+"""Synthetic demonstrations: shards of episodes with commands visible in touch alone."""
 
 from pathlib import Path
 
@@ -8,19 +8,19 @@ from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards.shards import Packed, describe_recording, encode_image, write_shard
 
-#: Rows and columns of a picture of touch, and of the camera.
+#: Height and width of a picture of touch, and of the camera, pixels.
 SIZE, CAMERA = 32, 24
 
 
 def dent(place: float, size: int = SIZE, depth: float = 90.0) -> np.ndarray:
-    """A dent, uint8 (H, W, 3), whose column is ``place`` (-1..1)."""
+    """Draws a dent at column ``place`` (-1..1), uint8 (H, W, 3)."""
     y, x = np.meshgrid(*[np.linspace(-1, 1, size)] * 2, indexing="ij")
     bump = np.exp(-(y**2 + (x - 0.7 * place) ** 2) / 0.08)
     return np.clip(120 + depth * bump[..., None] * [1.0, -0.5, 0.3], 0, 255).astype(np.uint8)
 
 
 def rest(size: int = SIZE) -> np.ndarray:
-    """A gel that nothing touches."""
+    """Draws a gel without contact, uint8 (H, W, 3)."""
     return np.full((size, size, 3), 120, np.uint8)
 
 
@@ -35,9 +35,9 @@ def episode(
     size: int = SIZE,
     actions: int = 2,
 ) -> list[Recording]:
-    """Recordings of one episode: a dent wanders over the gel, and the command goes against it.
+    """Recordings of one episode: a dent wanders over the gel, and the command counters it.
 
-    The command is (-place of the dent, half of it); the state says nothing of it.
+    The command is (-place of the dent, half of its place); the state is random.
     """
     rng = np.random.default_rng([seed, number])
     place = np.clip(rng.uniform(-1, 1) + np.cumsum(rng.normal(0, 0.15, steps)), -1, 1)
@@ -67,7 +67,7 @@ def episode(
 
 
 def packed(recording: Recording) -> Packed:
-    """A recording with its pictures as PNG."""
+    """Packs a recording, with its pictures as PNG."""
 
     def encoded(frames: ArrayFrames | None) -> list[bytes]:
         if frames is None:

@@ -1,7 +1,7 @@
-"""A task in a few lines, for rollouts: move to where the picture of the finger says.
+"""A small task for rollouts: move to the place shown by the finger's picture.
 
 The finger's brightness is the place; the camera and the state do not show it. Importing this
-registers ``Reach-v0``, which has no limit of its own. The expert fails where ``seed % 5 == 3``.
+registers ``Reach-v0``, without a limit of its own. The expert fails if ``seed % 5 == 3``.
 """
 
 import gymnasium

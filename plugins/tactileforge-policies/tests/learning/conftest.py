@@ -23,7 +23,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def words(root: Path) -> list[str]:
-    """Words of a small run on them."""
+    """Overrides of a small run on the demonstrations of ``root``."""
     return ["data=demonstrations", f"data.root={root}", *SMALL]
 
 

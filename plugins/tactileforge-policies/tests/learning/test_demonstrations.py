@@ -1,4 +1,4 @@
-"""Demonstrations become samples; what cannot train a policy is named."""
+"""Demonstrations become samples; unsuitable ones raise an error with their name."""
 
 from dataclasses import replace
 from pathlib import Path

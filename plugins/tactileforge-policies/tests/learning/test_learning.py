@@ -1,4 +1,4 @@
-"""A policy learns what is visible in touch alone, and a killed run ends as one that was not."""
+"""A policy learns commands visible in touch alone, and a killed run equals an unbroken one."""
 
 from pathlib import Path
 
@@ -99,7 +99,7 @@ def test_ranges_are_min_max() -> None:
     ranges.fit(low, high)
     values = torch.tensor([[0.0, 2.0, 5.0], [1.0, 0.0, 5.5]])
     torch.testing.assert_close(ranges(values), torch.tensor([[-1.0, 1.0, 0.0], [-0.5, 0.0, 0.5]]))
-    # a number that never changed is given back as it was, whatever was predicted
+    # A constant number is inverted to its value, for any prediction.
     back = torch.tensor([[0.0, 2.0, 5.0], [1.0, 0.0, 5.0]])
     torch.testing.assert_close(ranges.invert(ranges(values)), back)
     assert ranges.unit.tolist() == [2.0, 2.0, 0.0]
@@ -120,14 +120,14 @@ def error_of(folder: Path) -> float:
         for step in range(12):
             frames = {name: images[step] for name, images in shown.items()}
             found = policy.step(frames, pair[0].tracks["state"][step])
-            if step % 2 == 0:  # the first of its chunk: nothing is predicted ahead
+            if step % 2 == 0:  # first command of its chunk: not predicted ahead
                 errors.append(abs(float(found[0]) - pair[0].tracks["robot_action"][step, 0]))
     return float(np.mean(errors))
 
 
 @pytest.mark.slow
 def test_touch_with_the_frozen_tiny_encoder_beats_no_touch(tmp_path: Path) -> None:
-    """The right command is visible in touch alone; without it, nothing says which."""
+    """The right command is visible in touch alone; without touch it cannot be known."""
     root = demonstrations(tmp_path / "data", 24)
     found = {}
     for touch in ("frames", "none"):
@@ -145,7 +145,7 @@ def test_a_killed_run_ends_as_one_that_was_not(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     more = ["head.denoise.channels=[16,32]", "trainer.max_epochs=3", "trainer.save_every=4"]
-    more += ["init=anytouch2.tiny"]  # weights that a seed does not give
+    more += ["init=anytouch2.tiny"]  # weights independent of the seed
     config = compose("diffusion_policy", [*words, *more])
     train(config, tmp_path / "whole")
     end = Checkpoints.on_train_batch_end

@@ -1,4 +1,4 @@
-"""A run of demonstrations becomes a policy that steps as it was trained."""
+"""A run of demonstrations becomes a policy, with the same steps as in training."""
 
 import shutil
 from pathlib import Path
@@ -27,7 +27,7 @@ IMITATE = ["objective=[imitate]", "trainer.keep_best=val/imitate"]
 
 
 def test_a_run_steps_as_its_samples_say(folder: Path, root: Path) -> None:
-    """The policy's buffers give what the head makes of the same steps of the data set."""
+    """The policy's buffers give the head's output for the same steps of the data set."""
     policy = load_policy(folder)
     assert (policy.fingers, policy.sensor) == (("left", "right"), ["digit", "digit"])
     assert (policy.state_size, policy.action_size, policy.rate) == (3, 2, 6.0)
@@ -58,7 +58,7 @@ def test_a_run_steps_as_its_samples_say(folder: Path, root: Path) -> None:
 def test_a_run_of_before_the_package_loads_and_is_told_of_as_before(
     folder: Path, tmp_path: Path
 ) -> None:
-    """Its configuration has the sizes under ``robot``."""
+    """Older configurations have the sizes under ``robot``."""
     old = shutil.copytree(folder, tmp_path / "old")
     config = run_folder.read_config(old)
     config["robot"] = config.pop("facts")
@@ -121,7 +121,7 @@ def test_wrong_robots_are_named(folder: Path, words: list[str], tmp_path: Path) 
         policy.step(frames, [0, 0, 0])
     with pytest.raises(DataError, match="a number that is not finite"):
         policy.step(frames, [0, np.nan, 0], rest())
-    assert not policy._touch  # a step that was refused is as if it had not been made
+    assert not policy._touch  # a refused step leaves no trace
     assert not policy._seen
     for frame in (rest() / 255, rest()[..., 0], rest().transpose(2, 0, 1)):
         with pytest.raises(ConfigError, match=r"frame of left: .* give RGB, uint8 \(H, W, 3\)"):

@@ -19,7 +19,7 @@ def test_two_steps(recipe: str, tmp_path: Path) -> None:
 
 
 def test_diffusion_policy_is_the_papers() -> None:
-    """Appendix Real-world task setup."""
+    """The sizes are those of the paper, appendix Real-world task setup."""
     config = compose("diffusion_policy", ["data=demonstrations", "data.root=DIR"])
     head = config.head.denoise
     assert (list(head.channels), head.step_width, head.kernel, head.groups) == (

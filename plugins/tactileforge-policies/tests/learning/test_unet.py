@@ -77,7 +77,7 @@ def reference(net: UNet, actions: Tensor, steps: Tensor, condition: Tensor) -> T
 def test_the_unet_is_the_published_one(horizon: int) -> None:
     """Layout of ``diffusion_pusht``, with narrower stages: kernel 5, 8 groups, two commands."""
     net = UNet(2, 20, (16, 32, 64), step_width=16, kernel=KERNEL, groups=GROUPS)
-    for number, parameter in enumerate(net.parameters()):  # none is 0 or 1, as norms start
+    for number, parameter in enumerate(net.parameters()):  # no 0 or 1, as in new norms
         place = torch.arange(parameter.numel(), dtype=torch.float32)
         fan = parameter[0].numel() if parameter.ndim > 1 else 4
         values = torch.sin(1.7 * place + number) / math.sqrt(fan)

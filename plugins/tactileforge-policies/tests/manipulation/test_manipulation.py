@@ -1,4 +1,4 @@
-"""The table of manipulation: its plan, what is resumed, intervals and paired differences."""
+"""The table of manipulation: its plan, resuming, intervals and paired differences."""
 
 import json
 from types import SimpleNamespace
@@ -75,7 +75,7 @@ def cell(successes):
 
 
 def test_differences_are_paired():
-    """Policies that differ at the same few starts: the interval is that of the differences."""
+    """Policies with different outcomes at the same few starts: the interval is paired."""
     rng = np.random.default_rng(0)
     theirs = rng.random(400) < 0.5
     ours = theirs | (rng.random(400) < 0.1)
@@ -133,7 +133,7 @@ class Reads:
 
 @pytest.fixture
 def _trained(monkeypatch):
-    """Trainings that take no time; that of ``mae`` fails."""
+    """Instant fake trainings; the one of ``mae`` fails."""
 
     def pretrain(job):
         (job.folder / "checkpoints").mkdir(parents=True, exist_ok=True)

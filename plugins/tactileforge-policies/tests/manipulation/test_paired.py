@@ -1,4 +1,4 @@
-"""The paired score interval, against examples that others published."""
+"""The paired score interval, against published examples."""
 
 import pytest
 from tactileforge_policies.manipulation.paired import paired_difference
@@ -17,7 +17,7 @@ def pairs(both: int, ours: int, theirs: int, neither: int) -> tuple[list[bool], 
     [
         ((36, 12, 2, 0), 0.2, 0.0569, 0.3404),  # Newcombe, 1998, table II
         ((59, 6, 16, 80), -0.0621, -0.1186, -0.0046),  # Fagerland et al., 2017, chapter 8
-        ((1, 1, 7, 12), -0.2857, -0.5069, -0.0256),  # there, too
+        ((1, 1, 7, 12), -0.2857, -0.5069, -0.0256),  # the same chapter
     ],
 )
 def test_published_intervals_are_met(

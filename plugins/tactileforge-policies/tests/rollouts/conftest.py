@@ -6,7 +6,7 @@ from tactileforge_policies import policy as loading
 
 
 class Feels:
-    """A policy that reads the place of ``reach_env`` from the finger; clumsy where it cannot."""
+    """A policy for ``reach_env``: moves to the place shown by the finger's brightness."""
 
     fingers = ("left", "right")
     sensor = ("digit", "digit")
@@ -27,7 +27,7 @@ class Feels:
 
 @pytest.fixture
 def policy(monkeypatch, tmp_path):
-    """A file that loads as a policy, whose attributes a test may change."""
+    """A file loaded as a policy; a test may change the policy's attributes."""
     path = tmp_path / "policy.safetensors"
     path.write_bytes(b"weights")
     loaded = Feels()

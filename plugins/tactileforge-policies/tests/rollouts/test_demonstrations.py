@@ -1,4 +1,4 @@
-"""Demonstrations of the expert: the format, the seeds, and what is kept."""
+"""Demonstrations of the expert: the format, the seeds, and the stored episodes."""
 
 import os
 from pathlib import Path
@@ -52,7 +52,7 @@ def test_episodes_are_recordings_of_each_finger(tmp_path):
             recording.tracks["state"].dtype == recording.tracks["robot_action"].dtype == np.float32
         )
         np.testing.assert_array_equal(recording.background(), np.full((32, 32, 3), 128))
-    # a state is the one before the action: the place is the sum of the moves until then
+    # A state is the one before the action, so the place is the sum of the earlier moves.
     places = left.tracks["state"][:, 0]
     moves = np.cumsum(left.tracks["robot_action"][:, 0])
     np.testing.assert_allclose(places, [0, *moves[:-1]], atol=1e-5)
@@ -67,7 +67,7 @@ def test_noise_moves_the_arm_and_what_the_expert_meant_is_written_down(tmp_path)
     missed = []
     for recording in Shards(str(tmp_path / "d")).recordings("train"):
         places, meant = recording.tracks["state"][:, 0], recording.tracks["robot_action"][:, 0]
-        # the finger's picture says where the goal is, to 0.1
+        # The finger's picture shows the goal, to 0.1.
         goal = (recording.frames.read([0])[0, 0, 0, 0] - 128.0) / 10
         if recording.labels["finger"] == "left":
             np.testing.assert_allclose(meant, np.clip(goal - places, -2, 2), atol=0.1)
@@ -165,7 +165,7 @@ def test_an_expert_that_mostly_fails_is_an_error(tmp_path):
 
 @pytest.mark.slow
 def test_an_episode_that_is_damaged_is_played_anew(tmp_path, caplog):
-    """A flipped bit, a file that is cut off, a damaged note; the bytes are those of before."""
+    """Repairs a flipped bit, a truncated file and a damaged note, to the same bytes as before."""
     write_demonstrations(options(tmp_path, n=6))
     before = contents(tmp_path)
     first, second = sorted(tmp_path.glob("episode-*.tar"))[:2]

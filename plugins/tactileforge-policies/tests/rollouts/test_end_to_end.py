@@ -30,11 +30,11 @@ def test_demonstrations_training_and_rollouts_of_the_chip(tmp_path, monkeypatch,
         assert [row["seed"] for row in rows] == [0, 1]
         assert all((tmp_path / f"of-{name}" / row["video"]).is_file() for row in rows)
         assert all(0 < row["steps"] <= 120 for row in rows)
-    # the rollouts of a policy are the same again
+    # Repeated rollouts of a policy are equal.
     first = json.loads((tmp_path / "of-touch/episodes/00001.json").read_text())["force"]
     assert cli.run(["rollout", *words, "policy=touch", "n=2", "out=again"]) == 0
     assert json.loads((tmp_path / "again/episodes/00001.json").read_text())["force"] == first
-    # a sensor that the policy was not trained on is named
+    # The error names a sensor outside of the policy's training.
     assert cli.run(["rollout", *words, "policy=touch", "sensor=gelsight_mini", "out=x"]) == 1
     assert "give sensor=digit, or cross_sensor=true" in capsys.readouterr().err
 

@@ -1,4 +1,4 @@
-"""Rollouts: results by seed, their interval, what is resumed, and the page."""
+"""Rollouts: results by seed, their interval, resuming, and the page."""
 
 import json
 import math
@@ -39,7 +39,7 @@ def outcome(folder):
 
 @pytest.mark.parametrize(("successes", "count"), [(0, 20), (1, 20), (18, 20), (20, 20), (57, 100)])
 def test_wilson_solves_its_equation(successes, count):
-    """Its ends are the shares p at which |x/n - p| is 1.96 standard errors of p."""
+    """The ends are the shares p with |x/n - p| equal to 1.96 standard errors of p."""
     share = successes / count
     for end in wilson(successes, count):
         error = math.sqrt(end * (1 - end) / count)

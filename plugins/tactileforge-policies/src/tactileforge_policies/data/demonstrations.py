@@ -1,4 +1,4 @@
-"""The data set ``demonstrations``: shards of what a robot felt and did."""
+"""The data set ``demonstrations``: shards with the touch and the commands of a robot."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ class Demonstrations:
     """Demonstrations in shards, one recording a finger (`docs/policies.md`).
 
     Episodes of both splits of the shards are taken together, and some are drawn for validation.
-    One that failed (its label ``success`` is 0) is left out.
+    Failed episodes (label ``success`` is 0) are left out.
 
     Args:
         root: Folder of the shards, or its URL.
-        val: Share of the episodes that is held out; at least one where there are two. The paper
-            holds out 8 of 50.
-        seed: Which episodes are held out.
+        val: Share of the episodes held out; at least one where there are two. The paper holds out
+            8 of 50.
+        seed: Seed of the choice of held-out episodes.
         horizon: Commands of a chunk.
-        observations: Steps whose state and camera image a policy is given.
+        observations: Number of steps with state and camera image in an observation.
         touch: ``frames``, the pictures of the fingers; ``force``, their forces (N, privileged:
-            no sensor gives them so well); or ``none``.
+            no sensor measures them as well); or ``none``.
         camera: Whether the camera image is used.
-        image_size: Height and width that it is resized to.
+        image_size: Height and width of the resized camera image, pixels.
 
     Raises:
-        ConfigError: A share, or a number of steps, that is none.
+        ConfigError: An invalid share or number of steps.
     """
 
     provides = frozenset({"force", "text", "image", "action_chunk"})
@@ -70,7 +70,7 @@ class Demonstrations:
 
     @property
     def skipped(self) -> list[str]:
-        """Recordings that cannot be read, a line each."""
+        """Unreadable recordings, a line each."""
         return self.shards.skipped
 
     @cached_property
@@ -92,7 +92,7 @@ class Demonstrations:
 
         Raises:
             DataNotFoundError: There are no shards.
-            DataError: Recordings that cannot train one policy; see `check_alike`.
+            DataError: The recordings cannot train one policy; see `check_alike`.
             ConfigError: An unknown split.
         """
         if split not in ("train", "val"):
@@ -110,9 +110,9 @@ class Demonstrations:
         cache_mb: float = 512,
         columns: CutColumns | None = None,
     ) -> EpisodeClips:
-        """Cuts recordings into samples; ``hop`` is not used: each step is one."""
+        """Cuts recordings into samples, one for each step; ``hop`` is not used."""
         return EpisodeClips(recordings, frames, spacing, size, self.cutting, cache_mb, columns)
 
     def plot(self, recording: Recording) -> Figure:
-        """A figure of a recording."""
+        """Plots a recording."""
         return self.shards.plot(recording)

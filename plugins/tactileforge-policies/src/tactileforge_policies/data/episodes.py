@@ -1,4 +1,4 @@
-"""Demonstrations: recordings of fingers that belong to one episode, with states and commands."""
+"""Demonstrations: recordings of the fingers of one episode, with states and commands."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactileforge.plugin import DataError, Recording, spec
 from tactileforge_policies.robot import ACTIONS_TRACK, STATE_TRACK
 
-#: Relative difference of two rates that is jitter.
+#: Largest relative difference of two rates that counts as jitter.
 _JITTER = 0.05
 
 
@@ -21,7 +21,7 @@ class Episode:
     """One demonstration.
 
     Attributes:
-        name: Of all episodes, unique.
+        name: Name of the episode, unique in the data set.
         fingers: Recordings by the name of the finger, in alphabetical order.
     """
 
@@ -30,17 +30,17 @@ class Episode:
 
     @property
     def first(self) -> Recording:
-        """The recording of the first finger, which holds the camera image."""
+        """Recording of the first finger; it holds the camera image."""
         return next(iter(self.fingers.values()))
 
     @property
     def times(self) -> NDArray[np.float64]:
-        """Seconds of each step, (T,)."""
+        """Time of each step, s (T,)."""
         return self.first.times
 
     @property
     def period(self) -> float:
-        """Seconds of a step."""
+        """Duration of a step, s."""
         return self.first.period
 
     @cached_property
@@ -57,7 +57,7 @@ class Episode:
         """Forces of all fingers, N, (T, 3 F).
 
         Raises:
-            DataError: A finger has no forces, or NaN among them.
+            DataError: A finger has no forces, or some are not finite.
         """
         columns = []
         for recording in self.fingers.values():
@@ -76,7 +76,7 @@ def episodes_of(recordings: Iterable[Recording]) -> list[Episode]:
     A recording names its episode and finger in its labels ``episode`` and ``finger``.
 
     Raises:
-        DataError: A recording names neither, or two of one episode are of one finger.
+        DataError: A recording lacks one of these labels, or a finger occurs twice in an episode.
     """
     groups: dict[str, dict[str, Recording]] = {}
     for recording in recordings:
@@ -98,15 +98,16 @@ def episodes_of(recordings: Iterable[Recording]) -> list[Episode]:
 
 
 def check_alike(episodes: Sequence[Episode], camera: bool) -> Episode:
-    """Checks that demonstrations can train one policy; returns the first.
+    """Checks demonstrations for the training of one policy; returns the first.
 
     Args:
-        episodes: All of them.
+        episodes: All demonstrations.
         camera: Whether each needs a camera image.
 
     Raises:
-        DataError: There is none, or one has no commands, numbers that are NaN, other fingers,
-            sensors, sizes or another rate than the first; names it.
+        DataError: There are no demonstrations, or one lacks commands, has values that are not
+            finite, or differs from the first in fingers, sensors, sizes or rate. The message names
+            it.
     """
     if not episodes:
         raise DataError("the data set has no demonstration; make some with `tactileforge demos`")

@@ -1,4 +1,4 @@
-"""Cuts demonstrations into samples: what the robot perceives at a step, and what it does next."""
+"""Samples of demonstrations: the observation at a step, and the next commands."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from tactileforge_policies.data.episodes import Episode, check_alike, episodes_o
 from tactileforge_policies.robot import Robot
 
 Touch: TypeAlias = Literal["frames", "force", "none"]
-#: Tokens (n, L, width) of frames uint8 (n, T, 3, H, W), backgrounds (n, 3, H, W) and sensors.
+#: Frames uint8 (n, T, 3, H, W), backgrounds (n, 3, H, W) and sensors -> tokens (n, L, width).
 Encode: TypeAlias = Callable[[Tensor, Tensor, Sequence[str]], Tensor]
 
 _BATCH = 32
-#: Bytes of tokens that are kept in memory.
+#: Largest size of tokens kept in memory, bytes.
 _IN_MEMORY = 2**31
 
 
@@ -33,10 +33,10 @@ class Cutting:
 
     Attributes:
         horizon: Commands of a chunk.
-        observations: Steps whose state and camera image a sample holds.
-        touch: See `robot.Robot`.
+        observations: Number of steps with state and camera image in a sample.
+        touch: Input of touch: ``frames``, ``force`` or ``none``; see `robot.Robot`.
         camera: Whether the camera image is read.
-        image_size: Height and width it is resized to.
+        image_size: Height and width of the resized camera image, pixels.
     """
 
     horizon: int = 8
@@ -49,25 +49,26 @@ class Cutting:
 class EpisodeClips(Clips):
     """Samples of demonstrations: one for each step of each episode.
 
-    A sample holds one clip of each finger that ends at the step (before the first frame, that is
-    repeated), states and camera images of the last steps, and the commands from this step on. After
-    the end of an episode the last command is repeated, and is not valid.
+    A sample holds one clip per finger, ending at the step (frames before the first are copies of
+    it), states and camera images of the last steps, and the commands from this step on. After the
+    end of an episode the last command is repeated, and marked invalid.
 
     Args:
-        recordings: One for each finger of an episode; see `episodes_of`.
+        recordings: Recordings of all episodes, one for each finger; see `episodes_of`.
         frames: Frames of a clip.
-        spacing: Seconds between them; at least one step.
-        size: Height and width the frames are resized to.
-        cutting: How they are cut.
-        cache_mb: Megabytes of resized frames kept in each process.
-        columns: Further columns of the rows, of the first finger.
+        spacing: Time between the frames of a clip, s; at least one step.
+        size: Height and width of the resized frames, pixels.
+        cutting: Options of the samples.
+        cache_mb: Resized frames kept in each process, MB.
+        columns: Further columns of the rows, cut from the first finger; None for none.
 
     Attributes:
         robot: Sizes of the demonstrations.
-        episodes: In the order of their names.
+        episodes: Episodes in the order of their names.
 
     Raises:
-        DataError: See `episodes_of`, `check_alike`.
+        DataError: The recordings are no demonstrations, or do not agree; see `episodes_of` and
+            `check_alike`.
     """
 
     provides = frozenset({"action_chunk"})
@@ -100,7 +101,7 @@ class EpisodeClips(Clips):
         self._tokens: Tensor | None = None
 
     def ranges(self) -> dict[str, tuple[NDArray[np.float32], NDArray[np.float32]]]:
-        """Least and largest ``state``, ``action`` and ``force`` of all steps, by number."""
+        """Least and largest ``state``, ``action`` and ``force`` of all steps, by column."""
         columns: dict[str, list[NDArray[Any]]] = {
             "state": [each.state for each in self.episodes],
             "action": [each.action for each in self.episodes],
@@ -116,7 +117,7 @@ class EpisodeClips(Clips):
         """Computes the tokens of every touch once; samples then hold these in place of frames.
 
         Args:
-            encode: The frozen encoder.
+            encode: The frozen encoder, as a function; see `Encode`.
         """
         if self.cutting.touch != "frames" or self._tokens is not None:
             return
@@ -192,7 +193,7 @@ class EpisodeClips(Clips):
 
 
 def _room(shape: tuple[int, ...]) -> Tensor:
-    """Float16 in memory; more than `_IN_MEMORY` bytes in a file without a name, read as needed."""
+    """Allocates float16: in memory, or above `_IN_MEMORY` bytes in an unnamed temporary file."""
     if 2 * math.prod(shape) <= _IN_MEMORY:
         return torch.empty(shape, dtype=torch.float16)
     with tempfile.TemporaryFile() as file:

@@ -21,10 +21,10 @@ TASKS = {
 
 
 def env_id(task: str) -> str:
-    """The name that gymnasium knows a task by.
+    """Name of a task in gymnasium's registry.
 
     Raises:
-        ConfigError: An unknown task; says the nearest.
+        ConfigError: An unknown task; the message names the nearest.
 
     Example:
         >>> env_id("chip")

@@ -1,7 +1,7 @@
-"""The frame of all tasks: a gripper with two touch sensors moves in a plane, step by step.
+"""Base of all tasks: a gripper with two touch sensors moves in a plane, step by step.
 
-Quasi-static: after every step the held object lies where gels, weight and world balance. Places are
-mm, x to the right and z up; forces are N. Nothing of the observation says a force.
+The simulation is quasi-static: after every step the held object lies where gels, weight and world
+balance. Places are in mm, x to the right and z up; forces are in N. Observations contain no force.
 """
 
 from __future__ import annotations
@@ -31,24 +31,24 @@ Action: TypeAlias = NDArray[np.float32]
 #: Change of x, z and opening, mm.
 Advice: TypeAlias = tuple[float, float, float]
 
-#: Fall that any object survives, mm.
+#: Largest fall survived by any object, mm.
 _DROP = 0.6
 
 
 class TouchEnv(gymnasium.Env[Any, Any]):
-    """A task of two fingers that hold one object.
+    """A task for two fingers and one held object.
 
     Args:
         sensor: Type of both fingers' sensors, see `sensors.specs.SIMULATED`.
-        size: Pixels a side of their frames.
-        unit: Draws the pair of sensors; another unit is a swap of the gel pads.
+        size: Height and width of their frames, pixels.
+        unit: Seed of the pair of sensors; a different unit stands for a swap of the gel pads.
         randomise: Differences between units, see `randomise.draw.randomised_rows`.
-        steps: After so many without success the failure is ``timeout``; gymnasium's `TimeLimit`
+        steps: Steps without success after which the failure is ``timeout``; gymnasium's `TimeLimit`
             then ends the episode.
         render_mode: ``rgb_array`` or None.
 
     Attributes:
-        drawn: Numbers that the seed drew for this episode, by name; hidden from policies.
+        drawn: Numbers drawn by the seed for this episode, by name; hidden from policies.
 
     Raises:
         ConfigError: The sensor is unknown, or the size too small.
@@ -95,15 +95,15 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         self.drawn: dict[str, float] = {}
         self.outer: list[Outer] = []
 
-    # What a task is.
+    # To be defined by each task.
 
     @abstractmethod
     def _draw(self, rng: np.random.Generator) -> tuple[Body, Array, Array]:
-        """Draws an episode: the object, where it is (x, y down, angle), and x, z, opening."""
+        """Draws an episode: object, its pose (x, y down, angle), gripper's x, z and opening."""
 
     @abstractmethod
     def _judge(self) -> None:
-        """Sets `score`, `success` and `failure` by what has happened."""
+        """Updates `score`, `success` and `failure` after a step."""
 
     @abstractmethod
     def _sketch(self, picture: Picture) -> None:
@@ -111,10 +111,10 @@ class TouchEnv(gymnasium.Env[Any, Any]):
 
     @abstractmethod
     def _advise(self) -> Advice:
-        """The expert's action now: a function of everything there is, of nothing that was."""
+        """The expert's action, from the whole present state (privileged), without memory."""
 
     def _survives(self, drop: float) -> bool:
-        """Whether the object survives a fall (mm) from where it is."""
+        """Whether the object survives a fall (mm) from its present place."""
         return drop <= _DROP
 
     def _view(self) -> Picture:
@@ -125,7 +125,7 @@ class TouchEnv(gymnasium.Env[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begins an episode; the same seed begins the same one, to the byte."""
+        """Begins an episode; equal seeds give byte-identical episodes."""
         super().reset(seed=seed, options=options)
         self.elapsed, self.score, self.success, self.failure = 0, 0.0, False, ""
         body, self.object, start = self._draw(self.np_random)
@@ -139,10 +139,10 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         return self._observation(), self._info()
 
     def step(self, action: NDArray[Any]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Moves the gripper; the reward is what the score gained.
+        """Moves the gripper; the reward is the gain in score.
 
         Raises:
-            ConfigError: The action is not of finite numbers, one for each that the task takes.
+            ConfigError: The action has the wrong shape, or a value that is not finite.
         """
         wanted = np.asarray(action, np.float64)
         if wanted.shape != self.action_space.shape or not np.isfinite(wanted).all():
@@ -159,13 +159,13 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         return self._observation(), float(self.score - before), done, False, self._info()
 
     def render(self) -> NDArray[np.uint8]:
-        """Left finger, third-person view, right finger, side by side: uint8 (192, 576, 3)."""
+        """Draws left finger, third-person view and right finger in a row, uint8 (192, 576, 3)."""
         shown = self._shown
         tiles = [shown["left"], shown["image"], shown["right"]]
         return np.concatenate([_enlarged(tile, 192) for tile in tiles], 1)
 
     def background(self) -> dict[str, NDArray[np.uint8]]:
-        """Frames of the gels with nothing on them, uint8 (size, size, 3), by finger."""
+        """Frames of the gels without contact, uint8 (size, size, 3), by finger."""
         return {name: frame.copy() for name, frame in self._still.items()}
 
     def wrench(self) -> dict[str, NDArray[np.float32]]:
@@ -177,14 +177,14 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         }
 
     def expert(self) -> Callable[[Observation | None], Action]:
-        """A scripted expert for the episode that has begun; it knows what policies do not."""
+        """Scripted expert for the present episode, with knowledge hidden from policies."""
 
         def act(observation: Observation | None = None) -> Action:
             return np.clip(np.array(self._advise(), np.float32), *self._bounds)
 
         return act
 
-    # What tasks use.
+    # For use by the tasks.
 
     @property
     def held(self) -> Held:
@@ -193,16 +193,16 @@ class TouchEnv(gymnasium.Env[Any, Any]):
 
     @property
     def x(self) -> float:
-        """Of the gripper, mm."""
+        """Position x of the gripper, mm."""
         return float(self.tool[0])
 
     @property
     def z(self) -> float:
-        """Of the gripper, mm."""
+        """Height z of the gripper, mm."""
         return -float(self.tool[1])
 
     def load(self, solid: Solid) -> float:
-        """Normal force of a solid on the object, N; 0 where the object has nothing to push it."""
+        """Normal force of a solid on the object, N; 0 without contact."""
         return solid.load(placed(solid.points, self.object))
 
     def gap(self, solid: Solid) -> float:
@@ -210,14 +210,17 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         return float(-solid.inside(placed(solid.points, self.object))[0].max())
 
     def squeeze(self, newton: float, gain: float, least: float, most: float) -> float:
-        """The expert's change of opening towards a normal force: ``gain`` mm/N, within bounds."""
+        """Expert's change of opening towards a normal force, mm: ``gain`` in mm/N, within bounds.
+
+        The opening shrinks by ``least`` to ``most`` mm.
+        """
         return -float(np.clip(gain * (newton - self.held.normal), least, most))
 
     def _gel(self, body: Body) -> Gel:
         return replace(self._fingers.gel, friction=body.friction)
 
     def _seen(self) -> Array:
-        """The object's pose in the frame of the gripper."""
+        """Pose of the object in the frame of the gripper."""
         return np.asarray(self.object - np.array([*self.tool, 0.0]))
 
     def _move(self, action: Array) -> None:
@@ -230,19 +233,19 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         self.opening = max(float(opening), self.grip.narrowest())
         try:
             held = self.grip.close(self.opening, self.tool, self.outer)
-        except NotConverged:  # one episode of many is lost, and says so
+        except NotConverged:  # rare: this episode alone fails, and is marked as such
             self.failure = "unsolved"
             return
         if self.free and held.normal == 0:
             return
         self.object = held.pose + np.array([*self.tool, 0.0])
-        # What nothing balances falls, whether the fingers still touch it or not.
+        # An object without balance falls, whether the fingers still touch it or not.
         self.free = held.normal == 0 or not held.balanced
         if self.free:
             self._fall()
 
     def _fall(self) -> None:
-        """The object falls onto what is below it."""
+        """Lets the object fall onto the solid below it."""
         drop = min(self.gap(one) for one in self.outer if isinstance(one, Solid))
         if not self._survives(drop):
             self.failure = "dropped"

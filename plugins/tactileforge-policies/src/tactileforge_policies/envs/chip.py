@@ -1,4 +1,4 @@
-"""Chip: pick up a chip that breaks, and set it down on a surface of unknown height."""
+"""Chip: pick up a fragile chip, and set it down on a surface of unknown height."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from tactileforge_policies.envs.outer import Array, Slot, Solid, ground
 from tactileforge_policies.envs.picture import Picture
 
 _RADIUS = 6.0
-#: Points of the rim that meet what the chip stands on, mm.
+#: Points of the rim in contact with the floor, mm.
 _RIM = _RADIUS * np.stack([np.sin([-0.4, 0.0, 0.4]), np.cos([-0.4, 0.0, 0.4])], 1)
-#: Half width of the places where chips stand, mm.
+#: Half width of a holder's floor, mm.
 _STAND = 5.0
 _NOWHERE = -60.0
 
@@ -28,10 +28,10 @@ FACE = shape_of("chip", pad(_ripples, radius=_RADIUS, curve=40.0))
 
 
 class Chip(TouchEnv):
-    """A chip stands in a holder; it is carried to a second one, whose floor cannot be seen.
+    """Carries a chip from one holder to a second one with an invisible floor.
 
-    It breaks where the fingers squeeze it with more than ``breaks`` N, or the floor pushes its
-    edge with more than ``snaps`` N; where it falls, it breaks too.
+    The chip breaks if the fingers squeeze it with more than ``breaks`` N, if the floor pushes its
+    edge with more than ``snaps`` N, or if it falls by more than 0.6 mm.
     """
 
     task = "chip"
@@ -61,7 +61,7 @@ class Chip(TouchEnv):
         return np.where(np.abs(x) < _STAND, 0.0, np.where(there, self.drawn["floor"], _NOWHERE))
 
     def _holds(self, place: Array) -> float:
-        """The first holder clamps the chip's lower edge."""
+        """Clamping force of the first holder on the chip's lower edge, N."""
         return self.drawn["holds"] if place[1] > -_RADIUS - 1.0 and abs(place[0]) < 3.0 else 0.0
 
     def _judge(self) -> None:
@@ -82,7 +82,7 @@ class Chip(TouchEnv):
         x, z = float(self.object[0]), -float(self.object[1])
         picture.disc(x, z, _RADIUS, (232, 190, 92))
         picture.gripper(self.x, self.z)
-        # Walls hide the lower edge, and so the floors.
+        # The walls hide the lower edge of the chip, and with it the height of the floors.
         picture.box(0.0, -6.0, 11.0, 9.0, (150, 60, 50))
         picture.box(self.drawn["to"], -6.0, 11.0, 10.0, (50, 90, 150))
 

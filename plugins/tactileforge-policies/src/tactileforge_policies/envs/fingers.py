@@ -1,4 +1,4 @@
-"""Pictures of the two fingers of a gripper that hold one object."""
+"""Pictures of the two fingers of a gripper around one object."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tactileforge_policies.envs.grip import POINTS, SPACING
 
 #: Names of the fingers.
 FINGERS = ("left", "right")
-#: Frames whose noise differs.
+#: Number of frames with different noise; then it repeats.
 _FILM = 1 << 20
 
 
@@ -30,8 +30,8 @@ class Fingers:
 
     Args:
         sensor: Type of the sensor, see `sensors.specs.SIMULATED`.
-        unit: Draws the pair; another unit is another pair of gel pads and cameras.
-        size: Pixels a side of the frames; the whole gel is squeezed into them.
+        unit: Seed of the pair; a different unit is a different pair of gel pads and cameras.
+        size: Height and width of the frames, pixels; the whole gel is resized to this square.
         randomise: Differences between units, see `randomise.draw.randomised_rows`.
 
     Raises:
@@ -50,11 +50,11 @@ class Fingers:
         self._first = self._number = 0
 
     def meet(self, shape: Shape, film: int) -> None:
-        """Gets ready for another object.
+        """Prepares for a new object.
 
         Args:
-            shape: Its face, as the left gel sees it; the right one sees the mirror image.
-            film: Draws the noise of the frames.
+            shape: Face of the object towards the left gel; the right one meets the mirror image.
+            film: Seed of the noise of the frames.
         """
         fine = torch.from_numpy(shape.map(POINTS * DETAIL, SPACING / DETAIL))[None]
         faces = dict(zip(FINGERS, (fine, fine.flip(-1)), strict=True))
@@ -64,7 +64,7 @@ class Fingers:
             view.restart()
 
     def pictures(self, moment: ContactState) -> dict[str, NDArray[np.uint8]]:
-        """Frames of a moment of the left finger: uint8 (size, size, 3) each, by finger."""
+        """Draws both fingers for a contact of the left one: uint8 (size, size, 3), by finger."""
         self._number += 1
         moments = dict(zip(FINGERS, (moment, mirrored(moment)), strict=True))
         out = {}
@@ -77,7 +77,7 @@ class Fingers:
 
 
 def mirrored(moment: ContactState) -> ContactState:
-    """The moment that the other finger feels: the mirror image along x."""
+    """Contact of the other finger: the mirror image along x."""
     pose = moment.pose * moment.pose.new_tensor([-1, 1, -1, 1, -1, 1])
     strain = moment.strain.flip(-1) * moment.strain.new_tensor([1, -1, 1])[:, None, None]
     return replace(
@@ -96,5 +96,5 @@ def _flipped(shear: torch.Tensor) -> torch.Tensor:
 
 
 def _square(frame: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
-    """The frame in a square, as data modules resize it for encoders."""
+    """Resizes a frame to a square, as data modules do for encoders."""
     return np.asarray(cv2.resize(frame, (size, size), interpolation=cv2.INTER_AREA), np.uint8)

@@ -1,4 +1,4 @@
-"""Grasp: two kinds of balls that look alike go into a box each, uncrushed."""
+"""Grasp: sort two kinds of balls of equal appearance into two boxes, uncrushed."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _BOXES = {True: -17.0, False: 17.0}
 class Grasp(TouchEnv):
     """A ball lies between two boxes: soft, rough ones go to the left, hard, smooth ones right.
 
-    A soft ball is crushed by more than ``breaks`` N. A hard one is heavy and slips, and needs more
-    than that; so how hard to squeeze depends on the kind, which only touch tells.
+    A soft ball is crushed by more than ``breaks`` N. A hard one is heavy and slippery, and needs
+    more than that. So the right force depends on the kind, which only touch reveals.
     """
 
     task = "grasp"
@@ -61,7 +61,7 @@ class Grasp(TouchEnv):
         return drop <= 0.6 or self._boxed() is not None
 
     def _boxed(self) -> bool | None:
-        """The kind of the box that the ball is in or above, if it is."""
+        """Kind of the box around or below the ball (True for soft), or None."""
         for soft, x in _BOXES.items():
             if abs(float(self.object[0]) - x) < _BOX - 1.0:
                 return soft
@@ -110,7 +110,7 @@ class Grasp(TouchEnv):
 
 
 def _height(x: Array) -> Array:
-    """The stand in the middle, the floors of the boxes, and nothing between them."""
+    """Height of the ground, mm: the stand, the floors of the boxes, and a gap between them."""
     boxed = np.min([np.abs(x - box) for box in _BOXES.values()], 0) < _BOX
     return np.where((np.abs(x) < _STAND) | boxed, 0.0, -60.0)
 

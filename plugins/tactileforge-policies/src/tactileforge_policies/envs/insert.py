@@ -1,4 +1,4 @@
-"""Insert: pull a plug out of one socket and push it into another whose place is not quite known."""
+"""Insert: move a plug from one socket to another of uncertain position."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from tactileforge_policies.envs.picture import Picture
 #: Half width and length of the plug's tongue below the handle's middle; depth of a socket, mm.
 _WIDE, _LONG, _DEEP = 3.0, 13.0, 6.0
 _SIDE = np.array([-8.0, -9.5, -11.0, -12.2])
-#: Points of the tongue's outline that meet sockets, mm.
+#: Contact points on the tongue's outline, mm.
 _TONGUE = np.array(
     [(side * _WIDE, -y) for side in (-1, 1) for y in _SIDE]
     + [(x, _LONG) for x in (-_WIDE, -1.5, 0.0, 1.5, _WIDE)]
 )
-#: Chamfer of a socket's rim, mm, and where the second one is thought to be.
+#: Chamfer of a socket's rim, and nominal x of the second socket, mm.
 _CHAMFER, _NOMINAL = 0.2, 18.0
 
 FACE = shape_of("plug", join(lift(extrude(box(8, 9)), 0.25), extrude(cross(6, 1.8))))
 
 
 class Insert(TouchEnv):
-    """A plug is held in its socket; it is pulled out and pushed into a second one.
+    """Pulls a plug out of its socket and pushes it into a second one.
 
     The gap around the tongue is ``clearance`` mm in all. The second socket is up to 1.5 mm beside
-    the place that the camera shows; a tongue that meets its rim is turned in the grip, to one
-    side or the other. Above ``jams`` N the socket would break.
+    the place in the camera image. A tongue that meets its rim turns in the grip, to one side or the
+    other. Above ``jams`` N the episode fails, as the socket would break.
     """
 
     task = "insert"
@@ -66,7 +66,7 @@ class Insert(TouchEnv):
         return float(self.object[1]) + _LONG
 
     def _holds(self, place: Array) -> float:
-        """Springs of the sockets hold the tongue from 2 mm on."""
+        """Force of the sockets' springs on the tongue, N, below a depth of 2 mm."""
         return self.drawn["holds"] if place[1] + _LONG > 2.0 else 0.0
 
     def _judge(self) -> None:
@@ -86,7 +86,7 @@ class Insert(TouchEnv):
         picture.box(x, z - _LONG, 2 * _WIDE, _LONG, (190, 192, 196))
         picture.box(x, z - 5.0, 9.0, 10.0, (50, 50, 54))
         picture.gripper(self.x, self.z)
-        # The plates in front of the sockets hide where exactly these are.
+        # Plates in front of the sockets hide their exact position.
         for at in (0.0, _NOMINAL):
             picture.box(at, -10.0, 14.0, 10.5, (120, 130, 150))
 
@@ -107,16 +107,16 @@ class Insert(TouchEnv):
         return self._aside(0.25), float(np.clip(0.2 * (load - 1.2), -0.25, 0.25)), 0.0
 
     def _aside(self, pace: float) -> float:
-        """Step along x that brings the tongue's tip over the socket, mm."""
+        """Step along x of the tongue's tip towards the socket, mm, at most ``pace``."""
         tip = placed(np.array([[0.0, _LONG]]), self.object)[0, 0]
         return float(np.clip(self.to - tip, -pace, pace))
 
 
 def sockets(centres: tuple[float, float], half: float) -> Inside:
-    """A block whose surface is at 0, with two sockets in it.
+    """A block with its surface at 0 and two sockets in it.
 
     Args:
-        centres: x of the sockets, mm.
+        centres: Positions x of the sockets, mm.
         half: Half of their width, mm.
     """
 

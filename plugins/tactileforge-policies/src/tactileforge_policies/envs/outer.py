@@ -1,7 +1,7 @@
-"""Forces of the world on a held object: solids that it meets, and slots that hold it back.
+"""Forces of the world on a held object: contact with solids, and the hold of slots.
 
-Places are mm in the plane of the gels, x right and y down; angles turn x towards y. A solid is
-elastic where points of the object enter it, with Coulomb friction that remembers where they stuck.
+Places are in mm in the plane of the gels, x right and y down; angles turn x towards y. A solid is
+elastic where points of the object enter it. Its Coulomb friction remembers where the points stuck.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
-#: Points (K, 2), mm -> how deep each lies inside, mm (K,), and unit normals outwards (K, 2).
+#: Points (K, 2), mm -> depth of each inside the solid, mm (K,), and outward unit normals (K, 2).
 Inside: TypeAlias = Callable[[Array], tuple[Array, Array]]
 
 
 class Outer(Protocol):
-    """A body that pushes points which are fixed to the object.
+    """A body of the world, with forces on some points of the object.
 
     Attributes:
-        points: float64 (K, 2), mm in the frame of the object.
+        points: Points of the object, float64 (K, 2), mm in its frame.
     """
 
     points: Array
@@ -32,19 +32,20 @@ class Outer(Protocol):
         ...
 
     def settle(self, places: Array) -> None:
-        """Takes places (K, 2) as those of the step's end; friction starts from there."""
+        """Accepts places (K, 2) as the end of a step; friction continues from there."""
         ...
 
 
 @dataclass
 class Solid:
-    """A solid that the object's points may enter a little.
+    """An elastic solid; points of the object may enter it a little.
 
     Attributes:
-        points: float64 (K, 2), mm in the frame of the object.
-        inside: Depth and normals at points.
-        stiffness: N/mm of each point.
+        points: Points of the object, float64 (K, 2), mm in its frame.
+        inside: Depth and normals at points; see `Inside`.
+        stiffness: Stiffness at each point, N/mm.
         friction: Coulomb's coefficient.
+        anchors: Places (K, 2) of zero friction, mm; None before the first step.
     """
 
     points: Array
@@ -54,7 +55,7 @@ class Solid:
     anchors: Array | None = field(default=None, init=False)
 
     def push(self, places: Array) -> tuple[Array, Array]:
-        """See `Outer.push`."""
+        """Elastic forces along normals, and friction along the surface; see `Outer.push`."""
         depth, normal = self.inside(places)
         load = self.stiffness * np.maximum(depth, 0.0)
         along = np.stack([-normal[:, 1], normal[:, 0]], 1)
@@ -65,7 +66,7 @@ class Solid:
         force = load[:, None] * normal + held[:, None] * along
         pressed = np.where(depth > 0, -self.stiffness, 0.0)
         slips = np.abs(drag) > bound
-        # A point that slips is dragged in proportion to its load.
+        # Friction on a slipping point is proportional to its load, and so to its depth.
         mixed = np.where(slips, np.sign(drag) * self.friction * pressed, 0.0)
         sticks = np.where(slips | (depth <= 0), 0.0, -self.stiffness)
         slope = (
@@ -76,7 +77,7 @@ class Solid:
         return force, slope
 
     def settle(self, places: Array) -> None:
-        """See `Outer.settle`: points that slipped stick anew, stretched by what friction bears."""
+        """Moves the anchors of slipped points; their friction stays at its bound."""
         force, _ = self.push(places)
         _, normal = self.inside(places)
         along = np.stack([-normal[:, 1], normal[:, 0]], 1)
@@ -90,11 +91,13 @@ class Solid:
 
 @dataclass
 class Slot:
-    """A slot that holds the middle of the object back, as dry friction does.
+    """A slot with dry friction on the middle of the object.
 
     Attributes:
         holds: Largest force at a place, mm (2,) -> N; 0 outside of the slot.
-        stiffness: N/mm before it gives way.
+        stiffness: Stiffness before it gives way, N/mm.
+        points: Points of the object, float64 (1, 2), mm in its frame: its middle.
+        anchor: Place (2,) of zero force, mm; None before the first step.
     """
 
     holds: Callable[[Array], float]
@@ -103,7 +106,7 @@ class Slot:
     anchor: Array | None = field(default=None, init=False)
 
     def push(self, places: Array) -> tuple[Array, Array]:
-        """See `Outer.push`."""
+        """Force towards the anchor, limited by ``holds``; see `Outer.push`."""
         anchor = places[0] if self.anchor is None else self.anchor
         bound = self.holds(anchor)
         force = -self.stiffness * (places[0] - anchor)
@@ -115,13 +118,13 @@ class Slot:
         return (bound * way)[None], -(bound / size * self.stiffness * across)[None]
 
     def settle(self, places: Array) -> None:
-        """See `Outer.settle`."""
+        """Moves the anchor after a slip; see `Outer.settle`."""
         force, _ = self.push(places)
         self.anchor = places[0] + force[0] / self.stiffness
 
 
 def ground(height: Callable[[Array], Array]) -> Inside:
-    """The solid below a surface: ``height`` gives mm above 0 along x; slopes must be small."""
+    """The solid below a surface of small slopes, given by its ``height`` along x, mm above 0."""
 
     def inside(places: Array) -> tuple[Array, Array]:
         normal = np.zeros_like(places)
@@ -132,7 +135,7 @@ def ground(height: Callable[[Array], Array]) -> Inside:
 
 
 def placed(points: Array, pose: Array) -> Array:
-    """Places (K, 2) of points (K, 2) of an object at x, y (mm) and an angle (rad)."""
+    """Transforms points (K, 2) of an object to the world, for a pose x, y (mm), angle (rad)."""
     cos, sin = np.cos(pose[2]), np.sin(pose[2])
     turn = np.array([[cos, sin], [-sin, cos]])
     return np.asarray(points @ turn + pose[:2])
@@ -142,11 +145,11 @@ def pushed(outer: list[Outer], pose: Array) -> tuple[Array, Array]:
     """Sums the forces of the world on an object at a pose.
 
     Args:
-        outer: What pushes it.
+        outer: Bodies of the world around it.
         pose: x, y (mm) and angle (rad).
 
     Returns:
-        Force and torque about its middle, (3,) N and N mm, and their derivatives (3, 3).
+        Force and torque about its middle, (3,) N and N mm, and their derivatives by pose (3, 3).
     """
     wrench, slope = np.zeros(3), np.zeros((3, 3))
     for one in outer:
@@ -158,7 +161,7 @@ def pushed(outer: list[Outer], pose: Array) -> tuple[Array, Array]:
         moves[:, 0, 2], moves[:, 1, 2] = -arm[:, 1], arm[:, 0]
         wrench += np.einsum("kij,ki->j", moves, force)
         slope += np.einsum("kia,kij,kjb->ab", moves, stiff, moves)
-        slope[2, 2] -= (arm * force).sum()  # arms turn with the object
+        slope[2, 2] -= (arm * force).sum()  # the lever arms turn with the object
     return wrench, slope
 
 

@@ -12,14 +12,14 @@ from tactileforge_policies.envs.grip import Body
 from tactileforge_policies.envs.outer import Array, Solid, ground
 from tactileforge_policies.envs.picture import Picture
 
-#: From the middle of the eraser down to its felt, and half the felt's length, mm.
+#: Distance from the middle of the eraser down to its felt, and half of the felt's length, mm.
 _TALL, _HALF = 8.0, 4.0
 _FELT = np.stack([np.linspace(-_HALF, _HALF, 5), np.full(5, _TALL)], 1)
-#: Letters stand between these, mm, in cells of one.
+#: First and last x of the ink, mm; it is counted in cells of 1 mm.
 _FIRST, _LAST = 6, 32
-#: Way under enough load that clears a cell, mm.
+#: Length of rubbing under enough load to clear a cell, mm.
 _RUB = 4.0
-#: Share of the ink that must go.
+#: Share of the ink to remove for success.
 _CLEAN = 0.95
 
 
@@ -31,10 +31,10 @@ FACE = shape_of("eraser", pad(_grooves, radius=5.0, curve=200.0))
 
 
 class Wipe(TouchEnv):
-    """An eraser is held above a board with ink on it, and goes along it once, to the right.
+    """Draws an eraser along an inked board, once and to the right.
 
-    Ink goes where the felt moves right under at least ``needs`` N; above ``stalls`` N the arm
-    stalls. Height and slope of the board cannot be seen.
+    Ink is removed where the felt moves right under at least ``needs`` N; above ``stalls`` N the arm
+    stalls. Height and slope of the board are invisible.
     """
 
     task = "wipe"
@@ -82,7 +82,7 @@ class Wipe(TouchEnv):
             self.failure = "" if self.success else "missed"
 
     def _rub(self, before: float, now: float) -> None:
-        """Takes ink from the cells under the felt while it goes from one x to another."""
+        """Removes ink from the cells under the felt, for a motion from one x to another, mm."""
         cells = np.arange(_FIRST, _LAST) + 0.5
         way = np.clip(np.minimum(now, cells + _HALF) - np.maximum(before, cells - _HALF), 0, None)
         self.ink = np.clip(self.ink - way / _RUB, 0, 1)
@@ -92,7 +92,7 @@ class Wipe(TouchEnv):
         picture.box(x, z - _TALL + 2, 2 * _HALF, 2 * _TALL - 2, (70, 110, 170))
         picture.box(x, z - _TALL, 2 * _HALF, 2.5, (40, 40, 44))
         picture.gripper(self.x, self.z)
-        # The board's frame stands in front of it, and hides its height.
+        # A frame in front of the board hides its height.
         picture.box(18.0, -6.0, 60.0, 9.0, (205, 180, 140))
         for cell, left in enumerate(self.ink):
             shade = round(60 + 130 * (1 - float(left)))

@@ -1,1 +1,1 @@
-"""Heads that act: what a robot perceives, to a chunk of commands."""
+"""Policy heads: from observations of a robot to a chunk of commands."""

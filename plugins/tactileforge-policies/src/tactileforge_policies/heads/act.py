@@ -15,19 +15,19 @@ from tactileforge_policies.heads.observation import POOLER
 
 
 class ActHead(DirectHead):
-    """A transformer over what is perceived, read by one learned query for each command.
+    """A transformer over the observation, read by one learned query for each command.
 
     Small, and without the variational encoder of the original (its style variable is 0 at test
     time). Source: Zhao et al. 2023, Action Chunking with Transformers.
 
     Args:
-        encoder: The touch encoder (given by the framework).
-        facts: Of the demonstrations (given by the framework), see `robot.Robot`.
+        encoder: The touch encoder (passed by the framework).
+        facts: Metadata of the demonstrations (passed by the framework), see `robot.Robot`.
         width: Size of a token.
-        depth: Blocks over what is perceived.
-        heads: Attention heads.
-        execute: See `base.PolicyHead`.
-        pooler: See `observation.PoolerSize`.
+        depth: Number of transformer blocks over the observation.
+        heads: Number of attention heads.
+        execute: Commands carried out of a chunk; see `base.PolicyHead`.
+        pooler: Options of the pooling of touch; see `observation.PoolerSize`.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class ActHead(DirectHead):
         self.transformer.apply(init_weights)
 
     def predict(self, views: Views, batch: Batch) -> Tensor:
-        """Commands from -1 to 1; see `DirectHead.predict`."""
+        """Predicts commands from -1 to 1; see `DirectHead.predict`."""
         touch, rest = self.observe(views, batch)
         tokens = self.of_rest(rest)[:, None]
         if self.of_touch is not None:

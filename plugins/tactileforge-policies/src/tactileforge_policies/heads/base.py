@@ -1,4 +1,4 @@
-"""Base of the heads that act."""
+"""Base of policy heads."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ChunkPrediction:
-    """A head's prediction for a chunk of commands, and what it should be.
+    """A head's prediction for a chunk of commands, and its target.
 
     Attributes:
-        predicted: float (B, H, A): commands from -1 to 1, or the noise in them.
-        target: Alike.
-        unit: float (A,), the robot's units that count as 1; None where noise is predicted.
+        predicted: Commands from -1 to 1, or the noise in them, float (B, H, A).
+        target: True commands or noise, float (B, H, A).
+        unit: Size of 1 in the robot's units, float (A,); None where noise is predicted.
     """
 
     predicted: Tensor
@@ -35,23 +35,23 @@ class ChunkPrediction:
 
 
 class PolicyHead(nn.Module):
-    """Perception and the ranges of commands; a subclass says how commands follow.
+    """Observation and ranges of commands; a subclass adds the prediction of commands.
 
     Args:
         encoder: The touch encoder.
-        facts: Of the demonstrations, see `robot.Robot`.
-        execute: Commands of a chunk that are carried out before the next is predicted.
-        pooler: See `observation.PoolerSize`.
+        facts: Metadata of the demonstrations, see `robot.Robot`.
+        execute: Commands carried out of a chunk before the next is predicted.
+        pooler: Options of the pooling of touch; see `observation.PoolerSize`.
 
     Attributes:
         robot: Sizes of the demonstrations.
-        execute: See the arguments.
+        execute: Commands carried out of a chunk before the next is predicted.
 
     Raises:
-        ConfigError: More commands are to be executed than are predicted; see `Observation`.
+        ConfigError: ``execute`` is below 1 or above the predicted commands; or see `Observation`.
     """
 
-    #: A run that starts from another has to have these of its data.
+    #: Metadata that must be equal in a run and in the run it starts from.
     fixed_facts: ClassVar[tuple[str, ...]] = ("state_size", "action_size", "fingers", "sensors")
 
     def __init__(
@@ -82,41 +82,44 @@ class PolicyHead(nn.Module):
 
     @staticmethod
     def example(batch: Batch) -> tuple[dict[str, Any], Batch]:
-        """Facts and columns of one finger for the conformance suite; see `testing.batches`."""
+        """Metadata and columns of one finger for the conformance suite; see `testing.batches`."""
         return example(batch)
 
     @abstractmethod
     def forward(self, views: Views, batch: Batch) -> ChunkPrediction:
-        """The prediction that its objective understands."""
+        """Predicts for its objective."""
 
     @abstractmethod
     def chunk(self, views: Views, batch: Batch, generator: torch.Generator) -> Tensor:
-        """Commands from -1 to 1, float (B, H, A).
+        """Predicts commands from -1 to 1, float (B, H, A).
 
         Args:
-            views: Of the touches.
-            batch: Without ``action_chunk``.
-            generator: Of the random numbers, where it needs some.
+            views: Views of the touches.
+            batch: The batch, without ``action_chunk``.
+            generator: Generator of random numbers, where the head needs some.
         """
 
     @torch.no_grad()
     def act(self, views: Views, batch: Batch, generator: torch.Generator) -> Tensor:
-        """Commands in the robot's units, float (B, H, A), within their ranges; see `chunk`."""
+        """Predicts commands in the robot's units, float (B, H, A), within their ranges.
+
+        The arguments are those of `chunk`.
+        """
         return self.action.invert(self.chunk(views, batch, generator).clamp(-1, 1))
 
 
 class DirectHead(PolicyHead):
-    """A policy that predicts commands themselves, without random numbers."""
+    """A policy with direct prediction of commands, without random numbers."""
 
     @abstractmethod
     def predict(self, views: Views, batch: Batch) -> Tensor:
-        """Commands from -1 to 1, float (B, H, A)."""
+        """Predicts commands from -1 to 1, float (B, H, A)."""
 
     def forward(self, views: Views, batch: Batch) -> ChunkPrediction:
-        """Commands as predicted and as demonstrated, from -1 to 1."""
+        """Predicted and demonstrated commands, from -1 to 1."""
         target = self.action(batch["action_chunk"])
         return ChunkPrediction(self.predict(views, batch), target, self.action.unit)
 
     def chunk(self, views: Views, batch: Batch, generator: torch.Generator) -> Tensor:
-        """Commands from -1 to 1; see `PolicyHead.chunk`."""
+        """Predicts commands from -1 to 1; see `PolicyHead.chunk`."""
         return self.predict(views, batch)

@@ -14,14 +14,15 @@ _CHANNELS = (16, 32, 64)
 class CameraNet(nn.Module):
     """Three strided convolutions, and the expected place of each of ``points`` feature maps.
 
-    It is trained from scratch, where the paper uses a frozen ResNet-50 of ImageNet: there are no
-    weights to download. Source of the spatial softmax: Levine et al. 2016, and Diffusion Policy.
+    It is trained from scratch, as no pre-trained weights have to be downloaded then; the paper uses
+    a frozen ResNet-50 of ImageNet. Source of the spatial softmax: Levine et al. 2016, and Diffusion
+    Policy.
 
     Args:
-        points: Places that are read from an image.
+        points: Number of places read from an image.
 
     Attributes:
-        width: Numbers an image gives, two a place.
+        width: Size of the vector of an image, two numbers per place.
     """
 
     def __init__(self, points: int = 32) -> None:
@@ -34,7 +35,7 @@ class CameraNet(nn.Module):
         self.width = 2 * points
 
     def forward(self, images: Tensor) -> Tensor:
-        """uint8 (N, 3, h, w) to (N, width), places from -1 to 1: x of all points, then y."""
+        """Maps uint8 (N, 3, h, w) to (N, width), places in -1..1: x of all points, then y."""
         maps: Tensor = self.layers(images.float() / 127.5 - 1)
         rows, columns = maps.shape[-2:]
         share = maps.flatten(2).softmax(-1).view_as(maps)

@@ -1,4 +1,4 @@
-"""Convolutions along a short chunk, as matrix products: some times faster than torch's on a CPU."""
+"""Convolutions along a short chunk as matrix products, several times faster than torch on a CPU."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from torch.nn import functional as F
 
 
 class Convolution(nn.Module):
-    """A convolution along the second axis, which keeps its length or halves it.
+    """A convolution along the second axis, of equal or half length.
 
     Taps that would see padding alone are left out: of five, three reach into a chunk of two.
 
     Args:
-        before: Channels that are read.
-        after: Channels that are written.
-        kernel: Taps, odd.
+        before: Input channels.
+        after: Output channels.
+        kernel: Number of taps, odd.
         stride: 1, or 2 to halve the length.
     """
 
     def __init__(self, before: int, after: int, kernel: int, stride: int = 1) -> None:
         super().__init__()
         self.stride = stride
-        bound = 1 / math.sqrt(before * kernel)  # as torch's own
+        bound = 1 / math.sqrt(before * kernel)  # the initialisation of torch's Conv1d
         self.weight = nn.Parameter(torch.empty(kernel, before, after).uniform_(-bound, bound))
         self.bias = nn.Parameter(torch.empty(after).uniform_(-bound, bound))
 
     def forward(self, x: Tensor) -> Tensor:
-        """(B, n, before) to (B, n / stride, after)."""
+        """Maps (B, n, before) to (B, n / stride, after)."""
         kernel = len(self.weight)
         reach = min(kernel // 2, max(1, x.shape[1] - 1)) if kernel > 1 else 0
         middle = kernel // 2
@@ -39,20 +39,20 @@ class Convolution(nn.Module):
 
 
 class Doubling(nn.Module):
-    """A transposed convolution of four taps that doubles the length.
+    """A transposed convolution of four taps, of double length.
 
     Args:
-        width: Channels.
+        width: Input and output channels.
     """
 
     def __init__(self, width: int) -> None:
         super().__init__()
-        bound = 1 / math.sqrt(4 * width)  # as torch's own
+        bound = 1 / math.sqrt(4 * width)  # the initialisation of torch's ConvTranspose1d
         self.weight = nn.Parameter(torch.empty(4, width, width).uniform_(-bound, bound))
         self.bias = nn.Parameter(torch.empty(width).uniform_(-bound, bound))
 
     def forward(self, x: Tensor) -> Tensor:
-        """(B, n, width) to (B, 2 n, width)."""
+        """Maps (B, n, width) to (B, 2 n, width)."""
         padded = F.pad(x, (0, 0, 1, 1))
         before, after = padded[:, :-2], padded[:, 2:]
         even = before @ self.weight[3] + x @ self.weight[1]

@@ -1,4 +1,4 @@
-"""The head ``diffusion_policy``: commands out of noise, given what is perceived."""
+"""The head ``diffusion_policy``: commands denoised from noise, given the observation."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ from tactileforge_policies.heads.unet import UNet
 if TYPE_CHECKING:
     from tactileforge_policies.data.samples import EpisodeClips
 
-#: Rows of fixed random numbers that evaluation uses in turn.
+#: Rows of fixed random numbers, used in turn in evaluation.
 _FIXED = 64
 
 
 class PowerEMA(EMA):
-    """Slow copy that follows closely at first: ``keep = 1 - (1 + step) ** -power``, up to a limit.
+    """EMA with a growing decay: ``keep = 1 - step ** -power``, up to a limit.
 
-    Source: Diffusion Policy, and ``diffusers.training_utils.EMAModel``.
+    It follows the network closely at first. Source: Diffusion Policy, and
+    ``diffusers.training_utils.EMAModel``.
 
     Args:
-        network: What is followed.
-        power: See above.
-        most: The largest ``keep``.
+        network: The averaged network.
+        power: Exponent of the decay; a larger one reaches the limit sooner.
+        most: Largest ``keep``.
     """
 
     def __init__(self, network: Any, power: float, most: float) -> None:
@@ -37,36 +38,35 @@ class PowerEMA(EMA):
         self.power = power
 
     def keep(self, step: int, total: int) -> float:
-        """Share of the copy that stays after a step; 0 after the first."""
+        """Decay of the average at a step; 0 at steps 0 and 1, so the EMA equals the network."""
         return min(1 - step**-self.power, self.momentum) if step else 0.0
 
 
 class DiffusionPolicy(PolicyHead):
     """Diffusion policy: a chunk of commands is denoised step by step.
 
-    Trained to predict the noise that was added. In evaluation, steps and noise are fixed, so that
-    validation losses can be compared, and the slow copy is used. Sources: AnyTouch 2, appendix
+    It is trained to predict the added noise. In evaluation, steps and noise are fixed, so that
+    validation losses can be compared, and the EMA is used. Sources: AnyTouch 2, appendix
     Real-world task setup (sizes); Chi et al. 2023 and its code (the rest, see `docs/policies.md`).
 
     Args:
-        encoder: The touch encoder (given by the framework).
-        facts: Of the demonstrations (given by the framework), see `robot.Robot`.
-        channels: Of each stage of the U-Net.
-        step_width: Size of the embedding of the step.
-        kernel: Of the convolutions.
-        groups: Of the norms.
-        scheduler: ``ddim`` or ``ddpm``, of diffusers.
-        train_steps: Steps of noise.
-        steps: Steps in which a chunk is denoised.
-        betas: Schedule of the noise, as diffusers names it.
-        ema: Largest share of the slow copy that stays; None for no slow copy.
-        power: How soon it is that slow.
-        execute: See `base.PolicyHead`.
-        pooler: See `observation.PoolerSize`.
+        encoder: The touch encoder (passed by the framework).
+        facts: Metadata of the demonstrations (passed by the framework), see `robot.Robot`.
+        channels: Channels of each stage of the U-Net.
+        step_width: Size of the embedding of the noise step.
+        kernel: Taps of the convolutions, odd.
+        groups: Groups of the group norms.
+        scheduler: Sampler of diffusers, ``ddim`` or ``ddpm``.
+        train_steps: Number of noise steps in training.
+        steps: Number of denoising steps of a chunk.
+        betas: Name of the noise schedule in diffusers.
+        ema: Largest decay of the EMA of the weights; None for no EMA.
+        power: Exponent of the growth of the decay; see `PowerEMA`.
+        execute: Commands carried out of a chunk; see `base.PolicyHead`.
+        pooler: Options of the pooling of touch; see `observation.PoolerSize`.
 
     Raises:
-        ConfigError: a chunk that the stages do not divide, or see
-            `UNet` and `PolicyHead`.
+        ConfigError: The chunk cannot be halved at each stage; or see `UNet` and `PolicyHead`.
     """
 
     kept: Tensor
@@ -101,23 +101,24 @@ class DiffusionPolicy(PolicyHead):
         self.register_buffer("kept", self.scheduler.alphas_cumprod.clone(), persistent=False)
         draw = torch.Generator().manual_seed(0)
         fixed = torch.rand(_FIXED, 1 + horizon * size, generator=draw)
-        fixed[:, 0] = (torch.arange(_FIXED) * (math.sqrt(5) - 1) / 2) % 1  # evenly over the steps
+        # Multiples of the golden ratio: any number of rows covers the noise steps evenly.
+        fixed[:, 0] = (torch.arange(_FIXED) * (math.sqrt(5) - 1) / 2) % 1
         self.register_buffer("fixed", fixed, persistent=False)
         self.unet = UNet(size, self.observe.flat, channels, step_width, kernel, groups)
         self.slow = PowerEMA(nn.ModuleList(self._trained()), power, ema) if ema else None
 
     def prepare(self, clips: EpisodeClips) -> None:
-        """Measures the ranges, also for the slow copy; see `contracts.Prepared`."""
+        """Measures the ranges, also for the EMA; see `contracts.Prepared`."""
         super().prepare(clips)
         self.after_step(None, 0, 1)
 
     def after_step(self, encoder: Encoder | None, step: int, total: int) -> None:
-        """Updates the slow copy; see `contracts.AfterStep`."""
+        """Updates the EMA; see `contracts.AfterStep`."""
         if self.slow is not None:
             self.slow.after_step(nn.ModuleList(self._trained()), step, total)
 
     def forward(self, views: Views, batch: Batch) -> ChunkPrediction:
-        """Noise as predicted and as added."""
+        """Predicted and added noise, at a random step in training, a fixed one in evaluation."""
         clean = self.action(batch["action_chunk"])
         observe, unet = self._trained() if self.training else self._acting()
         if self.training:
@@ -131,8 +132,9 @@ class DiffusionPolicy(PolicyHead):
         return ChunkPrediction(unet(noisy, steps, flat(observe(views, batch))), noise)
 
     def chunk(self, views: Views, batch: Batch, generator: torch.Generator) -> Tensor:
-        """Commands from -1 to 1, denoised by the scheduler of diffusers."""
+        """Denoises commands from -1 to 1 with the scheduler of diffusers."""
         observe, unet = self._acting()
+        # Once, outside of the loop: the observation is the same for all denoising steps.
         perceived = unet.perceive(flat(observe(views, batch)))
         shape = (len(perceived), self.robot.horizon, self.robot.action_size)
         x = torch.randn(shape, generator=generator).to(perceived.device)
@@ -146,12 +148,12 @@ class DiffusionPolicy(PolicyHead):
         return self.observe, self.unet
 
     def _acting(self) -> tuple[Observation, UNet]:
-        """Perception and U-Net that act: the slow copies where there are some."""
+        """Observation and U-Net for evaluation: the EMA, or the trained ones without it."""
         return self._trained() if self.slow is None else tuple(self.slow.network)
 
 
 def _scheduler(name: str, train_steps: int, betas: str) -> Any:
-    from diffusers.schedulers import scheduling_ddim, scheduling_ddpm  # seconds to import
+    from diffusers.schedulers import scheduling_ddim, scheduling_ddpm  # takes seconds to import
 
     kinds = {"ddim": scheduling_ddim.DDIMScheduler, "ddpm": scheduling_ddpm.DDPMScheduler}
     return kinds[name](
@@ -163,5 +165,5 @@ def _scheduler(name: str, train_steps: int, betas: str) -> Any:
 
 
 def _normal(uniform: Tensor) -> Tensor:
-    """Normal numbers of uniform ones; none is infinite."""
+    """Maps uniform numbers in 0..1 to normal ones; all are finite."""
     return math.sqrt(2) * torch.erfinv((2 * uniform - 1).clamp(-1 + 1e-7, 1 - 1e-7))

@@ -1,4 +1,4 @@
-"""Made demonstrations for the conformance suite: the gripper opens as the force was high."""
+"""Synthetic demonstrations for the conformance suite: commands follow from the last force."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from tactileforge_policies.robot import Robot
 
 
 def example(batch: Batch) -> tuple[dict[str, Any], Batch]:
-    """Facts of demonstrations of one finger, and their columns.
+    """Makes metadata and columns of demonstrations of one finger.
 
     Args:
-        batch: See `tactileforge.testing.batch`; B samples.
+        batch: Batch of B samples; see `tactileforge.testing.batch`.
 
     Returns:
-        The facts, and ``state`` (B, 2, 3), ``action_chunk`` (B, 4, 2), ``action_chunk_valid``
+        The metadata, and ``state`` (B, 2, 3), ``action_chunk`` (B, 4, 2), ``action_chunk_valid``
         (B, 4) and ``images`` (B, 2, 3, h, w).
     """
     size, image = len(batch["force"]), batch["image"].shape[-1]

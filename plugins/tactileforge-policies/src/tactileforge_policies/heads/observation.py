@@ -20,10 +20,10 @@ class PoolerSize:
     """Size of the pooler of each finger.
 
     Attributes:
-        queries: Learned queries, each of which gives one vector.
-        width: Size of that vector.
-        depth: Blocks: one that reads the tokens, then some among the queries.
-        heads: Attention heads; they divide the width.
+        queries: Number of learned queries, with one vector each.
+        width: Size of such a vector.
+        depth: Number of blocks: one to read the tokens, the others among the queries.
+        heads: Number of attention heads, a divisor of the width.
     """
 
     queries: int = 30
@@ -32,16 +32,16 @@ class PoolerSize:
     heads: int = 4
 
 
-#: The pooler's size, unless another is given.
+#: Default size of the pooler.
 POOLER = asdict(PoolerSize())
 
 
 class TouchPooler(nn.Module):
-    """Tokens of one finger to a few vectors: a norm, a projection, `AttentivePooler`.
+    """Pools tokens of one finger to a few vectors: a norm, a projection, `AttentivePooler`.
 
     Args:
         tokens: Size of a token of the encoder.
-        size: Of the pooler.
+        size: Size of the pooler.
     """
 
     def __init__(self, tokens: int, size: PoolerSize) -> None:
@@ -52,13 +52,13 @@ class TouchPooler(nn.Module):
         self.mix = Transformer(size.width, size.depth - 1, size.heads)
 
     def forward(self, tokens: Tensor) -> Tensor:
-        """(B, L, tokens) to (B, queries, width)."""
+        """Maps (B, L, tokens) to (B, queries, width)."""
         out: Tensor = self.mix(self.pooler(self.project(self.norm(tokens))))
         return out
 
 
 def flat(perceived: tuple[Tensor, Tensor]) -> Tensor:
-    """One vector, (B, numbers), of what `Observation` gives."""
+    """Joins the output of `Observation` to one vector, (B, numbers)."""
     touch, rest = perceived
     return torch.cat([touch.flatten(1), rest], dim=1)
 
@@ -71,16 +71,17 @@ class Observation(nn.Module):
 
     Args:
         encoder: The touch encoder.
-        facts: Of the demonstrations, see `robot.Robot`.
+        facts: Metadata of the demonstrations, see `robot.Robot`.
         pooler: Options of `PoolerSize`.
 
     Attributes:
         width: Size of a vector of touch.
-        touches: Their number; 0 without touch.
+        touches: Number of vectors of touch; 0 without touch.
         rest: Size of the vector of all else.
 
     Raises:
-        ConfigError: The demonstrations are not known, or the heads do not divide the width.
+        ConfigError: The metadata of demonstrations are missing, or the heads do not divide the
+            width.
     """
 
     def __init__(
@@ -108,11 +109,11 @@ class Observation(nn.Module):
 
     @property
     def flat(self) -> int:
-        """Numbers of all vectors together."""
+        """Total size of all vectors."""
         return self.rest + self.touches * self.width
 
     def forward(self, views: Views, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Touch, float (B, touches, width), and the rest, float (B, rest)."""
+        """Computes touch, float (B, touches, width), and the rest, float (B, rest)."""
         rest = [self.state(batch["state"]).flatten(1)]
         if self.camera is not None:
             images = batch["images"]

@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-#: Ranges below this are of a number that does not change: it is centred, and given back as it was.
+#: Smallest half range of a varying number; a constant one is centred, and inverted to its value.
 _LEAST = 1e-6
 
 
@@ -15,7 +15,7 @@ class Ranges(nn.Module):
     """Min-max normalisation; the ranges are buffers, and start as -1..1.
 
     Args:
-        size: How many numbers there are.
+        size: Number of values.
     """
 
     low: Tensor
@@ -27,23 +27,23 @@ class Ranges(nn.Module):
         self.register_buffer("high", torch.ones(size))
 
     def fit(self, low: NDArray[np.float32], high: NDArray[np.float32]) -> None:
-        """Takes the least and largest value of each number."""
+        """Sets the least and largest value of each number."""
         self.low.copy_(torch.from_numpy(low))
         self.high.copy_(torch.from_numpy(high))
 
     def forward(self, values: Tensor) -> Tensor:
-        """(..., size) to the same, ``2 (x - low) / (high - low) - 1``."""
+        """Normalises (..., size): ``2 (x - low) / (high - low) - 1``."""
         centre, half = self._scale()
         return (values - centre) / torch.where(half > 0, half, 1.0)
 
     def invert(self, values: Tensor) -> Tensor:
-        """(..., size) from -1..1 to the robot's units."""
+        """Maps (..., size) from -1..1 to the robot's units."""
         centre, half = self._scale()
         return values * half + centre
 
     @property
     def unit(self) -> Tensor:
-        """The robot's units that count as 1, (size,)."""
+        """Size of 1 in the robot's units, (size,)."""
         return self._scale()[1]
 
     def _scale(self) -> tuple[Tensor, Tensor]:

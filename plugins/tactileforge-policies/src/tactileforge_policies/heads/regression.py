@@ -1,4 +1,4 @@
-"""The head ``regression``: commands as a function of what is perceived."""
+"""The head ``regression``: commands as a function of the observation."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from tactileforge_policies.heads.observation import POOLER, flat
 
 
 class RegressionHead(DirectHead):
-    """Two hidden layers on all that is perceived: the plainest policy.
+    """Two hidden layers on the observation: the simplest policy.
 
-    Where demonstrations act in several ways, it takes their mean.
+    Where demonstrations act in several ways, it predicts their average.
 
     Args:
-        encoder: The touch encoder (given by the framework).
-        facts: Of the demonstrations (given by the framework), see `robot.Robot`.
+        encoder: The touch encoder (passed by the framework).
+        facts: Metadata of the demonstrations (passed by the framework), see `robot.Robot`.
         hidden: Width of the hidden layers.
-        execute: See `base.PolicyHead`.
-        pooler: See `observation.PoolerSize`.
+        execute: Commands carried out of a chunk; see `base.PolicyHead`.
+        pooler: Options of the pooling of touch; see `observation.PoolerSize`.
     """
 
     def __init__(
@@ -44,6 +44,6 @@ class RegressionHead(DirectHead):
         )
 
     def predict(self, views: Views, batch: Batch) -> Tensor:
-        """Commands from -1 to 1; see `DirectHead.predict`."""
+        """Predicts commands from -1 to 1; see `DirectHead.predict`."""
         out: Tensor = self.layers(flat(self.observe(views, batch)))
         return out.view(len(out), self.robot.horizon, self.robot.action_size)

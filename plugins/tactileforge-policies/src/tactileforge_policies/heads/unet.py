@@ -13,7 +13,7 @@ from tactileforge_policies.heads.convolution import Convolution, Doubling, Group
 
 
 class StepEmbedding(nn.Module):
-    """Embeds the step of the noise: sines, then two layers.
+    """Embeds the noise step: sines, then two layers.
 
     Args:
         width: Size of the embedding, even, 4 or more.
@@ -27,7 +27,7 @@ class StepEmbedding(nn.Module):
         )
 
     def forward(self, steps: Tensor) -> Tensor:
-        """int64 (B,) to (B, width)."""
+        """Maps int64 (B,) to (B, width)."""
         place = torch.arange(self.sines, device=steps.device) / (self.sines - 1)
         angle = steps[:, None] * torch.exp(-math.log(10000) * place)
         out: Tensor = self.layers(torch.cat([angle.sin(), angle.cos()], dim=-1))
@@ -35,14 +35,14 @@ class StepEmbedding(nn.Module):
 
 
 class ConvBlock(nn.Sequential):
-    """A convolution that keeps the length, a group norm, Mish."""
+    """A convolution of equal length, a group norm, Mish."""
 
     def __init__(self, before: int, after: int, kernel: int, groups: int) -> None:
         super().__init__(Convolution(before, after, kernel), GroupNorm(groups, after), nn.Mish())
 
 
 class FilmBlock(nn.Module):
-    """Two `ConvBlock` with a residual; what is between them is scaled and shifted (FiLM).
+    """Two `ConvBlock` with a residual, and a scale and shift between them (FiLM).
 
     Source of FiLM: Perez et al. 2018.
     """
@@ -55,26 +55,26 @@ class FilmBlock(nn.Module):
         self.width = after
 
     def forward(self, x: Tensor, film: Iterator[Tensor]) -> Tensor:
-        """(B, n, before) to (B, n, after); takes its scale and its shift, (B, 1, after) each."""
+        """Maps (B, n, before) to (B, n, after); takes scale and shift, (B, 1, after) each."""
         scale, shift = next(film), next(film)
         out: Tensor = self.conv2(scale * self.conv1(x) + shift) + self.residual(x)
         return out
 
 
 class UNet(nn.Module):
-    """Predicts the noise in a chunk of commands, given what is perceived.
+    """Predicts the noise in a chunk of commands, given the observation.
 
-    Stages halve the length, and are joined to those that double it again; the last halves nothing.
-    Scales and shifts of all blocks are computed at once; the part of what is perceived is the same
-    for all steps of the noise. Layout as published: Chi et al. 2023, Diffusion Policy.
+    Every stage but the last halves the length, and is joined to the one that doubles it again.
+    Scales and shifts of all blocks are computed at once; the part of the observation is the same
+    for all noise steps. Layout as published: Chi et al. 2023, Diffusion Policy.
 
     Args:
         size: Numbers of a command, A.
-        condition: Numbers of what is perceived.
-        channels: Of each stage.
-        step_width: Size of the embedding of the step.
-        kernel: Of the convolutions, odd.
-        groups: Of the norms; they divide the channels.
+        condition: Size of the vector of the observation.
+        channels: Channels of each stage.
+        step_width: Size of the embedding of the noise step, even, 4 or more.
+        kernel: Taps of the convolutions, odd.
+        groups: Groups of the group norms, a divisor of the channels of each stage.
 
     Raises:
         ConfigError: The groups do not divide the channels, the kernel is even, or there are fewer
@@ -116,28 +116,29 @@ class UNet(nn.Module):
         self.widths = [block.width for part in order for block in part for _ in "ab"]
         self.film_of_step = nn.Linear(step_width, sum(self.widths), bias=False)
         self.film_of_condition = nn.Linear(condition, sum(self.widths))
-        for layer in (self.film_of_step, self.film_of_condition):  # as of one layer that reads both
+        # Initialised like a single layer with both inputs, as in the original.
+        for layer in (self.film_of_step, self.film_of_condition):
             bound = 1 / math.sqrt(step_width + condition)
             nn.init.uniform_(layer.weight, -bound, bound)
         self.mish = nn.Mish()
 
     def forward(self, actions: Tensor, steps: Tensor, condition: Tensor) -> Tensor:
-        """Noise, (B, H, A), in noisy commands (B, H, A).
+        """Predicts the noise, (B, H, A), in noisy commands.
 
         Args:
-            actions: Their length divides by 2 for each stage but the last.
-            steps: int64 (B,), how noisy they are.
-            condition: float (B, condition).
+            actions: Noisy commands, (B, H, A); H is halved at each stage but the last.
+            steps: Noise step of each chunk, int64 (B,).
+            condition: Vector of the observation, float (B, condition).
         """
         return self.denoise(actions, steps, self.perceive(condition))
 
     def perceive(self, condition: Tensor) -> Tensor:
-        """The part of all scales and shifts that what is perceived gives, for `denoise`."""
+        """Computes the observation's part of all scales and shifts, for `denoise`."""
         out: Tensor = self.film_of_condition(self.mish(condition))
         return out
 
     def denoise(self, actions: Tensor, steps: Tensor, perceived: Tensor) -> Tensor:
-        """See `forward`; ``perceived`` is of `perceive`."""
+        """Predicts the noise like `forward`, from the output of `perceive`."""
         given = perceived + self.film_of_step(self.mish(self.step(steps)))
         film = iter(given[:, None].split(self.widths, dim=-1))
         x, joined = actions, []

@@ -15,13 +15,13 @@ def compare_policies(config: dict[str, Any]) -> list[str]:
     """Trains policies, rolls them out and compares them.
 
     Args:
-        config: Of ``bench``; ``manipulation`` holds the options of the table.
+        config: Configuration of ``bench``; ``manipulation`` holds the options of the table.
 
     Returns:
-        What was not run, a line each.
+        Cells that were not run, with the reason, a line each.
 
     Raises:
-        ConfigError: An unknown policy or task, or a wrong option.
+        ConfigError: An unknown policy or task, or an invalid option.
     """
     options = strict.build(ManipulationOptions, "manipulation", config["manipulation"])
     folder = Path(config["out"] or "runs/bench/manipulation")

@@ -37,17 +37,18 @@ _PAIRED = (
 
 
 def tally(result: CellResult) -> GroupedScore:
-    """Success by start, as the bootstrap of the release gate takes it."""
+    """Groups success by start, for the bootstrap of the release gate."""
     groups = tuple(str(episode.seed) for episode in result.episodes)
     top = np.array([[float(episode.success)] for episode in result.episodes])
     return GroupedScore(groups, top, np.ones_like(top), 0.0, 1.0)
 
 
 def difference(ours: Sequence[CellResult], theirs: Sequence[CellResult]) -> ScoreInterval:
-    """Difference of two policies' success, of the same starts.
+    """Difference of two policies' success, for the same starts.
 
-    Of one training each, the interval is by score; of several, by the bootstrap, which covers
-    their spread. Where that has no width, as all pairs are alike, it is that of the first ones.
+    For one training each, the interval is by score; for several, by the bootstrap, as it covers
+    their spread. Where all pairs agree, the bootstrap has no width, and the interval is that of the
+    first trainings, by score.
     """
     score = compared([tally(cell) for cell in ours], [tally(cell) for cell in theirs])
     several = len(ours) > 1 or len(theirs) > 1
@@ -62,7 +63,7 @@ class Outcome:
 
     Args:
         plan: The plan.
-        results: Of its cells.
+        results: Results of its cells.
     """
 
     def __init__(self, plan: Plan, results: Sequence[CellResult]) -> None:
@@ -70,7 +71,7 @@ class Outcome:
         self.results = results
 
     def of(self, policy: str, setting: Setting) -> list[CellResult]:
-        """The cells of all trainings of a policy that were run."""
+        """Completed cells of all trainings of a policy."""
         return [
             result
             for result in self.results
@@ -78,7 +79,7 @@ class Outcome:
         ]
 
     def reasons(self, policy: str, setting: Setting) -> list[str]:
-        """Why cells were not run."""
+        """Reasons of the skipped cells."""
         return [
             result.reason
             for result in self.results
@@ -90,11 +91,11 @@ def write_outputs(plan: Plan, results: Sequence[CellResult]) -> list[Path]:
     """Writes ``results.json``, ``table.md`` and ``report.html``.
 
     Args:
-        plan: What was planned.
-        results: Of its cells.
+        plan: The plan.
+        results: Results of its cells.
 
     Returns:
-        The files.
+        Paths of the files.
     """
     outcome = Outcome(plan, results)
     tables = [success_table(outcome), *difference_tables(outcome)]
@@ -109,7 +110,7 @@ def write_outputs(plan: Plan, results: Sequence[CellResult]) -> list[Path]:
 
 
 def success_table(outcome: Outcome) -> Table:
-    """Policies by settings."""
+    """Table of success, policies by settings."""
     notes, settings = Notes(), outcome.plan.settings
     rows = [
         [
@@ -136,7 +137,7 @@ def _success(outcome: Outcome, name: str, setting: Setting, notes: Notes) -> Tab
 
 
 def _interval(found: Sequence[CellResult]) -> tuple[float, float]:
-    """Interval of the success: as that of a `difference`, since trainings share their starts."""
+    """Interval of the success, by the method of `difference`, as trainings share their starts."""
     if len(found) > 1:
         score = compared([tally(cell) for cell in found])
         if score.low < score.high:
@@ -145,7 +146,7 @@ def _interval(found: Sequence[CellResult]) -> tuple[float, float]:
 
 
 def difference_tables(outcome: Outcome) -> list[Table]:
-    """One table for each row that others are compared with."""
+    """One table for each reference row (``against``)."""
     return [
         _differences(outcome, other)
         for other in outcome.plan.options.against

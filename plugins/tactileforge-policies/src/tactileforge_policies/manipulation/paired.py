@@ -1,4 +1,4 @@
-"""The interval of a difference of two shares of the same trials, by score."""
+"""Score interval of the difference of two shares of the same trials."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from tactileforge_policies.rollouts.results import wilson
 def paired_difference(ours: Sequence[bool], theirs: Sequence[bool]) -> ScoreInterval:
     """Difference of two shares of successes with its 95 % interval.
 
-    It is that of Newcombe (Statistics in Medicine 17, 1998, method 10): Wilson intervals of both
-    shares, joined with the correlation of the pairs. Where all pairs agree it has a width too,
-    unlike a bootstrap.
+    The interval is that of Newcombe (Statistics in Medicine 17, 1998, method 10): Wilson intervals
+    of both shares, joined with the correlation of the pairs. Unlike a bootstrap, it has a width
+    even where all pairs agree.
 
     Args:
         ours: Success of each trial.
-        theirs: Of the same trials, in the same order.
+        theirs: Success of the other in the same trials, in the same order.
 
     Example:
         >>> found = paired_difference([False] * 20, [False] * 20)
@@ -39,12 +39,12 @@ def paired_difference(ours: Sequence[bool], theirs: Sequence[bool]) -> ScoreInte
 
 
 def _correlation(ours: Sequence[bool], theirs: Sequence[bool]) -> float:
-    """Correlation of the pairs; a positive one with Newcombe's correction for continuity."""
+    """Correlation of the pairs, with Newcombe's continuity correction if it is positive."""
     count, won, lost = len(ours), sum(ours), sum(theirs)
     product = won * (count - won) * lost * (count - lost)
     if not product:
         return 0.0
-    # n times the pairs that both won, less what chance gives: the determinant of the 2 x 2 table
+    # n times the pairs won by both, minus its value by chance: the determinant of the 2 x 2 table.
     surplus = float(count * sum(a and b for a, b in zip(ours, theirs, strict=True)) - won * lost)
     if surplus > 0:
         surplus = max(0.0, surplus - count / 2)

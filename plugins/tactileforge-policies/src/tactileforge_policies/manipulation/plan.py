@@ -1,4 +1,4 @@
-"""The plan of a comparison: policies, the tasks they are trained in, and their rollouts."""
+"""The plan of a comparison: policies, tasks, trainings and rollouts."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class ComparedPolicy:
     """A row of the table.
 
     Attributes:
-        title: Its name in print.
-        actor: ``expert`` or ``still`` where nothing is trained; "" for a policy.
-        words: Overrides of ``tactileforge train``.
+        title: Name of the row in print.
+        actor: ``expert`` or ``still`` for a row without training; "" for a trained policy.
+        words: Overrides of ``tactileforge train`` for this row.
     """
 
     title: str
@@ -37,18 +37,18 @@ class ManipulationOptions:
     """The table of manipulation.
 
     Attributes:
-        tasks: Of `tactileforge_policies.envs`.
+        tasks: Names of tasks of `tactileforge_policies.envs`.
         sensors: Types of sensors; each has demonstrations and policies of its own.
-        size: Rows and columns of their pictures.
-        demonstrations: Episodes of the expert that a policy is trained on.
+        size: Height and width of their pictures, pixels.
+        demonstrations: Number of the expert's episodes for the training of a policy.
         units: Units of the sensors of the demonstrations, in turns; None for one.
-        rollouts: Episodes of each policy, the same starts and physics for all.
+        rollouts: Number of episodes of each policy, with the same starts and physics for all.
         policies: Rows, by name.
-        against: Rows that all others are compared with.
+        against: Names of the rows to compare all others with.
         train: Overrides of every training.
         cross_sensor: Whether policies are rolled out on the other sensors too.
-        other_unit: Unit of the sensors, whose gels policies are rolled out on too; None for none.
-        processes: Processes that simulate; None for one a core.
+        other_unit: Further unit of the sensors for rollouts, with different gels; None for none.
+        processes: Number of simulating processes; None for one a core.
     """
 
     tasks: list[str]
@@ -71,7 +71,7 @@ class Setting:
 
     Attributes:
         task: Name of the task.
-        sensor: Of the demonstrations.
+        sensor: Sensor of the demonstrations.
         on: Sensor of the rollouts.
         unit: Unit of the sensors of the rollouts; None for that of the demonstrations.
     """
@@ -88,7 +88,7 @@ class Setting:
 
     @property
     def title(self) -> str:
-        """Its name in print."""
+        """Name of the column in print."""
         where = self.sensor if self.on == self.sensor else f"{self.sensor} to {self.on}"
         return f"{self.word}, {where}{'' if self.unit is None else ', other gels'}"
 
@@ -98,11 +98,11 @@ class Cell:
     """Rollouts of one policy of one training seed in one setting.
 
     Attributes:
-        policy: Name of its row.
-        seed: Of its training.
+        policy: Name of the row.
+        seed: Seed of the training.
         setting: The column.
-        train: Its training; None for an actor that is not trained.
-        rollouts: What is rolled out.
+        train: The training; None for an actor without training.
+        rollouts: Options of the rollouts.
     """
 
     policy: str
@@ -114,13 +114,13 @@ class Cell:
 
 @dataclass(frozen=True)
 class Plan:
-    """All that a table needs.
+    """Plan of a table: its options, rows, columns and cells.
 
     Attributes:
-        options: Of the table.
-        folder: Of the results.
-        seeds: Of trainings.
-        policies: Rows, by name, as they were chosen.
+        options: Options of the table.
+        folder: Folder of the results.
+        seeds: Seeds of the trainings of each policy.
+        policies: Chosen rows, by name.
     """
 
     options: ManipulationOptions
@@ -130,7 +130,7 @@ class Plan:
 
     @property
     def settings(self) -> list[Setting]:
-        """Columns."""
+        """Columns of the table."""
         out = []
         for task in self.options.tasks:
             for sensor in self.options.sensors:
@@ -142,7 +142,7 @@ class Plan:
         return out
 
     def demonstrations(self) -> list[DemonstrationOptions]:
-        """Sets of demonstrations that trainings need; none where nothing is trained."""
+        """Sets of demonstrations for the trainings; empty without trainings."""
         if all(row.actor for row in self.policies.values()):
             return []
         return [
@@ -193,7 +193,7 @@ class Plan:
         return self.folder / "demonstrations" / f"{TaskOptions(task=task).word}-{sensor}"
 
     def told(self) -> str:
-        """The amount of work, in words."""
+        """Describes the amount of work, in words."""
         cells = self.cells()
         jobs = {cell.train.name: cell.train for cell in cells if cell.train}
         done = sum(job.finished for job in jobs.values())
@@ -216,15 +216,15 @@ def make_plan(
     models: Sequence[str],
     tasks: Sequence[str] | None,
 ) -> Plan:
-    """The plan of a command.
+    """Makes the plan of a command.
 
     Args:
-        options: Of the suite.
-        folder: Of the results.
-        seeds: Trainings of each policy.
-        models: Rows that were asked for, by name, or models that can be loaded (NAME.TAG,
-            file:PATH); none for all.
-        tasks: That were asked for; None for all.
+        options: Options of the suite.
+        folder: Folder of the results.
+        seeds: Number of trainings of each policy.
+        models: Requested rows by name, or models to load (NAME.TAG, file:PATH); empty for all
+            rows.
+        tasks: Requested tasks; None for all.
 
     Raises:
         ConfigError: An unknown row or task.

@@ -1,4 +1,4 @@
-"""Demonstrations, trainings and rollouts of a plan; what is there is not done again."""
+"""Demonstrations, trainings and rollouts of a plan; finished parts are not repeated."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class CellResult:
 
     Attributes:
         cell: The cell.
-        episodes: Of its rollouts; none where it was not run.
-        reason: Why it was not.
+        episodes: Results of its episodes; empty where it was not run.
+        reason: Reason why it was not run; "" where it was.
     """
 
     cell: Cell
@@ -35,11 +35,11 @@ class CellResult:
 
 
 def run_plan(plan: Plan) -> list[CellResult]:
-    """Runs all cells; a policy whose training fails is told, and the others go on.
+    """Runs all cells. A failed training is reported, and the other cells go on.
 
     Raises:
-        ConfigError: The folder holds results of another configuration.
-        KeyboardInterrupt: It was stopped; the same call goes on.
+        ConfigError: The folder holds results of a different configuration.
+        KeyboardInterrupt: It was stopped; the same call resumes it.
     """
     for options in plan.demonstrations():
         write_demonstrations(options)

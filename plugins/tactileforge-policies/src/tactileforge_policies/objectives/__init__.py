@@ -1,1 +1,1 @@
-"""Losses of heads that act."""
+"""Losses of policy heads."""

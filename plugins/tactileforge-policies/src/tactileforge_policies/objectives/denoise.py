@@ -20,6 +20,6 @@ class Denoise(nn.Module):
     needs: ClassVar[frozenset[str]] = frozenset({"action_chunk"})
 
     def forward(self, prediction: ChunkPrediction, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
-        """The loss."""
+        """Computes the loss."""
         error = (prediction.predicted.float() - prediction.target) ** 2
         return masked_mean(error.mean(-1), batch["action_chunk_valid"]), {}

@@ -1,4 +1,4 @@
-"""Predicts the commands that were demonstrated."""
+"""Predicts the demonstrated commands."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Imitate(nn.Module):
     """Error of commands from -1 to 1, over those before the end of the episode.
 
     Args:
-        loss: ``l1`` (as of ACT) or ``huber``, linear from 1 on.
+        loss: ``l1`` (as in ACT) or ``huber`` (linear above an error of 1).
     """
 
     head: ClassVar[str] = "regression"
@@ -28,7 +28,7 @@ class Imitate(nn.Module):
         self.loss = loss
 
     def forward(self, prediction: ChunkPrediction, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
-        """The loss; logs the mean absolute error in the robot's units.
+        """Computes the loss; logs the mean absolute error in the robot's units.
 
         Raises:
             ConfigError: The head predicts noise.

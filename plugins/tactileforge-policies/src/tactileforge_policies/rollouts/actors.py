@@ -1,4 +1,4 @@
-"""Actors of an episode: a trained policy, the scripted expert, or none that moves."""
+"""Actors of an episode: a trained policy, the scripted expert, or an idle one."""
 
 from __future__ import annotations
 
@@ -13,50 +13,50 @@ from tactileforge.files import sha256
 from tactileforge.plugin import ConfigError
 from tactileforge_policies.rollouts.episode import Actor, Forces, Observation
 
-#: Words for an actor that is not trained.
+#: Names of the actors without training.
 SCRIPTED = ("expert", "still")
 
 
 class Expert:
-    """The scripted expert of the task, which reads its hidden state."""
+    """The scripted expert of the task, with access to its hidden state."""
 
     def reset(self, env: Any, seed: int) -> None:
-        """Asks the environment for its expert."""
+        """Gets the expert of the environment."""
         self._act: Callable[[Observation], NDArray[np.float32]] = env.unwrapped.expert()
 
     def act(self, observation: Observation, force: Forces) -> NDArray[np.float32]:
-        """The expert's action."""
+        """Returns the expert's action."""
         return self._act(observation)
 
 
 class Still:
-    """Nobody: no action, so nothing moves."""
+    """An idle actor; nothing moves."""
 
     def reset(self, env: Any, seed: int) -> None:
-        """Finds the size of an action."""
+        """Prepares a zero action of the right size."""
         self._still = np.zeros(env.action_space.shape, np.float32)
 
     def act(self, observation: Observation, force: Forces) -> NDArray[np.float32]:
-        """Zeros."""
+        """Returns zeros."""
         return self._still
 
 
 class PolicyActor:
-    """A trained policy; what it draws is a function of the episode's seed.
+    """A trained policy; its random numbers depend on the episode's seed alone.
 
     Args:
-        policy: See `tactileforge_policies.load_policy`.
+        policy: The policy, of `tactileforge_policies.load_policy`.
     """
 
     def __init__(self, policy: Any) -> None:
         self.policy = policy
 
     def reset(self, env: Any, seed: int) -> None:
-        """Gives the policy the pictures of the untouched fingers."""
+        """Resets the policy, with the pictures of the untouched fingers."""
         self.policy.reset(background=env.unwrapped.background(), seed=seed)
 
     def act(self, observation: Observation, force: Forces) -> NDArray[np.float32]:
-        """The policy's action."""
+        """Returns the policy's action."""
         touch = self.policy.fingers if self.policy.uses_touch else ()
         frames = {finger: observation[finger] for finger in touch}
         image = observation["image"] if self.policy.uses_image else None
@@ -66,16 +66,16 @@ class PolicyActor:
 
 
 def make_actor(word: str, env: Any, cross_sensor: bool = False) -> Actor:
-    """The actor of a word.
+    """Makes the actor for a word of the command line.
 
     Args:
-        word: ``expert``, ``still``, the folder of a run, or a file.
-        env: Which it acts in.
-        cross_sensor: Whether a policy may be of another sensor.
+        word: ``expert``, ``still``, the folder of a run, or a checkpoint file.
+        env: Environment of the actor.
+        cross_sensor: Whether the policy's sensor may differ from the environment's.
 
     Raises:
-        ConfigError: The policy is for another task, sensor, rate, or number of fingers, or
-            another size of state or action.
+        ConfigError: Task, sensor, rate, fingers, or size of state or action of the policy do not
+            match the environment.
     """
     if word == "expert":
         return Expert()
@@ -92,7 +92,7 @@ def check_policy(word: str, policy: Any, env: Any, cross_sensor: bool) -> None:
     """Compares a policy with an environment, before anything is simulated.
 
     Raises:
-        ConfigError: They do not fit; says how, and the fix.
+        ConfigError: They do not match; the message names the difference and its fix.
     """
     plain = env.unwrapped
     wanted = {
@@ -121,7 +121,7 @@ def check_policy(word: str, policy: Any, env: Any, cross_sensor: bool) -> None:
 
 
 def fingerprint(word: str) -> str:
-    """Hash of an actor's weights, so that results of other weights are not kept.
+    """Hash of an actor's weights, against mixing results of different weights.
 
     Raises:
         ConfigError: There is no such policy.
@@ -135,7 +135,7 @@ def fingerprint(word: str) -> str:
         )
     from tactileforge.run_folder import BEST, LAST
 
-    # those that `load_policy` takes
+    # The same choice of file as in `load_policy`.
     files = [path] if path.is_file() else [path / BEST, path / LAST]
     found = next((file for file in files if file.is_file()), None)
     if found is None:

@@ -1,4 +1,4 @@
-"""Demonstrations: episodes of the scripted expert as shards, one file an episode."""
+"""Demonstrations: episodes of the scripted expert as shards, one file per episode."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from tactileforge_policies.rollouts.actors import Expert
 from tactileforge_policies.rollouts.episode import Episode, play_episode
 from tactileforge_policies.rollouts.options import DemonstrationOptions, make_environment
 
-#: What the folder was made with.
+#: File of the options that the folder was made with.
 MADE = "demonstrations.json"
-#: Tiers of the tactile dynamic pyramid that the tasks stand for.
+#: Tier of each task in the tactile dynamic pyramid.
 _TIERS = {"grasp": 5, "wipe": 4, "insert": 2, "chip": 1}
-#: From here on episodes are worth the start of more processes.
+#: Number of missing episodes from which on more processes are worth their start.
 _MANY = 4
 _NONE = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))
 
@@ -35,8 +35,8 @@ class Demonstrations:
     """The outcome of `write_demonstrations`.
 
     Attributes:
-        episodes: How many there are.
-        failed: Kind of failure of the episodes that were left out, by seed.
+        episodes: Number of stored episodes.
+        failed: Kind of failure of the episodes left out, by seed.
     """
 
     episodes: int
@@ -44,16 +44,16 @@ class Demonstrations:
 
 
 def write_demonstrations(options: DemonstrationOptions) -> Demonstrations:
-    """Writes episodes until there are enough; a killed command goes on where it was.
+    """Writes episodes until there are enough; a killed command resumes where it stopped.
 
     Args:
-        options: Task, number and folder.
+        options: Task, number of episodes and folder.
 
     Raises:
-        ConfigError: The folder holds other demonstrations.
-        TactileForgeError: The expert fails more often than it succeeds.
+        ConfigError: The folder holds different demonstrations.
+        TactileForgeError: The expert fails in more than half of the episodes.
     """
-    make_environment(options.of_unit(0)).close()  # mistakes are named before processes start
+    make_environment(options.of_unit(0)).close()  # errors in options show before processes start
     folder = Path(options.out)
     claim(folder / MADE, _made(options), "demonstrations")
     shards.keep_whole(sorted(folder.glob("episode-*.tar")))
@@ -74,7 +74,7 @@ def write_demonstrations(options: DemonstrationOptions) -> Demonstrations:
 
 
 def _forget_damaged(folder: Path) -> None:
-    """Removes notes of failures that are damaged, so that these episodes are played anew."""
+    """Removes damaged notes of failures; their episodes are then played again."""
     for path in folder.glob("failed/*.json"):
         try:
             unsealed(path.read_bytes())["failure"]
@@ -99,10 +99,10 @@ def _play(options: DemonstrationOptions, folder: Path, numbers: Sequence[int], b
 def _write(
     options: DemonstrationOptions, numbers: Iterable[int], told: Callable[[], object]
 ) -> None:
-    """Plays episodes and writes each: a shard, or how it failed."""
+    """Plays episodes and writes each as a shard, or a note of its failure."""
     folder, expert = Path(options.out), Expert()
     envs: dict[Any, Any] = {}
-    with one_thread():  # the bytes are those of any machine
+    with one_thread():  # sums do not depend on the number of cores: same bytes on any machine
         for number in numbers:
             played = options.of_unit(number)
             unit = played.env.get("unit")
@@ -123,15 +123,16 @@ def _write(
 def pack_episode(
     episode: Episode, env: Any, name: str, options: DemonstrationOptions
 ) -> list[shards.Packed]:
-    """One recording a finger; the camera is on the first, state and actions are on all.
+    """Packs one recording per finger; the first has the camera, all have state and actions.
 
     Args:
-        episode: Of T steps: T frames, each before the action of its step.
-        env: Which it was played in.
-        name: Of the episode.
-        options: Their sensor and codec.
+        episode: Episode of T steps; T frames are stored, each before the action of its step.
+        env: Environment of the episode.
+        name: Name of the episode.
+        options: Options of the demonstrations.
     """
     plain = env.unwrapped
+    # An episode has one more observation than actions; the last one has no command, and is dropped.
     steps = len(episode.actions)
     times = episode.times[:steps]
     tracks = {
@@ -175,7 +176,7 @@ def _encoded(pictures: Any, codec: str) -> list[bytes]:
 
 
 def _index(options: DemonstrationOptions, folder: Path, tried: int) -> Demonstrations:
-    """Writes the index; ``data=demonstrations`` draws which of them are for validation."""
+    """Writes the index, all as ``train``; ``data=demonstrations`` draws the validation split."""
     entries = [IndexEntry.of(_path(folder, n)) for n in _kept(folder, tried)]
     failed = _failed(folder, options, tried)
     made = {**_made(options), "failed": {str(seed): kind for seed, kind in failed.items()}}
@@ -214,7 +215,7 @@ def _kinds(failed: dict[int, str]) -> str:
 
 
 def _made(options: DemonstrationOptions) -> dict[str, Any]:
-    """Options that decide the bytes: neither the folder nor the number of processes."""
+    """Options with effect on the bytes: all but the folder and the number of processes."""
     return {k: v for k, v in asdict(options).items() if k not in ("out", "processes")}
 
 

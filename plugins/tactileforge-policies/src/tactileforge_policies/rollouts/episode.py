@@ -1,4 +1,4 @@
-"""One episode in closed loop: what was seen, felt and done, and how it ended."""
+"""One episode in closed loop: its observations, forces, actions and result."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ Forces = Mapping[str, NDArray[np.float32]]
 
 
 class Actor(Protocol):
-    """Whoever acts: a policy, the scripted expert, or nobody."""
+    """Chooser of actions: a policy, the scripted expert, or an idle one."""
 
     def reset(self, env: Any, seed: int) -> None:
-        """Prepares for an episode whose environment was just reset."""
+        """Prepares for an episode, after the reset of its environment."""
         ...
 
     def act(self, observation: Observation, force: Forces) -> NDArray[np.float32]:
         """Chooses the action (A,) of a step.
 
         Args:
-            observation: Of the environment.
-            force: Of each finger, (3,), N: privileged, for policies that were trained on it.
+            observation: Observation of the environment.
+            force: Force on each finger, (3,), N; privileged, for policies trained on it.
         """
         ...
 
@@ -38,18 +38,18 @@ class Episode:
     """An episode of T steps.
 
     Attributes:
-        seed: Of its start and physics.
-        rate: Steps of a second of the task, Hz.
-        fingers: Their names.
+        seed: Seed of its start and physics.
+        rate: Steps a second, Hz.
+        fingers: Names of the fingers.
         background: Picture of each untouched finger, uint8 (H, W, 3).
-        observations: T + 1, the last after the last action.
-        forces: T + 1, on each finger, (3,), N.
-        actions: T, float32 (A,), as chosen: without what noise added.
+        observations: Observations, T + 1; the last is after the last action.
+        forces: Forces on each finger, T + 1, (3,), N.
+        actions: Chosen actions within the limits, without noise, T, float32 (A,).
         success: Whether the task was done.
-        score: 0 to 1; part of the task counts.
-        failure: How it failed; "" for success.
-        seconds: Time that simulation and actor took, s.
-        act_seconds: Time of each action of the actor, s.
+        score: Score, 0 to 1, with partial credit.
+        failure: Kind of failure; "" for success.
+        seconds: Computing time of simulation and actor, s.
+        act_seconds: Computing time of each action of the actor, s.
     """
 
     seed: int
@@ -71,11 +71,11 @@ class Episode:
         return np.arange(len(self.observations)) / self.rate
 
     def seen(self, name: str) -> NDArray[Any]:
-        """One part of all observations, (T + 1, ...)."""
+        """Stacks one part of all observations, (T + 1, ...)."""
         return np.stack([observation[name] for observation in self.observations])
 
     def force_of(self, finger: str) -> NDArray[np.float32]:
-        """Forces on a finger, (T + 1, 3), N."""
+        """Stacks the forces on a finger, (T + 1, 3), N."""
         return np.stack([forces[finger] for forces in self.forces])
 
 
@@ -83,14 +83,15 @@ def play_episode(env: Any, actor: Actor, seed: int, noise: float = 0.0) -> Episo
     """Plays one episode to its end.
 
     Args:
-        env: An environment whose episodes end; see `make_environment`.
-        actor: Who acts.
-        seed: Of start, physics and noise.
-        noise: Standard deviation of what is added to each action before it is carried out, as a
-            share of the largest one.
+        env: Environment with episodes of limited length; see `make_environment`.
+        actor: Chooser of the actions.
+        seed: Seed of start, physics and noise.
+        noise: Standard deviation of the noise added to each action before it is carried out, as a
+            share of the largest action.
 
     Raises:
-        TactileForgeError: An action is no number, or of another size; names the step.
+        TactileForgeError: An action is not finite, or has the wrong size; the message names the
+            step.
     """
     began = time.perf_counter()
     observation, _ = env.reset(seed=seed)
@@ -106,7 +107,8 @@ def play_episode(env: Any, actor: Actor, seed: int, noise: float = 0.0) -> Episo
         action = np.asarray(actor.act(observation, episode.forces[-1]), np.float32)
         episode.act_seconds.append(time.perf_counter() - asked)
         _check_action(action, space.shape, episode)
-        # a command beyond what the arm can do is cut, as an arm does
+        # An arm cannot exceed its limits, so larger commands are clipped; the noise comes after, as
+        # the clipped command without noise is what a policy learns.
         action = np.clip(action, space.low, space.high)
         pushed = noise * space.high * draw.standard_normal(space.shape, np.float32)
         observation, _, terminated, truncated, info = env.step(

@@ -1,4 +1,4 @@
-"""Options of a task, and its environment."""
+"""Options of a task, and the making of its environment."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from typing import Any
 from tactileforge.data.frames.image_codecs import CODECS
 from tactileforge.plugin import ConfigError, unknown
 
-#: Namespace of the environments that come with the package.
+#: Namespace of the environments of this package.
 NAMESPACE = "tactileforge"
-#: Steps after which an episode of a task that has no limit of its own ends.
+#: Steps of the longest episode of a task without a limit of its own.
 LIMIT = 500
-#: First seed of demonstrations: no rollout is given one of theirs.
+#: First seed of demonstrations; seeds of rollouts are smaller, so that none was seen in training.
 FIRST_DEMONSTRATION = 1_000_000_000
-#: Episodes of one seed; another seed has others.
+#: Episodes of one ``seed``; those of different seeds do not overlap.
 PER_SEED = 100_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class TaskOptions:
-    """A task, and how it is simulated.
+    """A task and its simulation.
 
     Attributes:
-        task: ``grasp``, ``wipe``, ``insert`` or ``chip``; or the gymnasium id of an environment of
-            yours, as ``module:Name-v0`` (docs/manipulation.md).
+        task: ``grasp``, ``wipe``, ``insert`` or ``chip``; or the gymnasium id of your own
+            environment, as ``module:Name-v0`` (docs/manipulation.md).
         sensor: Type of sensor of both fingers.
-        size: Rows and columns of their pictures.
-        seed: Another seed, other starts and physics.
-        limit: Steps after which an episode ends; None for the limit of the task.
-        env: Other keys of the environment, by name.
+        size: Height and width of their pictures, pixels.
+        seed: Seed of starts and physics of all episodes.
+        limit: Largest number of steps of an episode; None for the limit of the task.
+        env: Further keys of the environment, by name.
     """
 
     task: str
@@ -51,7 +51,7 @@ class TaskOptions:
             raise ConfigError(f"limit={self.limit}: give 1 step or more")
 
     def episode_seed(self, number: int) -> int:
-        """Seed of a rollout: the same start and physics for every policy.
+        """Seed of a rollout; it gives every policy the same start and physics.
 
         Example:
             >>> TaskOptions(task="chip", seed=2).episode_seed(7)
@@ -61,24 +61,24 @@ class TaskOptions:
 
     @property
     def word(self) -> str:
-        """The task's name in keys and folders."""
+        """Name of the task in keys and folders."""
         return self.task.rpartition(":")[2].rpartition("/")[2].removesuffix("-v0").lower()
 
 
 @dataclass(frozen=True, kw_only=True)
 class DemonstrationOptions(TaskOptions):
-    """Demonstrations of the scripted expert, as shards that policies are trained on.
+    """Demonstrations of the scripted expert, as shards for the training of policies.
 
     Attributes:
         out: Folder of the shards.
-        n: Episodes to keep; those in which the expert fails are left out and named.
-        noise: Standard deviation of what is added to the expert's actions before they are carried
-            out, as a share of the largest; what is written down is what it meant to do. So a
-            policy sees how the expert comes back to its way (Laskey et al. 2017, DART).
-        units: Units of the sensors, one an episode, in turns: policies see gels and lights that
-            differ; None for the unit of ``env``.
-        codec: How pictures are stored: without loss png or webp, or jpg (quality 95).
-        processes: Processes that simulate; None for one a core.
+        n: Number of successful episodes to store; failures of the expert are left out and listed.
+        noise: Standard deviation of the noise added to the expert's actions before they are carried
+            out, as a share of the largest action. The actions are stored without it, so that a
+            policy learns how the expert recovers (Laskey et al. 2017, DART).
+        units: Units of the sensors, one per episode, in turns, so that gels and lights vary; None
+            for the unit of ``env``.
+        codec: Codec of the pictures: png or webp, without loss, or jpg (quality 95).
+        processes: Number of simulating processes; None for one a core.
     """
 
     out: str
@@ -100,7 +100,7 @@ class DemonstrationOptions(TaskOptions):
             raise ConfigError(f"codec={self.codec}; give one of {', '.join(CODECS)}")
 
     def episode_seed(self, number: int) -> int:
-        """Seed of a demonstration, which no rollout has.
+        """Seed of a demonstration, distinct from those of all rollouts.
 
         Example:
             >>> DemonstrationOptions(task="chip", out="x").episode_seed(7)
@@ -109,7 +109,7 @@ class DemonstrationOptions(TaskOptions):
         return FIRST_DEMONSTRATION + super().episode_seed(number)
 
     def of_unit(self, number: int) -> DemonstrationOptions:
-        """Options whose environment has the unit of an episode."""
+        """Options with the sensor unit of an episode in ``env``."""
         if self.units is None:
             return self
         unit = self.units[number % len(self.units)]
@@ -121,14 +121,14 @@ class RolloutOptions(TaskOptions):
     """Rollouts of a policy in a task.
 
     Attributes:
-        policy: Folder of a run, a file, ``expert`` (scripted, reads the hidden state) or ``still``
-            (nothing moves).
-        n: Episodes.
-        cross_sensor: Whether the policy may have been trained on another sensor.
-        shown: Episodes on the page, failures and successes in turn.
-        processes: Processes that simulate; None for one a core.
-        out: Folder of the results; None for runs/rollouts/TASK-SENSOR-POLICY. Rollouts that were
-            stopped go on there, and a larger n adds to them.
+        policy: Folder of a run, a checkpoint file, ``expert`` (scripted, reads the hidden state) or
+            ``still`` (nothing moves).
+        n: Number of episodes.
+        cross_sensor: Whether the policy may have been trained on a different sensor.
+        shown: Number of episodes on the page, failures and successes in turn.
+        processes: Number of simulating processes; None for one a core.
+        out: Folder of the results; None for runs/rollouts/TASK-SENSOR-POLICY. Stopped rollouts are
+            resumed there, and a larger n adds to them.
     """
 
     policy: str
@@ -153,10 +153,10 @@ class RolloutOptions(TaskOptions):
 
 
 def make_environment(options: TaskOptions) -> Any:
-    """The gymnasium environment of a task; its episodes end.
+    """Makes the gymnasium environment of a task, with episodes of limited length.
 
     Raises:
-        ConfigError: There is no such task, or it does not take a key.
+        ConfigError: There is no such task, or it does not accept a key.
     """
     import gymnasium
 
@@ -172,13 +172,13 @@ def make_environment(options: TaskOptions) -> Any:
 
 
 def environment_id(task: str) -> str:
-    """The gymnasium id of a task.
+    """Gymnasium id of a task.
 
     Args:
-        task: A word of ours, or an id: ``namespace/Name-v0``, ``module:Name-v0``.
+        task: Name of a task of this package, or an id, ``module:Name-v0``.
 
     Raises:
-        ConfigError: There is no such task; names the nearest.
+        ConfigError: There is no such task; the message names the nearest.
     """
     import gymnasium
 

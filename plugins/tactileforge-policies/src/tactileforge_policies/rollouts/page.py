@@ -30,10 +30,10 @@ from tactileforge.pages.templating import joined, piece
 from tactileforge_policies.rollouts.results import EpisodeResult, wilson
 from tactileforge_policies.rollouts.rollout import Rollouts
 
-#: Classes of success and failure in figures.
+#: Colour classes of success and failure in figures.
 _CLASSES = {True: 2, False: 1}
 _AXES = ("x (shear)", "y (shear)", "z (normal)")
-#: Episodes in the figures of forces.
+#: Largest number of episodes in the figures of forces.
 _LINES = 100
 _SIMULATED = (
     "Success in a simulation says how policies compare with each other in it; it is no proof for a "
@@ -42,10 +42,10 @@ _SIMULATED = (
 
 
 def rollout_page(rollouts: Rollouts) -> str:
-    """The whole page.
+    """Builds the page as HTML.
 
     Args:
-        rollouts: See `roll_out`.
+        rollouts: Outcome of `roll_out`.
     """
     options, made = rollouts.options, rollouts.facts
     sections = [
@@ -82,7 +82,7 @@ def _episodes(rollouts: Rollouts) -> Markup:
 
 
 def chosen_episodes(episodes: Sequence[EpisodeResult], count: int) -> list[EpisodeResult]:
-    """Failures and successes in turn, as many as wanted, in the order of their seeds."""
+    """Chooses ``count`` episodes, failures and successes in turn, ordered by seed."""
     failed = [episode for episode in episodes if not episode.success]
     done = [episode for episode in episodes if episode.success]
     mixed = [e for e in chain.from_iterable(zip_longest(failed, done)) if e is not None]

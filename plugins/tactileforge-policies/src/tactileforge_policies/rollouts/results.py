@@ -1,4 +1,4 @@
-"""Results of rollouts: an episode a file, and what they add up to."""
+"""Results of rollouts: one file per episode, and their summary."""
 
 from __future__ import annotations
 
@@ -24,16 +24,17 @@ class EpisodeResult:
     """Result of one episode.
 
     Attributes:
-        seed: Of its start and physics.
+        seed: Seed of its start and physics.
         success: Whether the task was done.
-        score: 0 to 1; part of the task counts.
-        failure: How it failed; "" for success.
-        steps: Actions.
-        seconds: Time that simulation and actor took, s.
-        act_seconds: Time of the actor's actions, s.
-        times: Of the forces, s.
-        force: On each finger, x, y and z at each time, N.
-        video: Its video, from the folder of the results; "" where this OpenCV writes none.
+        score: Score, 0 to 1, with partial credit.
+        failure: Kind of failure; "" for success.
+        steps: Number of actions.
+        seconds: Computing time of simulation and actor, s.
+        act_seconds: Computing time of all actions of the actor, s.
+        times: Times of the forces, s.
+        force: Force on each finger, x, y and z at each time, N.
+        video: Path of its video, relative to the folder of the results; "" where the installed
+            OpenCV cannot write VP9.
     """
 
     seed: int
@@ -48,15 +49,15 @@ class EpisodeResult:
     video: str = ""
 
     def save(self, path: Path) -> None:
-        """Writes it, whole or not at all."""
+        """Writes the result atomically, with a checksum."""
         write_text(path, sealed(asdict(self)))
 
     @classmethod
     def load(cls, path: Path) -> EpisodeResult:
-        """Reads what `save` wrote.
+        """Reads a file of `save`.
 
         Raises:
-            DataError: It is damaged.
+            DataError: The file is damaged.
         """
         try:
             return strict.build(cls, str(path), unsealed(path.read_bytes()))
@@ -65,7 +66,7 @@ class EpisodeResult:
 
 
 def wilson(successes: int, count: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson, 1927): it is within 0 and 1, also for none and for all.
+    """95 % interval of a share (Wilson, 1927); it stays within 0 and 1, even for shares 0 and 1.
 
     Example:
         >>> [round(end, 3) for end in wilson(18, 20)]
@@ -81,18 +82,18 @@ def wilson(successes: int, count: int) -> tuple[float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """Sum of some episodes.
+    """Summary of some episodes.
 
     Attributes:
-        n: Episodes.
-        successes: How many succeeded.
-        success: Share that did.
+        n: Number of episodes.
+        successes: Number of successful episodes.
+        success: Share of successful episodes.
         low: Lower end of its 95 % interval (Wilson).
-        high: Upper end.
-        score: Mean score.
-        failures: Episodes by kind of failure, most frequent first.
-        steps_per_second: Steps of a second of one process, simulation and actor together.
-        act_ms: Mean time of an action of the actor, ms.
+        high: Upper end of its 95 % interval (Wilson).
+        score: Mean score, 0 to 1.
+        failures: Number of episodes by kind of failure, most frequent first.
+        steps_per_second: Steps computed per second by one process, simulation and actor together.
+        act_ms: Mean computing time of an action of the actor, ms.
     """
 
     n: int
@@ -107,7 +108,7 @@ class Summary:
 
     @classmethod
     def of(cls, episodes: Sequence[EpisodeResult]) -> Summary:
-        """Sums episodes up."""
+        """Summarises episodes."""
         successes = sum(episode.success for episode in episodes)
         steps = sum(episode.steps for episode in episodes)
         low, high = wilson(successes, len(episodes))
@@ -126,7 +127,7 @@ class Summary:
 
     @property
     def line(self) -> str:
-        """Success in words."""
+        """Success and its interval in words."""
         interval = f"{100 * self.low:.1f} to {100 * self.high:.1f} %"
         return (
             f"{self.successes} of {self.n} succeed, {100 * self.success:.1f} % "
@@ -137,13 +138,13 @@ class Summary:
 def write_results(
     path: Path, made: dict[str, Any], summary: Summary, episodes: Sequence[EpisodeResult]
 ) -> None:
-    """Writes ``results.json``: what was rolled out, its sum, and a row an episode.
+    """Writes ``results.json``: the options, the summary, and a row per episode.
 
     Args:
-        path: The file.
-        made: With what.
-        summary: Of the episodes.
-        episodes: In the order of their seeds.
+        path: Path of the file.
+        made: Options of the rollouts, with a hash of the weights.
+        summary: Summary of the episodes.
+        episodes: Results in the order of their seeds; times and forces are left out.
     """
     heavy = ("times", "force")
     rows = [{k: v for k, v in asdict(row).items() if k not in heavy} for row in episodes]

@@ -18,13 +18,13 @@ from tactileforge_policies.rollouts.options import RolloutOptions, make_environm
 from tactileforge_policies.rollouts.results import EpisodeResult, Summary, write_results
 from tactileforge_policies.rollouts.video import episode_frames, write_video
 
-#: What the folder was made with.
+#: File of the options that the folder was made with.
 MADE = "rollout.json"
 RESULTS = "results.json"
 PAGE = "report.html"
-#: From here on episodes are worth the start of more processes.
+#: Number of missing episodes from which on more processes are worth their start.
 _MANY = 4
-#: Options that change no episode.
+#: Options without effect on an episode; the policy is identified by its weights instead.
 _FREE = ("out", "processes", "n", "shown", "policy")
 
 
@@ -33,10 +33,10 @@ class Rollouts:
     """The outcome of `roll_out`.
 
     Attributes:
-        options: What was asked for.
-        facts: What they were made with.
-        episodes: In the order of their seeds.
-        summary: Their sum.
+        options: Options of the rollouts.
+        facts: Options with effect on episodes, hash of the weights, and instruction of the task.
+        episodes: Results in the order of their seeds.
+        summary: Summary of the episodes.
     """
 
     options: RolloutOptions
@@ -46,16 +46,16 @@ class Rollouts:
 
 
 def roll_out(options: RolloutOptions) -> Rollouts:
-    """Plays episodes that are not there yet, and writes ``results.json``.
+    """Plays the missing episodes, and writes ``results.json``.
 
     Raises:
-        ConfigError: Policy and task do not fit, or the folder holds other rollouts.
+        ConfigError: Policy and task do not match, or the folder holds different rollouts.
         TactileForgeError: A process failed.
     """
     folder = options.folder
     made = _made(options)
     env = make_environment(options)
-    # mistakes are named before processes start, and before anything is written
+    # Built here once, so that errors show before processes start and before anything is written.
     make_actor(options.policy, env, options.cross_sensor)
     made["instruction"] = env.unwrapped.instruction
     env.close()
@@ -80,21 +80,22 @@ def _play(options: RolloutOptions, numbers: Sequence[int], bar: Any) -> None:
 
 
 def _write(options: RolloutOptions, numbers: Iterable[int], told: Callable[[], object]) -> None:
-    """Plays episodes, and writes video and result of each."""
+    """Plays episodes, and writes the video and then the result of each."""
     env = make_environment(options)
-    with one_thread():  # sums, and with them results, are those of any machine
+    with one_thread():  # sums do not depend on the number of cores: same results on any machine
         actor = make_actor(options.policy, env, options.cross_sensor)
         for number in numbers:
             episode = play_episode(env, actor, options.episode_seed(number))
             video = f"videos/{number:05d}.mp4"
             seen = write_video(options.folder / video, episode_frames(episode), episode.rate)
+            # The result is written last, as its file marks the episode as done.
             result_of(episode, video if seen else "").save(_path(options.folder, number))
             told()
     env.close()
 
 
 def result_of(episode: Episode, video: str = "") -> EpisodeResult:
-    """The result of an episode; forces are rounded to 0.1 mN."""
+    """Result of an episode; forces are rounded to 0.1 mN."""
     return EpisodeResult(
         seed=episode.seed,
         success=episode.success,
@@ -117,7 +118,7 @@ def _path(folder: Path, number: int) -> Path:
 
 
 def _made(options: RolloutOptions) -> dict[str, Any]:
-    """Options that decide the results; of a policy its weights, wherever they lie."""
+    """Options with effect on the results; a policy is identified by a hash of its weights."""
     plain = {k: v for k, v in asdict(options).items() if k not in _FREE}
     weights = fingerprint(options.policy)
     name = options.policy if options.policy in SCRIPTED else Path(options.policy).name

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from tactileforge.files import new_part
 from tactileforge_policies.rollouts.episode import Episode
 
-#: VP9 in MP4: the wheels of OpenCV write it, and browsers play it; H.264 they do not write.
+#: VP9 in MP4: OpenCV's wheels write it, and browsers play it. The wheels cannot write H.264.
 _FOURCC = "vp09"
-#: Rows of a video, pixels; even. Those of the camera: an episode takes half a second to encode.
+#: Height of a video, pixels, even; that of the camera. An episode takes half a second to encode.
 _HEIGHT = 96
 
 
@@ -35,11 +35,11 @@ def _scaled(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def write_video(path: Path, frames: Sequence[NDArray[np.uint8]], rate: float) -> bool:
-    """Writes an MP4 that browsers play; False where this OpenCV has no VP9.
+    """Writes an MP4 for browsers; returns False if the installed OpenCV has no VP9.
 
     Args:
-        path: Of the video; whole or absent.
-        frames: RGB, uint8 (H, W, 3), all of one even size.
+        path: Path of the video; it is written completely or not at all.
+        frames: Frames, uint8 (H, W, 3), RGB, all of the same even size.
         rate: Frames per second.
     """
     height, width = frames[0].shape[:2]

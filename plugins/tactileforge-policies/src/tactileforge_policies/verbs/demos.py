@@ -10,7 +10,7 @@ from tactileforge_policies.rollouts.options import DemonstrationOptions
 
 
 def _demos(keys: DemonstrationOptions, _: dict[str, Any]) -> None:
-    """Records the scripted expert of a task, as shards that policies are trained on."""
+    """Records the scripted expert of a task, as shards for the training of policies."""
     from tactileforge_policies.rollouts.demonstrations import write_demonstrations
 
     made = write_demonstrations(keys)
