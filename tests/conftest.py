@@ -1,4 +1,5 @@
 import os
+import signal
 import threading
 import time
 from collections import deque
@@ -23,6 +24,10 @@ from tactileforge.errors import TactileForgeError
 
 def pytest_configure(config: pytest.Config) -> None:
     """Processes that test side by side (``pytest -n 2``) compute with one thread each."""
+    defaults = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
+    for number, handler in defaults.items():
+        if signal.getsignal(number) is signal.SIG_IGN:  # `nohup` and shells in the background
+            signal.signal(number, handler)
     if config.getoption("numprocesses", default=None):
         os.environ["OMP_NUM_THREADS"] = "1"  # they are started with these variables
 

@@ -51,6 +51,7 @@ def locked(path: Path, taken: str | None = None) -> Iterator[IO[str]]:
             file.flush()
             yield file
         finally:
+            file.truncate(0)
             _HELD.discard(mine)
 
 

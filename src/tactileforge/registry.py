@@ -187,15 +187,16 @@ def build(kind: str, config: Mapping[str, Any], **given: Any) -> Any:
     for key, default in known.items():
         if default is Parameter.empty and key not in arguments:
             raise ConfigError(f"{what} needs {key!r}: set {key}=...")
-    _check_types(what, plugin, arguments)
+    # keys of an optimiser stand beside those that all of them have
+    _check_types("optim." if kind == "optimizers" else f"{what}: ", plugin, arguments)
     wanted = context(plugin)
     return plugin(**arguments, **{key: given[key] for key in wanted if key in given})
 
 
-def _check_types(what: str, plugin: type[Any], arguments: Mapping[str, Any]) -> None:
+def _check_types(before: str, plugin: type[Any], arguments: Mapping[str, Any]) -> None:
     try:
         hints = get_type_hints(plugin.__init__)
     except Exception:  # names imported for type checking alone cannot be resolved: no check
         return
     for key, value in arguments.items():
-        strict.typed(f"{what}: {key}", value, hints.get(key, Any))
+        strict.typed(f"{before}{key}", value, hints.get(key, Any))

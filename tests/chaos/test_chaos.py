@@ -818,12 +818,12 @@ def test_two_at_once(tmp_path: Path) -> None:
             started.set()
             time.sleep(60)
 
-    from tactileforge.packing import _alone
+    from tactileforge.locks import locked
     from tactileforge.record.store import TakeStore
 
     claims: dict[str, Callable[[], Any]] = {
         "train": lambda: run_folder.claimed(tmp_path / "run", resumes=False),
-        "data pack": lambda: _alone(tmp_path / "packed"),
+        "data pack": lambda: locked(tmp_path / "packed" / "lock", "another program packs into it"),
         "record": lambda: TakeStore(tmp_path / "touches", "train"),
     }
     for what, claim in claims.items():

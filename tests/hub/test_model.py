@@ -276,6 +276,7 @@ def video(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.filterwarnings("ignore:clips. in .* the light has changed")  # pictures are made
 def test_videos_are_cut_by_time(model: Model, video: Path) -> None:
     assert model.spacing == 0.05
     cuts = list(model.cut(video, hop=0.2))
@@ -355,6 +356,7 @@ def test_groups_are_joined_with_fixed_factors(model: Model, frames: np.ndarray) 
         model.encode(frames, "first", "digit", groups="summary")  # type: ignore[arg-type]
 
 
+@pytest.mark.filterwarnings("ignore:clips. in .* the light has changed")  # pictures are made
 def test_a_weaker_touch_has_a_smaller_vector(model: Model) -> None:
     """No norm touches the difference, of a model whose own vectors have a fixed length or not."""
     still = np.full((40, 48, 3), 100, np.uint8)

@@ -19,6 +19,9 @@ from tactileforge import cli
 from tactileforge.data.frames.cut import clip_rows
 from tactileforge.plugin import ConfigError, DataError
 
+#: The pictures are made, one grey each.
+pytestmark = pytest.mark.filterwarnings("ignore:clips. in .* the light has changed")
+
 
 @pytest.mark.parametrize("rate", [6.0, 15.0, 18.0, 30.0, 60.0])
 def test_clips_are_those_of_a_stream_and_begin_with_the_first_frame_held(rate: float) -> None:
