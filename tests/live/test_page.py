@@ -26,7 +26,7 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chr
 
 def press(frame):
     array = frame.array.copy()
-    array[8:, 16:] = 220
+    array[10:22, 8:16] = 220  # within the gel: at the border it would be light that leaks in
     return Frame(array=array, time=frame.time)
 
 

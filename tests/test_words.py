@@ -1,0 +1,73 @@
+"""Docstrings say plainly what there is: short first lines, and arguments that are described."""
+
+import ast
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PLACES = ("src", "plugins", "benchmarks")
+#: Packages whose docstrings have not been gone through yet.
+PENDING = tuple(
+    f"src/tactileforge/{name}/" for name in ("data", "inspection", "packing", "sensors")
+)
+#: Share of first lines that may have a relative clause.
+MOST = 0.03
+
+RELATIVE = re.compile(r"\b(that|which|who|whose|whom|where|what)\b", re.I)
+OF = re.compile(r"^\s+\*{0,2}[\w.]+(?:, \*{0,2}\w+)*: [Oo]f ")
+SEE = re.compile(r"^\s+\*{0,2}[\w.]+: (?:See|As|Alike|Likewise)\b[^.;,]*\.?$", re.I)
+NONE = re.compile(r"\b(?:that|it|which) is none\b|\bis another\.$")
+
+
+@cache
+def docstrings() -> list[tuple[str, str]]:
+    """Place and text of each docstring, but for those of tests."""
+    found = []
+    for path in sorted(path for place in PLACES for path in (ROOT / place).rglob("*.py")):
+        place = path.relative_to(ROOT).as_posix()
+        if "/tests/" in place or place.startswith(PENDING):
+            continue
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            kinds = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+            if isinstance(node, kinds) and (text := ast.get_docstring(node)):
+                found.append((f"{place}:{getattr(node, 'lineno', 1)}", text))
+    return found
+
+
+def lines_like(pattern: re.Pattern[str]) -> Iterator[str]:
+    """Places and lines of docstrings in which a pattern is found."""
+    for place, text in docstrings():
+        for line in text.splitlines():
+            if pattern.search(line):
+                yield f"{place}: {line.strip()}"
+
+
+def first_sentence(text: str) -> str:
+    return re.split(r"[.;] ", text.split("\n\n")[0].replace("\n", " "))[0]
+
+
+def test_first_lines_have_no_relative_clause() -> None:
+    found = [(place, first_sentence(text)) for place, text in docstrings()]
+    odd = [f"{place}: {line}" for place, line in found if RELATIVE.search(line)]
+    assert len(found) > 3000
+    assert len(odd) <= MOST * len(found), "\n".join(odd)
+
+
+def test_arguments_are_described() -> None:
+    """Neither by ``x: Of y`` nor by ``x: See y``."""
+    assert not [*lines_like(OF), *lines_like(SEE)]
+
+
+def test_invalid_things_are_called_so() -> None:
+    """Not none, and not another."""
+    assert not list(lines_like(NONE))
+
+
+def test_the_rules_find_what_they_are_for() -> None:
+    assert RELATIVE.search(first_sentence("Turns what goes wrong into an error."))
+    assert OF.match("    weight_decay: Of matrices.")
+    assert SEE.match("    config: See `parse`.")
+    assert not SEE.match("    config: Options, see `parse`.")
+    assert NONE.search("ConfigError: A share that is none.")
