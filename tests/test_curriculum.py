@@ -143,6 +143,8 @@ def test_mistakes_in_numbers_that_change(values: dict[str, object], message: str
         ({"objective": {"force": {"start": "x"}}}, "curriculum.objective.force.start=x"),
         ({"objective": {"force": {"end": True}}}, "curriculum.objective.force.end=True"),
         ({"universal": 0.5}, "curriculum.universal"),
+        ({"universal": {"high": "x"}}, "curriculum.universal.high=x"),
+        ({"values": {"encoder": {"mask_ratio": {"low": 0, "high": float("inf")}}}}, "high=inf"),
     ],
 )
 def test_mistakes_of_form_are_named(config: dict[str, object], message: str) -> None:

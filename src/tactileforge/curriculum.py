@@ -98,20 +98,13 @@ def from_config(
         raise ConfigError(unknown("curriculum.unit", unit, units))
 
     def ramp(where: str, row: Any, low: float, high: float) -> Ramp:
-        if not isinstance(row, Mapping):
-            raise ConfigError(f"{where}={row}: give {{start: A, end: B}}")
+        start = _number(where, row, "start", 0.0) * units[unit]
+        stop = total if row.get("end") is None else _number(where, row, "end") * units[unit]
         _check_keys(where, row)
-        for key in ("start", "end"):
-            value = row.get(key)
-            if value is not None and (
-                isinstance(value, bool) or not isinstance(value, int | float)
-            ):
-                raise ConfigError(f"{where}.{key}={value}: give a number, or null")
-        start = float(row.get("start") or 0) * units[unit]
-        end = row.get("end")
-        stop = total if end is None else float(end) * units[unit]
         if not math.isfinite(start + stop):  # first, because NaN passes the comparison below
-            raise ConfigError(f"{where}: start={row.get('start')}, end={end}; give finite numbers")
+            raise ConfigError(
+                f"{where}: start={row.get('start')}, end={row.get('end')}; give finite numbers"
+            )
         if stop < start:
             raise ConfigError(f"{where}: ends at step {stop:g}, before it starts ({start:g})")
         return Ramp(start, stop, low, high)
@@ -126,23 +119,28 @@ def from_config(
         else Ramp(low=weight, high=weight)
         for name, weight in weights.items()
     }
-    row = _universal(config)
-    low, high = float(row.get("low", 0.0)), float(row.get("high", 0.0))
-    if not (0 <= low <= 1 and 0 <= high <= 1):
-        raise ConfigError(f"curriculum.universal: low={low}, high={high}; give chances, 0 to 1")
-    chances = low, high
+    where, row = "curriculum.universal", config.get("universal") or {"high": 0.0}
+    universal = ramp(where, row, *(_number(where, row, key, 0.0) for key in ("low", "high")))
+    if not (0 <= universal.low <= 1 and 0 <= universal.high <= 1):
+        said = f"low={universal.low}, high={universal.high}"
+        raise ConfigError(f"{where}: {said}; give chances, 0 to 1")
     values = {}
     for place, row in value_rows(config).items():
         where = f"curriculum.values.{place}"
         low, high = (_number(where, row, key) for key in ("low", "high"))
+        if not math.isfinite(low + high):
+            raise ConfigError(f"{where}: low={low}, high={high}; give finite numbers")
         values[place] = ramp(where, row, low, high)
-    return Curriculum(ramps, ramp("curriculum.universal", _universal(config), *chances), values)
+    return Curriculum(ramps, universal, values)
 
 
-def _number(where: str, row: Mapping[str, Any], key: str) -> float:
-    value = row.get(key)
-    if not isinstance(value, int | float) or not math.isfinite(value):
-        raise ConfigError(f"{where}.{key}={value}: give a finite number, low and high")
+def _number(where: str, row: Any, key: str, default: float | None = None) -> float:
+    """Reads a number of a row; None counts as absent, if there is a default."""
+    if not isinstance(row, Mapping):
+        raise ConfigError(f"{where}={row}: give {{start: A, end: B}}")
+    value = default if row.get(key) is None else row[key]
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ConfigError(f"{where}.{key}={value}: give a number")
     return float(value)
 
 
@@ -160,23 +158,20 @@ def value_rows(config: Mapping[str, Any]) -> dict[str, Any]:
             at = f"{place}.{key}".removeprefix(".")
             if not isinstance(value, Mapping):
                 raise ConfigError(f"curriculum.values.{at}={value}: give {{low: A, high: B}}")
-            if {"low", "high"} & value.keys():
+            if _is_value(value):
                 rows[at] = value
             else:
                 waiting.append((at, value))
     return rows
 
 
+def _is_value(node: Mapping[str, Any]) -> bool:
+    return bool({"low", "high"} & node.keys())
+
+
 def _rows(config: Mapping[str, Any]) -> dict[str, Any]:
     """Rows of the objectives; a null row counts as absent."""
     return {key: row for key, row in (config.get("objective") or {}).items() if row is not None}
-
-
-def _universal(config: Mapping[str, Any]) -> Mapping[str, Any]:
-    row = config.get("universal") or {"high": 0.0}
-    if not isinstance(row, Mapping):
-        raise ConfigError(f"curriculum.universal={row}: give {{low: A, high: B}}")
-    return row
 
 
 def _check_keys(where: str, row: Mapping[str, Any]) -> None:
@@ -211,14 +206,11 @@ def in_steps(config: Mapping[str, Any], total: int, epoch: int) -> dict[str, Any
         last = total if end is None else end * unit
         return {**row, "start": float(row.get("start") or 0) * unit, "end": float(last)}
 
+    def values(node: Mapping[str, Any]) -> dict[str, Any]:
+        return {k: row(v) if _is_value(v) else values(v) for k, v in node.items()}
+
     rows = {name: row(node) for name, node in _rows(config).items()}
     more = {"universal": row(config["universal"])} if config.get("universal") else {}
-    if values := value_rows(config):
-        more["values"] = {}
-        for place, node in values.items():
-            *parents, key = place.split(".")
-            inner = more["values"]
-            for name in parents:
-                inner = inner.setdefault(name, {})
-            inner[key] = row(node)
+    if config.get("values"):
+        more["values"] = values(config["values"])
     return {**config, "unit": "step", "objective": rows, **more}

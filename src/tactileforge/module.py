@@ -146,7 +146,8 @@ class TouchModule(L.LightningModule):
         batches = _epoch_batches(self.trainer) / self.trainer.accumulate_grad_batches
         self.epoch_steps = max(1, math.ceil(batches)) if math.isfinite(batches) else total
         self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch_steps)
-        self._changing = {place: changing(place, self._parts()) for place in self.plan.values}
+        parts = self._parts()
+        self._changing = {place: changing(place, parts) for place in self.plan.values}
 
     def _parts(self) -> dict[str, Any]:
         """Encoder, heads and objectives, by their place in the configuration."""

@@ -196,27 +196,26 @@ __all__ = [
 
 #: Names that need torch or matplotlib, imported on first use: sensor modules need neither.
 _HEAVY = {
-    "ANYTOUCH2": "encoders.preprocess:ANYTOUCH2",
-    "AttentivePooler": "encoders.transformer:AttentivePooler",
-    "Backbone": "encoders.backbone:Backbone",
-    "Clips": "data.batches.clips:Clips",
-    "CutColumns": "data.batches.columns:CutColumns",
-    "EMA": "heads.ema:EMA",
-    "Mean": "means:Mean",
-    "Model": "hub.model:Model",
-    "Transformer": "encoders.transformer:Transformer",
-    "masked_mean": "distributed:masked_mean",
-    "patches_at": "encoders.backbone:patches_at",
-    "plot_recording": "datasets.reading.figure:plot_recording",
-    "rand_rows": "distributed:rand_rows",
-    "resize_frame": "data.batches.clips:resize_frame",
-    "take_steps": "data.batches.columns:take_steps",
-    "view_of": "data.batches.clips:view_of",
+    "ANYTOUCH2": "encoders.preprocess",
+    "AttentivePooler": "encoders.transformer",
+    "Backbone": "encoders.backbone",
+    "Clips": "data.batches.clips",
+    "CutColumns": "data.batches.columns",
+    "EMA": "heads.ema",
+    "Mean": "means",
+    "Model": "hub.model",
+    "Transformer": "encoders.transformer",
+    "masked_mean": "distributed",
+    "patches_at": "encoders.backbone",
+    "plot_recording": "datasets.reading.figure",
+    "rand_rows": "distributed",
+    "resize_frame": "data.batches.clips",
+    "take_steps": "data.batches.columns",
+    "view_of": "data.batches.clips",
 }
 
 
 def __getattr__(name: str) -> Any:
     if name not in _HEAVY:
         raise AttributeError(f"module 'tactileforge.plugin' has no attribute {name!r}")
-    module, _, inside = _HEAVY[name].partition(":")
-    return getattr(import_module(f"tactileforge.{module}"), inside)
+    return getattr(import_module(f"tactileforge.{_HEAVY[name]}"), name)

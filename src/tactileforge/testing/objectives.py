@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from tactileforge import registry
 from tactileforge.contracts import LABELS, Batch, Views
+from tactileforge.data.batches.columns import own_columns
 from tactileforge.parts import Term, term_of
 from tactileforge.testing.batches import (
     batch,
@@ -70,9 +71,7 @@ def _needs(subject: CheckSubject) -> list[str]:
     Raises:
         Skip: The objective needs no labels.
     """
-    columns = getattr(subject.plugin, "columns", ())
-    if callable(columns):
-        columns = columns(registry.parameters(subject.plugin))
+    columns = own_columns(subject.plugin, registry.parameters(subject.plugin))
     needs = sorted({*subject.plugin.needs, *(column.name for column in columns)})
     if not needs:
         raise Skip("it needs no labels")

@@ -93,6 +93,18 @@ def take_steps(
     return track[held], held == steps
 
 
+def own_columns(plugin: type[Any], options: Mapping[str, Any]) -> Sequence[Column]:
+    """Columns declared by one head or objective: a sequence, or a function of its options.
+
+    Args:
+        plugin: Class of the head or objective.
+        options: Its options.
+    """
+    declared = getattr(plugin, "columns", ())
+    found: Sequence[Column] = declared(options) if callable(declared) else declared
+    return found
+
+
 def declared_columns(
     parts: Iterable[tuple[str, type[Any], Mapping[str, Any]]],
 ) -> tuple[Column, ...]:
@@ -107,8 +119,7 @@ def declared_columns(
     """
     found: dict[str, tuple[str, Column]] = {}
     for what, plugin, options in parts:
-        declared = getattr(plugin, "columns", ())
-        for column in declared(options) if callable(declared) else declared:
+        for column in own_columns(plugin, options):
             if column.name in BATCH_KEYS:
                 raise PluginError(
                     f"{what} declares the column {column.name!r}, which every batch has; give it "
