@@ -29,6 +29,13 @@ pytestmark = [
 LOSS, GRADIENT = 1e-5, 1e-4
 
 
+@pytest.fixture(autouse=True)
+def _new_compiler() -> None:
+    """What other tests have compiled would not be compiled again, nor counted."""
+    torch.compiler.reset()
+    counters.clear()
+
+
 def build() -> TouchModule:
     words = ["scale=demo", "encoder.image_size=32", "encoder.depth=2"]
     config: Any = OmegaConf.to_container(compose("anytouch2", words), resolve=True)
@@ -86,8 +93,6 @@ def test_what_encode_calls_is_compiled() -> None:
     plain, compiled = tactileforge.load("anytouch2.tiny"), tactileforge.load("anytouch2.tiny")
     frames = torch.randint(0, 255, (2, compiled.frames, 64, 64, 3), dtype=torch.uint8)
     given: Any = {"background": "first", "sensor": "digit"}
-    torch.compiler.reset()  # what another test has compiled is not compiled again
-    counters.clear()
     compiled.compile()
     found = compiled.encode(frames, **given)
     assert counters["stats"]["unique_graphs"] > 0

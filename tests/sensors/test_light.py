@@ -171,6 +171,10 @@ def test_all_that_reads_clips_says_that_the_light_has_changed():
     with pytest.warns(UserWarning, match="clips: in 4 of 8 frames the light has changed") as said:
         tiny().groups(*asked, names=["difference"])
     assert said[0].filename == __file__
+    for groups in (None, ["difference"]):
+        with pytest.warns(UserWarning, match="clips: in 4 of 8 frames the light") as said:
+            tiny().encode(*asked, groups=groups)
+        assert said[0].filename == __file__
     with pytest.warns(UserWarning, match="head force: in 4 of 8 frames the light has") as said:
         tiny().read_head("force", *asked)
     assert said[0].filename == __file__

@@ -171,15 +171,34 @@ class FeatureModel(nn.Module):
             DataError: Frames or background are not what the model takes.
             ConfigError: See `encode`; or the encoder has no class token, or no last norm.
         """
+        return self._tapped(tap, frames, background, sensor, unknown_sensor, batch_size)
+
+    def _tapped(self, tap: Tap, *clips: Any) -> Tensor:
+        """Reads a tap, as `features` does; ``clips`` are the arguments of `_batches`."""
         check_tap(self.encoder, tap)
+        batches, single = self._batches(*clips)
+        with torch.no_grad():
+            out = torch.cat([self._read(tap, *batch).float() for batch in batches])
+        return out[0] if single else out
+
+    def _batches(
+        self,
+        frames: Images,
+        background: Images | str | None,
+        sensor: str | Sequence[str] | None,
+        unknown_sensor: Policy,
+        batch_size: int,
+    ) -> tuple[list[tuple[Tensor, Tensor, Tensor]], bool]:
+        """Frames, backgrounds and sensor rows, batch by batch; and whether it was one clip.
+
+        Warns of changed light, in the name of the caller of the public method.
+        """
         check_batch_size(batch_size)
         x, still, single = clips = self._prepare(frames, background)
-        warn_of_light("clips", clips, self.encoder, background)
+        warn_of_light("clips", clips, self.encoder, background, stacklevel=5)
         rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
-        parts = zip(*(torch.split(part, batch_size) for part in (x, still, rows)), strict=True)
-        with torch.no_grad():
-            out = torch.cat([self._read(tap, *part).float() for part in parts])
-        return out[0] if single else out
+        parts = [torch.split(part, batch_size) for part in (x, still, rows)]
+        return list(zip(*parts, strict=True)), single
 
     def compile(self, *args: Any, **kwargs: Any) -> None:
         """Compiles the preprocessing and the blocks used by `encode`, `force` and all methods.

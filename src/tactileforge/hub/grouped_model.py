@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -14,8 +14,7 @@ from tactileforge.encoders.feature_groups import (
     group_sizes,
     joint_vector,
 )
-from tactileforge.hub.feature_model import FeatureModel, check_batch_size
-from tactileforge.hub.forces import warn_of_light
+from tactileforge.hub.feature_model import FeatureModel
 from tactileforge.hub.inputs import Images
 from tactileforge.hub.sensor_rows import Policy
 
@@ -64,24 +63,10 @@ class GroupedModel(FeatureModel):
             DataError: Frames or background are not what the model takes; says both.
             ConfigError: No background, no such sensor or group, or a batch size below 1.
         """
+        clips = frames, background, sensor, unknown_sensor, batch_size
         if groups is None:
-            return self.features(
-                frames,
-                background,
-                sensor,
-                tap="projected",
-                unknown_sensor=unknown_sensor,
-                batch_size=batch_size,
-            )
-        joined = self.groups(
-            frames,
-            background,
-            sensor,
-            names=None if groups == "all" else groups,
-            unknown_sensor=unknown_sensor,
-            batch_size=batch_size,
-        )
-        return joint_vector(joined)
+            return self._tapped("projected", *clips)
+        return joint_vector(self._grouped(None if groups == "all" else groups, *clips))
 
     def groups(
         self,
@@ -130,19 +115,22 @@ class GroupedModel(FeatureModel):
             >>> groups = model.groups(clip, rest, "digit", names=["difference"])  # doctest: +SKIP
             >>> groups["difference"].view(2, 3, 8, 8)[0].mean((1, 2))  # red, green, blue
         """
+        return self._grouped(names, frames, background, sensor, unknown_sensor, batch_size)
+
+    def _grouped(self, names: Sequence[str] | None, *clips: Any) -> dict[str, Tensor]:
+        """Reads groups, as `groups` does; ``clips`` are the arguments of `_batches`."""
         wanted = check_groups(self.encoder, names)
-        check_batch_size(batch_size)
-        x, still, single = clips = self._prepare(frames, background)
-        warn_of_light("clips", clips, self.encoder, background)
-        rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
-        inputs = zip(*(torch.split(part, batch_size) for part in (x, still, rows)), strict=True)
+        batches, single = self._batches(*clips)
         with torch.no_grad(), self._faster():
-            done = [self._groups(wanted, *part) for part in inputs]
+            done = [
+                encode_groups(
+                    self.encoder,
+                    frames.to(self.device),
+                    background.to(self.device),
+                    rows.to(self.device),
+                    wanted,
+                )
+                for frames, background, rows in batches
+            ]
         joint = {name: torch.cat([part[name] for part in done]) for name in wanted}
         return {name: values[0] if single else values for name, values in joint.items()}
-
-    def _groups(
-        self, names: Sequence[str], frames: Tensor, background: Tensor, rows: Tensor
-    ) -> dict[str, Tensor]:
-        frames, background, rows = (x.to(self.device) for x in (frames, background, rows))
-        return encode_groups(self.encoder, frames, background, rows, names)

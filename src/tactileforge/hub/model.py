@@ -123,7 +123,12 @@ class Model(HeadModel):
             stacked = np.stack([clip for _, clip in batch])
             vectors.append(
                 self.encode(
-                    stacked, background, sensor, groups=groups, unknown_sensor=unknown_sensor
+                    stacked,
+                    background,
+                    sensor,
+                    groups=groups,
+                    unknown_sensor=unknown_sensor,
+                    batch_size=batch_size,
                 )
             )
         return np.array(ends), torch.cat(vectors)
