@@ -1,4 +1,4 @@
-"""Groups of features, weighed by a probe or joined to one vector, against what is there for free.
+"""Groups of features, weighed by a probe or joined to one vector, against untrained baselines.
 
 Runs the suites ``real``, by which everything was chosen, and ``real_held_out``, which chose
 nothing, with closed-form probes; then plain ridge regression, whose features are not standardised,

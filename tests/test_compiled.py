@@ -31,7 +31,7 @@ LOSS, GRADIENT = 1e-5, 1e-4
 
 @pytest.fixture(autouse=True)
 def _new_compiler() -> None:
-    """What other tests have compiled would not be compiled again, nor counted."""
+    """Functions compiled by other tests would be neither compiled again nor counted."""
     torch.compiler.reset()
     counters.clear()
 

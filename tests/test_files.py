@@ -122,7 +122,7 @@ ALLOWED = {
 
 
 def written_places(tree: ast.AST) -> Iterator[str]:
-    """What each call in a module writes to, as source."""
+    """Targets of the writing calls in a module, as source."""
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute | ast.Name):
             continue
@@ -145,7 +145,7 @@ def written_places(tree: ast.AST) -> Iterator[str]:
 
 
 def test_no_module_writes_a_file_in_its_place() -> None:
-    """All goes into a part, or into memory: what kills a command leaves no half of a file."""
+    """All goes into a part, or into memory: a killed command leaves no half of a file."""
     source, found = Path(files.__file__).parent, set()
     for path in source.rglob("*.py"):
         name = str(path.relative_to(source))

@@ -79,7 +79,7 @@ def test_the_map_goes_from_the_ground_up() -> None:
 
 @cache
 def imported() -> frozenset[str]:
-    """Top-level packages that any file of the core imports, wherever it does so."""
+    """Top-level packages imported anywhere in the files of the core."""
     found = set()
     for path in (SOURCE / "tactileforge").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):

@@ -1,4 +1,4 @@
-"""Locks that end with their process."""
+"""Locks held for the life of their process."""
 
 import os
 import signal

@@ -63,7 +63,7 @@ def test_our_packages_import_what_a_third_party_could(path):
 
 
 def _excused(path):
-    """Private modules that the README of a package lists, with a reason each."""
+    """Private modules listed by the README of a package, with a reason each."""
     readme = ROOT / "plugins" / path.relative_to(ROOT / "plugins").parts[0] / "README.md"
     section = readme.read_text().partition("## Private imports\n")[2].partition("\n## ")[0]
     return set(re.findall(r"^\| `(tactileforge\.[\w.]+)` \| \w", section, re.M))

@@ -386,7 +386,7 @@ def test_an_epoch_of_half_a_step_is_named(capsys: pytest.CaptureFixture[str]) ->
 
 
 def noise(sensor: str, number: int) -> Packed:
-    """A recording of a second that shows nothing."""
+    """A blank recording of a second."""
     frames = np.random.default_rng(number).integers(0, 255, (12, 32, 32, 3)).astype(np.uint8)
     recording = Recording(
         key=f"{sensor}-{number}",

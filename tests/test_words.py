@@ -1,4 +1,4 @@
-"""Docstrings say plainly what there is: short first lines, and arguments that are described."""
+"""Plain docstrings: short first lines, and descriptions of arguments."""
 
 import ast
 import re
@@ -37,7 +37,7 @@ def docstrings() -> list[tuple[str, str]]:
 
 
 def lines_like(pattern: re.Pattern[str]) -> Iterator[str]:
-    """Places and lines of docstrings in which a pattern is found."""
+    """Places and lines of docstrings matching a pattern."""
     for place, text in docstrings():
         for line in text.splitlines():
             if pattern.search(line):

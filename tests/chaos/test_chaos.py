@@ -313,7 +313,7 @@ def test_signals_to_the_group_of_a_run(number: signal.Signals, tmp_path: Path) -
 
 
 def test_leftovers_of_killed_writers(tmp_path: Path, packed: Path) -> None:
-    """Killed where its part is written and not yet renamed; the next write takes it away."""
+    """Killed between the writing of its part and the renaming; the next write takes it away."""
     axis = Axis(0.1, {"area": 3.0}, 0.2, 0.9, [0.0, 5.0])
     calibration = Calibration(sensor="digit", force=ForceModel("pictures", 3.0, 0.0, {"z": axis}))
     rows = index.parse_index((packed / index.NAME).read_bytes(), "x").splits
@@ -530,7 +530,7 @@ def _weights(value: float) -> None:
 
 
 def test_numbers_that_are_not_finite(tmp_path: Path) -> None:
-    """Refused with a name, or a label that is missing: nothing learns from NaN, inf or 1e30."""
+    """Refused with a name, or a missing label: nothing learns from NaN, inf or 1e30."""
     still = np.full((2, 48, 64, 3), 90, np.uint8)
     found = 0
     for word in ("nan", "inf", "-inf", "1e30"):

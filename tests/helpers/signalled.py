@@ -1,4 +1,4 @@
-"""A worker that is signalled while it starts, and after: in a module that it can import."""
+"""A worker signalled during and after its start, in a module importable by its process."""
 
 import os
 import signal

@@ -358,7 +358,7 @@ def test_groups_are_joined_with_fixed_factors(model: Model, frames: np.ndarray) 
 
 @pytest.mark.filterwarnings("ignore:clips. in .* the light has changed")  # pictures are made
 def test_a_weaker_touch_has_a_smaller_vector(model: Model) -> None:
-    """No norm touches the difference, of a model whose own vectors have a fixed length or not."""
+    """No norm touches the difference, also of a model with vectors of a fixed length."""
     still = np.full((40, 48, 3), 100, np.uint8)
     weak, strong = (np.stack([still, still, still, still + up]) for up in (10, 40))
     once, more = (model.encode(x, still, "digit", groups=["difference"]) for x in (weak, strong))

@@ -1,4 +1,4 @@
-"""A sensor of a package, simulated by what its spec says."""
+"""A sensor of a package, simulated from its spec."""
 
 from dataclasses import replace
 

@@ -137,7 +137,7 @@ def unit_of(sensor: Sensor) -> str:
 
 
 def is_driver_left() -> bool:
-    """Whether a thread of a driver is still in a call that was not waited for; see `within`."""
+    """Whether a thread of a driver is still in a call left behind by `within`."""
     return any(thread.name.startswith(_DRIVER) for thread in threading.enumerate())
 
 

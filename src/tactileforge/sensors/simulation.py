@@ -50,7 +50,7 @@ class Simulation:
 
     Attributes:
         dome: Radius of curvature of the gel at rest, mm; None for a flat gel.
-        thickness: Of the gel, mm.
+        thickness: Thickness of the gel, mm.
         modulus: Young's modulus of the gel, MPa.
         friction: Least and largest coefficient between gel and objects.
         calibrations: Names of optical calibrations that ship; a unit has one of them.

@@ -32,7 +32,7 @@ def _step(network: nn.Module, optimizer: torch.optim.Optimizer, number: int) -> 
 
 
 def _different(network: nn.Module, other: nn.Module) -> list[str]:
-    """Names of the parameters of two networks that are not equal to the bit."""
+    """Names of the parameters with different bits in two networks."""
     pairs = zip(network.named_parameters(), other.parameters(), strict=True)
     return [name for (name, p), q in pairs if not torch.equal(p, q)]
 

@@ -237,7 +237,7 @@ def weighed(kind: type[Ridge], part: TargetPart, y: Tensor, sizes: list[int]) ->
 
 
 def test_a_group_of_many_features_that_say_nothing_gets_no_weight() -> None:
-    """In one group with the others, 400 columns of noise hide the six that matter."""
+    """In one group with the others, 400 columns of noise hide the six useful ones."""
     y = torch.randn(120, 1, generator=torch.Generator().manual_seed(1))
     part = TargetPart("numbers", torch.zeros(0, 1), torch.zeros(0, 1), ("n",))
     alone, both = weighed(Ridge, part, y, [6, 400])
@@ -258,7 +258,7 @@ def test_classes_are_weighed_too(kind: type[Ridge]) -> None:
 
 
 def test_weights_go_by_the_group_of_samples() -> None:
-    """Features that name the recording are of no use for another, and are given no weight."""
+    """Features of the recording's identity are of no use for another, and get no weight."""
     rng = torch.Generator().manual_seed(3)
     group = torch.arange(24).repeat_interleave(5)
     y = torch.randn(24, generator=rng)[group][:, None]

@@ -124,7 +124,7 @@ def test_a_task_whose_metric_is_no_sum_over_clips_stays_out(tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_a_task_that_does_not_count_is_told_and_no_more(tmp_path: Path) -> None:
-    """It is neither won nor in the mean, here of tasks of which two are right in 90 of 100."""
+    """It is neither won nor in the mean of the tasks, two of them right in 90 of 100."""
     results = bench(tmp_path, 0.9)
     before = {row.task: row for row in gate.compute_gate(tmp_path, results) if row.model == "m"}
     cells(tmp_path, results.tasks[1], "m", 0.1, 5)  # in place of what it predicted

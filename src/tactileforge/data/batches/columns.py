@@ -1,4 +1,4 @@
-"""Extra columns of the batch, which heads and objectives declare and tracks of recordings hold."""
+"""Extra columns of the batch, declared by heads and objectives, cut from tracks of recordings."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from tactileforge.errors import ConfigError, DataError, PluginError
 
 @dataclass(frozen=True)
 class CutColumns:
-    """Columns with the size of a step each, and how they are cut.
+    """Declared columns with the size of a step each.
 
     Attributes:
-        columns: As they were declared.
-        sizes: By the name of the column.
+        columns: Declared columns.
+        sizes: Size of a step, by the name of the column.
     """
 
     columns: tuple[Column, ...]
@@ -64,10 +64,10 @@ class CutColumns:
 
 
 def steps_of(column: Column, rows: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
-    """Frame numbers that a column holds, before or after the recording too.
+    """Frame numbers of a column, which may lie before or after the recording.
 
     Args:
-        column: As it was declared.
+        column: Declared column.
         rows: Frame numbers of the clip.
     """
     if column.window is None:
@@ -78,7 +78,7 @@ def steps_of(column: Column, rows: Sequence[int] | NDArray[np.int64]) -> NDArray
 def take_steps(
     track: NDArray[Any], steps: NDArray[np.int64]
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Values at frames, the nearest where the recording has not begun or is over, and where not.
+    """Values at frame numbers, with the nearest value outside of the recording, and a mask.
 
     Args:
         track: (T, ...).
@@ -108,7 +108,7 @@ def own_columns(plugin: type[Any], options: Mapping[str, Any]) -> Sequence[Colum
 def declared_columns(
     parts: Iterable[tuple[str, type[Any], Mapping[str, Any]]],
 ) -> tuple[Column, ...]:
-    """Columns that heads and objectives declare, each once.
+    """Columns declared by heads and objectives, each once.
 
     Args:
         parts: In words, such as ``head 'grip'``; its class; its options.
@@ -135,11 +135,11 @@ def declared_columns(
 
 
 def measure_columns(columns: Sequence[Column], recordings: Sequence[Recording]) -> CutColumns:
-    """Finds the size of a step of each column, and its statistics where they are asked for.
+    """Finds the size of a step of each column, and its statistics if declared.
 
     Args:
-        columns: As they were declared.
-        recordings: For training.
+        columns: Declared columns.
+        recordings: Recordings to train on.
 
     Raises:
         ConfigError: No recording has the track; names those that there are.

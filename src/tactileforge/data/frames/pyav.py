@@ -1,4 +1,4 @@
-"""Videos that OpenCV cannot decode, read by PyAV: AV1, among others."""
+"""Videos read by PyAV, for codecs unknown to OpenCV, such as AV1."""
 
 from __future__ import annotations
 
