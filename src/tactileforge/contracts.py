@@ -397,6 +397,28 @@ class Sensor(Protocol):
         self.close()
 
 
+@dataclass(frozen=True, kw_only=True)
+class Guess:
+    """A format recognised in a folder or file, and the options that read it.
+
+    A data set may have ``recognise(root: Path) -> Guess | None``, a static method. It looks at
+    names, headers and at most a few small files, executes nothing, raises nothing for foreign
+    files, and returns None for them.
+
+    Attributes:
+        options: Options of the data set as plain data, with the path.
+        format: Name of the format, one line.
+        score: Certainty, 0..1: 1 for a signature of the format, .5 for matching names and shapes,
+            .1 for any folder of pictures.
+        doubts: Statements to be checked by the user, one line each: unknown units, rates, signs.
+    """
+
+    options: Mapping[str, Any]
+    format: str
+    score: float
+    doubts: Sequence[str] = ()
+
+
 @runtime_checkable
 class Dataset(Protocol):
     """A data reader: yields recordings, and declares their labels.
