@@ -294,7 +294,7 @@ def test_why_a_device_cannot_be_opened(tmp_path, monkeypatch):
             raise OSError(number, "refused")
 
         monkeypatch.setattr(v4l2.os, "open", refuse)
-        assert message in v4l2.why_not("/dev/null")
+        assert message in v4l2.explain_failure("/dev/null")
 
 
 @pytest.mark.parametrize(

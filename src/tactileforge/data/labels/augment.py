@@ -1,8 +1,8 @@
-"""Augmentation that keeps labels consistent: a mirrored touch has a mirrored force.
+"""Augmentation with consistent labels: a mirrored touch has a mirrored force.
 
-Which clips are flipped is drawn on the host, where labels and captions are changed with them; the
-pixels follow on the device. Pictures of taxel arrays stay as they are: their colours are forces,
-and a mirrored force has another colour.
+Flips are drawn on the host, together with the change of labels and captions; the pixels follow on
+the device. Pictures of taxel arrays stay unchanged: their colours are forces, and a mirrored force
+has another colour.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tactileforge.contracts import ACTIONS, Batch
 from tactileforge.data.labels import displacement
 from tactileforge.sensors.specs import spec
 
-#: What a caption says of an action; "" stands for an unknown one.
+#: Phrases of captions by action; "" stands for an unknown one.
 PHRASES = {
     "press": "pressing",
     "leave": "leaving",
@@ -43,13 +43,13 @@ def _swap(pairs: tuple[tuple[str, str], ...]) -> Tensor:
 
 
 def flip_labels(batch: Batch, horizontal: Tensor, vertical: Tensor) -> None:
-    """Flips forces and actions of flipped clips, in place.
+    """Flip forces and actions of flipped clips, in place.
 
     A horizontal flip negates the x shear and swaps left with right, a vertical one negates the y
     shear and swaps up with down; either swaps clockwise with counter-clockwise.
 
     Args:
-        batch: On the host.
+        batch: Batch on the host.
         horizontal: bool (B,), clips mirrored left to right.
         vertical: bool (B,), clips mirrored top to bottom.
     """
@@ -57,12 +57,13 @@ def flip_labels(batch: Batch, horizontal: Tensor, vertical: Tensor) -> None:
         swapped = _swap(_SWAPS[name])[batch["action"]]
         batch["action"] = torch.where(flipped, swapped, batch["action"])
         sign = torch.where(flipped, -1.0, 1.0)
+        # not in place: others may still hold the tensor
         batch["force"] = batch["force"].clone()
         batch["force"][..., axis] *= sign[:, None]
 
 
 def fill_captions(batch: Batch) -> None:
-    """Replaces ``{action}`` in captions by the phrase of the clip's action, in place."""
+    """Replace ``{action}`` in captions by the phrase of the clip's action, in place."""
     actions = [ACTIONS[i] if i >= 0 else "" for i in batch["action"].tolist()]
     batch["text"] = [
         text.replace("{action}", PHRASES[action])
@@ -73,11 +74,11 @@ def fill_captions(batch: Batch) -> None:
 class Augment(nn.Module):
     """Flips and colour jitter of whole clips: all frames and the background are treated alike.
 
-    Clips of taxel arrays are left as they are, and those that are paired with one are not flipped.
+    Clips of taxel arrays stay unchanged, and clips paired with one are not flipped.
 
     Args:
-        horizontal: Chance of a flip left to right.
-        vertical: Chance of a flip top to bottom.
+        horizontal: Probability of a flip left to right.
+        vertical: Probability of a flip top to bottom.
         jitter: Largest relative change of brightness, contrast and saturation; 0 for none.
     """
 
@@ -87,6 +88,7 @@ class Augment(nn.Module):
         self.vertical = vertical
         self.jitter: nn.Module | None = None
         if jitter:
+            # imported here: kornia takes seconds, and most recipes have no jitter
             from kornia.augmentation import ColorJiggle, VideoSequential
 
             self.jitter = VideoSequential(
@@ -96,16 +98,18 @@ class Augment(nn.Module):
             )
 
     def labels(self, batch: Batch) -> Batch:
-        """Draws the flips on the host, and flips the labels accordingly.
+        """Draw the flips on the host, and flip the labels accordingly.
 
         Clips of one matching group are flipped alike: a pair of one action stays one. Adds
-        ``flip``, bool (B, 2): horizontal, vertical; and ``coded``, bool (B,): of taxel arrays.
+        ``flip``, bool (B, 2): horizontal, vertical; and ``coded``, bool (B,): clips of taxel
+        arrays.
         """
         group = batch["group"]
         coded = torch.tensor([spec(name).kind == "array" for name in batch["sensor"]])
         fixed = coded | ((group[:, None] == group) & (group >= 0) & coded).any(1)
         draw = torch.rand(len(group), 2)
         first = (group[:, None] == group).int().argmax(dim=1)
+        # drawn for all clips: so the random numbers used do not depend on the pairs
         draw = torch.where((group >= 0)[:, None], draw[first], draw)
         flip = (draw < torch.tensor([self.horizontal, self.vertical])) & ~fixed[:, None]
         flip_labels(batch, flip[:, 0], flip[:, 1])
@@ -113,7 +117,7 @@ class Augment(nn.Module):
 
     @torch.no_grad()
     def forward(self, batch: Batch) -> Batch:
-        """Flips and jitters the pixels on the device; frames and background stay uint8."""
+        """Flip and jitter the pixels on the device; frames and background stay uint8."""
         clip = torch.cat([batch["background"][:, None], batch["frames"]], dim=1)
         for axis, dim in ((0, -1), (1, -2)):
             flipped = batch["flip"][:, axis, None, None, None, None]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
-from tactileforge.data.labels.align import resampled
+from tactileforge.data.labels.align import resample
 from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.plausible import impossible_row, limits
 from tactileforge.datasets.reading.files import read_text
@@ -63,7 +63,7 @@ def read_force(
     if table.time is not None:
         clock, measured = _on_a_clock(table, path, sensor)
         clock = fit(table, path, clock, times)
-        return resampled(times - table.lag_s, clock, measured).astype(np.float32)
+        return resample(times - table.lag_s, clock, measured).astype(np.float32)
     force = np.full((len(times), 3), np.nan)
     for frame, where, cells in _per_frame(table, path, len(times), images):
         force[frame] = _force(table, where, cells, sensor)
