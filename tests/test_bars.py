@@ -1,4 +1,4 @@
-"""Bars on a terminal, whose line is theirs, and in a file, where a line a minute is enough."""
+"""Bars on a terminal, with a line of their own, and in a file, with a line a minute."""
 
 import io
 import logging

@@ -29,7 +29,7 @@ WAITING = ("_local_scalar_dense", "nonzero", "masked_select", "unique", "equal.d
 
 
 class Watch(TorchDispatchMode):
-    """Keeps the names of operations that an accelerator would be waited for."""
+    """Keeps the names of operations with a wait for an accelerator."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -58,7 +58,7 @@ def _by_bool(args: tuple[Any, ...]) -> bool:
 
 @contextmanager
 def watched(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watch]:
-    """Watches operations, and tensors that are made on the device from values of the host."""
+    """Watches operations, and tensors made on the device from values of the host."""
     make: Callable[..., Tensor] = torch.tensor
     cast: Any = torch.autocast
 
@@ -77,7 +77,7 @@ def watched(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watch]:
 
 
 def on_device(recipe: str, *overrides: str) -> tuple[TouchModule, dict[str, Any]]:
-    """A module and a batch, where the accelerator would be."""
+    """A module and a batch, in the place of the accelerator."""
     words = ["scale=demo", "encoder.image_size=32", *overrides]
     config: Any = OmegaConf.to_container(compose(recipe, words), resolve=True)
     augment = Augment(**config["augment"]) if config.get("augment") else None
@@ -100,7 +100,7 @@ def test_a_balance_waits_for_nothing(balance: str, monkeypatch: pytest.MonkeyPat
 
 
 def step(monkeypatch: pytest.MonkeyPatch, module: TouchModule, batch: dict[str, Any]) -> None:
-    """A training step, and what follows it, with every objective awake."""
+    """A training step with all its hooks, and every objective awake."""
     weights = dict.fromkeys(module.objectives, 1.0)
     with watched(monkeypatch) as watch:
         if module.augment:

@@ -139,7 +139,7 @@ def test_our_packages_bring_what_is_said_of_them():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The folder that pip installed all of them into, beside the sources they were built from."""
+    """The folder of all of them installed, beside their sources."""
     work = tmp_path_factory.mktemp("packages")
     sources = [str(shutil.copytree(path, work / "sources" / path.name)) for path in PACKAGES]
     command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation"]
@@ -221,7 +221,7 @@ def test_their_own_tests_pass(site):
 
 @pytest.mark.realdata
 def test_the_real_video_of_a_gel_with_markers(known, realdata):
-    """A recording that is cut already: nothing more is cut off."""
+    """A recording already cut: nothing more is cut off."""
     path = str(realdata / "gelsight_mini_marker_video" / "mini_example.avi")
     capture = cv2.VideoCapture(path)
     width, height = (int(capture.get(c)) for c in (cv2.CAP_PROP_FRAME_WIDTH, 4))

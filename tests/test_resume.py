@@ -1,4 +1,4 @@
-"""A run that is killed and resumed ends with the weights of one that was not."""
+"""A killed and resumed run ends with the weights of an undisturbed one."""
 
 import os
 import signal

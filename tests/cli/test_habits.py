@@ -1,4 +1,4 @@
-"""The same habits on every verb, and what wins over what."""
+"""The same habits on every verb, and the order of precedence."""
 
 import csv
 import os

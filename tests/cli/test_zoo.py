@@ -1,4 +1,4 @@
-"""``tactileforge zoo``: light where it lists, and each word it prints is true."""
+"""``tactileforge zoo``: light for lists, and true in each word."""
 
 import subprocess
 import sys
@@ -107,7 +107,7 @@ def test_get_without_a_file_says_where_to_get_it() -> None:
 
 
 def test_pack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A folder with what a run leaves is enough."""
+    """A folder with the files of a run is enough."""
     vit = TactileViT("tiny", frames=2, image_size=32)
     state = {f"encoder.{key}": value for key, value in vit.state_dict().items()}
     AtomicCheckpointIO().save_checkpoint({"state_dict": state, "global_step": 7}, tmp_path / LAST)

@@ -14,13 +14,13 @@ MakeVideo = Callable[..., Path]
 
 
 def _picture(i: int, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """A grey picture whose level says its number: 7 i."""
+    """A grey picture with its number as level: 7 i."""
     return np.full((*size, 3), min(7 * i, 255), np.uint8)
 
 
 @pytest.fixture
 def make_video(tmp_path: Path) -> MakeVideo:
-    """Writes a video whose frame ``i`` is of grey level 7 i; the path is from tmp_path."""
+    """Writes a video with grey level 7 i in frame ``i``; the path is from tmp_path."""
 
     def make(name: str, count: int = 30, size: tuple[int, int] = (32, 48), fps: float = 30) -> Path:
         path = tmp_path / name

@@ -26,7 +26,7 @@ def read(root: Path, split: str = "train", **layout: Any) -> list[Recording]:
 
 
 def levels(frames: Frames | None) -> list[int]:
-    """The numbers that the frames show."""
+    """Numbers in the frames."""
     assert frames is not None
     shown: NDArray[np.uint8] = frames.read(range(len(frames)))
     return [round(float(frame.mean()) / 7) for frame in shown]
@@ -387,7 +387,7 @@ def test_a_layout_that_ships_with_the_data(
 def test_a_file_that_came_with_the_data_is_not_interpolated(
     tmp_path: Path, make_video: MakeFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Else a secret of this machine is packed into shards that people publish."""
+    """Else a secret of this machine is packed into published shards."""
     monkeypatch.setenv("SECRET", "hunter2")
     make_video("a.avi", count=4)
     layout = "{videos: '*.avi', sensor: digit, background: none, source: '${oc.env:SECRET}'}"

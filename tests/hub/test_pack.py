@@ -153,7 +153,7 @@ ROWS = [
 def download(
     add_card: AddCard, vit: TactileViT, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Path:
-    """A file as some authors publish it, and an importer that reads it."""
+    """A file in the layout of some authors, and its importer."""
     add_card("press", weights=[row | {"source": "https://example.org"} for row in ROWS])
     path = tmp_path / "press.pth"
     torch.save(vit.state_dict(), path)
@@ -332,7 +332,7 @@ def head_tensors(wide: int, last: dict[str, tuple[int, ...]]) -> dict[str, torch
 
 @pytest.fixture
 def miniature(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, torch.Tensor]:
-    """Tensors of an AnyTouch 2 of 192 channels, which its card accepts."""
+    """Tensors of an AnyTouch 2 of 192 channels, accepted by its card."""
     monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(pack, "_variant", lambda card, weight: {"layout": weight.layout})
     return anytouch2_file(tmp_path / "plain.pth", frames=4)

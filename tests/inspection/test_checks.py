@@ -1,4 +1,4 @@
-"""Each detector fires on the recording that has its fault, alone, and not on a good one."""
+"""Each detector fires on the recording with its fault, alone, and not on a good one."""
 
 from collections.abc import Callable
 from typing import Any
@@ -23,7 +23,7 @@ Touch = Callable[..., Recording]
 
 
 def flags(recording: Recording) -> dict[str, Suspicion]:
-    """Everything that is found, by reason."""
+    """All findings, by reason."""
     raised = [*check_labels(recording), *check_pixels(recording, frame_stats(recording))]
     lag = lag_of(recording)
     raised += check_lag(recording, lag) if lag else []

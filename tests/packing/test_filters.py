@@ -31,7 +31,7 @@ def by_formula(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> float:
 
 
 def disk(x: float) -> NDArray[np.uint8]:
-    """A bright disk on grey, whose centre is at a column."""
+    """A bright disk on grey, with its centre at a column."""
     v, u = np.mgrid[:40, :60]
     inside = np.clip(8 - np.hypot(v - 20, u - x), 0, 1)[..., None]
     return (90 + inside * np.array([120, 80, 40])).astype(np.uint8)

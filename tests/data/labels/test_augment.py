@@ -42,7 +42,7 @@ def test_labels_are_mirrored(axis: int) -> None:
 
 
 def moving_blob(shift: tuple[float, float]) -> torch.Tensor:
-    """A spot that moves by ``shift`` (x, y) pixels a frame: uint8 (4, 3, 33, 33)."""
+    """A spot moving by ``shift`` (x, y) pixels a frame: uint8 (4, 3, 33, 33)."""
     y, x = np.mgrid[:33, :33]
     frames = [
         200 * np.exp(-((x - 16 - shift[0] * t) ** 2 + (y - 16 - shift[1] * t) ** 2) / 8)
