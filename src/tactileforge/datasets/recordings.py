@@ -115,6 +115,7 @@ class Recordings:
             touches = reader.touches()
             self.skipped += [line for line in reader.odd if line not in self.skipped]
             for touch in touches:
+                # the side before anything is opened: a split must not depend on readable files
                 side = _side(reader.layout, touch, self.val)
                 if side not in (split, "time"):
                     continue
@@ -133,6 +134,7 @@ class Recordings:
                         yield from split_parts(recording, self.val, split)
                     else:
                         yield recording
+        # one bad file is skipped, but a whole set of them is a mistake in the layout
         if failed and not opened and split == "train":
             raise DataError(f"not one of {len(failed)} recordings can be opened; {failed[0]}")
 

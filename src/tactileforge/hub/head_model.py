@@ -67,6 +67,7 @@ class HeadModel(GroupedModel):
         if force is None:
             known = self.header.heads["force"].get("scale", {})
             raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
+        # after the reading: if it fails, a warning about units would only be noise
         if calibration is None:
             forces.warn_of_estimates()
         why = f"{forces.LIGHT}, or {forces.BEYOND}"
@@ -156,6 +157,7 @@ class HeadModel(GroupedModel):
             named = {sensor} if isinstance(sensor, str) else set(sensor or ())
             subtracts = background is not None and word != "none"
             layer = fitted_layer(head, self.encoder_hash, repr(self), subtracts, named)
+        # the layer first: a wrong head is found before the encoder has done its work
         vectors = self.encode(frames, background, sensor, unknown_sensor=unknown_sensor)
         return classes_of(vectors, layer)
 
@@ -227,6 +229,8 @@ class HeadModel(GroupedModel):
                 axes = None if calibration is None else self.axes_of(calibration, names)
                 newton = self._readable(tokens, projected, scale)
                 vector, force = projected.float(), forces.to_newton(newton, axes)
+                # by the model's own newtons: a calibration scales a force, not the range of
+                # training
                 force = forces.within_scale(force, newton, scale)
                 if check and not forces.has_no_background(self.encoder, background):
                     force = forces.without_light(force, x, still)

@@ -172,6 +172,7 @@ def import_published(model: str, source: str | Path, sensor: str = "") -> Path:
     except ConfigError as error:
         raise DataError(f"{source}: {error}") from error
     node = dict(converted.encoder_config)
+    # before the encoder is built: that of another variant would be built in vain
     _check_variant(card, weight, converted.name, node, source)
     encoder = registry.build("encoders", node)
     files.fill_weights(encoder, converted.state, str(source))

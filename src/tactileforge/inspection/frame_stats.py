@@ -98,6 +98,7 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
             digests.append(hashlib.blake2b(frame.tobytes(), digest_size=16).digest())
             small.append(shrink(frame))
     frames = np.stack(small)
+    # the median of the frames is the picture without contact if contact moves or is rare
     still = np.median(frames, axis=0) if background is None else background
     away = np.abs(frames - still).mean(axis=-1)
     change = away.mean(axis=(1, 2))

@@ -97,6 +97,7 @@ def preview(
     chosen = (options or PackOptions()).filter
     everything = sort_recordings(item for split in SPLITS for item in dataset.recordings(split))
     skipped = list(dataset.skipped)
+    # sorted by a hash, as for packing: a choice at even distances is a random one
     judged = []
     for recording in Bar(_spread(everything, recordings), desc="look", unit="recording"):
         try:

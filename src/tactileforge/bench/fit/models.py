@@ -67,12 +67,14 @@ def model_entry(
     if word in BASELINES:
         title = BASELINES[word][1]
         return ModelEntry(name=word, title=title, open=[lambda: baseline_encoder(word, device)])
+    # prefixes first: behind one, a dot is part of a path, and not of NAME.TAG
     if word.startswith("untrained:"):
         of = word.removeprefix("untrained:")
         shape = f"run:{runs[of]}" if runs and of in runs else of
         return ModelEntry(
             name=word,
             title=f"untrained {of.rpartition('/')[2]}",
+            # several seeds: the spread of random networks is the interval of this baseline
             open=[
                 partial(
                     lambda seed: untrained_encoder(word, header_of(shape, composed), device, seed),

@@ -91,6 +91,7 @@ class TouchData(L.LightningDataModule):
         self._declared = columns
         self.columns: CutColumns | None = None
         self.dataset = dataset
+        # some data sets have a share of validation as an option: then messages name it
         self._has_share = "val" in signature(type(dataset)).parameters
         self.hop, self.spacing, self.frames = hop, spacing, frames
         cut: Callable[..., Clips] = getattr(dataset, "cut", Clips)
@@ -100,7 +101,7 @@ class TouchData(L.LightningDataModule):
         self.shares = {label: share for label, share in (shares or {}).items() if share}
         self.window = window
         self.workers = workers
-        self.cache_mb = cache_mb / max(1, workers)
+        self.cache_mb = cache_mb / max(1, workers)  # each worker process has a cache of its own
         self.max_bad = max_bad
         self.seed = seed
         self.augment = augment

@@ -105,6 +105,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
     force = _force(keys.force, f"{where}: force")
     action = _action(keys, f"{where}: action")
     _check(keys, each, where)
+    # labels of the layout: objectives with others are refused before any file is read
     provided = {
         "force": force is not None,
         "action": action is not None,
