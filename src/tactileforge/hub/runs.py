@@ -61,8 +61,8 @@ def read_run(
     kind, state = _choose(checkpoint["state_dict"], encoder, run)
     with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
         built = registry.build("encoders", config["encoder"])
+        files.fill_weights(built, state, str(run))
         heads = _heads(config, built, checkpoint["state_dict"], run) if kind == "trained" else {}
-    files.fill_weights(built, state, str(run))
     header = files.make_header(
         built,
         config["encoder"],
