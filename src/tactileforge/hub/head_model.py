@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from tactileforge.data.labels.displacement import displacement_mm
+from tactileforge.encoders.views import ComputedViews
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import forces
 from tactileforge.hub.forces import ModelReadings
@@ -109,7 +110,7 @@ class HeadModel(GroupedModel):
         x, still, single = self._prepare(frames, background)
         rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
         with torch.no_grad():
-            views = forces.views_of(self.encoder, *self._pass(x, still, rows))
+            views = ComputedViews.of(self.encoder, *self._pass(x, still, rows))
             surface = displacement_mm(self.heads["surface"](views, {}).float())
         if not forces.has_no_background(self.encoder, background):
             surface = forces.without_light(surface, x, still)
@@ -189,7 +190,7 @@ class HeadModel(GroupedModel):
         forces.warn_of_light(f"head {name}", clips, self.encoder, background)
         rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
         with torch.no_grad():
-            return self.heads[name](forces.views_of(self.encoder, *self._pass(x, still, rows)), {})
+            return self.heads[name](ComputedViews.of(self.encoder, *self._pass(x, still, rows)), {})
 
     def readings(
         self,

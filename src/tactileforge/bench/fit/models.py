@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,7 +17,7 @@ from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sha256
 from tactileforge.hub import cards, files, store
 from tactileforge.hub.header import Header
-from tactileforge.hub.pack import pack_run
+from tactileforge.hub.runs import open_run
 
 #: Draws of random weights that are compared.
 UNTRAINED = 3
@@ -108,11 +107,9 @@ def model_entry(
 
 
 def encoder_of_run(name: str, folder: Path, device: str = "cpu") -> FrozenEncoder:
-    """The encoder of a run, packed into a temporary one-file checkpoint."""
-    with tempfile.TemporaryDirectory() as place:
-        subject = _of_file(name, pack_run(folder, Path(place) / "model.safetensors"), device)
-    subject.sha256 = subject.weights
-    return subject
+    """The encoder of a run, from its last checkpoint."""
+    encoder, _, header = open_run(folder)
+    return FrozenEncoder(name, encoder, header, device=device)
 
 
 def untrained_encoder(
