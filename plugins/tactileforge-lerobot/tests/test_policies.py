@@ -82,7 +82,7 @@ def test_the_task_is_found_where_episodes_do_not_name_it(tmp_path: Path) -> None
     root = tmp_path / "set"
     write_dataset(demonstration(0), root, LeRobotOptions(images="png"))
     (root / folder.TOUCH).unlink()
-    parquet = folder.import_arrow().parquet
+    parquet = parquet_files.import_arrow().parquet
     path = next((root / "meta/episodes").rglob("*.parquet"))
     table = parquet.read_table(path)
     parquet.write_table(table.drop_columns(["tasks"]), path)
@@ -96,7 +96,7 @@ def test_images_in_tables_may_be_paths_inside_the_set(tmp_path: Path, kind: str)
     root = tmp_path / "set"
     wanted = touch(0)
     write_dataset([wanted], root, LeRobotOptions(images="png"))
-    arrow = folder.import_arrow()
+    arrow = parquet_files.import_arrow()
     path = next((root / "data").rglob("*.parquet"))
     table = arrow.parquet.read_table(path)
     name = "observation.images.digit"
