@@ -43,9 +43,9 @@ def columns(number: int, rows: int = ROWS) -> dict[str, NDArray[Any]]:
 
 
 def write_video(path: Path, frames: NDArray[Any], codec: str, pix_fmt: str, form: str) -> None:
-    """Writes a video by PyAV."""
+    """Writes a video by PyAV; FFV1 in Matroska, whatever the suffix, as it writes none in mov."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with av.open(str(path), "w") as container:
+    with av.open(str(path), "w", format="matroska" if codec == "ffv1" else None) as container:
         stream = container.add_stream(codec, rate=FPS)
         stream.height, stream.width = frames.shape[1:3]
         stream.pix_fmt = pix_fmt

@@ -323,7 +323,7 @@ def test_statistics_by_hand() -> None:
 def test_it_conforms(tmp_path: Path) -> None:
     write_dataset([touch(n) for n in range(8)], tmp_path / "set", LeRobotOptions())
     assert LeRobot(str(tmp_path / "set")).provides == {"force", "action", "object", "text"}
-    assert LeRobot(str(tmp_path)).provides == frozenset()
+    assert LeRobot(str(tmp_path / "none")).provides == frozenset()
     results = check("dataset", LeRobot, root=str(tmp_path / "set"), val=0.4)
     assert [r for r in results if r.status == "failed"] == []
     assert sum(r.status == "ran" for r in results) > 5

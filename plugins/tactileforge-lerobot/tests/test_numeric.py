@@ -222,7 +222,7 @@ def test_a_grey_video_of_16_bits_is_read_to_the_bit(tmp_path: Path) -> None:
     (again, _) = all_of(root, **touch(DEPTH, span=300.0))
     assert (again.frames.read([0]) == 128).all()
     assert (again.no_contact.read([0]) == 128).all()
-    with pytest.raises(ConfigError, match="give data.span"):
+    with pytest.raises(ConfigError, match=r"give data\.span"):
         all_of(root, **touch(DEPTH))
 
 
@@ -232,6 +232,15 @@ def test_a_colour_video_of_16_bits_has_x_y_and_z(tmp_path: Path) -> None:
     first, _ = all_of(root, **touch(DEPTH, span=300.0, background="none", rest=30000.0))
     wanted = np.rint(128 + (frames[4] - 30000.0) * 127 / 300).clip(1, 255)
     assert np.abs(first.frames.read([4])[0].astype(int) - wanted).max() <= 1
+
+
+def test_a_video_of_16_bits_that_was_cut_off_is_named(tmp_path: Path) -> None:
+    root = deep_set(tmp_path / "set", signal(2 * ROWS), "gray16le", "gray16le")
+    path = next(root.rglob("*.mov"))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 7 // 10])
+    data = LeRobot(str(root), val=0, **touch(DEPTH, span=300.0))
+    assert len(list(data.recordings("train"))) == 1
+    assert "frames, but episode 1 needs 10; download" in data.skipped[0]
 
 
 def test_frames_far_apart_are_sought(tmp_path: Path) -> None:
@@ -251,6 +260,8 @@ def test_a_damaged_video_of_16_bits_is_named(tmp_path: Path) -> None:
     write_video(path, signal(30), "ffv1", "gray16le", "gray16le")
     whole, form = path.read_bytes(), form_of(path)
     path.write_bytes(whole[: len(whole) // 2])
+    assert len(DeepVideo(path, form)) < 30  # an episode that needs more of them is named
+    path.write_bytes(whole[:100])
     assert form_of(path) is None
     with pytest.raises(DataError, match=r"a\.mov: its packets cannot be decoded"):
         DeepVideo(path, form)

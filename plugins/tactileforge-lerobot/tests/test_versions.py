@@ -39,7 +39,7 @@ def test_every_field_comes_back(tmp_path: Path, version: str, images: str) -> No
         np.testing.assert_array_equal(recording.tracks["robot_action"], wanted["action"])
         np.testing.assert_array_equal(recording.tracks["pressure_matrix"], wanted[PRESSURE])
         np.testing.assert_array_equal(recording.tracks["force_torque"], wanted[WRENCH])
-        shown, near = recording.frames.read(range(ROWS)), 0 if images == "image" else 3
+        shown, near = recording.frames.read(range(ROWS)), 0 if images == "image" else 6
         assert shown.shape == (ROWS, 24, 32, 3)
         assert np.abs(shown.astype(int) - pictures(number)).max() <= near
         still = recording.no_contact.read([0])[0]
@@ -261,8 +261,6 @@ def test_several_sets_below_a_folder_are_read_one_after_the_other(tmp_path: Path
     data = LeRobot(str(tmp_path / "all"), val=0, **TOUCH)
     keys = [one.key for one in data.recordings("train")]
     assert keys == ["all/a/deep/000000/tactile_left", "all/b/000000/tactile_left"]
-    assert data.skipped == [
-        f"{lacks}: unknown feature in data.touch '{LEFT}'; known: "
-        + data.skipped[0].split("known: ")[1]
-    ]
+    (line,) = data.skipped
+    assert line.startswith(f"{lacks}: unknown feature in data.touch '{LEFT}'")
     assert list(data.recordings("val")) == []

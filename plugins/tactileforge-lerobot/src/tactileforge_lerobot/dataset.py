@@ -173,6 +173,7 @@ class LeRobot:
         if split not in ("train", "val"):
             raise ConfigError(unknown("split", split, ("train", "val")))
         failed: list[DataError] = []
+        broken: list[DataError] = []
         opened = 0
         for folder in self.folders:
             try:
@@ -182,10 +183,10 @@ class LeRobot:
             except DataError as error:
                 if len(self.folders) == 1:
                     raise
-                self._skip(error, failed)
+                self._skip(error, broken)
             self.notes += [note for note in folder.notes if note not in self.notes]
-        if failed and not opened:
-            raise failed[-1]
+        if not opened and (failed or len(broken) == len(self.folders)):
+            raise (failed or broken)[-1]
 
     def _recordings(
         self, folder: LeRobotFolder, split: str, failed: list[DataError]
