@@ -178,7 +178,8 @@ def numbers_of(cells: Any, dtype: str, where: str) -> NDArray[Any]:
     except arrow.lib.ArrowException as error:
         said = " ".join(str(error).split())[:200]
         raise DataError(f"{where}: no {dtype} ({said}); download it again") from error
-    return values.reshape(len(cells), -1)
+    rows: NDArray[Any] = values.reshape(len(cells), -1)
+    return rows
 
 
 def _is_other_list(arrow: ModuleType, kind: Any) -> bool:
