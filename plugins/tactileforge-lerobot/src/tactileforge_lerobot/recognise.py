@@ -56,7 +56,7 @@ def _touch(info: Info, options: dict[str, Any]) -> list[str]:
             "no feature is touch by its name: give data.touch and data.sensors; pictures are "
             f"{', '.join(info.pictures()) or 'none'}"
         ]
-    doubts = []
+    doubts: list[str] = []
     sensors = [_sensor(name, _PICTURES if pictures else _NUMBERS, doubts) for name in touch]
     options |= {"touch": touch, "sensors": sensors, "background": "first"}
     doubts.append("background: the first frame of an episode is taken to be without contact")

@@ -32,8 +32,8 @@ def find_sets(root: Path) -> dict[str, Path]:
     """
     if (root / folder.INFO).is_file():
         return {root.name: root}
-    found, left = [], [_MOST]
-    _search(root, _LEVELS, left, found)
+    found: list[Path] = []
+    _search(root, _LEVELS, [_MOST], found)
     return {f"{root.name}/{path.relative_to(root).as_posix()}": path for path in sorted(found)}
 
 
