@@ -18,7 +18,7 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
     "tactileforge-ft": {"sensors": ("ati_netft", "robotiq")},
     "tactileforge-gelsight": {"sensors": ("gelsight_mini", "gelsight_mini_markers")},
     "tactileforge-lerobot": {
-        "datasets": ("lerobot", "trex"),
+        "datasets": ("daimon", "lerobot", "opentouch", "taf", "trex"),
         "verbs": ("data.embed", "data.lerobot"),
     },
     "tactileforge-policies": {
