@@ -74,7 +74,6 @@ class Kept:
 
     def rows(
         self,
-        place: object,
         file: Container,
         key: str,
         rows: Sequence[int],
@@ -83,7 +82,6 @@ class Kept:
         """Rows of an array, in the order asked for; each block is read once.
 
         Args:
-            place: Name of the file for this memory.
             file: The open file.
             key: Path of the array.
             rows: Numbers of the rows.
@@ -99,15 +97,13 @@ class Kept:
         for number in np.unique(numbers // size):
             start = int(number) * size
             wanted = np.flatnonzero(numbers // size == number)
-            out[wanted] = self._block(place, file, key, start, min(start + size, facts.rows))[
+            out[wanted] = self._block(file, key, start, min(start + size, facts.rows))[
                 numbers[wanted] - start
             ]
         return out
 
-    def _block(
-        self, place: object, file: Container, key: str, start: int, stop: int
-    ) -> NDArray[Any]:
-        name = (place, key, start)
+    def _block(self, file: Container, key: str, start: int, stop: int) -> NDArray[Any]:
+        name = (file, key, start)
         if name in self._blocks:
             self._blocks.move_to_end(name)
             return self._blocks[name]

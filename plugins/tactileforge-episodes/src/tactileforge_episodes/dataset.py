@@ -42,7 +42,8 @@ class Episodes:
         sensors: Types of sensors by their name in the files, for those that the map does not know;
             ``any`` stands for every name.
         span: Change of taxels drawn as full colour, in their unit; null for that of the map.
-        draw: Which numbers are touch: ``grids`` of taxels, or ``all``; null for what the map says.
+        draw: Which numbers are drawn as touch: ``none``, ``grids`` of taxels, or ``all``; null for
+            what the map says. Others are tracks, where the map names them.
         background: ``first`` where episodes begin without contact, or ``none``; null for what the
             map says.
         colours: Order of the channels of all pictures; null for what the map says.
@@ -64,7 +65,7 @@ class Episodes:
         fps: float | None = None,
         sensors: Mapping[str, str] | None = None,
         span: float | None = None,
-        draw: Literal["grids", "all"] | None = None,
+        draw: Literal["none", "grids", "all"] | None = None,
         background: Literal["first", "none"] | None = None,
         colours: Literal["rgb", "bgr"] | None = None,
         large: Sequence[str] = (),

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib import import_module
 from importlib.util import find_spec
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.plugin import DataError
 from tactileforge_episodes.arrays import Facts, is_sane
+from tactileforge_episodes.members import Slice
 
 if TYPE_CHECKING:
     from h5py import Dataset
@@ -35,7 +36,7 @@ class HdfFile:
         DataError: It is no HDF5 file.
     """
 
-    def __init__(self, name: str, file: IO[bytes]) -> None:
+    def __init__(self, name: str, file: Slice) -> None:
         import h5py
 
         self.name = name

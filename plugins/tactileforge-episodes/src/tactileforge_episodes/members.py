@@ -7,6 +7,7 @@ import lzma
 import os
 import struct
 import tarfile
+import weakref
 import zipfile
 import zlib
 from collections.abc import Iterable
@@ -46,8 +47,8 @@ class Members(Protocol):
         """Names of the folders and of the files in a folder, sorted."""
         ...
 
-    def open(self, name: str) -> tuple[IO[bytes], int]:
-        """A seekable file, and its size in bytes.
+    def open(self, name: str) -> Slice:
+        """A file that can be read from any position.
 
         Raises:
             DataError: The file is compressed, or missing.
@@ -84,11 +85,11 @@ class FolderMembers:
         folders = [entry.name for entry in entries if entry.is_dir()]
         return folders, [entry.name for entry in entries if entry.is_file()]
 
-    def open(self, name: str) -> tuple[IO[bytes], int]:
+    def open(self, name: str) -> Slice:
         """A file of the folder; see `Members.open`."""
         path = self.path / name
         try:
-            return open(path, "rb"), path.stat().st_size
+            return Slice(Handle(path))
         except OSError as error:
             raise DataError(f"{path}: cannot be read ({error.strerror})") from error
 
@@ -106,8 +107,8 @@ class ZipMembers:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            self.file = open(path, "rb")  # noqa: SIM115  # lives as long as this object
-            self.archive = zipfile.ZipFile(self.file)
+            self.handle = Handle(path)
+            self.archive = zipfile.ZipFile(Slice(self.handle))
             self.entries = {entry.filename: entry for entry in self.archive.infolist()}
         except (*_DAMAGED, OSError, ValueError) as error:
             raise DataError(f"{path}: not a readable zip ({error}); download it again") from error
@@ -121,7 +122,7 @@ class ZipMembers:
         if entry is None or entry.is_dir():
             return None
         if entry.compress_type == zipfile.ZIP_STORED:
-            return _part(Slice(self.file, self._offset(entry), entry.file_size), start, stop)
+            return _part(Slice(self.handle, self._offset(entry), entry.file_size), start, stop)
         if entry.file_size > _LARGEST:
             raise DataError(f"{self.path}: {name} has {entry.file_size} bytes; unpack the archive")
         try:
@@ -133,7 +134,7 @@ class ZipMembers:
         """Names of folders and files; see `Members.children`."""
         return self.folders.get(folder.strip("/"), ([], []))
 
-    def open(self, name: str) -> tuple[IO[bytes], int]:
+    def open(self, name: str) -> Slice:
         """A member stored without compression; see `Members.open`."""
         entry = self.entries.get(name)
         if entry is None:
@@ -143,10 +144,10 @@ class ZipMembers:
                 f"{self.path}: {name} is compressed, so no part of it can be read; unpack the "
                 "archive, and give its folder"
             )
-        return Slice(self.file, self._offset(entry), entry.file_size), entry.file_size
+        return Slice(self.handle, self._offset(entry), entry.file_size)
 
     def _offset(self, entry: zipfile.ZipInfo) -> int:
-        header = os.pread(self.file.fileno(), _LOCAL.size, entry.header_offset)
+        header = os.pread(self.handle.descriptor, _LOCAL.size, entry.header_offset)
         if len(header) < _LOCAL.size or header[:4] != b"PK\3\4":
             raise self._damaged(entry.filename, "no local header")
         return entry.header_offset + _LOCAL.size + sum(_LOCAL.unpack(header))
@@ -175,7 +176,7 @@ class TarMembers:
                         name = entry.name.removeprefix("./")
                         self.places[name] = (entry.offset_data, entry.size)
                     archive.members = []  # otherwise all headers stay in memory
-            self.file = open(path, "rb")  # noqa: SIM115  # lives as long as this object
+            self.handle = Handle(path)
         except (*_DAMAGED, OSError, ValueError) as error:
             raise DataError(
                 f"{path}: not a readable tar without compression ({error}); download it again, or "
@@ -187,7 +188,7 @@ class TarMembers:
         """Bytes of a file; see `Members.read`."""
         if name not in self.places:
             return None
-        content = _part(Slice(self.file, *self.places[name]), start, stop)
+        content = _part(Slice(self.handle, *self.places[name]), start, stop)
         if start == 0 and stop is None and len(content) != self.places[name][1]:
             raise DataError(f"{self.path}: {name} is cut off; download it again")
         return content
@@ -196,25 +197,41 @@ class TarMembers:
         """Names of folders and files; see `Members.children`."""
         return self.folders.get(folder.strip("/"), ([], []))
 
-    def open(self, name: str) -> tuple[IO[bytes], int]:
+    def open(self, name: str) -> Slice:
         """A member; see `Members.open`."""
         if name not in self.places:
             raise DataError(f"{self.path}: no member {name}; download it again")
-        offset, size = self.places[name]
-        return Slice(self.file, offset, size), size
+        return Slice(self.handle, *self.places[name])
+
+
+class Handle:
+    """A file on disk, open for reading by position; closed with its last user.
+
+    Args:
+        path: The file.
+
+    Raises:
+        OSError: It cannot be opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_CLOEXEC", 0))
+        self.size = os.fstat(self.descriptor).st_size
+        weakref.finalize(self, os.close, self.descriptor)
 
 
 class Slice(io.RawIOBase):
-    """A part of an open file as a file of its own, without a shared position.
+    """A part of a file as a file of its own; positions are not shared.
 
     Args:
-        file: The open file.
+        handle: The open file.
         offset: First byte.
-        size: Number of bytes.
+        size: Number of bytes; None for all that follow.
     """
 
-    def __init__(self, file: IO[bytes], offset: int, size: int) -> None:
-        self._file, self._offset, self._size, self._at = file, offset, size, 0
+    def __init__(self, handle: Handle, offset: int = 0, size: int | None = None) -> None:
+        self._handle, self._offset, self._at = handle, offset, 0
+        self._size = handle.size - offset if size is None else size
 
     def readable(self) -> bool:
         """Always True."""
@@ -237,7 +254,7 @@ class Slice(io.RawIOBase):
     def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
         """Fills a buffer, and returns the number of bytes."""
         count = max(0, min(len(buffer), self._size - self._at))
-        content = os.pread(self._file.fileno(), count, self._offset + self._at)
+        content = os.pread(self._handle.descriptor, count, self._offset + self._at)
         buffer[: len(content)] = content
         self._at += len(content)
         return len(content)
@@ -246,7 +263,7 @@ class Slice(io.RawIOBase):
         """Reads bytes; all that follow for -1."""
         left = max(0, self._size - self._at)
         count = left if size is None or size < 0 else min(size, left)
-        content = os.pread(self._file.fileno(), count, self._offset + self._at)
+        content = os.pread(self._handle.descriptor, count, self._offset + self._at)
         self._at += len(content)
         return content
 

@@ -9,7 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.lib import format as npy
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from tactileforge.plugin import DataError
 from tactileforge_episodes.arrays import Facts, is_sane
+from tactileforge_episodes.members import Slice
 
 _DAMAGED = (
     *(zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError),
@@ -54,7 +55,7 @@ class NpzFile:
         DataError: It is no npz file.
     """
 
-    def __init__(self, name: str, file: IO[bytes]) -> None:
+    def __init__(self, name: str, file: Slice) -> None:
         self.name, self._file, self._lock = name, file, threading.Lock()
         try:
             self._archive = zipfile.ZipFile(file)

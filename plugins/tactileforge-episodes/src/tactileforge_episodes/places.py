@@ -74,7 +74,7 @@ def _of_file(path: Path, bad: Callable[[str], object]) -> Iterator[Place]:
         yield Place(str(path), "", KINDS[path.suffix])
     elif path.suffix in ARCHIVES:
         try:
-            members = _members(os.getpid(), str(path))
+            members = _members(os.getpid(), str(path), _stamp(str(path)))
         except DataError as error:
             bad(str(error))
             return
@@ -106,31 +106,41 @@ def open_place(place: Place) -> Container:
     Raises:
         DataError: It is damaged.
     """
-    return _opened(os.getpid(), place)
+    return _opened(os.getpid(), place, _stamp(place.path))
+
+
+def _stamp(path: str) -> tuple[int, int]:
+    """Time of the last change of a file or folder, and its size."""
+    try:
+        about = os.stat(path)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror})") from error
+    return about.st_mtime_ns, about.st_size
 
 
 @lru_cache(maxsize=32)
-def _opened(process: int, place: Place) -> Container:
-    """Opened anew in each process, as open files are not shared after a fork."""
+def _opened(process: int, place: Place, stamp: tuple[int, int]) -> Container:
+    """Opened anew once a file has changed, and in each process, as a fork would share it."""
     path = Path(place.path)
     if place.kind == "zarr":
         from tactileforge_episodes.zarrs import ZarrFile
 
-        members = _members(process, place.path)
+        members = _members(process, place.path, stamp)
         return ZarrFile(str(place), members, place.inner)
-    parent = _members(process, place.path) if place.inner else FolderMembers(path.parent)
-    file, _ = parent.open(place.inner or path.name)
+    parent = _members(process, place.path, stamp) if place.inner else FolderMembers(path.parent)
+    file = parent.open(place.inner or path.name)
     if place.kind == "npz":
         from tactileforge_episodes.npz import NpzFile
 
         return NpzFile(str(place), file)
     from tactileforge_episodes.hdf import HdfFile
 
+    # not by its path: HDF5 would refuse others to open the file for writing
     return HdfFile(str(place), file)
 
 
 @lru_cache(maxsize=16)
-def _members(process: int, path: str) -> Members:
+def _members(process: int, path: str, stamp: tuple[int, int]) -> Members:
     """Members of a folder or archive; in each process anew, see `_opened`."""
     if Path(path).is_dir():
         return FolderMembers(Path(path))

@@ -31,7 +31,7 @@ class Reading:
         fps: Rows per second; None for what the map or the file says.
         sensors: Type of the sensor for names in the files; ``any`` stands for every name.
         span: Change of taxels that is drawn as full colour; None for that of the map.
-        draw: Which numbers are touch, ``all`` or ``grids``; None for what the map says.
+        draw: Which numbers are touch, ``none``, ``grids`` or ``all``; None for what the map says.
         background: ``first`` or ``none``; None for what the map says.
         large: Names of large tracks that are read too.
         colours: Order of the channels; None for what the map says.
@@ -209,7 +209,8 @@ class EpisodeFile:
             seen = np.abs(taxels.read([rows.start, rows[len(rows) // 2], rows[-1]]))
             raise ConfigError(
                 f"{touch.ref}: drawn as a picture, and its unit is not known; give the value of "
-                f"full colour: data.span=... (it has values up to {np.nanmax(seen):.4g})"
+                f"full colour: data.span=... (it has values up to {np.nanmax(seen):.4g}), or leave "
+                "numbers out with data.draw=none"
             )
         first = about.baseline == "first"
         return TaxelFrames(taxels, rows.start, rows.stop, channels, span, first)

@@ -42,7 +42,7 @@ class ArrayRef:
         """
         if len(rows) and not 0 <= min(rows) <= max(rows) < self.facts.rows:
             raise DataError(f"{self}: has {self.facts.rows} rows, not row {max(rows)}")
-        return KEPT.rows(self.place, open_place(self.place), self.key, rows, ahead)
+        return KEPT.rows(open_place(self.place), self.key, rows, ahead)
 
     def attribute(self, name: str) -> Any:
         """An attribute of the array; None where there is none."""

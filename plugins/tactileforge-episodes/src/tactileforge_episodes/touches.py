@@ -49,7 +49,7 @@ def find_touches(
         arrays: Arrays of the file.
         keys: The map.
         names: Values of the placeholders of its path.
-        draw: Which numbers are touch, ``all`` or ``grids``; None for what the map says.
+        draw: Which numbers are touch, ``none``, ``grids`` or ``all``; None for what the map says.
 
     Raises:
         DataError: There is none, or two have one name.
@@ -86,6 +86,8 @@ def _taxels(ref: ArrayRef, entry: TouchKeys, draw: str) -> TaxelKeys | str | Non
     axes = len(ref.facts.shape) - 1 - entry.pads
     if entry.taxels is None or (ref.facts.dtype == np.uint8 and axes == 3) or is_encoded(ref):
         return None
+    if draw == "none":
+        return "vector"
     if entry.taxels.form != "grid" or axes >= 2:
         return entry.taxels
     return replace(entry.taxels, form="flat", values=1) if draw == "all" else "vector"
