@@ -103,7 +103,7 @@ class Kept:
         return out
 
     def _block(self, file: Container, key: str, start: int, stop: int) -> NDArray[Any]:
-        name = (file, key, start)
+        name = (file, key, start, stop)
         if name in self._blocks:
             self._blocks.move_to_end(name)
             return self._blocks[name]

@@ -83,7 +83,7 @@ def times_of(
         raise DataError(f"{ref}: {found.dtype} {ref.facts.shape} are no times; correct the map")
     whole = found.dtype.kind in "iu"
     first = found[0, 0]
-    seconds = (found[:, 0] - first).astype(np.float64)
+    seconds: NDArray[np.float64] = (found[:, 0] - first).astype(np.float64)
     if time.unit == "frames" or (time.unit == "numbers_or_s" and whole):
         seconds /= _needed(rate, arrays, f"counts frames in {ref.key}")
     else:

@@ -47,6 +47,35 @@ def check_codecs(where: str, metadata: Mapping[str, Any]) -> None:
             raise DataError(f"{where}: {unknown('codec', name, KNOWN)}")
 
 
+def blosc_of(metadata: Mapping[str, Any]) -> str:
+    """Which bytes are one block of Blosc: ``chunk``, ``part`` of a shard, or "" for none.
+
+    Args:
+        metadata: Description of an array, see `check_codecs`.
+    """
+    last = (metadata.get("codecs") or [metadata.get("compressor") or {}])[-1]
+    if last.get("name") == "sharding_indexed":
+        inner = last.get("configuration") or {}
+        at_end = inner.get("index_location", "end") == "end"
+        return "part" if at_end and blosc_of({"codecs": inner.get("codecs")}) == "chunk" else ""
+    return "chunk" if "blosc" in (last.get("name"), last.get("id")) else ""
+
+
+def check_blosc(where: str, content: bytes) -> None:
+    """Checks the length that a block of Blosc says it has: its decoder would read beyond the end.
+
+    Args:
+        where: Name of the chunk, for messages.
+        content: Bytes of the block.
+
+    Raises:
+        DataError: The block is cut off.
+    """
+    said = int.from_bytes(content[12:16], "little")
+    if len(content) < 16 or said > len(content):
+        raise DataError(f"{where}: {len(content)} bytes, where {said} are said; download it again")
+
+
 def _names(metadata: Mapping[str, Any]) -> Iterator[str]:
     """Names of all codecs of an array, with those inside of shards."""
     if "codecs" in metadata or "index_codecs" in metadata:

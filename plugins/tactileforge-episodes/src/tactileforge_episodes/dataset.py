@@ -36,7 +36,8 @@ class Episodes:
 
     Args:
         root: Folder of the files, or a single file.
-        preset: Name of a map of the package, such as ``open_x_tactile``; "" for none.
+        preset: Name of a map of the package, such as ``open_x_tactile``; "" to recognise the format
+            by the keys of its files, unless ``map`` is given.
         map: YAML file with a map of your own; "" for none.
         fps: Rows a second, where the files have no times; null for what the map says.
         sensors: Types of sensors by their name in the files, for those that the map does not know;
@@ -75,10 +76,9 @@ class Episodes:
     ) -> None:
         if not 0 <= val < 1:
             raise ConfigError(f"data.val={val}; give the held-out share, 0 or more, below 1")
-        if bool(preset) == bool(map):
+        if preset and map:
             raise ConfigError(
-                "give one of data.preset=NAME, a known format, and data.map=FILE.yaml, a map of "
-                "your own (docs/episodes.md)"
+                "give data.preset=NAME, a known format, or data.map=FILE.yaml, not both"
             )
         if (fps is not None and fps <= 0) or (span is not None and span <= 0):
             raise ConfigError(f"data.fps={fps}, data.span={span}: give values above 0")
@@ -97,14 +97,29 @@ class Episodes:
 
         Raises:
             ConfigError: There is no such preset or file, or a key of it is invalid.
+            DataNotFoundError: No format is recognised.
         """
         from tactileforge_episodes.map_files import read_map, read_preset
 
-        keys = read_preset(self.preset) if self.preset else read_map(Path(self.map).expanduser())
+        if self.map:
+            keys = read_map(Path(self.map).expanduser())
+        else:
+            keys = read_preset(self.preset or self._recognised())
         for name in self.large:
             if name not in keys.large:
                 raise ConfigError(unknown("data.large", name, keys.large))
         return keys
+
+    def _recognised(self) -> str:
+        found = self.recognise(self.root)
+        if found is None:
+            raise DataNotFoundError(
+                f"{self.root}: no format is recognised there; set data.root to the folder of the "
+                "files, and give data.preset=NAME, or a map of your own: data.map=FILE.yaml "
+                "(docs/episodes.md)"
+            )
+        self._notes.append(f"{self.root}: recognised as {found.format}; data.preset says another")
+        return str(found.options["preset"])
 
     @property
     def notes(self) -> list[str]:
@@ -203,7 +218,7 @@ class Episodes:
             large=self.large,
             licence=self.licence,
         )
-        self._notes += [f"{self.preset or self.map}: {line}" for line in self.keys.doubts]
+        self._notes += [f"{self.keys.about}: {line}" for line in self.keys.doubts]
         return measure_signs(self.root, self.keys, said, _FIRST, self._notes)
 
     def _split(self, file: EpisodeFile, number: int) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactileforge.plugin import DataError
 from tactileforge_episodes.arrays import Facts, is_sane
 from tactileforge_episodes.members import Slice
+from tactileforge_episodes.packages import need
 
 if TYPE_CHECKING:
     from h5py import Dataset
@@ -37,8 +38,7 @@ class HdfFile:
     """
 
     def __init__(self, name: str, file: Slice) -> None:
-        import h5py
-
+        h5py = self._h5py = need("h5py", name)
         self.name = name
         try:
             self._file = h5py.File(file, "r")
@@ -57,8 +57,7 @@ class HdfFile:
             raise DataError(f"{self.name}: damaged ({error}); download it again") from error
 
     def _below(self, group: str, depth: int) -> Iterator[str]:
-        import h5py
-
+        h5py = self._h5py
         node = self._file[group] if group else self._file
         for name in node:
             path = f"{group}/{name}" if group else name
@@ -83,8 +82,7 @@ class HdfFile:
         return self._facts[key]
 
     def _look(self, key: str) -> Facts:
-        import h5py
-
+        h5py = self._h5py
         names = key.strip("/").split("/")
         for depth in range(len(names)):
             link = self._file.get("/".join(names[: depth + 1]), getlink=True)
@@ -105,8 +103,7 @@ class HdfFile:
         return Facts(found.shape, dtype, found.chunks[0] if found.chunks else 1)
 
     def _check_filters(self, key: str, found: Dataset) -> None:
-        import h5py
-
+        h5py = self._h5py
         about = found.id.get_create_plist()
         for i in range(about.get_nfilters()):
             number, _, _, title = about.get_filter(i)

@@ -41,7 +41,8 @@ def read_map(path: Path) -> EpisodeMap:
     try:
         return parse_map(str(path), load_yaml(path.read_text("utf-8")))
     except (OSError, ValueError) as error:
-        raise ConfigError(f"data.map={path}: cannot be read ({error}); correct it") from error
+        why = " ".join(str(error).split())
+        raise ConfigError(f"data.map={path}: cannot be read ({why}); correct it") from error
 
 
 def parse_map(where: str, content: Any) -> EpisodeMap:

@@ -150,7 +150,8 @@ class ZipMembers:
         header = os.pread(self.handle.descriptor, _LOCAL.size, entry.header_offset)
         if len(header) < _LOCAL.size or header[:4] != b"PK\3\4":
             raise self._damaged(entry.filename, "no local header")
-        return entry.header_offset + _LOCAL.size + sum(_LOCAL.unpack(header))
+        name, extra = _LOCAL.unpack(header)
+        return entry.header_offset + _LOCAL.size + int(name) + int(extra)
 
     def _damaged(self, name: str, why: object) -> DataError:
         return DataError(f"{self.path}: {name} cannot be read ({why}); download it again")
@@ -175,7 +176,7 @@ class TarMembers:
                     if entry.isreg() and not entry.issparse():
                         name = entry.name.removeprefix("./")
                         self.places[name] = (entry.offset_data, entry.size)
-                    archive.members = []  # otherwise all headers stay in memory
+                    archive.members = []  # type: ignore[attr-defined]  # or all stay in memory
             self.handle = Handle(path)
         except (*_DAMAGED, OSError, ValueError) as error:
             raise DataError(

@@ -60,7 +60,7 @@ def find_touches(
         for key, values in arrays.match(entry.key, names):
             ref = arrays.ref(key)
             taxels = _taxels(ref, entry, draw or entry.draw)
-            if taxels == "vector":
+            if isinstance(taxels, str):
                 vectors.append(key)
                 continue
             base = Touch(number, entry, ref, "", values, taxels=taxels)

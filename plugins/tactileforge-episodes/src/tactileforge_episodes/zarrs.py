@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from tactileforge.plugin import DataError, load_json
 from tactileforge_episodes.arrays import Facts, is_sane
-from tactileforge_episodes.codecs import check_codecs
+from tactileforge_episodes.codecs import blosc_of, check_blosc, check_codecs
 from tactileforge_episodes.members import Members
+from tactileforge_episodes.packages import need
 
 if TYPE_CHECKING:
     from zarr import Array
@@ -87,14 +88,13 @@ class ZarrFile:
             raise self._wrong(key, "no such array")
         version, about = found
         check_codecs(f"{self.name}, {key}", about)
+        zarr = need("zarr", self.name)
         try:
-            import zarr
-
             array = zarr.open_array(
-                _store_type()(self.members, self.name),
+                _store_type()(self.members, self.name, blosc_of(about)),
                 path=posixpath.join(self.folder, key),
                 mode="r",
-                zarr_format=version,  # type: ignore[arg-type]  # 2 or 3
+                zarr_format=version,
             )
             dtype = np.dtype(array.dtype)
         except _DAMAGED as error:
@@ -169,9 +169,9 @@ def _store_type() -> type[Any]:
         supports_deletes = False
         supports_listing = False
 
-        def __init__(self, members: Members, name: str) -> None:
+        def __init__(self, members: Members, name: str, blosc: str) -> None:
             super().__init__(read_only=True)
-            self.members, self.name = members, name
+            self.members, self.name, self.blosc = members, name, blosc
 
         def __eq__(self, other: object) -> bool:
             return self is other
@@ -188,6 +188,10 @@ def _store_type() -> type[Any]:
             elif isinstance(byte_range, SuffixByteRequest):
                 start = -byte_range.suffix
             content = self.members.read(key, start, stop)
+            whole = byte_range is None and not key.endswith((ARRAY_2, NODE_3, ".zattrs"))
+            part = isinstance(byte_range, RangeByteRequest)
+            if content is not None and {"chunk": whole, "part": part}.get(self.blosc):
+                check_blosc(f"{self.name}, {key}", content)
             return None if content is None else prototype.buffer.from_bytes(content)
 
         async def get_partial_values(
@@ -210,19 +214,16 @@ def _store_type() -> type[Any]:
             """Refuses: the store is read only."""
             raise NotImplementedError
 
-        async def list(self) -> AsyncIterator[str]:
-            """Lists nothing."""
-            for key in ():
-                yield key
+        def list(self) -> AsyncIterator[str]:
+            """Refuses: keys are listed by `ZarrFile.keys`."""
+            raise NotImplementedError
 
-        async def list_prefix(self, prefix: str) -> AsyncIterator[str]:
-            """Lists nothing."""
-            for key in ():
-                yield key
+        def list_prefix(self, prefix: str) -> AsyncIterator[str]:
+            """Refuses: keys are listed by `ZarrFile.keys`."""
+            raise NotImplementedError
 
-        async def list_dir(self, prefix: str) -> AsyncIterator[str]:
-            """Lists nothing."""
-            for key in ():
-                yield key
+        def list_dir(self, prefix: str) -> AsyncIterator[str]:
+            """Refuses: keys are listed by `ZarrFile.keys`."""
+            raise NotImplementedError
 
     return MemberStore
