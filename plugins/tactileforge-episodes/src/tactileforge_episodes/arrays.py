@@ -12,6 +12,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.plugin import DataError
+
 #: Memory of kept rows of this process, bytes.
 _KEPT = 1 << 27
 #: Size of a block of numbers that is read ahead, bytes.
@@ -76,7 +78,7 @@ class Kept:
         self,
         file: Container,
         key: str,
-        rows: Sequence[int],
+        rows: Sequence[int] | NDArray[np.int64],
         ahead: bool = False,
     ) -> NDArray[Any]:
         """Rows of an array, in the order asked for; each block is read once.
@@ -87,19 +89,28 @@ class Kept:
             rows: Numbers of the rows.
             ahead: Whether a block has further rows beside those decoded together: for numbers, all
                 rows of which are read in turn.
+
+        Raises:
+            DataError: A chunk is damaged, or a row is not there.
         """
         if self._process != os.getpid():  # the memory of a forked process is its own
             self.__init__()  # type: ignore[misc]
         facts = file.facts(key)
         size = _block_rows(facts) if ahead else max(1, facts.block)
         numbers = np.asarray(rows, np.int64)
+        if len(numbers) and not 0 <= numbers.min() <= numbers.max() < facts.rows:
+            raise DataError(f"{file.name}, {key}: {facts.rows} rows, not row {numbers.max()}")
+        blocks = numbers // size
+        if len(numbers) and (blocks == blocks[0]).all():
+            start = int(blocks[0]) * size
+            block = self._block(file, key, start, min(start + size, facts.rows))
+            return block[numbers - start]
         out = np.empty((len(numbers), *facts.shape[1:]), facts.dtype)
-        for number in np.unique(numbers // size):
+        for number in np.unique(blocks):
             start = int(number) * size
-            wanted = np.flatnonzero(numbers // size == number)
-            out[wanted] = self._block(file, key, start, min(start + size, facts.rows))[
-                numbers[wanted] - start
-            ]
+            wanted = np.flatnonzero(blocks == number)
+            block = self._block(file, key, start, min(start + size, facts.rows))
+            out[wanted] = block[numbers[wanted] - start]
         return out
 
     def _block(self, file: Container, key: str, start: int, stop: int) -> NDArray[Any]:

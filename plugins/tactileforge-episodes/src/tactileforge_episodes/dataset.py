@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from tactileforge_episodes.map_keys import EpisodeMap
-    from tactileforge_episodes.reader import EpisodeFile, Reading
+    from tactileforge_episodes.reader import EpisodeFile
+    from tactileforge_episodes.reading import Reading
 
 #: Files looked at for the labels of the data set, and for the signs of its forces.
 _FIRST = 16
@@ -206,7 +207,7 @@ class Episodes:
             ConfigError: The map cannot be read.
         """
         from tactileforge_episodes.find import measure_signs
-        from tactileforge_episodes.reader import Reading
+        from tactileforge_episodes.reading import Reading
 
         said = Reading(
             fps=self.fps,

@@ -10,10 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.plugin import DataError
+from tactileforge_episodes.forces import read_force
 from tactileforge_episodes.map_keys import EpisodeMap
 from tactileforge_episodes.names import fill, match_end
 from tactileforge_episodes.places import KINDS, Place, find_places
-from tactileforge_episodes.reader import EpisodeFile, Reading, read_force
+from tactileforge_episodes.reader import EpisodeFile
+from tactileforge_episodes.reading import Reading
 from tactileforge_episodes.values import EpisodeArrays
 
 #: Suffixes that are no part of the name of a file.

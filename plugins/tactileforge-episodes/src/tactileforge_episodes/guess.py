@@ -12,7 +12,8 @@ from tactileforge_episodes.map_files import preset_names, read_preset
 from tactileforge_episodes.map_keys import EpisodeMap
 from tactileforge_episodes.names import match
 from tactileforge_episodes.places import Place, find_places
-from tactileforge_episodes.reader import EpisodeFile, Reading
+from tactileforge_episodes.reader import EpisodeFile
+from tactileforge_episodes.reading import Reading
 from tactileforge_episodes.values import EpisodeArrays
 
 #: Files whose keys are looked at.

@@ -3,51 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.plugin import ConfigError, DataError, Frames, FrameSubset, Recording, spec
 from tactileforge_episodes.clock import episodes_of, rate_of, times_of
-from tactileforge_episodes.frames import Reference, TaxelFrames, Taxels, TaxelTrack, open_pictures
-from tactileforge_episodes.map_keys import EpisodeMap, ForceKeys, Keys, PictureKeys
+from tactileforge_episodes.forces import read_force
+from tactileforge_episodes.frames import Reference, open_pictures
+from tactileforge_episodes.map_keys import EpisodeMap, Keys, PictureKeys
 from tactileforge_episodes.names import fill, placeholders
-from tactileforge_episodes.refs import ArrayRef, Readable, Track, Tracks, numbers
+from tactileforge_episodes.reading import Reading
+from tactileforge_episodes.refs import ArrayRef, Readable, Track, Tracks
+from tactileforge_episodes.taxels import TaxelFrames, Taxels, TaxelTrack
 from tactileforge_episodes.touches import Touch, find_touches
 from tactileforge_episodes.values import EpisodeArrays, labels_of
-
-#: Newton of each unit.
-_NEWTON = {"N": 1.0, "mN": 1e-3, "kgf": 9.80665, "gf": 9.80665e-3}
-
-
-@dataclass(frozen=True)
-class Reading:
-    """What a user says about a data set beside its map.
-
-    Attributes:
-        fps: Rows per second; None for what the map or the file says.
-        sensors: Type of the sensor for names in the files; ``any`` stands for every name.
-        span: Change of taxels that is drawn as full colour; None for that of the map.
-        draw: Which numbers are touch, ``none``, ``grids`` or ``all``; None for what the map says.
-        background: ``first`` or ``none``; None for what the map says.
-        large: Names of large tracks that are read too.
-        colours: Order of the channels; None for what the map says.
-        licence: Licence of the recordings; "" for that of the map.
-        signs: Sign of z of each entry of touch whose force has the sign ``mean``.
-    """
-
-    fps: float | None = None
-    sensors: Mapping[str, str] = field(default_factory=dict)
-    span: float | None = None
-    draw: str | None = None
-    background: str | None = None
-    large: tuple[str, ...] = ()
-    colours: Literal["rgb", "bgr"] | None = None
-    licence: str = ""
-    signs: Mapping[int, float] = field(default_factory=dict)
 
 
 class EpisodeFile:
@@ -309,33 +282,3 @@ class EpisodeFile:
         if ref.facts.rows != rows or not shape:
             raise DataError(f"{ref}: {shape}, where touch has {rows} rows; correct the file")
         return shape
-
-
-def read_force(
-    ref: ArrayRef, about: ForceKeys, rows: range, pad: int | None, limit: float | None
-) -> NDArray[np.float32]:
-    """Force of the rows, float32 (T, 3), N; NaN where it is not known; z is not turned.
-
-    Args:
-        ref: The array.
-        about: Its columns, unit and signs.
-        rows: The rows.
-        pad: Index along the second axis of an array with pads; None for none.
-        limit: Largest magnitude of a number; None for those of float32.
-
-    Raises:
-        DataError: The array has no such column.
-    """
-    values = numbers(ref.rows(rows, ahead=True), ref, limit)
-    values = values[:, pad] if pad is not None and values.ndim == 3 else values
-    most = max((column for column in about.columns if column is not None), default=0)
-    if values.ndim != 2 or values.shape[1] <= most:
-        raise DataError(
-            f"{ref}: {ref.facts.shape} has no column {most}; correct `force` in the map"
-        )
-    force = np.full((len(values), 3), np.nan, np.float32)
-    for axis, (column, sign) in enumerate(zip(about.columns, about.sign, strict=True)):
-        if column is not None:
-            factor = 1.0 if sign == "mean" else float(sign)
-            force[:, axis] = values[:, column].astype(np.float64) * (factor * _NEWTON[about.unit])
-    return force

@@ -29,6 +29,7 @@ class EpisodeArrays:
 
     def __init__(self, place: Place, beside: Mapping[str, Place], within: str = "") -> None:
         self.place, self.beside, self._within = place, dict(beside), within
+        self._matches: dict[str, list[tuple[str, dict[str, str]]]] = {}
 
     @cached_property
     def top(self) -> str:
@@ -55,7 +56,10 @@ class EpisodeArrays:
     def match(self, keys: Keys, values: Mapping[str, str]) -> list[tuple[str, dict[str, str]]]:
         """Arrays of the first template that fits any, with the values of its placeholders."""
         for template in _several(keys):
-            if found := match(fill(template.removesuffix("?"), values), self.keys):
+            filled = fill(template.removesuffix("?"), values)
+            if filled not in self._matches:
+                self._matches[filled] = match(filled, self.keys)
+            if found := self._matches[filled]:
                 return [(key, {**values, **its}) for key, its in found]
         return []
 
