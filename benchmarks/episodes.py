@@ -5,8 +5,8 @@
   reads the rows of a clip by `Frames.read`; zarr's loops read them one by one, and as one
   selection (``oindex``). Clips of 4 frames, every second one, are drawn at random or follow one
   another.
-- Seconds (of CPU, and on the clock) to list the recordings of 10^6 frames (2,500 episodes of two pads) with times, forces and
-  captions, and to read their tracks, and the memory that this takes.
+- Seconds (of CPU, and on the clock) to list the recordings of 10^6 frames (2,500 episodes of two
+  pads) with times, forces and captions, and to read their tracks, and the memory that this takes.
 
 Run: python episodes.py
 """

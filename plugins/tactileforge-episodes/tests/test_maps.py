@@ -109,6 +109,12 @@ def test_episodes_are_held_out_by_a_unit(rig):
     assert counts == [0, 2]
 
 
+def test_a_unit_that_is_not_known_is_named(rig):
+    data = Episodes(str(rig), map=str(rig / "own.yaml"), hold_out="{objct}")
+    with pytest.raises(ConfigError, match=r"placeholder of data\.hold_out 'objct'; did you mean"):
+        list(data.recordings("train"))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "wanted"),
     [

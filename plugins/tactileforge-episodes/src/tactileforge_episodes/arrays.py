@@ -7,6 +7,7 @@ import os
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any, Protocol
 
 import numpy as np
@@ -72,7 +73,7 @@ class Kept:
 
     def __init__(self) -> None:
         self._blocks: OrderedDict[tuple[Any, ...], NDArray[Any]] = OrderedDict()
-        self._bytes, self._process = 0, os.getpid()
+        self._bytes, self._process, self._lock = 0, os.getpid(), Lock()
 
     def rows(
         self,
@@ -115,16 +116,18 @@ class Kept:
 
     def _block(self, file: Container, key: str, start: int, stop: int) -> NDArray[Any]:
         name = (file, key, start, stop)
-        if name in self._blocks:
-            self._blocks.move_to_end(name)
-            return self._blocks[name]
+        with self._lock:
+            if name in self._blocks:
+                self._blocks.move_to_end(name)
+                return self._blocks[name]
         block = file.read(key, start, stop)
-        if block.nbytes <= _KEPT // 2:
-            self._blocks[name] = block
-            self._bytes += block.nbytes
-        while self._bytes > _KEPT:
-            _, old = self._blocks.popitem(last=False)
-            self._bytes -= old.nbytes
+        with self._lock:
+            if name not in self._blocks and block.nbytes <= _KEPT // 2:
+                self._blocks[name] = block
+                self._bytes += block.nbytes
+            while self._bytes > _KEPT:
+                _, old = self._blocks.popitem(last=False)
+                self._bytes -= old.nbytes
         return block
 
 

@@ -223,9 +223,12 @@ class Episodes:
         return measure_signs(self.root, self.keys, said, _FIRST, self._notes)
 
     def _split(self, file: EpisodeFile, number: int) -> str:
-        from tactileforge_episodes.names import fill
+        from tactileforge_episodes.names import fill, placeholders
 
         template = self.keys.hold_out if self.hold_out is None else self.hold_out
+        for name in placeholders(template):
+            if name not in file.values:
+                raise ConfigError(unknown("placeholder of data.hold_out", name, file.values))
         unit = fill(template, file.values) if template else file.key(number)
         return "val" if is_held_out(unit, self.val) else "train"
 
