@@ -92,7 +92,7 @@ def clips(root: Path) -> dict[str, Any]:
     """Clips a second and bytes a clip, ours beside zarr's loops."""
     data = Episodes(str(root.parent), preset="reactive_diffusion", val=0)
     recordings = list(data.recordings("train"))
-    stored = zarr.open_group(root, mode="r")["data/left_gripper1_img"]
+    stored: Any = zarr.open_group(root, mode="r")["data/left_gripper1_img"]
     rng = np.random.default_rng(0)
     drawn = rng.integers(0, len(recordings), 30), rng.integers(0, EPISODE - CLIP * STEP, 30)
     spots = {
