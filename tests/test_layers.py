@@ -102,10 +102,13 @@ def _text(node: ast.expr) -> str:
 ABSENT = [
     "diffusers",
     "gymnasium",
+    "h5py",
     "pyarrow",
     "tactileforge_arrays",
+    "tactileforge_episodes",
     "tactileforge_lerobot",
     "tactileforge_policies",
+    "zarr",
 ]
 
 

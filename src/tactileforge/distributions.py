@@ -14,6 +14,13 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "tactileforge-digit": {"sensors": ("digit",)},
     "tactileforge-dmtac": {"sensors": ("dmtac", "dmtac_sdk")},
+    "tactileforge-episodes": {
+        "datasets": (
+            *("aloha", "episodes", "freetacman", "htt", "manifeel", "omnisharing"),
+            *("open_x_tactile", "reactive_diffusion", "touch_in_the_wild", "univtac"),
+            *("vitamin_b", "vtouch"),
+        ),
+    },
     "tactileforge-flexitac": {"sensors": ("flexitac",)},
     "tactileforge-ft": {"sensors": ("ati_netft", "robotiq")},
     "tactileforge-gelsight": {"sensors": ("gelsight_mini", "gelsight_mini_markers")},

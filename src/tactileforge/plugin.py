@@ -12,6 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from tactileforge import strict
 from tactileforge.cli._command import Command
 from tactileforge.contracts import (
     ACTIONS,
@@ -79,7 +80,7 @@ from tactileforge.sensors.specs import SPECS, spec
 from tactileforge.sensors.stream import StreamSensor
 from tactileforge.sensors.taxels import TaxelLayout
 from tactileforge.streaming.buffer import warn_of_slow_frames
-from tactileforge.untrusted import load_json
+from tactileforge.untrusted import load_json, load_yaml
 
 if TYPE_CHECKING:
     from tactileforge.data.batches.clips import Clips, resize_frame, view_of
@@ -171,6 +172,7 @@ __all__ = [
     "is_held_out",
     "label_actions",
     "load_json",
+    "load_yaml",
     "masked_mean",
     "names",
     "nearest",
@@ -184,6 +186,7 @@ __all__ = [
     "resize_frame",
     "spec",
     "stated",
+    "strict",
     "take_steps",
     "to_json",
     "unknown",
