@@ -139,7 +139,7 @@ class TouchData(L.LightningDataModule):
         Raises:
             DataError: No training clip can be cut; see also `contracts.Dataset.recordings`.
             ConfigError: Pairs are asked for, and the data has none; or no recording has the track
-                of a column.
+                of a column; or clips that are no single touches are to be augmented.
         """
         if self.train is not None:
             return
@@ -163,6 +163,11 @@ class TouchData(L.LightningDataModule):
         self._whole = {number: self._clips(opened[number]) for number in whole}
         alone = len(self.sources["train"]) == 1 and self._whole
         self.train = self._whole[0] if alone else self._clips(sample)
+        if self.augment and not self.train.is_touch:
+            raise ConfigError(
+                "augment changes clips of one touch, and the data cuts samples of its own: give "
+                "augment=null"
+            )
         if self.match and not Pairs(*self.train.labels()):
             raise ConfigError(
                 "matching needs two objects, one of them touched by two sensors, or two actions, "
@@ -290,14 +295,14 @@ class TouchData(L.LightningDataModule):
         return Loader.of(stream, BatchIndexSampler(length), self.workers)
 
     def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
-        """Draws flips on the host, updates labels and captions; ``paired``: whether any are."""
+        """Draws changes of clips on the host, with their labels; ``paired``: whether any are."""
         assert self.trainer is not None
         training = self.trainer.training
         if training:
             number = self.trainer.fit_loop.total_batch_idx + 1
             seed_step(self.seed, number, self.trainer.global_rank + 1)
             if self.augment:
-                batch = self.augment.labels(batch)
+                batch = self.augment.labels(batch, self._declared)
         fill_captions(batch)
         batch["paired"] = bool((batch["group"] >= 0).any())  # on a device it would be waited for
         for observe in self.observers:
