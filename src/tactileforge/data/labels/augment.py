@@ -116,6 +116,12 @@ class Augment(nn.Module):
                 same_on_frame=True,
             )
 
+    @property
+    def changes(self) -> bool:
+        """Whether any clip is ever changed."""
+        flips = self.horizontal or self.vertical
+        return bool(flips or self._moves or self._lights or self.jitter is not None)
+
     def _check(self, jitter: float) -> None:
         for name in self.chance:
             if name not in _MOST:
@@ -227,3 +233,16 @@ class Augment(nn.Module):
             return surface
         with torch.autocast(surface.device.type, enabled=False):
             return pixels.move_surface(surface, batch["warp"], batch["warp_turn"])
+
+
+def build_augment(options: Mapping[str, Any] | None) -> Augment | None:
+    """The augmentation of a run; None where its options change nothing.
+
+    Args:
+        options: Arguments of `Augment` by name; None for none.
+
+    Raises:
+        ConfigError: See `Augment`.
+    """
+    augment = Augment(**options) if options else None
+    return augment if augment and augment.changes else None
