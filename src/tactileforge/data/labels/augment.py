@@ -213,15 +213,12 @@ class Augment(nn.Module):
     def _changed(self, clip: Tensor, batch: Batch) -> Tensor:
         """Moves and lights clips (B, 1 + T, 3, H, W), the background first."""
         with torch.autocast(clip.device.type, enabled=False):  # bf16 has no 256 levels
-            background, frames = clip[:, 0].float(), clip[:, 1:].float()
+            clip = clip.to(torch.float32, memory_format=torch.contiguous_format)
             if self._moves:
-                background, frames = pixels.move_clip(background, frames, batch["warp"])
+                clip = pixels.move_clip(clip, batch["warp"])
             if self._lights:
-                light = batch["relight"]
-                background, frames = pixels.light_clip(
-                    background, frames, light, self.blur, self.noise
-                )
-            return pixels.as_levels(torch.cat([background[:, None], frames], dim=1))
+                clip = pixels.light_clip(clip, batch["relight"], self.blur, self.noise > 0)
+            return pixels.as_levels(clip)
 
     def _surface(self, batch: Batch) -> Tensor:
         """Surfaces with the mirrors and turns of the pixels."""

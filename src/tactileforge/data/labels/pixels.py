@@ -26,27 +26,25 @@ def _sample(images: Tensor, warp: Tensor, padding: str) -> Tensor:
     return out
 
 
-def move_clip(background: Tensor, frames: Tensor, warp: Tensor) -> tuple[Tensor, Tensor]:
+def move_clip(clip: Tensor, warp: Tensor) -> Tensor:
     """Moves backgrounds and frames alike; what comes in from outside is the gel at rest.
 
     Beyond its border a background is reflected, for a gel at rest goes on as it is. Frames show
     this background there: a reflected contact would be a second one, which no force label has.
 
     Args:
-        background: float (B, 3, H, W), levels.
-        frames: float (B, T, 3, H, W), levels.
+        clip: float (B, 1 + T, 3, H, W), levels; the background first.
         warp: float (B, 2, 3), place after the change of a place before it; both in shares of width
             and height from the centre of the picture.
 
     Returns:
-        Both, as they came.
+        The clip, of the same shape.
     """
-    rest = _sample(background, warp, "reflection")
-    inside = torch.ones_like(frames[:, 0, :1])
-    flat = torch.cat([frames.flatten(1, 2), inside], dim=1)
-    moved = _sample(flat, warp, "zeros")
-    shown = moved[:, :-1].view_as(frames)
-    return rest, shown + (1 - moved[:, None, -1:]) * rest[:, None]
+    rest = _sample(clip[:, 0], warp, "reflection")
+    inside = torch.ones_like(clip[:, 0, :1])
+    moved = _sample(torch.cat([clip[:, 1:].flatten(1, 2), inside], dim=1), warp, "zeros")
+    frames = moved[:, :-1].unflatten(1, (-1, 3))
+    return torch.cat([rest[:, None], frames + (1 - moved[:, None, -1:]) * rest[:, None]], dim=1)
 
 
 def move_surface(surface: Tensor, warp: Tensor, turn: Tensor) -> Tensor:
@@ -63,29 +61,28 @@ def move_surface(surface: Tensor, warp: Tensor, turn: Tensor) -> Tensor:
     return displacement.displacement_images(turned)
 
 
-def light_clip(
-    background: Tensor, frames: Tensor, light: Tensor, blur: float, noise: float
-) -> tuple[Tensor, Tensor]:
+def light_clip(clip: Tensor, light: Tensor, blur: float, noise: bool) -> Tensor:
     """Blurs and lights backgrounds and frames alike, and adds noise to frames.
 
     A background is the median of several frames, in which the noise is lost.
 
     Args:
-        background: float (B, 3, H, W), levels.
-        frames: float (B, T, 3, H, W), levels.
+        clip: float (B, 1 + T, 3, H, W), levels; the background first. It is used up.
         light: float (B, 5): factors of red, green and blue; deviations of blur, pixels, and of
             noise, levels.
         blur: Largest deviation of the blur, pixels; 0 for none.
-        noise: Largest deviation of the noise, levels; 0 for none.
+        noise: Whether any frames get noise.
+
+    Returns:
+        The clip, of the same shape.
     """
-    clip = torch.cat([background[:, None], frames], dim=1)
     if blur:
         clip = _blurred(clip, light[:, 3:4], blur)
-    clip = clip * light[:, None, :3, None, None]
-    background, frames = clip[:, 0], clip[:, 1:]
+    clip *= light[:, None, :3, None, None]
     if noise:
-        frames = frames + light[:, 4, None, None, None, None] * torch.randn_like(frames)
-    return background, frames
+        frames = clip[:, 1:]
+        frames += light[:, 4, None, None, None, None] * torch.randn_like(frames)
+    return clip
 
 
 def _blurred(clip: Tensor, deviation: Tensor, most: float) -> Tensor:
@@ -99,5 +96,5 @@ def _blurred(clip: Tensor, deviation: Tensor, most: float) -> Tensor:
 
 
 def as_levels(clip: Tensor) -> Tensor:
-    """Levels of pixels, uint8, of floats."""
-    return clip.round().clamp(0, 255).to(torch.uint8)
+    """Levels of pixels, uint8, of floats, which are used up."""
+    return clip.round_().clamp_(0, 255).to(torch.uint8)
