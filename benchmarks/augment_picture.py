@@ -98,7 +98,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=folder / "augment.jpg")
     given = parser.parse_args()
     figure = draw(clip_of(touch()))
-    options = {"pil_kwargs": {"quality": 80}} if given.out.suffix == ".jpg" else {}
+    options = {"pil_kwargs": {"quality": 72}} if given.out.suffix == ".jpg" else {}
     figure.savefig(given.out, facecolor="white", **options)
     print(given.out)
 
