@@ -22,7 +22,7 @@ FLIPS = {"horizontal": 0.5, "vertical": 0.5}
 MOVES = {"rotate": 180.0, "shift": 0.1, "scale": 0.2}
 LIGHT = {"gain": 0.2, "colour": 0.1}
 #: Options of each subject, beside those of the flips.
-SUBJECTS: dict[str, dict[str, float]] = {
+SUBJECTS: dict[str, dict[str, Any]] = {
     "flips, as in the recipes": {},
     "rotate": {"rotate": 180.0},
     "rotate, shift, scale": MOVES,

@@ -21,7 +21,7 @@ from tactileforge.data.batches.clips import Clips, collate
 from tactileforge.data.labels.augment import Augment
 
 #: What each panel shows: title, options, and the seed of its draw.
-PANELS: tuple[tuple[str, dict[str, float], int], ...] = (
+PANELS: tuple[tuple[str, dict[str, Any], int], ...] = (
     ("as recorded", {}, 0),
     ("horizontal", {"horizontal": 1.0}, 0),
     ("rotate=180", {"rotate": 180.0}, 4),
@@ -45,11 +45,12 @@ def clip_of(recording: Recording, height: int = 240) -> Batch:
     return collate([clips[int(np.argmax(np.hypot(force[:, 0], force[:, 1])))]])
 
 
-def changed(batch: Batch, options: dict[str, float], seed: int) -> Batch:
+def changed(batch: Batch, options: dict[str, Any], seed: int) -> Batch:
     """One clip after one change."""
     torch.manual_seed(seed)
     augment = Augment(**{"horizontal": 0.0, "vertical": 0.0, **options})
-    return augment(augment.labels(dict(batch)))
+    after: Batch = augment(augment.labels(dict(batch)))
+    return after
 
 
 def show(axis: Axes, pixels: Any, title: str) -> None:
@@ -73,7 +74,9 @@ def draw(batch: Batch) -> Figure:
     columns = len(PANELS) // 2
     figure: Figure = plt.figure(figsize=(12.5, 8.6), dpi=110)
     outer = figure.add_gridspec(2, 1, hspace=0.12, left=0.01, right=0.99, bottom=0.03, top=0.97)
-    inner = [rows.subgridspec(2, columns, hspace=0.02, wspace=0.04) for rows in outer]
+    inner = [
+        rows.subgridspec(2, columns, hspace=0.02, wspace=0.04) for rows in (outer[0], outer[1])
+    ]
     for number, (title, options, seed) in enumerate(PANELS):
         after = changed(batch, options, seed)
         places = [inner[number // columns][row, number % columns] for row in (0, 1)]
@@ -98,8 +101,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=folder / "augment.jpg")
     given = parser.parse_args()
     figure = draw(clip_of(touch()))
-    options = {"pil_kwargs": {"quality": 72}} if given.out.suffix == ".jpg" else {}
-    figure.savefig(given.out, facecolor="white", **options)
+    smaller = {"quality": 72} if given.out.suffix == ".jpg" else None
+    figure.savefig(given.out, facecolor="white", pil_kwargs=smaller)
     print(given.out)
 
 

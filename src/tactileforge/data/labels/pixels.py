@@ -43,7 +43,7 @@ def move_clip(clip: Tensor, warp: Tensor) -> Tensor:
     rest = _sample(clip[:, 0], warp, "reflection")
     inside = torch.ones_like(clip[:, 0, :1])
     moved = _sample(torch.cat([clip[:, 1:].flatten(1, 2), inside], dim=1), warp, "zeros")
-    frames = moved[:, :-1].unflatten(1, (-1, 3))
+    frames = moved[:, :-1].reshape(clip[:, 1:].shape)
     return torch.cat([rest[:, None], frames + (1 - moved[:, None, -1:]) * rest[:, None]], dim=1)
 
 
