@@ -31,7 +31,7 @@ PANELS: tuple[tuple[str, dict[str, Any], int], ...] = (
     ("gain=0.4", {"gain": 0.4}, 3),
     ("colour=0.3", {"colour": 0.3}, 5),
     ("noise=20", {"noise": 20.0}, 2),
-    ("all of them", {"rotate": 180.0, "shift": 0.1, "scale": 0.2, "gain": 0.2, "blur": 1.5}, 9),
+    ("five at once", {"rotate": 180.0, "shift": 0.1, "scale": 0.2, "gain": 0.2, "blur": 1.5}, 9),
 )
 #: Gain of the contrast in the second rows.
 CONTRAST = 3.0
