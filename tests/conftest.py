@@ -98,6 +98,8 @@ def batch() -> Batch:
         "surface": torch.randint(1, 256, (8, 4, 3, 32, 32), dtype=torch.uint8, generator=rng),
         "surface_valid": torch.tensor([True, False] * 4),
         "group": torch.tensor([0, 0, 1, 1, 2, 2, 3, 3]),
+        "aspect": torch.ones(8),
+        "upright": torch.zeros(8, dtype=torch.bool),
         "skipped": {},
     }
 

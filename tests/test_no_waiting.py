@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from tactileforge.compose import compose
-from tactileforge.data.labels.augment import Augment
+from tactileforge.data.labels.augment import build_augment
 from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
 
@@ -80,17 +80,22 @@ def on_device(recipe: str, *overrides: str) -> tuple[TouchModule, dict[str, Any]
     """A module and a batch, in the place of the accelerator."""
     words = ["scale=demo", "encoder.image_size=32", *overrides]
     config: Any = OmegaConf.to_container(compose(recipe, words), resolve=True)
-    augment = Augment(**config["augment"]) if config.get("augment") else None
+    augment = build_augment(config.get("augment"))
     module = TouchModule.from_config(config, {"text", "image"}, augment).to("meta")
     made = make_batch(size=4, frames=module.encoder.frames, image=32)
-    made["flip"] = torch.zeros(4, 2, dtype=torch.bool)
-    made["coded"] = torch.zeros(4, dtype=torch.bool)
+    made |= augment.labels(made) if augment else {}
     return module, {k: v.to("meta") if isinstance(v, Tensor) else v for k, v in made.items()}
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_a_step_waits_for_nothing(recipe: str, monkeypatch: pytest.MonkeyPatch) -> None:
     step(monkeypatch, *on_device(recipe))
+
+
+def test_all_augmentations_wait_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    ranges = {"rotate": 180, "shift": 0.1, "scale": 0.1, "blur": 1, "gain": 0.1, "colour": 0.1}
+    words = [f"augment.{name}={value}" for name, value in ranges.items()]
+    step(monkeypatch, *on_device("anytouch2", *words, "augment.noise=2"))
 
 
 @pytest.mark.slow

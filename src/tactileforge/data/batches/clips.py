@@ -19,6 +19,7 @@ from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.data.labels import displacement
 from tactileforge.data.labels.align import nearest
 from tactileforge.data.labels.objects import object_id
+from tactileforge.data.labels.upright import is_upright
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.sensors.specs import spec
 
@@ -192,6 +193,8 @@ class Clips(Dataset[dict[str, Any]]):
             "surface": _tensor(surface),
             "surface_valid": recording.surface is not None,
             "group": group,
+            "aspect": recording.frames.shape[1] / recording.frames.shape[0],
+            "upright": is_upright(recording),
             "clip": clip,
             **(self.columns.cut(recording, rows) if self.columns else {}),
         }

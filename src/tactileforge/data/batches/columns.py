@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from tactileforge.contracts import BATCH_KEYS, Column, ColumnSize, Recording
+from tactileforge.data.labels.turns import check_turns
 from tactileforge.errors import ConfigError, DataError, PluginError
 
 
@@ -145,7 +146,8 @@ def measure_columns(columns: Sequence[Column], recordings: Sequence[Recording]) 
 
     Raises:
         ConfigError: No recording has the track; the message lists the existing tracks.
-        DataError: The sizes of steps differ.
+        DataError: The sizes of steps differ, or a shape cannot turn as declared.
+        PluginError: A column turns in an unknown way.
     """
     return CutColumns(tuple(columns), {one.name: _size(one, recordings) for one in columns})
 
@@ -166,6 +168,7 @@ def _size(column: Column, recordings: Sequence[Recording]) -> ColumnSize:
                 f"{key}: a step of the track {name!r} is {track.shape[1:]}, and of {first} "
                 f"{shape}; give all the same"
             )
+    check_turns(column, tuple(shape))
     if not column.statistics:
         return ColumnSize(shape=tuple(shape))
     values = np.concatenate([*tracks.values()]).astype(np.float64).reshape(-1, *shape)

@@ -138,7 +138,8 @@ class TouchData(L.LightningDataModule):
 
         Raises:
             DataError: No training clip can be cut; see also `contracts.Dataset.recordings`.
-            ConfigError: Matching without pairs in the data, or a column without its track.
+            ConfigError: Matching without pairs in the data, a column without its track, or
+                augmentation of clips that are not single touches.
         """
         if self.train is not None:
             return
@@ -163,6 +164,11 @@ class TouchData(L.LightningDataModule):
         self._whole = {number: self._clips(opened[number]) for number in whole}
         alone = len(self.sources["train"]) == 1 and self._whole
         self.train = self._whole[0] if alone else self._clips(sample)
+        if self.augment and not self.train.is_touch:
+            raise ConfigError(
+                "augment changes clips of one touch, and the data cuts samples of its own: give "
+                "augment=null"
+            )
         if self.match and not Pairs(*self.train.labels()):
             raise ConfigError(
                 "matching needs two objects, one of them touched by two sensors, or two actions, "
@@ -293,7 +299,7 @@ class TouchData(L.LightningDataModule):
         return Loader.of(stream, BatchIndexSampler(length), self.workers)
 
     def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
-        """Draw flips on the host, and update labels and captions; adds ``paired`` (bool)."""
+        """Draw changes of clips on the host, with their labels; adds ``paired`` (bool)."""
         assert self.trainer is not None
         training = self.trainer.training
         if training:
@@ -302,7 +308,7 @@ class TouchData(L.LightningDataModule):
             # flips as an undisturbed one
             seed_step(self.seed, number, self.trainer.global_rank + 1)
             if self.augment:
-                batch = self.augment.labels(batch)
+                batch = self.augment.labels(batch, self._declared)
         fill_captions(batch)
         # decided on the host: on a device, the question would make every step wait for the card
         batch["paired"] = bool((batch["group"] >= 0).any())

@@ -20,7 +20,7 @@ _RATE = 0.15
 #: The same, as a multiple of the rate from noise alone (its standard error).
 _NOISE = 4.0
 #: Smallest share of the rate along one axis (a cosine), for a clear direction.
-_CLEAR = 0.8
+CLEAR = 0.8
 #: Shortest segment, s.
 _SHORTEST = 0.15
 
@@ -69,7 +69,7 @@ def _label(
     along = np.take_along_axis(rate, axis[:, None], axis=1)[:, 0]
     noise = np.take_along_axis(error, axis[:, None], axis=1)[:, 0]
     clear = (np.abs(along) > np.maximum(_RATE * largest, _NOISE * noise)) & (
-        np.abs(along) >= _CLEAR * speed
+        np.abs(along) >= CLEAR * speed
     )
     touching = level[:, 2] > max(contact, 0.0)
     return np.where(clear & touching, _LABELS[axis, (along < 0).astype(int)], -1)

@@ -56,7 +56,22 @@ def coded_displacement(images: Tensor) -> Tensor:
 
 def displacement_mm(coded: Tensor) -> Tensor:
     """Convert coded displacements, float (..., 3, H, W), -1 to 1, to mm."""
-    return coded * coded.abs() * coded.new_tensor(RANGE_MM).view(3, 1, 1)
+    return coded * coded.abs() * _range_of(coded)
+
+
+def displacement_images(mm: Tensor) -> Tensor:
+    """Encodes displacements as `encode_displacement` does: uint8 (..., 3, H, W) of mm, float."""
+    share = mm / _range_of(mm)
+    root = share.sign() * share.abs().sqrt()
+    return (NONE + 127 * root.clamp(-1, 1)).round().to(torch.uint8)
+
+
+def _range_of(images: Tensor) -> Tensor:
+    """Range (3, 1, 1), filled in on the device: a copy from the host would be waited for."""
+    whole = images.new_empty(3)
+    for axis, most in enumerate(RANGE_MM):
+        whole[axis].fill_(most)
+    return whole.view(3, 1, 1)
 
 
 def mirror_displacement(images: Tensor, axis: int) -> Tensor:
