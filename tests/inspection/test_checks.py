@@ -136,7 +136,7 @@ def test_a_lag_needs_frames_and_forces_that_move(touch: Touch) -> None:
     assert still is not None
     assert not is_sure(still)
     assert not list(check_lag(touch(), still))
-    assert not is_sure(Lag(0.3, 0.95, 0.01)), "a ramp"
+    assert not is_sure(Lag(0.3, 0.95, 0.01, 0.94)), "a ramp"
 
 
 def test_only_the_stretch_around_the_largest_force_is_read(touch: Touch) -> None:

@@ -30,7 +30,9 @@ FROZEN = 1.0
 LAG = 0.05
 LAG_FRAMES = 1.5
 LAG_CORRELATION = 0.8
-LAG_PROMINENCE = 0.1
+LAG_PROMINENCE = 0.2
+#: An imprint grows by shear too, after the force has: forces that fit nearly as well are not late.
+LAG_GAIN = 0.1
 #: Frames that the lag is estimated on, at least and at most.
 LAG_LEAST, LAG_MOST = 30, 1000
 
@@ -139,7 +141,8 @@ def check_lag(recording: Recording, lag: Lag) -> Iterator[Suspicion]:
     """Checks of the estimated lag of images behind forces."""
     late = abs(lag.seconds)
     step = recording.period
-    if is_sure(lag) and late > max(LAG, LAG_FRAMES * step):
+    gain = lag.correlation - lag.unshifted
+    if is_sure(lag) and gain >= LAG_GAIN and late > max(LAG, LAG_FRAMES * step):
         side = "after" if lag.seconds > 0 else "before"
         words = f"images come {late:.2g} s {side} forces (correlation {lag.correlation:.2g})"
         yield Suspicion("lag", late, words)
