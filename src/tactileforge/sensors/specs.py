@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from tactileforge import registry
 from tactileforge.contracts import SensorSpec
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.sensors.simulation import PUBLISHED, Simulation
 
 _MINI_FORCE = (6.84, 9.87, 8.52)
@@ -93,14 +93,20 @@ def spec(name: str) -> SensorSpec:
         known = getattr(registry.get("sensors", name), "spec", None)
         if isinstance(known, SensorSpec):
             return known
-    raise ConfigError(
-        unknown(
-            "sensor",
-            name,
-            {*SPECS, *registry.names("sensors")},
-            "Correct the name, or install the sensor's plugin.",
-        )
+    fix = (
+        "Correct the name, install the sensor's plugin, or describe yours: "
+        "tactileforge plugins new sensor NAME"
     )
+    types = filter(_is_type, registry.names("sensors"))
+    raise ConfigError(unknown("sensor", name, {*SPECS, *types}, fix))
+
+
+def _is_type(name: str) -> bool:
+    """Whether a plugin is a type of sensor, not a way to open one of any type, as ``replay`` is."""
+    try:
+        return isinstance(getattr(registry.get("sensors", name), "spec", None), SensorSpec)
+    except PluginError:  # a broken package is no concern of this name
+        return False
 
 
 def simulation(name: str) -> Simulation:

@@ -113,9 +113,7 @@ def estimate_lag(
     sides = correlations[: best + 1], correlations[best:]
     fall = correlations[best] - max(float(np.nanmin(side)) for side in sides)
     seconds = (shifts[best] + _vertex(correlations, best)) * period
-    return Lag(
-        float(seconds), float(correlations[best]), float(fall), float(correlations[most])
-    )
+    return Lag(float(seconds), float(correlations[best]), float(fall), float(correlations[most]))
 
 
 _NO_LAG = Lag(np.nan, np.nan, np.nan, np.nan)
