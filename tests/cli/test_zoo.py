@@ -125,7 +125,7 @@ def test_pack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shown = capsys.readouterr().out.splitlines()
     assert shown[0] == "a.b: tactile_vit of tactileforge"
     assert f'load it: tactileforge.load("file:{out}")' in shown[1]
-    assert "clip 2 frames, 0.1 s apart, 32 x 32".split() in [line.split() for line in shown]
+    assert "clip 2 frames, 0.1 s apart, 32 x 32" in [" ".join(line.split()) for line in shown]
     with pytest.raises(DataNotFoundError, match="nothing"):
         main(["show", "file:nothing.safetensors"])
     assert model.header.source == {"steps": 7, "encoder": "trained"}

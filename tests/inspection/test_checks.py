@@ -212,7 +212,7 @@ def test_shear_that_grows_the_imprint_and_a_short_ramp_are_no_lag(touch: Touch) 
     ramp = slice(0, 36)
     found = estimate_lag(times[ramp], force[ramp], press[ramp] ** 2)
     assert not list(check_lag(touch(), found))
-    late = estimate_lag(times, force, np.interp(times - 0.3, times, press * (1 + 0.3 * times)))
+    late = estimate_lag(times, force, np.interp(times - 0.2, times, press * (1 + 0.3 * times)))
     assert [flag.reason for flag in check_lag(touch(), late)] == ["lag"]
 
 

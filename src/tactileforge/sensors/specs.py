@@ -10,6 +10,8 @@ in `encoders.tactile_vit.PUBLISHED_SENSORS`.
 
 from __future__ import annotations
 
+from inspect import signature
+
 from tactileforge import registry
 from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError, PluginError, unknown
@@ -104,7 +106,10 @@ def spec(name: str) -> SensorSpec:
 def _is_type(name: str) -> bool:
     """Whether a plugin is a type of sensor, not a way to open one of any type, as ``replay`` is."""
     try:
-        return isinstance(getattr(registry.get("sensors", name), "spec", None), SensorSpec)
+        plugin = registry.get("sensors", name)
+        known = getattr(plugin, "spec", None)
+        is_seen = isinstance(known, SensorSpec) and known.kind in ("image", "array")
+        return is_seen and "type" not in signature(plugin).parameters
     except PluginError:  # a broken package is no concern of this name
         return False
 
