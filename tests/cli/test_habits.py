@@ -350,7 +350,7 @@ def test_every_key_of_a_group_has_a_meaning(path: str) -> None:
 
 def test_a_run_below_a_file_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     Path("notes").write_text("mine")
-    for folder in ("notes", "notes/run"):
+    for folder in ("notes", "notes/run", "/proc/nothing/run"):
         err = error_of(capsys, "train", *SMALL, f"hydra.run.dir={folder}")
         assert "give another hydra.run.dir=" in err
     assert Path("notes").read_text() == "mine"
