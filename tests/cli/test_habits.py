@@ -177,7 +177,7 @@ def test_a_new_key_that_nothing_reads_is_refused(capsys: pytest.CaptureFixture[s
         assert "A key that is new" not in said
     assert "did you mean 'trainer.max_epochs'" in error_of(capsys, "train", *SMALL, "+epochs=3")
     key = "data.layouts.pads.object=nut"
-    said = error_of(capsys, "train", *SMALL, "data=recordings", "data.root=.", key)
+    said = error_of(capsys, "train", "data=recordings", "data.root=.", key)
     assert "data.layouts is empty here. A key that is new: +data.layouts.pads.object=" in said
 
 
