@@ -82,9 +82,17 @@ def load_yaml(text: str) -> Any:
             raise ValueError(f"more than {_MAX_NODES} values, with those that aliases repeat")
         return loader.construct_document(root)
     except yaml.YAMLError as error:
-        raise ValueError(f"not YAML: {error}") from error
+        raise ValueError(f"not YAML: {_in_a_line(error)}") from error
     except RecursionError as error:
         raise ValueError("not YAML of ours: nested too deep, or in itself") from error
+
+
+def _in_a_line(error: yaml.YAMLError) -> str:
+    """The fault and its place: the parser's own words take five lines, with the text in them."""
+    mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
+    if mark is None or not problem:
+        return " ".join(str(error).split())
+    return f"line {mark.line + 1}, column {mark.column + 1}: {problem}"
 
 
 def _size(node: Any, known: dict[int, int]) -> int:

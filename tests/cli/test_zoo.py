@@ -121,6 +121,13 @@ def test_pack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert f'tactileforge.load("file:{out}")' in printed
     model = tactileforge.load(f"file:{out}")
     assert (model.header.name, model.spacing) == ("a.b", 0.1)
+    assert main(["show", f"file:{out}"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[0] == "a.b: tactile_vit of tactileforge"
+    assert f'load it: tactileforge.load("file:{out}")' in shown[1]
+    assert "clip 2 frames, 0.1 s apart, 32 x 32" in [" ".join(line.split()) for line in shown]
+    with pytest.raises(DataNotFoundError, match="nothing"):
+        main(["show", "file:nothing.safetensors"])
     assert model.header.source == {"steps": 7, "encoder": "trained"}
     with pytest.raises(ConfigError, match="found none; give encoder=trained"):
         main(["pack", str(tmp_path), "encoder=slow"])

@@ -379,9 +379,20 @@ def test_a_layout_that_ships_with_the_data(
     write("tactileforge.yaml", "{}")
     with pytest.raises(ConfigError, match=r"tactileforge\.yaml: 'layouts' is missing; for example"):
         list(Recordings(str(tmp_path)).recordings("train"))
-    write("tactileforge.yaml", "layouts: [")
-    with pytest.raises(ConfigError, match=r"tactileforge\.yaml: not YAML"):
+    write("tactileforge.yaml", "layouts:\n\tx: 1\n")
+    with pytest.raises(
+        ConfigError, match=r"tactileforge\.yaml: not YAML: line 2, column 1:"
+    ) as told:
         list(Recordings(str(tmp_path)).recordings("train"))
+    assert "\n" not in str(told.value)
+    write("tactileforge.yaml", "")
+    with pytest.raises(ConfigError, match="expected names and values, found nothing"):
+        list(Recordings(str(tmp_path)).recordings("train"))
+    (tmp_path / "tactileforge.yaml").rename(tmp_path / "tactileforge.yml")
+    with pytest.raises(DataNotFoundError, match=r"rename tactileforge\.yml to tactileforge\.yaml$"):
+        list(Recordings(str(tmp_path)).recordings("train"))
+    with pytest.raises(DataNotFoundError, match="a file, and no folder"):
+        list(Recordings(str(tmp_path / "tactileforge.yml")).recordings("train"))
 
 
 def test_a_file_that_came_with_the_data_is_not_interpolated(

@@ -31,7 +31,10 @@ FROZEN = 1.0
 LAG = 0.05
 LAG_FRAMES = 1.5
 LAG_CORRELATION = 0.8
-LAG_PROMINENCE = 0.1
+LAG_PROMINENCE = 0.15
+#: An imprint grows by shear too, after the force has: a lag below `LAG_LONG` seconds has to fit
+#: better than none, by this much in the correlation.
+LAG_GAIN, LAG_LONG = 0.1, 0.2
 #: Smallest and largest number of frames for an estimate of lag.
 LAG_LEAST, LAG_MOST = 30, 1000
 
@@ -140,7 +143,8 @@ def check_lag(recording: Recording, lag: Lag) -> Iterator[Suspicion]:
     """Check the estimated lag of images behind forces."""
     late = abs(lag.seconds)
     step = recording.period
-    if is_sure(lag) and late > max(LAG, LAG_FRAMES * step):
+    is_better = lag.correlation - lag.unshifted >= LAG_GAIN or late >= LAG_LONG
+    if is_sure(lag) and is_better and late > max(LAG, LAG_FRAMES * step):
         side = "after" if lag.seconds > 0 else "before"
         words = f"images come {late:.2g} s {side} forces (correlation {lag.correlation:.2g})"
         yield Suspicion("lag", late, words)

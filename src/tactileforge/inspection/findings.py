@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 #: Reasons in `InspectionFindings.looks`, which has the names of recordings as well.
 _IN_LOOKS = frozenset({"colours_swapped", "on_its_side", "grey_pictures"})
+#: Recordings that cannot be read, of which the summary tells why.
+_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,10 @@ class InspectionFindings:
         """Duration of all splits, s."""
         return sum(total.seconds for total in self.totals.values())
 
+    def _worst(self, reason: str) -> str:
+        worst = self.worst.get(reason)
+        return f", the worst {worst[0].key}: {worst[0].words}" if worst else ""
+
     def __str__(self) -> str:
         """Summary of a few lines for the command line."""
         sensors = sorted({sensor for _, sensor in self.totals})
@@ -129,16 +135,19 @@ class InspectionFindings:
             f"{', '.join(sensors) or 'no sensor'}; {self.looked} looked at"
         ]
         lines += [
-            f"{count} {name.replace('_', ' ')}"
+            f"{count} {name.replace('_', ' ')}{self._worst(name)}"
             for name, count in self.counts.items()
             if count and name not in _IN_LOOKS
         ]
         lines += self.looks
         counted = (
-            ("recordings cannot be read", self.unreadable),
-            ("groups of recordings with the same pixels", self.duplicates),
-            ("pairs of recordings that are nearly the same", self.similar),
-            ("keys that several recordings have", self.repeated),
+            ("recording", " cannot be read", self.unreadable),
+            ("group", " of recordings with the same pixels", self.duplicates),
+            ("pair", " of recordings that are nearly the same", self.similar),
+            ("key", " of more than one recording", self.repeated),
         )
-        lines += [f"{len(entries)} {words}" for words, entries in counted if entries]
+        for noun, words, entries in counted:
+            if entries:
+                lines.append(f"{len(entries)} {noun}{'s' * (len(entries) != 1)}{words}")
+        lines += [f"  {line}" for line in self.unreadable[:_NAMED]]
         return "\n".join([*lines, *(f"note: {line}" for line in self.notes)])

@@ -10,9 +10,11 @@ rows in published weights.
 
 from __future__ import annotations
 
+from inspect import signature
+
 from tactileforge import registry
 from tactileforge.contracts import SensorSpec
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.sensors.simulation import PUBLISHED, Simulation
 
 #: Largest force of a GelSight Mini in ToucHD's benchmark, N (AnyTouch 2, its ``max_abs``).
@@ -94,14 +96,23 @@ def spec(name: str) -> SensorSpec:
         known = getattr(registry.get("sensors", name), "spec", None)
         if isinstance(known, SensorSpec):
             return known
-    raise ConfigError(
-        unknown(
-            "sensor",
-            name,
-            {*SPECS, *registry.names("sensors")},
-            "Correct the name, or install the sensor's plugin.",
-        )
+    fix = (
+        "Correct the name, install the sensor's plugin, or describe yours: "
+        "tactileforge plugins new sensor NAME"
     )
+    types = filter(_is_type, registry.names("sensors"))
+    raise ConfigError(unknown("sensor", name, {*SPECS, *types}, fix))
+
+
+def _is_type(name: str) -> bool:
+    """Whether a plugin is a type of sensor, not a way to open one of any type, as ``replay`` is."""
+    try:
+        plugin = registry.get("sensors", name)
+        known = getattr(plugin, "spec", None)
+        is_seen = isinstance(known, SensorSpec) and known.kind in ("image", "array")
+        return is_seen and "type" not in signature(plugin).parameters
+    except PluginError:  # a broken package is no concern of this name
+        return False
 
 
 def simulation(name: str) -> Simulation:

@@ -185,7 +185,11 @@ class TouchData(L.LightningDataModule):
         if validation:
             self.val = self._clips(validation)
         else:
-            share = " (data.val= is the share)" if self._has_share else ""
+            share = (
+                " (data.val= is the share; a hash of each name draws: of a few, none may be drawn)"
+                if self._has_share
+                else ""
+            )
             log.warning("no recording is held out: nothing is validated%s", share)
 
     def check(self, needs: Mapping[str, frozenset[str]]) -> None:

@@ -26,11 +26,13 @@ class Lag:
         correlation: Correlation of the signals at that lag, -1 to 1; NaN without motion.
         prominence: Smallest drop of the correlation on both sides of that lag within the search.
             Near 0, other lags explain the signals as well (a ramp, or a peak at the end).
+        unshifted: Correlation of the two signals without a shift.
     """
 
     seconds: float
     correlation: float
     prominence: float
+    unshifted: float
 
 
 def nearest(times: ArrayLike, at: ArrayLike) -> NDArray[np.int64]:
@@ -111,10 +113,10 @@ def estimate_lag(
     sides = correlations[: best + 1], correlations[best:]
     fall = correlations[best] - max(float(np.nanmin(side)) for side in sides)
     seconds = (shifts[best] + _vertex(correlations, best)) * period
-    return Lag(float(seconds), float(correlations[best]), float(fall))
+    return Lag(float(seconds), float(correlations[best]), float(fall), float(correlations[most]))
 
 
-_NO_LAG = Lag(np.nan, np.nan, np.nan)
+_NO_LAG = Lag(np.nan, np.nan, np.nan, np.nan)
 
 
 def resample(

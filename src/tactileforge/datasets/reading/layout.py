@@ -268,8 +268,9 @@ def _action(keys: LayoutKeys, where: str) -> str | FrameTable | tuple[ActionRang
         return None
     if action == "force" and not keys.force:
         raise ConfigError(f"{where}: force is not given; add force: {{file: ..., columns: ...}}")
-    if action != "force" and not template_columns(action):
-        check_action(action, where)
+    if action not in ("force", *ACTIONS) and not template_columns(action):
+        known = (*ACTIONS, "force", "none", "{column}")
+        raise ConfigError(f"{where}: {unknown('action', action, known)}")
     return action
 
 
