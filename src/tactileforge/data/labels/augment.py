@@ -241,7 +241,7 @@ def build_augment(options: Mapping[str, Any] | None) -> Augment | None:
         options: Arguments of `Augment` by name; None for none.
 
     Raises:
-        ConfigError: See `Augment`.
+        ConfigError: A value is out of bounds, as for `Augment`.
     """
     augment = Augment(**options) if options else None
     return augment if augment and augment.changes else None
