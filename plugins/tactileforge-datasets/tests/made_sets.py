@@ -205,7 +205,7 @@ def gelsight_mini_pretrain(root: Path) -> Path:
 
 
 def fota(root: Path) -> Path:
-    pose = dict(x_mm=1.0, y_mm=2.0, z_mm=-3.0, quat_x=0.0, quat_y=0.0, quat_z=0.0, quat_w=1.0)
+    pose = dict(desc="smooth", x_mm=1.0, y_mm=2.0, z_mm=-3.0, quat_x=0.0, quat_y=0.0, quat_z=0.0, quat_w=1.0)
     for folder, side, text in (
         ("toy_Mini_Wedge_init_pose_1_labeled_left", "train", pose),
         ("nut_Mini_Mini_init_pose_2_labeled_right", "val", pose),
@@ -247,7 +247,7 @@ def save_taxels(path: Path, shape: tuple[int, int, int], count: int = 24) -> Non
                 [
                     f"2025-01-01 12:00:00.{10_000 * i:06d}",
                     i,
-                    np.full(shape, 0.1 * press).round(3).tolist(),
+                    np.full(shape, (0.1 if shape[0] == 3 else 200) * press).round(3).tolist(),
                     np.full(shape, 0.01 * press).round(3).tolist(),
                     [0.5 + press, 0.0, -2.0 - 3.0 * press, 0.1, 0.0, 0.0],
                     [0.3, 0.1, 0.2 - 0.001 * i, 0.0, 3.14, 0.0],

@@ -28,7 +28,8 @@ from tactileforge_datasets.lazy import LazyPictures
 
 #: Rows, columns and axes of the taxels by folder, and the change drawn as full colour.
 _ARRAYS = {"xela": ((4, 6, 3), 5000.0), "papillarray": ((3, 3, 3), 5.0)}
-#: Rows at rest, whose mean is the zero of taxels and wrench, as in the source's own scripts.
+#: Most rows at rest, whose mean is the zero of taxels and wrench, as in the source's own scripts.
+#: At most a quarter of a file, so that a short one keeps its contact.
 _REST = 100
 #: Pixels of a taxel in the picture.
 _ZOOM = 8
@@ -116,7 +117,7 @@ class UniTacNv(PublishedDataset):
     def _open(self, key: str, path: Path) -> Recording:
         shape, span = _ARRAYS[path.parent.name]
         rows = _read(path, shape, self.drop)
-        still = slice(0, min(_REST, len(rows.times)))
+        still = slice(0, max(1, min(_REST, len(rows.times) // 4)))
         rest = rows.taxels[still].mean(0).reshape(-1, 3)
         layout = TaxelLayout(shape[:2], span=span)
         pictures = LazyPictures(len(rows.times), partial(_draw, layout, rows.taxels, rest))
