@@ -59,7 +59,8 @@ $(VENV)/.installed-policies: $(VENV)/.installed
 	touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed
-	$(PIP) --editable '.[dev]' --editable plugins/tactileforge-arrays --editable plugins/tactileforge-lerobot \
+	$(PIP) --editable '.[dev]' --editable plugins/tactileforge-arrays --editable plugins/tactileforge-datasets \
+	  --editable plugins/tactileforge-lerobot \
 	  --editable plugins/tactileforge-policies
 	touch $@
 

@@ -104,6 +104,7 @@ ABSENT = [
     "gymnasium",
     "pyarrow",
     "tactileforge_arrays",
+    "tactileforge_datasets",
     "tactileforge_lerobot",
     "tactileforge_policies",
 ]

@@ -98,6 +98,7 @@ def test_a_run_whose_package_is_gone_names_it(tmp_path):
         ("data embed data=sim out=set", "data embed comes with tactileforge-lerobot"),
         ("train data=lerobot data.root=set", "data=lerobot comes with tactileforge-lerobot"),
         ("data pack data=lerobot out=set", "data=lerobot comes with tactileforge-lerobot"),
+        ("train data=fota data.root=set", "data=fota comes with tactileforge-datasets"),
         ("train data=sim_array", "data=sim_array comes with tactileforge-arrays"),
         ("train recipe=anytouch2_array", "recipe=anytouch2_array comes with tactileforge-arrays"),
         ("zoo show anytouch2_array", "anytouch2_array comes with tactileforge-arrays"),
@@ -111,6 +112,7 @@ def test_without_a_package_what_it_brings_is_named_in_a_line(words, said, alone,
 @pytest.mark.parametrize(
     ("kind", "name", "package"),
     [
+        ("datasets", "feats", "tactileforge-datasets"),
         ("datasets", "lerobot", "tactileforge-lerobot"),
         ("datasets", "sim_array", "tactileforge-arrays"),
         ("sensors", "serial_array", "tactileforge-arrays"),

@@ -54,7 +54,6 @@ from tactileforge.datasets.reading.pickles import load_pickled_array
 from tactileforge.datasets.reading.published import (
     PublishedDataset,
     RecordingItem,
-    frame_times,
     still_background,
 )
 from tactileforge.datasets.reading.splits import is_held_out
@@ -179,7 +178,6 @@ __all__ = [
     "describe_recording",
     "encode_image",
     "estimate_lag",
-    "frame_times",
     "held_clips",
     "hex_bytes",
     "is_held_out",

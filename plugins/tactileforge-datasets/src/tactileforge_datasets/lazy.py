@@ -17,13 +17,13 @@ class LazyPictures(Sequence[Any]):
     """
 
     def __init__(self, count: int, read: Callable[[int], bytes | NDArray[Any]]) -> None:
-        self.count, self.read = count, read
+        self._length, self._read = count, read
 
     def __len__(self) -> int:
-        return self.count
+        return self._length
 
     def __iter__(self) -> Iterator[Any]:
-        return (self[i] for i in range(self.count))
+        return (self[i] for i in range(self._length))
 
     @overload
     def __getitem__(self, i: int) -> Any: ...
@@ -31,5 +31,5 @@ class LazyPictures(Sequence[Any]):
     def __getitem__(self, i: slice) -> list[Any]: ...
     def __getitem__(self, i: int | slice) -> Any:
         if isinstance(i, slice):
-            return [self.read(j) for j in range(*i.indices(self.count))]
-        return self.read(range(self.count)[i])
+            return [self._read(j) for j in range(*i.indices(self._length))]
+        return self._read(range(self._length)[i])

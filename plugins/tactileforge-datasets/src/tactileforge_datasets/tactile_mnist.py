@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactileforge.plugin import (
     DataError,
     EncodedFrames,
+    Frames,
     FrameSubset,
     Guess,
     OfficialSplit,
@@ -113,6 +114,7 @@ class TactileMnist(PublishedDataset):
         self, key: str, path: Path, number: int, touch: dict[str, Any], where: str
     ) -> Recording:
         where, i = f"{where}, touch {key.rpartition('/')[2]}", int(key.rpartition("/")[2])
+        frames: Frames
         if _LENGTH in touch:
             frames, times, free = _film(path, number, i, touch, where)
         else:
