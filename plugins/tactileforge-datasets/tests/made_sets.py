@@ -205,7 +205,8 @@ def gelsight_mini_pretrain(root: Path) -> Path:
 
 
 def fota(root: Path) -> Path:
-    pose = dict(desc="smooth", x_mm=1.0, y_mm=2.0, z_mm=-3.0, quat_x=0.0, quat_y=0.0, quat_z=0.0, quat_w=1.0)
+    place = {"desc": "smooth", "x_mm": 1.0, "y_mm": 2.0, "z_mm": -3.0}
+    pose = place | {"quat_x": 0.0, "quat_y": 0.0, "quat_z": 0.0, "quat_w": 1.0}
     for folder, side, text in (
         ("toy_Mini_Wedge_init_pose_1_labeled_left", "train", pose),
         ("nut_Mini_Mini_init_pose_2_labeled_right", "val", pose),
