@@ -105,6 +105,7 @@ ABSENT = [
     "h5py",
     "pyarrow",
     "tactileforge_arrays",
+    "tactileforge_datasets",
     "tactileforge_episodes",
     "tactileforge_lerobot",
     "tactileforge_policies",

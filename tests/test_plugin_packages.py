@@ -100,6 +100,7 @@ def test_a_run_whose_package_is_gone_names_it(tmp_path):
         ("data pack data=lerobot out=set", "data=lerobot comes with tactileforge-lerobot"),
         ("train data=episodes data.root=set", "data=episodes comes with tactileforge-episodes"),
         ("data pack data=univtac out=set", "data=univtac comes with tactileforge-episodes"),
+        ("train data=fota data.root=set", "data=fota comes with tactileforge-datasets"),
         ("train data=sim_array", "data=sim_array comes with tactileforge-arrays"),
         ("train recipe=anytouch2_array", "recipe=anytouch2_array comes with tactileforge-arrays"),
         ("zoo show anytouch2_array", "anytouch2_array comes with tactileforge-arrays"),
@@ -113,6 +114,7 @@ def test_without_a_package_what_it_brings_is_named_in_a_line(words, said, alone,
 @pytest.mark.parametrize(
     ("kind", "name", "package"),
     [
+        ("datasets", "feats", "tactileforge-datasets"),
         ("datasets", "lerobot", "tactileforge-lerobot"),
         ("datasets", "sim_array", "tactileforge-arrays"),
         ("datasets", "episodes", "tactileforge-episodes"),

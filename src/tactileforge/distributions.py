@@ -12,6 +12,18 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
         "recipe": ("anytouch2_array",),
         "sensors": ("serial_array",),
     },
+    "tactileforge-datasets": {
+        "datasets": (
+            "feats",
+            "feelanyforce",
+            "fota",
+            "gelsight_mini_pretrain",
+            "gelslam",
+            "tactile_mnist",
+            "tactile_tracking",
+            "unitac_nv",
+        ),
+    },
     "tactileforge-digit": {"sensors": ("digit",)},
     "tactileforge-dmtac": {"sensors": ("dmtac", "dmtac_sdk")},
     "tactileforge-episodes": {

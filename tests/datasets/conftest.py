@@ -1,4 +1,5 @@
 from collections.abc import Callable, Iterable
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from tactileforge import registry
+from tactileforge.datasets.reading.published import PublishedDataset
 from tactileforge.testing import check
 
 MakeVideo = Callable[..., Path]
@@ -73,11 +76,29 @@ def make_images(make_image: MakeVideo) -> Callable[..., None]:
 
 @pytest.fixture
 def conforms() -> Callable[..., None]:
-    """Runs the conformance suite on a data set and its options."""
+    """Runs the conformance suite on a data set and its options; published ones are recognised."""
 
     def run(dataset: type, **options: Any) -> None:
+        if issubclass(dataset, PublishedDataset):
+            _is_recognised(dataset, Path(options["root"]))
         results = check("dataset", dataset, **options)
         assert [result for result in results if result.status == "failed"] == []
         assert sum(result.status == "ran" for result in results) >= 8
 
     return run
+
+
+def _is_recognised(reader: type[PublishedDataset], root: Path) -> None:
+    """No other published reader of the core is surer that it reads a folder."""
+    guesses = {}
+    for name in registry.names("datasets"):
+        other = registry.get("datasets", name)
+        if isinstance(other, type) and issubclass(other, PublishedDataset):
+            guesses[name] = other.recognise(root)
+    guess = guesses[reader.name]
+    assert guess is not None
+    assert guess.options["root"] == str(root)
+    assert 0.5 <= guess.score <= 1
+    surer = [name for name, one in guesses.items() if one and one.score > guess.score]
+    assert surer == []
+    assert [key for key in guess.options if key not in signature(reader).parameters] == []
