@@ -18,6 +18,8 @@ _LARGEST = 1 / 6
 _FAINTEST = 12.0
 #: Smallest marker, pixels.
 _SMALLEST = 4
+#: Grey levels below which shares of light are noise.
+_DARK = 8
 #: Areas that count as those of the same print, as shares of their median.
 _ALIKE = (0.4, 2.5)
 #: Share of the spots that have to be alike, and share of a box that a disc fills, about.
@@ -47,9 +49,14 @@ class MarkerGrid:
     bright: bool
     size: tuple[int, int]
 
-    def spots(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Contrast of each pixel with the gel around it; see `spots`."""
-        return spots(picture, 2 * self.radius, self.bright)
+    def shares(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Share of the light around that each pixel lacks (or has more), uint8 (H, W), in 255ths.
+
+        A share does not change with the light on a marker, which a touch changes.
+        """
+        grey, contrast = _grey_and_spots(picture, 2 * self.radius, self.bright)
+        around = grey if self.bright else cv2.add(grey, contrast)
+        return np.asarray(cv2.divide(contrast, cv2.add(around, _DARK), scale=255), np.uint8)
 
 
 def find_markers(reference: NDArray[np.uint8], what: str = "the picture") -> MarkerGrid:
@@ -105,14 +112,19 @@ def spots(picture: NDArray[np.uint8], diameter: float, bright: bool) -> NDArray[
     Returns:
         uint8 (H, W), grey levels.
     """
+    return _grey_and_spots(picture, diameter, bright)[1]
+
+
+def _grey_and_spots(
+    picture: NDArray[np.uint8], diameter: float, bright: bool
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """The channel that is looked at, and the contrast of its spots."""
     red, green, blue = cv2.split(picture)
     side = 2 * int(np.ceil(0.9 * diameter)) + 3
-    kernel = np.ones((side, side), np.uint8)
-    if bright:
-        grey = cv2.min(cv2.min(red, green), blue)
-        return np.asarray(cv2.morphologyEx(grey, cv2.MORPH_TOPHAT, kernel), np.uint8)
-    grey = cv2.max(cv2.max(red, green), blue)
-    return np.asarray(cv2.morphologyEx(grey, cv2.MORPH_BLACKHAT, kernel), np.uint8)
+    grey = cv2.min(cv2.min(red, green), blue) if bright else cv2.max(cv2.max(red, green), blue)
+    kind = cv2.MORPH_TOPHAT if bright else cv2.MORPH_BLACKHAT
+    contrast = cv2.morphologyEx(grey, kind, np.ones((side, side), np.uint8))
+    return np.asarray(grey, np.uint8), np.asarray(contrast, np.uint8)
 
 
 def centers(

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import DataError
-from tactileforge.markers.find import MarkerGrid, centers, check_picture, find_markers
+from tactileforge.markers.find import check_picture, find_markers
 
 #: Contrast that counts as a marker, as a share of that at rest.
 _FAINT = 0.35
@@ -56,7 +56,7 @@ class MarkerTracker:
     def __init__(self, reference: NDArray[np.uint8], what: str = "the reference") -> None:
         self.what = what
         self.grid = find_markers(reference, what)
-        self._still = self.grid.spots(reference)
+        self._still = self.grid.shares(reference)
         self._near = _nearest(self.grid.places)
         x, y = np.rint(self.grid.places).astype(np.int64).T
         self._soft = float(np.median(self._softened(self._still)[y, x]))
@@ -84,18 +84,18 @@ class MarkerTracker:
                 f"{self.what}: a frame of {frame.shape[:2]} pixels, and its reference has "
                 f"{self.grid.size}; give both as the sensor took them"
             )
-        contrast = self.grid.spots(frame)
-        seen, moved = self._matched(self._spots(contrast))
-        moved, seen = self._refined(contrast, moved, seen)
+        shares = self.grid.shares(frame)
+        seen, moved = self._matched(self._spots(shares))
+        moved, seen = self._refined(shares, moved, seen)
         seen &= self._smooth(moved, seen)
         self._moved = self._filled(moved, seen)
         seen &= self._inside(self._moved)
         out: NDArray[np.float32] = np.where(seen[:, None], moved, np.nan).astype(np.float32)
         return out
 
-    def _spots(self, contrast: NDArray[np.uint8]) -> NDArray[np.float64]:
+    def _spots(self, shares: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Places of spots, float64 (M, 2)."""
-        soft = self._softened(contrast)
+        soft = self._softened(shares)
         side = 2 * int(np.ceil(self.grid.radius)) + 1
         top = cv2.dilate(soft, np.ones((side, side), np.uint8))
         inner = (soft == top)[1:-1, 1:-1] & (soft[1:-1, 1:-1] > _FAINT * self._soft)
@@ -107,13 +107,11 @@ class MarkerTracker:
         down = _vertex(spot[y - 1, x], middle, spot[y + 1, x])
         return np.stack([x + right, y + down], axis=1)
 
-    def _softened(self, contrast: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def _softened(self, shares: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Spots without noise and speckles in them, each with one top."""
-        return cv2.GaussianBlur(contrast, (0, 0), max(0.7, 0.5 * self.grid.radius))
+        return cv2.GaussianBlur(shares, (0, 0), max(0.7, 0.5 * self.grid.radius))
 
-    def _matched(
-        self, found: NDArray[np.float64]
-    ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    def _matched(self, found: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Markers that have a spot of their own near, and displacements of all."""
         seen = np.zeros(len(self._moved), bool)
         moved = self._moved.copy()
@@ -131,17 +129,17 @@ class MarkerTracker:
         return seen, moved
 
     def _refined(
-        self, contrast: NDArray[np.uint8], moved: NDArray[np.float64], seen: NDArray[np.bool_]
+        self, shares: NDArray[np.uint8], moved: NDArray[np.float64], seen: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Displacements refined by the picture of each marker at rest."""
         if not seen.any():
             return moved, seen
-        side = 2 * int(np.ceil(1.5 * self.grid.radius + 1)) + 1
+        side = 2 * int(np.ceil(self.grid.radius + 1)) + 1
         start = self.grid.places[seen].astype(np.float32)[:, None]
         guess = (self.grid.places + moved)[seen].astype(np.float32)[:, None]
         there, good, _ = cv2.calcOpticalFlowPyrLK(
             self._still,
-            contrast,
+            shares,
             start,
             guess.copy(),
             winSize=(side, side),
@@ -158,13 +156,14 @@ class MarkerTracker:
 
     def _smooth(self, moved: NDArray[np.float64], seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Markers that move about as their neighbors do."""
-        known = np.sort(np.where(seen[:, None], moved, np.inf)[self._near], axis=1)
+        around = np.sort(np.where(seen[:, None], moved, np.inf)[self._near], axis=1)  # lost ones last
         count = seen[self._near].sum(1)
-        upper = np.take_along_axis(known, (count // 2).clip(max=known.shape[1]-1)[:, None, None], 1)[:, 0]
-        lower = np.take_along_axis(known, ((count - 1) // 2).clip(0)[:, None, None], 1)[:, 0]
-        with np.errstate(invalid="ignore"):
-            away = np.hypot(*(moved - (lower + upper) / 2).T)
-        return (count == 0) | (away < _ODD * self.grid.pitch)
+        rows = np.arange(len(moved))
+        last = around.shape[1] - 1
+        middle = around[rows, (count // 2).clip(max=last)] / 2
+        middle += around[rows, ((count - 1) // 2).clip(0)] / 2
+        away = np.hypot(*(moved - middle).T)
+        return np.asarray((count == 0) | (away < _ODD * self.grid.pitch))
 
     def _filled(self, moved: NDArray[np.float64], seen: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Displacements, where a marker is not seen those of its nearest neighbors that are."""

@@ -219,6 +219,10 @@ def _sweep(out: Path) -> int:
     return sum(sweep_parts(folder, alone=True) for folder in (out, out / NOTES))
 
 
+#: Counts of a split that a summary adds up.
+_TOTALS = ("read", "frames", "emptied", "damaged", "unmarked")
+
+
 def summary(index: Index) -> str:
     """Summarises what was packed, in a few lines of plain text."""
     lines = []
@@ -231,7 +235,7 @@ def summary(index: Index) -> str:
         )
     total = Counter[str]()
     for counts in index.statistics.values():
-        total.update({key: counts[key] for key in ("read", "frames", "emptied", "damaged")})
+        total.update({key: counts[key] for key in _TOTALS})
     if total["read"] > total["frames"] or total["emptied"]:
         lines.append(
             f"the filter kept {total['frames']:,} of {total['read']:,} frames that were read; "
@@ -239,4 +243,9 @@ def summary(index: Index) -> str:
         )
     if total["damaged"]:
         lines.append(f"damaged recordings: {total['damaged']:,}, index.json lists them")
+    if total["unmarked"]:
+        lines.append(
+            f"recordings without markers: {total['unmarked']:,}, index.json says why; they are "
+            "packed without tracks of markers"
+        )
     return "\n".join(lines)

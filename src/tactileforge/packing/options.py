@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -60,6 +60,8 @@ class PackOptions:
         executor: One of `EXECUTORS`.
         max_bad: Share of the recordings that may be damaged, at least one; more are an error.
         filter: Filter of frames.
+        markers: Types of sensors whose gels have printed dots, as in [gelsight_mini], for the
+            tracks ``markers``, ``marker_field`` and ``marker_motion``.
 
     Raises:
         ConfigError: A value is none that can be.
@@ -73,6 +75,7 @@ class PackOptions:
     executor: str = "local"
     max_bad: float = 0.01
     filter: Filter = field(default_factory=Filter)
+    markers: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         if self.codec not in CODECS:

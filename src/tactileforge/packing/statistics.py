@@ -38,6 +38,7 @@ class PackStatistics:
         read: Frames that were read.
         emptied: Recordings of which the filter left nothing.
         damaged: Recordings that could not be read, whole or in part.
+        unmarked: Recordings in which no markers were found, where they were asked for.
         skipped: A line for each recording or frame that could not be read.
     """
 
@@ -52,6 +53,7 @@ class PackStatistics:
     read: int = 0
     emptied: int = 0
     damaged: int = 0
+    unmarked: int = 0
     skipped: list[str] = field(default_factory=list)
 
     def add(self, recording: Recording) -> None:
@@ -73,7 +75,16 @@ class PackStatistics:
 
     def merge(self, other: PackStatistics) -> None:
         """Adds the counts of another part."""
-        for name in ("recordings", "frames", "seconds", "bytes", "read", "emptied", "damaged"):
+        for name in (
+            "recordings",
+            "frames",
+            "seconds",
+            "bytes",
+            "read",
+            "emptied",
+            "damaged",
+            "unmarked",
+        ):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.sensors.update(other.sensors)
         self.actions.update(other.actions)
@@ -95,6 +106,7 @@ class PackStatistics:
             "read": self.read,
             "emptied": self.emptied,
             "damaged": self.damaged,
+            "unmarked": self.unmarked,
             "skipped": self.skipped,
         }
 
