@@ -21,6 +21,7 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
         "datasets": ("lerobot", "trex"),
         "verbs": ("data.embed", "data.lerobot"),
     },
+    "tactileforge-markers": {"heads": ("markers",), "objectives": ("markers",)},
     "tactileforge-policies": {
         "datasets": ("demonstrations",),
         "heads": ("act", "diffusion_policy", "regression"),

@@ -156,7 +156,7 @@ class MarkerTracker:
 
     def _smooth(self, moved: NDArray[np.float64], seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Markers that move about as their neighbors do."""
-        around = np.sort(np.where(seen[:, None], moved, np.inf)[self._near], axis=1)  # lost ones last
+        around = np.sort(np.where(seen[:, None], moved, np.inf)[self._near], axis=1)
         count = seen[self._near].sum(1)
         rows = np.arange(len(moved))
         last = around.shape[1] - 1

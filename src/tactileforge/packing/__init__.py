@@ -20,7 +20,7 @@ from tactileforge.locks import locked
 from tactileforge.packing.executors import execute
 from tactileforge.packing.options import Filter, PackOptions
 from tactileforge.packing.plan import SPLITS, PackPlan, plan_pack
-from tactileforge.packing.statistics import PackStatistics
+from tactileforge.packing.statistics import COUNTS, PackStatistics
 from tactileforge.packing.work import NOTES, ShardNote
 
 __all__ = ["Filter", "PackOptions", "pack", "summary"]
@@ -219,10 +219,6 @@ def _sweep(out: Path) -> int:
     return sum(sweep_parts(folder, alone=True) for folder in (out, out / NOTES))
 
 
-#: Counts of a split that a summary adds up.
-_TOTALS = ("read", "frames", "emptied", "damaged", "unmarked")
-
-
 def summary(index: Index) -> str:
     """Summarises what was packed, in a few lines of plain text."""
     lines = []
@@ -235,7 +231,7 @@ def summary(index: Index) -> str:
         )
     total = Counter[str]()
     for counts in index.statistics.values():
-        total.update({key: counts[key] for key in _TOTALS})
+        total.update({key: counts[key] for key in ("frames", *COUNTS)})
     if total["read"] > total["frames"] or total["emptied"]:
         lines.append(
             f"the filter kept {total['frames']:,} of {total['read']:,} frames that were read; "

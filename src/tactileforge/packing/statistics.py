@@ -18,6 +18,10 @@ FORCE_EDGES = np.linspace(-20.0, 20.0, 81)
 AXES = ("x", "y", "z")
 
 
+#: Counts of what was read, and of what is missing.
+COUNTS = ("read", "emptied", "damaged", "unmarked")
+
+
 def _no_forces() -> NDArray[np.int64]:
     return np.zeros((len(AXES), len(FORCE_EDGES) - 1), np.int64)
 
@@ -75,16 +79,7 @@ class PackStatistics:
 
     def merge(self, other: PackStatistics) -> None:
         """Adds the counts of another part."""
-        for name in (
-            "recordings",
-            "frames",
-            "seconds",
-            "bytes",
-            "read",
-            "emptied",
-            "damaged",
-            "unmarked",
-        ):
+        for name in ("recordings", "frames", "seconds", "bytes", *COUNTS):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.sensors.update(other.sensors)
         self.actions.update(other.actions)
