@@ -274,6 +274,7 @@ class Column:
             ``(-1, 1)`` the one before it and itself. None takes the frames of the clip.
         dtype: Type of the values in the batch.
         statistics: Whether mean and deviation over the training data are measured.
+        shape: Shape of a step, where only one will do; None for that of the data.
     """
 
     name: str
@@ -281,6 +282,7 @@ class Column:
     window: tuple[int, int] | None = None
     dtype: Literal["float32", "int64"] = "float32"
     statistics: bool = False
+    shape: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -74,7 +75,7 @@ def _as_read(pixels: Tensor) -> Tensor:
     return pixels.movedim(-3, -1).contiguous().movedim(-1, -3)
 
 
-#: Width of one step of an extra column.
+#: Width of one step of an extra column that declares none.
 _STEP = 2
 
 
@@ -93,7 +94,8 @@ def with_columns(made: Batch, plugins: Iterable[type[Any]]) -> Batch:
     found: Batch = {}
     for column in _declared(plugins):
         steps = frames if column.window is None else column.window[1] - column.window[0]
-        values = pressed.view(-1, 1, 1).expand(size, steps, _STEP).clone()
+        shape = _shape_of(column)
+        values = pressed.view(-1, 1, *[1] * len(shape)).expand(size, steps, *shape).clone()
         is_whole = column.dtype == "int64"
         found[column.name] = (values > values.median()).long() if is_whole else values
         found[f"{column.name}_valid"] = torch.ones(size, steps, dtype=torch.bool)
@@ -104,13 +106,19 @@ def with_columns(made: Batch, plugins: Iterable[type[Any]]) -> Batch:
 
 def context_of(plugins: Iterable[type[Any]]) -> dict[str, Any]:
     """Sizes of the columns and facts for a batch of `with_columns`."""
-    sizes = {
-        one.name: ColumnSize(shape=(_STEP,), mean=(0.5,) * _STEP, deviation=(0.25,) * _STEP)
-        for one in _declared(plugins)
-    }
+    sizes = {}
+    for one in _declared(plugins):
+        shape = _shape_of(one)
+        count = math.prod(shape)
+        mean, deviation = (0.5,) * count, (0.25,) * count
+        sizes[one.name] = ColumnSize(shape=shape, mean=mean, deviation=deviation)
     made = batch(2)
     facts = [one.example(made)[0] for one in plugins if hasattr(one, "example")]
     return {"column_sizes": sizes, "facts": {k: v for known in facts for k, v in known.items()}}
+
+
+def _shape_of(column: Column) -> tuple[int, ...]:
+    return (_STEP,) if column.shape is None else column.shape
 
 
 def _declared(plugins: Iterable[type[Any]]) -> tuple[Column, ...]:

@@ -23,7 +23,7 @@ class Markers(nn.Module):
 
     head: ClassVar[str] = "markers"
     needs: ClassVar[frozenset[str]] = frozenset()
-    columns: ClassVar[tuple[Column, ...]] = (Column(name="marker_field"),)
+    columns: ClassVar[tuple[Column, ...]] = (Column(name="marker_field", shape=(12, 12, 2)),)
 
     def __init__(self, deviation: float = 1.0) -> None:
         super().__init__()
