@@ -25,8 +25,14 @@ AT = places()
 COUNT = 8
 
 
+def right(pixels):
+    return np.array([pixels, 0])
+
+
 def touch(key="a", sensor="gelsight_mini", still=True):
-    frames = np.stack([picture(AT + [step, 0], noise=1, seed=step) for step in range(COUNT)])
+    frames = np.stack(
+        [picture(AT + np.array([step, 0]), noise=1, seed=step) for step in range(COUNT)]
+    )
     rest = ArrayFrames(frames[:1])
     times = np.arange(COUNT) / 25
     lazy = ArrayFrames(frames)
@@ -119,7 +125,7 @@ class Dots:
         )
         steps = [0.0] * 6 + [*range(7)] + [*range(6, 0, -1)]
         at = AT[:0] if bare else AT
-        self.pictures = [picture(at + [s, 0], noise=1, seed=n) for n, s in enumerate(steps)]
+        self.pictures = [picture(at + right(s), noise=1, seed=n) for n, s in enumerate(steps)]
         self.rest = rest
 
     def discover(self):
@@ -210,5 +216,5 @@ def test_options_are_checked(tmp_path):
         RecordOptions(out="x", markers=["left"], background=Background(seconds=0.0))
     array = Dots()
     array.spec = replace(array.spec, kind="array")
-    with pytest.raises(ConfigError, match="left .array. is no camera"):
+    with pytest.raises(ConfigError, match=r"left .array. is no camera"):
         LiveSession({"left": array}, None, LiveOptions(markers=["left"])).__enter__()

@@ -36,7 +36,7 @@ def test_a_picture_without_markers_is_refused_with_the_fix():
         rng.integers(100, 150, (*SIZE, 3)).astype(np.uint8),
         cv2.circle(np.full((*SIZE, 3), 120, np.uint8), (80, 60), 8, (20, 20, 20), -1),
     ):
-        with pytest.raises(DataError, match="no markers found .*dark: .*bright: .*Give a frame"):
+        with pytest.raises(DataError, match=r"no markers found .*dark: .*bright: .*Give a frame"):
             find_markers(bare)
 
 
@@ -64,7 +64,7 @@ def test_markers_are_followed_to_a_fraction_of_a_pixel():
 def test_a_hidden_marker_keeps_its_row_and_comes_back():
     tracker = MarkerTracker(picture(AT))
     for step in range(9):
-        here = AT + [1.5 * step, 0.5 * step]
+        here = AT + np.array([1.5 * step, 0.5 * step])
         shown = here if step in (0, 8) else np.delete(here, [8, 9], axis=0)
         found = tracker.read(picture(shown))
         lost = np.flatnonzero(~np.isfinite(found[:, 0])).tolist()
@@ -75,13 +75,13 @@ def test_a_hidden_marker_keeps_its_row_and_comes_back():
 def test_markers_that_leave_the_picture_are_lost_alone():
     tracker = MarkerTracker(picture(AT))
     for step in range(0, 22, 3):
-        found = tracker.read(picture(AT + [step, 0]))
+        found = tracker.read(picture(AT + np.array([step, 0])))
     out = AT[:, 0] + 21 > SIZE[1] - 1 - 4
     assert out.any()
     assert (np.isfinite(found[:, 0]) == ~out).all()
     assert rms(found - [21, 0]) < 0.15
     for step in range(21, -1, -3):
-        found = tracker.read(picture(AT + [step, 0]))
+        found = tracker.read(picture(AT + np.array([step, 0])))
     assert np.isfinite(found).all()
 
 
