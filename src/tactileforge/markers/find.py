@@ -91,11 +91,12 @@ def check_picture(picture: NDArray[np.uint8], what: str) -> None:
     Raises:
         DataError: It is not uint8 (H, W, 3), or less than 32 pixels high or wide.
     """
-    found = getattr(picture, "dtype", type(picture).__name__), getattr(picture, "shape", ())
-    if found[0] != np.uint8 or len(found[1]) != 3 or found[1][2] != 3:
-        raise DataError(f"{what}: {found[0]} {found[1]}; give RGB, uint8 (H, W, 3)")
-    if min(found[1][:2]) < 32:
-        raise DataError(f"{what}: {found[1][:2]} pixels; markers need 32 x 32 at least")
+    kind = getattr(picture, "dtype", type(picture).__name__)
+    shape: tuple[int, ...] = getattr(picture, "shape", ())
+    if kind != np.uint8 or len(shape) != 3 or shape[2] != 3:
+        raise DataError(f"{what}: {kind} {shape}; give RGB, uint8 (H, W, 3)")
+    if min(shape[:2]) < 32:
+        raise DataError(f"{what}: {shape[:2]} pixels; markers need 32 x 32 at least")
 
 
 def spots(picture: NDArray[np.uint8], diameter: float, bright: bool) -> NDArray[np.uint8]:
