@@ -85,7 +85,7 @@ def displacement_field(
 ) -> NDArray[np.float32]:
     """Displacement at a grid over the picture, whatever markers a gel has.
 
-    A cell takes the mean of the markers around its center, weighted by a Gaussian of the pitch.
+    A cell takes the mean of the markers around its center, weighted by a Gaussian of .45 pitches.
 
     Args:
         places: float (N, 2), places at rest, pixels.
@@ -105,7 +105,7 @@ def displacement_field(
     x = (np.arange(FIELD[1]) + 0.5) * width / FIELD[1] - 0.5
     cells = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 1, 2)
     far = ((cells - places[known]) ** 2).sum(-1)
-    weight = np.exp(-(far - far.min(1, keepdims=True)) / (2 * (0.6 * pitch) ** 2))
+    weight = np.exp(-(far - far.min(1, keepdims=True)) / (2 * (0.45 * pitch) ** 2))
     weight /= weight.sum(1, keepdims=True)
     field = 100 / min(size) * (weight @ np.asarray(moved[known], np.float64))
     out: NDArray[np.float32] = field.reshape(*FIELD, 2).astype(np.float32)
