@@ -109,7 +109,9 @@ class MarkerTracker:
 
     def _softened(self, shares: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Spots without noise and speckles in them, each with one top."""
-        return cv2.GaussianBlur(shares, (0, 0), max(0.7, 0.5 * self.grid.radius))
+        return np.asarray(
+            cv2.GaussianBlur(shares, (0, 0), max(0.7, 0.5 * self.grid.radius)), np.uint8
+        )
 
     def _matched(self, found: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Markers that have a spot of their own near, and displacements of all."""
