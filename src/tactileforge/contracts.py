@@ -282,7 +282,10 @@ class Column:
         turns: Kind of value, for mirrored and turned clips: ``vector`` for x, y (and z) in the last
             axis of a step, on the axes of the picture; ``torque`` for torques or turns about x, y
             and z, or a single number about z; ``wrench`` for three forces and three torques;
-            ``pose`` for motions (4, 4) on the same axes; "" for values that stay as they are.
+            ``pose`` for motions (4, 4) on the same axes; ``field`` for x and y at places across the
+            frame, (rows, columns, 2), in shares of a side, which also move with the picture and
+            grow with its scale; "" for values that stay as they are.
+        shape: Shape of a step, where only one will do; None for that of the data.
     """
 
     name: str
@@ -290,7 +293,8 @@ class Column:
     window: tuple[int, int] | None = None
     dtype: Literal["float32", "int64"] = "float32"
     statistics: bool = False
-    turns: Literal["", "vector", "torque", "wrench", "pose"] = ""
+    turns: Literal["", "vector", "torque", "wrench", "pose", "field"] = ""
+    shape: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

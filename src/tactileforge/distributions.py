@@ -40,6 +40,7 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
         "datasets": ("daimon", "lerobot", "opentouch", "taf", "trex"),
         "verbs": ("data.embed", "data.lerobot"),
     },
+    "tactileforge-markers": {"heads": ("markers",), "objectives": ("markers",)},
     "tactileforge-policies": {
         "datasets": ("demonstrations",),
         "heads": ("act", "diffusion_policy", "regression"),

@@ -20,7 +20,7 @@ from tactileforge.locks import locked
 from tactileforge.packing.executors import execute
 from tactileforge.packing.options import Filter, PackOptions
 from tactileforge.packing.plan import SPLITS, PackPlan, plan_pack
-from tactileforge.packing.statistics import PackStatistics
+from tactileforge.packing.statistics import COUNTS, PackStatistics
 from tactileforge.packing.work import NOTES, ShardNote
 
 __all__ = ["Filter", "PackOptions", "pack", "summary"]
@@ -236,7 +236,7 @@ def summary(index: Index) -> str:
         )
     total = Counter[str]()
     for counts in index.statistics.values():
-        total.update({key: counts[key] for key in ("read", "frames", "emptied", "damaged")})
+        total.update({key: counts[key] for key in ("frames", *COUNTS)})
     if total["read"] > total["frames"] or total["emptied"]:
         lines.append(
             f"the filter kept {total['frames']:,} of {total['read']:,} frames that were read; "
@@ -244,4 +244,9 @@ def summary(index: Index) -> str:
         )
     if total["damaged"]:
         lines.append(f"damaged recordings: {total['damaged']:,}, index.json lists them")
+    if total["unmarked"]:
+        lines.append(
+            f"recordings without markers: {total['unmarked']:,}, index.json says why; they are "
+            "packed without tracks of markers"
+        )
     return "\n".join(lines)

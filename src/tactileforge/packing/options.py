@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -60,6 +60,8 @@ class PackOptions:
         executor: Name of the executor, one of `EXECUTORS`.
         max_bad: Tolerated share of damaged recordings, 0 to 1; above 0, one is always tolerated.
         filter: Filter of frames.
+        markers: Types of sensors whose gels have printed dots, as in [gelsight_mini], for the
+            tracks ``markers``, ``marker_field`` and ``marker_motion``.
 
     Raises:
         ConfigError: Invalid value.
@@ -73,6 +75,7 @@ class PackOptions:
     executor: str = "local"
     max_bad: float = 0.01
     filter: Filter = field(default_factory=Filter)
+    markers: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         if self.codec not in CODECS:

@@ -14,6 +14,7 @@ from tactileforge.contracts import Frames, Recording
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
 from tactileforge.packing import filters
+from tactileforge.packing.followed import FollowedMarkers
 from tactileforge.packing.options import PackOptions
 
 #: Frames to decode at once.
@@ -35,6 +36,7 @@ class Packer:
     Attributes:
         read: Number of frames read.
         bad: Line for each unreadable frame.
+        unmarked: Reason for a recording without marker tracks; "" with them, or if not asked for.
     """
 
     def __init__(self, recording: Recording, options: PackOptions) -> None:
@@ -42,14 +44,23 @@ class Packer:
         self.options = options
         self.read = 0
         self.bad: list[str] = []
+        self.unmarked = ""
+        self._markers: FollowedMarkers | None = None
 
     def pack(self, tick: Callable[[int], None]) -> tuple[Recording, shards.Packed] | None:
         """Filtered recording and its encoded images; None if the filter leaves nothing."""
         whole = self.recording
+        if whole.sensor in self.options.markers:
+            try:
+                self._markers = FollowedMarkers(whole)
+            except DataError as error:
+                self.unmarked = f"{error} (packed without markers)"
         rows, frames = self._frames(tick)
         if not rows:
             return None
         recording = _with_rows(whole, rows)
+        if self._markers is not None:
+            recording = self._markers.added(recording, rows)
         packed = shards.Packed(
             shards.describe_recording(recording),
             self.options.codec,
@@ -68,9 +79,9 @@ class Packer:
         # without a threshold nothing looks at the pixels, so encoded frames can be copied; a still
         # has no predecessor to compare with
         if threshold is None or len(sampled) == 1:
-            shown = self._read(self._fetch(whole.frames), sampled, tick)
+            shown = self._followed(self._read(self._fetch(whole.frames), sampled, tick))
         else:
-            shown = self._read(whole.frames.read, sampled, tick)
+            shown = self._followed(self._read(whole.frames.read, sampled, tick))
             span = filters.reach(whole.times[sampled], options.filter.span)
             shown = filters.select_lively(shown, whole.times, threshold, span)
         rows, encoded = [], []
@@ -78,6 +89,9 @@ class Packer:
             rows.append(row)
             encoded.append(self._encoded(frame))
         return rows, encoded
+
+    def _followed(self, shown: Iterator[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
+        return shown if self._markers is None else self._markers.follow(shown)
 
     def _read(
         self, fetch: Fetch, rows: Sequence[int], tick: Callable[[int], None]

@@ -18,6 +18,10 @@ FORCE_EDGES = np.linspace(-20.0, 20.0, 81)
 AXES = ("x", "y", "z")
 
 
+#: Counts of what was read, and of what is missing.
+COUNTS = ("read", "emptied", "damaged", "unmarked")
+
+
 def _no_forces() -> NDArray[np.int64]:
     return np.zeros((len(AXES), len(FORCE_EDGES) - 1), np.int64)
 
@@ -38,6 +42,7 @@ class PackStatistics:
         read: Frames read.
         emptied: Recordings without a frame after the filter.
         damaged: Unreadable recordings, whole or in part.
+        unmarked: Recordings without marker tracks, where these were asked for.
         skipped: Line for each unreadable recording or frame.
     """
 
@@ -52,6 +57,7 @@ class PackStatistics:
     read: int = 0
     emptied: int = 0
     damaged: int = 0
+    unmarked: int = 0
     skipped: list[str] = field(default_factory=list)
 
     def add(self, recording: Recording) -> None:
@@ -73,7 +79,7 @@ class PackStatistics:
 
     def merge(self, other: PackStatistics) -> None:
         """Add the counts of another part."""
-        for name in ("recordings", "frames", "seconds", "bytes", "read", "emptied", "damaged"):
+        for name in ("recordings", "frames", "seconds", "bytes", *COUNTS):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.sensors.update(other.sensors)
         self.actions.update(other.actions)
@@ -95,6 +101,7 @@ class PackStatistics:
             "read": self.read,
             "emptied": self.emptied,
             "damaged": self.damaged,
+            "unmarked": self.unmarked,
             "skipped": self.skipped,
         }
 

@@ -160,6 +160,9 @@ def _packed(
         statistics.read += packer.read
         statistics.damaged += bool(packer.bad)
         statistics.skipped += packer.bad
+        if packer.unmarked:
+            statistics.unmarked += 1
+            statistics.skipped.append(packer.unmarked)
         if made is not None:
             statistics.add(made[0])
             yield made[1]

@@ -78,7 +78,7 @@ def _as_read(pixels: Tensor) -> Tensor:
     return pixels.movedim(-3, -1).contiguous().movedim(-1, -3)
 
 
-#: Width of one step of an extra column that does not turn.
+#: Width of one step of an extra column that neither turns nor declares a shape.
 _STEP = 2
 
 
@@ -125,6 +125,10 @@ def context_of(plugins: Iterable[type[Any]]) -> dict[str, Any]:
 
 def _step_of(column: Column) -> tuple[int, ...]:
     """Shape of one step of an extra column."""
+    if column.shape is not None:
+        return column.shape
+    if column.turns == "field":
+        return (4, 4, 2)
     return STEPS[column.turns][-1] if column.turns else (_STEP,)
 
 

@@ -120,7 +120,39 @@ def test_a_field_of_vectors_and_plain_columns() -> None:
     assert torch.equal(column_after("", field, ~UPRIGHT, 30.0), field)
 
 
+def moved_field(field: torch.Tensor, flip: torch.Tensor, angle: float, scale: float = 1.0):
+    turn = turns.rotation(torch.tensor([angle]))
+    warp = torch.cat([scale * turn[:, :2, :2], torch.zeros(1, 2, 1)], dim=2)
+    batch = {"it": field[None]}
+    matrix = turns.frame_change(flip, torch.tensor([angle]))
+    turns.turn_columns(batch, [Column(name="it", turns="field")], matrix, flip, warp)
+    return batch["it"][0]
+
+
+def test_a_field_moves_with_the_picture() -> None:
+    field = torch.randn(3, 8, 8, 2)
+    across = moved_field(field, LEFT_RIGHT, 0.0)
+    torch.testing.assert_close(across, field.flip(2) * torch.tensor([-1.0, 1.0]))
+    down = moved_field(field, torch.tensor([[False, True]]), 0.0)
+    torch.testing.assert_close(down, field.flip(1) * torch.tensor([1.0, -1.0]))
+    clockwise = moved_field(field, UPRIGHT, 90.0)  # places and vectors: x to y, y to -x
+    around = field.rot90(-1, (1, 2))
+    wanted = torch.stack([-around[..., 1], around[..., 0]], -1)
+    torch.testing.assert_close(clockwise, wanted, atol=1e-5, rtol=0)
+
+
+def test_a_magnified_field_has_longer_vectors() -> None:
+    """A stretch of the gel, (x, y) = .1 place, is the same field in a picture of another scale."""
+    places = torch.linspace(-1, 1, 17)
+    y, x = torch.meshgrid(places, places, indexing="ij")
+    field = 0.1 * torch.stack([x, y], -1)[None]
+    near = moved_field(field, UPRIGHT, 0.0, 1.25)
+    torch.testing.assert_close(near, field, atol=1e-5, rtol=0)
+
+
 def test_a_column_that_cannot_turn_is_named() -> None:
+    with pytest.raises(DataError, match=r"a field is \(rows, columns, 2\)"):
+        turns.check_turns(Column(name="it", turns="field"), (12, 2))
     for kind, good, bad in (
         ("vector", (7, 3), (7, 4)),
         ("torque", (), (2,)),

@@ -162,6 +162,11 @@ def _size(column: Column, recordings: Sequence[Recording]) -> ColumnSize:
             f"have (it has: {', '.join(known) or 'no tracks'}); use data that has it"
         )
     first, shape = next((key, track.shape[1:]) for key, track in tracks.items())
+    if column.shape is not None and shape != column.shape:
+        raise DataError(
+            f"{first}: a step of the track {name!r} is {shape}, and the column needs "
+            f"{column.shape}; measure the track again"
+        )
     for key, track in tracks.items():
         if track.shape[1:] != shape:
             raise DataError(

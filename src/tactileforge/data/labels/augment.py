@@ -165,7 +165,7 @@ class Augment(nn.Module):
             turn_labels(batch, angle)
         if self._lights:
             drawn["relight"] = self._draw_light(coded)
-        turn_columns(batch, columns, frame_change(flip, angle))
+        turn_columns(batch, columns, frame_change(flip, angle), flip, drawn.get("warp"))
         return batch | drawn
 
     def _draw_moves(self, first: Tensor, fixed: Tensor, aspect: Tensor) -> tuple[Tensor, Tensor]:

@@ -10,8 +10,14 @@ from torch import Tensor
 from tactileforge.data.labels import displacement
 
 
-def _sample(images: Tensor, warp: Tensor, padding: str) -> Tensor:
-    """Images (B, C, H, W) after `warp`, which is in shares of the sides from the centre."""
+def sample(images: Tensor, warp: Tensor, padding: str) -> Tensor:
+    """Move images, with linear interpolation.
+
+    Args:
+        images: float (B, C, H, W).
+        warp: float (B, 2, 3), see `move_clip`.
+        padding: Pixels from beyond the border: ``zeros`` or ``reflection``.
+    """
     from kornia.geometry.transform import warp_affine
 
     height, width = images.shape[-2:]
@@ -40,9 +46,9 @@ def move_clip(clip: Tensor, warp: Tensor) -> Tensor:
     Returns:
         The clip, of the same shape.
     """
-    rest = _sample(clip[:, 0], warp, "reflection")
+    rest = sample(clip[:, 0], warp, "reflection")
     inside = torch.ones_like(clip[:, 0, :1])
-    moved = _sample(torch.cat([clip[:, 1:].flatten(1, 2), inside], dim=1), warp, "zeros")
+    moved = sample(torch.cat([clip[:, 1:].flatten(1, 2), inside], dim=1), warp, "zeros")
     frames = moved[:, :-1].reshape(clip[:, 1:].shape)
     return torch.cat([rest[:, None], frames + (1 - moved[:, None, -1:]) * rest[:, None]], dim=1)
 
@@ -56,7 +62,7 @@ def move_surface(surface: Tensor, warp: Tensor, turn: Tensor) -> Tensor:
         turn: float (B, 3, 3), turns of vectors.
     """
     mm = displacement.displacement_mm(displacement.coded_displacement(surface))
-    moved = _sample(mm.flatten(1, 2), warp, "zeros").view_as(mm)
+    moved = sample(mm.flatten(1, 2), warp, "zeros").view_as(mm)
     turned = torch.einsum("bij,btjhw->btihw", turn, moved)
     return displacement.displacement_images(turned)
 

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from tactileforge.contracts import ACTIONS, Batch, Column
 from tactileforge.data.labels.actions import CLEAR
+from tactileforge.data.labels.pixels import sample
 from tactileforge.errors import DataError, PluginError
 
 _SWAPS = {
@@ -32,6 +33,7 @@ STEPS = {
     "torque": ((), (3,)),
     "wrench": ((6,),),
     "pose": ((4, 4),),
+    "field": ((2,),),
 }
 
 
@@ -130,13 +132,21 @@ def transform(values: Tensor, matrix: Tensor) -> Tensor:
     return (flat @ matrix[:, :size, :size].mT).view_as(values)
 
 
-def turn_columns(batch: Batch, columns: Iterable[Column], matrix: Tensor) -> None:
-    """Turns the columns that say how they turn, in place.
+def turn_columns(
+    batch: Batch,
+    columns: Iterable[Column],
+    matrix: Tensor,
+    flip: Tensor | None = None,
+    warp: Tensor | None = None,
+) -> None:
+    """Turn the columns with declared turns, in place.
 
     Args:
-        batch: On the host.
+        batch: Batch on the host.
         columns: Columns of the batch; see `Column.turns`.
         matrix: Change of axes of each clip, (B, 3, 3), see `frame_change`.
+        flip: bool (B, 2), mirrored clips, for fields; None for none.
+        warp: float (B, 2, 3), see `pixels.move_clip`, for fields; None for none.
     """
     sign = torch.linalg.det(matrix).round()
     for column in columns:
@@ -153,6 +163,22 @@ def turn_columns(batch: Batch, columns: Iterable[Column], matrix: Tensor) -> Non
             batch[column.name] = torch.cat([transform(force, matrix), turned], dim=-1)
         elif column.turns == "pose":
             batch[column.name] = _turn_pose(values, matrix)
+        elif column.turns == "field":
+            batch[column.name] = _move_field(transform(values, matrix), flip, warp)
+
+
+def _move_field(field: Tensor, flip: Tensor | None, warp: Tensor | None) -> Tensor:
+    """Move the places of turned vectors (B, T, h, w, 2); a magnified picture has longer ones."""
+    if flip is not None:
+        for axis in (0, 1):
+            mirrored = flip[:, axis, None, None, None, None]
+            field = torch.where(mirrored, field.flip(3 - axis), field)
+    if warp is None:
+        return field
+    images = field.movedim(-1, 2)
+    factor = torch.linalg.det(warp[:, :, :2]).abs().sqrt()
+    moved = sample(images.flatten(1, 2), warp, "zeros").view_as(images).movedim(2, -1)
+    return moved * factor.view(-1, 1, 1, 1, 1)
 
 
 def _turn_pose(poses: Tensor, matrix: Tensor) -> Tensor:
@@ -182,6 +208,11 @@ def check_turns(column: Column, shape: tuple[int, ...]) -> None:
             f"{column.dtype!r}: give float32 and one of {', '.join(STEPS)}, or leave turns out"
         )
     known = STEPS[column.turns]
+    if column.turns == "field" and len(shape) != 3:
+        raise DataError(
+            f"a step of the track {column.track or column.name!r} is {shape}, and a field is "
+            "(rows, columns, 2); give such a track, or leave turns out"
+        )
     if not any(shape == ends or (ends and shape[-len(ends) :] == ends) for ends in known):
         raise DataError(
             f"a step of the track {column.track or column.name!r} is {shape}, and one that turns "
