@@ -38,12 +38,12 @@ def ours(frames: Film, grid: MarkerGrid) -> NDArray[np.float64]:
 
 def blobs(frames: Film, grid: MarkerGrid) -> NDArray[np.float64]:
     """Displacements by blobs: each marker takes the blob nearest to where it was."""
-    options = cv2.SimpleBlobDetector_Params()
+    options = cv2.SimpleBlobDetector.Params()
     options.filterByArea, options.minArea = True, 0.3 * np.pi * grid.radius**2
     options.maxArea = 3 * np.pi * grid.radius**2
     options.filterByCircularity = options.filterByConvexity = options.filterByInertia = False
     options.minDistBetweenBlobs = 0.4 * grid.pitch
-    detector = cv2.SimpleBlobDetector_create(options)
+    detector = cv2.SimpleBlobDetector.create(options)
     last, out = grid.places, []
     for frame in frames:
         found = np.array([key.pt for key in detector.detect(_grey(frame))], np.float64)

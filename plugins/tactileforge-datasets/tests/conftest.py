@@ -37,5 +37,5 @@ def realdata() -> Path:
 
 @pytest.fixture
 def levels():
-    """Reads frames and gives the numbers that they show."""
+    """Reads frames and returns their numbers."""
     return lambda frames: [round(float(f.mean()) / 7) for f in frames.read(range(len(frames)))]

@@ -30,7 +30,7 @@ FILES = {
 
 
 def read_all(name: str, root: Path, **options):
-    """Recordings of all sides, and what was skipped."""
+    """Recordings of all sides, and the skipped files."""
     reader = registry.get("datasets", name)
     data = reader(str(root), split="all", val=0, **options)
     try:

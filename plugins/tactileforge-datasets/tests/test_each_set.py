@@ -1,4 +1,4 @@
-"""What every reader of this package has to do."""
+"""The duties of every reader of this package."""
 
 import pickle
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Every field of every set, against what was written."""
+"""Every field of every set, against the written values."""
 
 import shutil
 from pathlib import Path

@@ -17,7 +17,7 @@ import zarr
 
 
 def pictures(*shape: int, seed: int = 0) -> np.ndarray:
-    """Smooth pictures that differ, uint8; red is brighter than blue."""
+    """Smooth, different pictures, uint8; red is brighter than blue."""
     rng = np.random.default_rng(seed)
     out = rng.integers(60, 90, shape).astype(np.uint8)
     out[..., 0] += 100

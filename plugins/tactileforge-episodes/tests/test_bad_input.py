@@ -1,4 +1,4 @@
-"""What is damaged, contradictory or unsafe: named with its file, left out, the rest is read."""
+"""Damaged, contradictory or unsafe files are named and left out; the rest is read."""
 
 import contextlib
 import json
@@ -188,7 +188,7 @@ def test_damaged_metadata_is_named(tmp_path):
 
 
 class Bomb:
-    """A pickle that writes a file when it is loaded."""
+    """A pickle with code to write a file on loading."""
 
     def __init__(self, path):
         self.path = path

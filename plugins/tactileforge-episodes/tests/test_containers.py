@@ -1,4 +1,4 @@
-"""The ways in which arrays are packed: the same recordings from each, and chunks alone."""
+"""Arrays packed in different ways: the same recordings from each, and chunks alone."""
 
 import json
 import shutil

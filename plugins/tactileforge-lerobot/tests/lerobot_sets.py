@@ -196,7 +196,7 @@ def place_videos(about: dict[str, list[Any]], name: str, rows: int) -> None:
 
 
 def _typed(held: dict[str, list[Any]]) -> Any:
-    """A table whose numbers have few bits, as LeRobot writes them."""
+    """A table with numbers of few bits, as LeRobot writes them."""
     table = pa.Table.from_pydict(held)
     fields = []
     for field in table.schema:

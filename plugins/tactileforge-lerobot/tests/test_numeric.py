@@ -179,7 +179,7 @@ def test_numbers_in_place_of_an_unknown_value_are_nan(tmp_path: Path) -> None:
 
 
 def deep_set(root: Path, frames: np.ndarray, pix_fmt: str, form: str) -> Path:
-    """A set of version 3 with two episodes in one FFV1 video, whose info file says .mp4."""
+    """A set of version 3 with two episodes in one FFV1 video; its info file says .mp4."""
     rows = len(frames) // 2
     state = np.zeros((rows, 2), np.float32)
     state[1, 0] = 9930.0

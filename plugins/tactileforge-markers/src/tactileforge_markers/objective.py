@@ -67,7 +67,7 @@ def target(prediction: Tensor, batch: Batch) -> Tensor:
         prediction: float (B, T, 2, rows, columns), for its shape.
         batch: Batch with ``marker_field``, float32 (B, T, h, w, 2).
     """
-    field = batch["marker_field"].float().permute(0, 1, 4, 2, 3)
+    field: Tensor = batch["marker_field"].float().permute(0, 1, 4, 2, 3)
     size = prediction.shape[-2:]
     if field.shape[-2:] != size:
         flat = F.interpolate(field.flatten(0, 1), size, mode="bilinear", antialias=True)

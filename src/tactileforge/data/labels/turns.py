@@ -176,8 +176,8 @@ def _move_field(field: Tensor, flip: Tensor | None, warp: Tensor | None) -> Tens
     if warp is None:
         return field
     images = field.movedim(-1, 2)
-    factor = torch.linalg.det(warp[:, :, :2]).abs().sqrt()
-    moved = sample(images.flatten(1, 2), warp, "zeros").view_as(images).movedim(2, -1)
+    factor: Tensor = torch.linalg.det(warp[:, :, :2]).abs().sqrt()
+    moved: Tensor = sample(images.flatten(1, 2), warp, "zeros").view_as(images).movedim(2, -1)
     return moved * factor.view(-1, 1, 1, 1, 1)
 
 
