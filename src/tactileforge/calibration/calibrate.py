@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.calibration import features
 from tactileforge.calibration.file import AXES, Calibration, ForceModel, Light
-from tactileforge.calibration.fit import AxisFit, fit_axis, folds
+from tactileforge.calibration.fit import BEFORE, MEAN, AxisFit, Candidate, fit_axis, folds
 from tactileforge.calibration.light import estimate_light, light_drift, punch_mm_per_pixel
+from tactileforge.calibration.pictures import CHANGE, MOMENTS, PICTURES, SHAPE
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.sensors.specs import spec
 
 #: Step between candidate lags, s.
 _LAG_STEP = 1 / 60
-#: Smallest share of explained variance of an accepted fit.
-_LEAST_R2 = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +29,8 @@ class CalibrateOptions:
     Attributes:
         device: Sensor, for data of several: the label ``device``, or the type; None for any.
         unit: Unit of the sensor, by the label ``unit``; None for any.
-        fit: Features for the forces: ``auto``, ``none``, ``pictures``, ``taxels``, ``head``, or the
-            name of a track.
+        fit: Features for the forces: ``auto``, ``none``, ``pictures``, ``taxels``, ``head``,
+            ``both`` (pictures and head), or the name of a track.
         axes: Axes of the force to fit, of x, y and z.
         max_lag: Largest delay of images behind forces in the search for it, 0 to 1 s; 0 for no
             search.
@@ -73,7 +71,7 @@ class CalibrationResult:
 
     Attributes:
         calibration: Content of the file.
-        fits: Fit of each axis, by name.
+        fits: Fit of each kept axis, by name.
         still: Background, uint8 (H, W, 3); None for an array of taxels.
         scale: Source of the scale, in words.
         notes: Warnings for the user, one line each.
@@ -99,9 +97,7 @@ def calibrate(
         options: Options of the calibration.
         reference: Calibration of another unit, with the colours to balance to; see
             `light.estimate_light`.
-        model: Model for the fit ``head``. The features are its force along one axis (a gain and an
-            offset), its forces along all three, or the inputs of the last layer of its head,
-            whichever predicts held-out presses best.
+        model: Model for the fits ``head`` and ``both``; see `candidates`.
 
     Raises:
         ConfigError: The recordings are of several units, or the options do not fit them.
@@ -166,14 +162,14 @@ def _kind(
     options: CalibrateOptions,
     model: features.ForceReader | None,
 ) -> str:
-    if (options.fit == "head") > (model is not None):
-        raise ConfigError("fit=head needs a model: give model=NAME")
+    if (options.fit in features.WITH_MODEL) > (model is not None):
+        raise ConfigError(f"fit={options.fit} needs a model: give model=NAME")
     if options.fit != "auto":
         return options.fit
     if all(recording.force is None for recording in chosen):
         return "none"
     if model is not None:
-        return "head"
+        return "both"
     return "taxels" if spec(first.sensor).kind == "array" else "pictures"
 
 
@@ -235,18 +231,18 @@ def _force(
         raise DataError(
             "no recording has forces: record with force=NAME, or give fit=none to leave them out"
         )
-    noise = max(features.noise_threshold(press) for press in presses) if kind == "pictures" else 0.0
-    parts = [features.force_features(press, kind, noise, model) for press in presses]
+    parts = [features.force_features(press, kind, model) for press in presses]
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     fold = folds([len(press.frames) for press in presses])
+    with_model = kind in features.WITH_MODEL
 
     def earlier(name: str, lag: float) -> NDArray[np.float64]:
         column = AXES.index(name)
         return np.concatenate([_lagged(press, column, lag) for press in presses])
 
     def fitted(name: str, force: NDArray[np.float64]) -> AxisFit:
-        raw = name if kind == "head" else None
-        return fit_axis(joined, _choices(kind, name, joined), force, fold, name, raw)
+        known = candidates(kind, name, joined)
+        return fit_axis(joined, known, force, fold, name, name if with_model else None)
 
     # the lag is fitted on the last wanted axis: the normal force, if it is among them
     wanted = [name for name in AXES if name in options.axes]
@@ -255,28 +251,57 @@ def _force(
         lags = np.arange(0, options.max_lag + 1e-9, _LAG_STEP)
         tried = np.stack([earlier(wanted[-1], float(at)) for at in lags])
         tried[:, ~np.isfinite(tried).all(0)] = np.nan  # compare all lags on the same frames
-        lag = float(lags[np.argmin([fitted(wanted[-1], force).axis.rmse for force in tried])])
+        lowest = [min(fitted(wanted[-1], force).errors.values()) for force in tried]
+        lag = float(lags[np.argmin(lowest)])
     fits = {name: fitted(name, earlier(name, lag)) for name in wanted}
-    for name in wanted:
-        if (share := fits[name].axis.r2) < _LEAST_R2:
-            notes.append(
-                f"force {name} is left out: its fit explains {100 * max(share, 0):.0f} % of "
-                "presses that it did not see; record more of them, or larger forces"
-            )
-            del fits[name]
-    if not fits:
-        raise DataError(f"forces do not follow from {kind}: {'; '.join(notes)}")
-    axes = {name: fit_of_axis.axis for name, fit_of_axis in fits.items()}
-    of = model.fingerprint if kind == "head" and model is not None else ""
-    return ForceModel(kind, noise, round(lag, 4), axes, of), fits
+    axes = {name: fit.axis for name, fit in fits.items() if fit.axis is not None}
+    left_out = {name: fit.errors for name, fit in fits.items() if name not in axes}
+    told = [_left_out(name, errors) for name, errors in left_out.items()]
+    if not axes:
+        raise DataError(f"forces do not follow from {kind}: {'; '.join(told)}")
+    notes += told
+    of = model.fingerprint if with_model and model is not None else ""
+    kept = {name: fits[name] for name in axes}
+    return ForceModel(kind, round(lag, 4), axes, of, left_out), kept
 
 
-def _choices(kind: str, axis: str, columns: Mapping[str, Any]) -> list[Sequence[str]]:
-    """Candidate features of an axis; arrays and tracks get only scale and offset."""
+def _left_out(name: str, errors: Mapping[str, float]) -> str:
+    if len(fitted := [error for key, error in errors.items() if key not in (MEAN, BEFORE)]) == 0:
+        return f"force {name} is left out: it is the same throughout"
+    known = f"{errors[MEAN]:.3g} N for its mean"
+    known += f", {errors[BEFORE]:.3g} N for the model as it is" if BEFORE in errors else ""
+    return (
+        f"force {name} is left out: the best fit has an error of {min(fitted):.3g} N on blocks of "
+        f"time that it did not see, against {known}; record more presses, or larger forces"
+    )
+
+
+def candidates(kind: str, axis: str, inputs: Collection[str]) -> list[Candidate]:
+    """Candidates to fit an axis to, the simplest first.
+
+    Arrays and tracks get a scale and an offset. ``change`` is the mean change of the picture,
+    ``pictures`` all of `pictures.PICTURES`; ``head`` is the model's force along the axis, its
+    forces along all three, or also what its last layer reads; ``both`` are pictures and forces.
+
+    Args:
+        kind: Kind of features, see `features.force_features`.
+        axis: ``x``, ``y`` or ``z``.
+        inputs: Names of all inputs.
+    """
+    change = Candidate("change", [[CHANGE]])
+    pictures = [[CHANGE], *([name] for name in MOMENTS), SHAPE]
+    if kind == "pictures":
+        return [change, Candidate("pictures", pictures)]
+    if kind not in features.WITH_MODEL:
+        return [Candidate(kind, [[axis]])]
+    forces = [[name] for name in AXES]
+    hidden = [name for name in inputs if name not in (*AXES, *PICTURES)]
+    head = [Candidate("head", [[axis]]), Candidate("head", forces)]
+    wide = [Candidate("head", [*forces, hidden])] if hidden else []
     if kind == "head":
-        hidden = [column for column in columns if column not in AXES]
-        return [[axis], list(AXES), *([[*AXES, *hidden]] if hidden else [])]
-    return [features.NORMAL, list(columns)] if kind == "pictures" else [[axis]]
+        return [*head, *wide]
+    both = [Candidate("pictures", pictures), Candidate("both", [*forces, *pictures])]
+    return [change, *head, *both, *wide]
 
 
 def _lagged(recording: Recording, column: int, lag: float) -> NDArray[np.float64]:
