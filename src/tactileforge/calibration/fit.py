@@ -174,9 +174,7 @@ def _known(
     return _Known({key: values[known] for key, values in inputs.items()}, measured, fold[known])
 
 
-def _wins(
-    known: _Known, predicted: NDArray[np.float64], simpler: NDArray[np.float64]
-) -> bool:
+def _wins(known: _Known, predicted: NDArray[np.float64], simpler: NDArray[np.float64]) -> bool:
     ours, theirs = known.losses(predicted), known.losses(simpler)
     gains = theirs - ours
     noise = float(np.std(gains, ddof=1) * len(gains) ** 0.5)

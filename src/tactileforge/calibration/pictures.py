@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-import torch
-from torch import Tensor
-from torch.nn import functional as F
-
-from tactileforge.encoders.feature_groups import LOW_PASS, low_pass_difference
+if TYPE_CHECKING:
+    from torch import Tensor
 
 #: Rows or columns of shrunk images, whichever are more; shrinking averages noise away.
 _SIZE = 64
@@ -37,29 +35,36 @@ def picture_inputs(frames: Tensor, background: Tensor) -> dict[str, Tensor]:
         background: uint8 (N, 3, H, W), or (1, 3, H, W) for all.
 
     Example:
+        >>> import torch
         >>> rest = torch.full((1, 3, 16, 16), 100, dtype=torch.uint8)
         >>> inputs = picture_inputs(rest + 8, rest)
         >>> [round(float(inputs[name]), 3) for name in ("change", "change_x", "red_00", "red_01")]
         [8.0, 0.0, 8.0, 0.0]
     """
+    # the names above are needed where torch is not, as in help
+    import torch
+    from torch.nn import functional as F
+
+    from tactileforge.encoders.feature_groups import LOW_PASS, low_pass_difference
+
     background = background.expand(len(frames), -1, -1, -1)
     size = [min(n, max(1, round(n * _SIZE / max(frames.shape[2:])))) for n in frames.shape[2:]]
     change = F.adaptive_avg_pool2d(frames.float() - background.float(), size).abs().mean(1)
     down, across = (torch.linspace(-1, 1, n, device=change.device) for n in size)
     cells = low_pass_difference(frames[:, None], background)[:, : 3 * LOW_PASS**2]
-    waves = _cosines().to(change.device)
-    shape = torch.einsum(
-        "ncij,ai,bj->ncab", cells.reshape(-1, 3, LOW_PASS, LOW_PASS), waves, waves
-    )
+    waves = _cosines(LOW_PASS).to(change.device)
+    shape = torch.einsum("ncij,ai,bj->ncab", cells.reshape(-1, 3, LOW_PASS, LOW_PASS), waves, waves)
     columns = [change.mean((1, 2)), (change * across).mean((1, 2))]
     columns.append((change * down[:, None]).mean((1, 2)))
     columns += [shape[:, color, i, j] for color in range(3) for i, j in _PAIRS]
     return dict(zip(PICTURES, columns, strict=True))
 
 
-def _cosines() -> Tensor:
-    """Cosines over the cells with a mean square of 1, over their number, float32 (4, 8)."""
-    places = torch.arange(LOW_PASS) + 0.5
-    waves = torch.stack([torch.cos(math.pi * i * places / LOW_PASS) for i in range(_ORDERS)])
+def _cosines(cells: int) -> Tensor:
+    """Cosines over a row of cells with a mean square of 1, over their number, float32 (4, n)."""
+    import torch
+
+    places = torch.arange(cells) + 0.5
+    waves = torch.stack([torch.cos(math.pi * i * places / cells) for i in range(_ORDERS)])
     waves[1:] *= 2**0.5
-    return waves / LOW_PASS
+    return waves / cells
