@@ -19,6 +19,8 @@ _LEAST_FRAMES = 12
 _PENALTIES = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-6)
 #: Errors within this factor of a simpler candidate's are a tie.
 _TIE = 0.98
+#: Smallest share of explained variance of an accepted fit.
+_LEAST_R2 = 0.2
 #: Smallest range of a force for a fit, N.
 _LEAST_RANGE = 1e-3
 #: Names of two baselines: the mean force, and the model without a calibration.
@@ -49,7 +51,7 @@ class AxisFit:
 
     Attributes:
         axis: Fit to all frames; None if nothing is won: no candidate beats the mean force and the
-            model as it is.
+            model as it is, or the best explains less than a fifth of the variance.
         errors: Held-out root mean square error of each candidate, of the mean force (``mean``) and
             of the model without a calibration (``as it is``), N.
         measured: Measured force, float64 (N,), newton.
@@ -149,8 +151,10 @@ def fit_axis(
                 best = candidate, predicted
     if before is not None:
         errors[BEFORE] = _rmse(known, before)
-        if best is not None and not _wins(known, best[1], before):
-            best = None
+    if best is not None and not (
+        _r2(known, best[1]) >= _LEAST_R2 and (before is None or _wins(known, best[1], before))
+    ):
+        best = None
     axis = None if best is None else _axis(known, *best, errors, raw)
     predicted = level if best is None else best[1]
     return AxisFit(axis, errors, known.force, predicted, known.fold, before)
@@ -236,17 +240,20 @@ def _axis(
 ) -> Axis:
     names = candidate.inputs
     offset, weights = _chosen(candidate, known.columns(names), known.force, known.fold)
-    error = _rmse(known, predicted)
     return Axis(
         offset=_short(offset),
         weights={name: _short(weight) for name, weight in zip(names, weights, strict=True)},
-        rmse=error,
-        r2=_short(1 - error**2 / float(np.var(known.force))),
+        rmse=_rmse(known, predicted),
+        r2=_short(_r2(known, predicted)),
         span=[_short(float(known.force.min())), _short(float(known.force.max()))],
         before=errors[BEFORE] if raw is not None else None,
         chosen=candidate.name,
         errors=errors,
     )
+
+
+def _r2(known: _Known, predicted: NDArray[np.float64]) -> float:
+    return 1 - float(known.losses(predicted).sum()) / float(np.var(known.force))
 
 
 def _rmse(known: _Known, predicted: NDArray[np.float64]) -> float:
