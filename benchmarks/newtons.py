@@ -1,9 +1,9 @@
 """Forces in newton after ten seconds of presses, on the public trials with measured forces.
 
 Of each trial, the first ten seconds calibrate and the rest judges. Shear along one axis comes late
-in both trials, so the table also has the error on five blocks of time of the whole trial, each
-predicted from the others. The mean change alone, the head alone, the head as it is and the mean
-force stand beside what the calibration chose. Inputs that the folder has already are not read again.
+in both trials, so errors on five blocks of time of the whole trial are told too, each predicted
+from the others. The mean change alone, the head alone, the head as it is and the mean force stand
+beside what the calibration chose. Inputs that the folder has already are not read again.
 
 Run: python benchmarks/newtons.py REALDATA [FOLDER]
 """
@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
 import tactileforge
-from tactileforge.calibration.calibrate import candidates
 from tactileforge.calibration.features import force_features
-from tactileforge.calibration.fit import BEFORE, MEAN, AxisFit, fit_axis, folds
+from tactileforge.calibration.fit import BEFORE, MEAN, AxisFit, fit_axis, folds, hardly_pressed
+from tactileforge.calibration.force import candidates
 from tactileforge.contracts import AXES, Recording
 from tactileforge.datasets.recordings import Recordings
 
@@ -76,21 +76,24 @@ def fitted(inputs: Inputs, force: NDArray[np.float64], axis: str, names: Sequenc
     return fit_axis(inputs, known, force, folds([len(force)]), axis, raw)
 
 
-def later(inputs: Inputs, force: NDArray[np.float64], times: NDArray[np.float64], axis: str) -> Any:
+def later(recording: Recording, inputs: Inputs, axis: str) -> dict[str, Any]:
     """Scores on what comes after the first ten seconds, by what was fitted to them."""
+    assert recording.force is not None
+    times, force = recording.times, recording.force[:, AXES.index(axis)].astype(np.float64)
     usable = np.isfinite(force) & np.all([np.isfinite(x) for x in inputs.values()], axis=0)
     early, late = usable & (times < SECONDS), usable & (times >= SECONDS)
     first = {name: values[early] for name, values in inputs.items()}
     rest = {name: values[late] for name, values in inputs.items()}
     truth, level = force[late], float(force[early].mean())
     fit = fitted(first, force[early], axis, ALL)
+    kept = None if axis in hardly_pressed(recording.force[early]) else fit.axis
     row: dict[str, Any] = {
         "frames": [int(early.sum()), int(late.sum())],
         "range": [round(float(np.ptp(force[part])), 2) for part in (early, late)],
-        "chosen": fit.axis.chosen if fit.axis else "left out",
+        "chosen": kept.chosen if kept else "left out",
         MEAN: score(np.full(len(truth), level), truth),
         BEFORE: score(rest[axis], truth),
-        "calibrated": score(fit.axis(rest) if fit.axis else rest[axis], truth),
+        "calibrated": score(kept(rest) if kept else rest[axis], truth),
     }
     for name in ALL:
         alone = fitted(first, force[early], axis, [name]).axis
@@ -101,10 +104,12 @@ def later(inputs: Inputs, force: NDArray[np.float64], times: NDArray[np.float64]
 def blocks(inputs: Inputs, force: NDArray[np.float64], axis: str) -> dict[str, Any]:
     """Errors on five blocks of time of the whole trial, each predicted from the others."""
     fit = fitted(inputs, force, axis, ALL)
+    # an axis that is left out stays what the model says
+    predicted = fit.predicted if fit.axis or fit.before is None else fit.before
     return {
         "range": round(float(np.ptp(fit.measured)), 2),
         "chosen": fit.axis.chosen if fit.axis else "left out",
-        "calibrated": score(fit.predicted, fit.measured),
+        "calibrated": score(predicted, fit.measured),
         "errors": {name: round(error, 3) for name, error in fit.errors.items()},
     }
 
@@ -120,7 +125,7 @@ def main(words: Sequence[str]) -> None:
         for column, axis in enumerate(AXES):
             force = recording.force[:, column].astype(np.float64)
             rows[f"{name} {axis}"] = {
-                "ten seconds, then the rest": later(inputs, force, recording.times, axis),
+                "ten seconds, then the rest": later(recording, inputs, axis),
                 "five blocks of time": blocks(inputs, force, axis),
             }
     save("newtons", {"model": MODEL, "seconds": SECONDS, "rows": rows})

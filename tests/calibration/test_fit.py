@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from tactileforge.calibration.calibrate import CalibrateOptions, calibrate
-from tactileforge.calibration.fit import Candidate, fit_axis, folds
+from tactileforge.calibration.fit import Candidate, fit_axis, folds, hardly_pressed
 from tactileforge.calibration.page import calibration_page
 from tactileforge.calibration.pictures import PICTURES, picture_inputs
 from tactileforge.contracts import Recording
@@ -64,14 +64,30 @@ def test_an_axis_that_nothing_explains_stays_as_it_was() -> None:
     assert np.isnan(result.calibration.forces(recording)[:, :2]).all()
     errors = force.left_out["x"]
     assert min(errors["change"], errors["pictures"]) > 0.98 * errors["mean"]
-    assert [note.partition(":")[0] for note in result.notes] == [
-        "force x is left out",
-        "force y is left out",
-    ]
+    first, second = result.notes
+    assert "force x is left out: the best fit has an error of" in first
+    assert "force y is left out: its range is 0 N" in second
     page = calibration_page(result)
     assert 'id="candidates"' in page
     assert f"{errors['pictures']:.3g}" in page
     assert "left out</td>" in page
+
+
+def test_an_axis_that_was_hardly_pressed_is_left_out() -> None:
+    """Small shear that pictures tell to the last: nothing was seen of larger ones."""
+    forces = np.zeros((30, 3))
+    forces[:, 2] = np.linspace(0, 10, 30)
+    forces[:, 0] = np.linspace(-0.7, 0.7, 30)
+    forces[:, 1] = np.linspace(0, 2, 30)
+    forces[::7] = np.nan
+    assert hardly_pressed(forces) == ["x"]
+    assert hardly_pressed(np.full((30, 3), np.nan)) == ["x", "y", "z"]
+    rng = np.random.default_rng(7)
+    made = touch(rng.uniform(10, 80, 100), rng)
+    change = mean_change(made)
+    result = calibrate([with_force(made, 0.1 * change, change)], CalibrateOptions())
+    assert list(result.calibration.force.axes) == ["z"]
+    assert "press along it too" in result.notes[0]
 
 
 def test_a_ramp_of_twenty_frames_is_accepted() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -10,16 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.calibration import features
-from tactileforge.calibration.file import AXES, Calibration, ForceModel, Light
-from tactileforge.calibration.fit import BEFORE, MEAN, AxisFit, Candidate, fit_axis, folds
+from tactileforge.calibration.file import AXES, Calibration, Light
+from tactileforge.calibration.fit import AxisFit
+from tactileforge.calibration.force import fit_forces
 from tactileforge.calibration.light import estimate_light, light_drift, punch_mm_per_pixel
-from tactileforge.calibration.pictures import CHANGE, MOMENTS, PICTURES, SHAPE
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.sensors.specs import spec
-
-#: Step between candidate lags, s.
-_LAG_STEP = 1 / 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +94,7 @@ def calibrate(
         options: Options of the calibration.
         reference: Calibration of another unit, with the colours to balance to; see
             `light.estimate_light`.
-        model: Model for the fits ``head`` and ``both``; see `candidates`.
+        model: Model for the fits ``head`` and ``both``; see `force.candidates`.
 
     Raises:
         ConfigError: The recordings are of several units, or the options do not fit them.
@@ -114,7 +111,10 @@ def calibrate(
     kind = _kind(first, chosen, options, model)
     shines, still = _light(chosen, reference, notes)
     scale, source = _scale(chosen, options)
-    force, fits = _force(chosen, kind, options, notes, model) if kind != "none" else (None, {})
+    force, fits = None, {}
+    if kind != "none":
+        wanted = [name for name in AXES if name in options.axes]
+        force, fits = fit_forces(chosen, kind, wanted, options.max_lag, notes, model)
     calibration = Calibration(
         sensor=first.sensor,
         unit=str(first.labels.get("unit", "")),
@@ -217,100 +217,3 @@ def _scale(chosen: Sequence[Recording], options: CalibrateOptions) -> tuple[floa
     if known.area_mm is None:
         return None, "not known: give punch_mm or mm_per_pixel"
     return round(known.area_mm[0] / chosen[0].frames.shape[0], 6), "the area of the sensor's type"
-
-
-def _force(
-    chosen: Sequence[Recording],
-    kind: str,
-    options: CalibrateOptions,
-    notes: list[str],
-    model: features.ForceReader | None,
-) -> tuple[ForceModel, dict[str, AxisFit]]:
-    presses = [recording for recording in chosen if recording.force is not None]
-    if not presses:
-        raise DataError(
-            "no recording has forces: record with force=NAME, or give fit=none to leave them out"
-        )
-    parts = [features.force_features(press, kind, model) for press in presses]
-    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    fold = folds([len(press.frames) for press in presses])
-    with_model = kind in features.WITH_MODEL
-
-    def earlier(name: str, lag: float) -> NDArray[np.float64]:
-        column = AXES.index(name)
-        return np.concatenate([_lagged(press, column, lag) for press in presses])
-
-    def fitted(name: str, force: NDArray[np.float64]) -> AxisFit:
-        known = candidates(kind, name, joined)
-        return fit_axis(joined, known, force, fold, name, name if with_model else None)
-
-    # the lag is fitted on the last wanted axis: the normal force, if it is among them
-    wanted = [name for name in AXES if name in options.axes]
-    lag = 0.0
-    if options.max_lag:
-        lags = np.arange(0, options.max_lag + 1e-9, _LAG_STEP)
-        tried = np.stack([earlier(wanted[-1], float(at)) for at in lags])
-        tried[:, ~np.isfinite(tried).all(0)] = np.nan  # compare all lags on the same frames
-        lowest = [min(fitted(wanted[-1], force).errors.values()) for force in tried]
-        lag = float(lags[np.argmin(lowest)])
-    fits = {name: fitted(name, earlier(name, lag)) for name in wanted}
-    axes = {name: fit.axis for name, fit in fits.items() if fit.axis is not None}
-    left_out = {name: fit.errors for name, fit in fits.items() if name not in axes}
-    told = [_left_out(name, errors) for name, errors in left_out.items()]
-    if not axes:
-        raise DataError(f"forces do not follow from {kind}: {'; '.join(told)}")
-    notes += told
-    of = model.fingerprint if with_model and model is not None else ""
-    kept = {name: fits[name] for name in axes}
-    return ForceModel(kind, round(lag, 4), axes, of, left_out), kept
-
-
-def _left_out(name: str, errors: Mapping[str, float]) -> str:
-    if len(fitted := [error for key, error in errors.items() if key not in (MEAN, BEFORE)]) == 0:
-        return f"force {name} is left out: it is the same throughout"
-    known = f"{errors[MEAN]:.3g} N for its mean"
-    known += f", {errors[BEFORE]:.3g} N for the model as it is" if BEFORE in errors else ""
-    return (
-        f"force {name} is left out: the best fit has an error of {min(fitted):.3g} N on blocks of "
-        f"time that it did not see, against {known}; record more presses, or larger forces"
-    )
-
-
-def candidates(kind: str, axis: str, inputs: Collection[str]) -> list[Candidate]:
-    """Candidates to fit an axis to, the simplest first.
-
-    Arrays and tracks get a scale and an offset. ``change`` is the mean change of the picture,
-    ``pictures`` all of `pictures.PICTURES`; ``head`` is the model's force along the axis, its
-    forces along all three, or also what its last layer reads; ``both`` are pictures and forces.
-
-    Args:
-        kind: Kind of features, see `features.force_features`.
-        axis: ``x``, ``y`` or ``z``.
-        inputs: Names of all inputs.
-    """
-    change = Candidate("change", [[CHANGE]])
-    pictures = [[CHANGE], *([name] for name in MOMENTS), SHAPE]
-    if kind == "pictures":
-        return [change, Candidate("pictures", pictures)]
-    if kind not in features.WITH_MODEL:
-        return [Candidate(kind, [[axis]])]
-    forces = [[name] for name in AXES]
-    hidden = [name for name in inputs if name not in (*AXES, *PICTURES)]
-    head = [Candidate("head", [[axis]]), Candidate("head", forces)]
-    wide = [Candidate("head", [*forces, hidden])] if hidden else []
-    if kind == "head":
-        return [*head, *wide]
-    both = [Candidate("pictures", pictures), Candidate("both", [*forces, *pictures])]
-    return [change, *head, *both, *wide]
-
-
-def _lagged(recording: Recording, column: int, lag: float) -> NDArray[np.float64]:
-    """One axis of the force, ``lag`` seconds before each frame; NaN for unknown values."""
-    assert recording.force is not None
-    force = recording.force[:, column].astype(np.float64)
-    if lag == 0:
-        return force
-    known, before = np.isfinite(force), recording.times - lag
-    out = np.interp(before, recording.times, np.where(known, force, 0.0))
-    share = np.interp(before, recording.times, known.astype(float), left=0.0)
-    return np.where(share < 1 - 1e-9, np.nan, out)
