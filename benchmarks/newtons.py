@@ -54,9 +54,9 @@ def inputs_of(recording: Recording, path: Path) -> Inputs:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "force_inputs: ")  # frames with changed light
             found = force_features(recording, "both", tactileforge.load(MODEL))
-        np.savez(path, **found)
+        np.savez(path, names=np.array(list(found)), values=np.stack(list(found.values())))
     with np.load(path) as held:
-        return {name: held[name] for name in held.files}
+        return dict(zip(held["names"].tolist(), held["values"], strict=True))
 
 
 def score(predicted: NDArray[np.float64], force: NDArray[np.float64]) -> dict[str, float]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.calibration import features
-from tactileforge.calibration.file import AXES, Calibration, Light
+from tactileforge.calibration.file import AXES, Calibration, ForceModel, Light
 from tactileforge.calibration.fit import AxisFit
 from tactileforge.calibration.force import fit_forces
 from tactileforge.calibration.light import estimate_light, light_drift, punch_mm_per_pixel
@@ -111,7 +111,8 @@ def calibrate(
     kind = _kind(first, chosen, options, model)
     shines, still = _light(chosen, reference, notes)
     scale, source = _scale(chosen, options)
-    force, fits = None, {}
+    force: ForceModel | None = None
+    fits: dict[str, AxisFit] = {}
     if kind != "none":
         wanted = [name for name in AXES if name in options.axes]
         force, fits = fit_forces(chosen, kind, wanted, options.max_lag, notes, model)

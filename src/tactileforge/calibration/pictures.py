@@ -48,7 +48,9 @@ def picture_inputs(frames: Tensor, background: Tensor) -> dict[str, Tensor]:
     from tactileforge.encoders.feature_groups import LOW_PASS, low_pass_difference
 
     background = background.expand(len(frames), -1, -1, -1)
-    size = [min(n, max(1, round(n * _SIZE / max(frames.shape[2:])))) for n in frames.shape[2:]]
+    height, width = frames.shape[2:]
+    shrunk = min(1.0, _SIZE / max(height, width))
+    size = max(1, round(height * shrunk)), max(1, round(width * shrunk))
     change = F.adaptive_avg_pool2d(frames.float() - background.float(), size).abs().mean(1)
     down, across = (torch.linspace(-1, 1, n, device=change.device) for n in size)
     cells = low_pass_difference(frames[:, None], background)[:, : 3 * LOW_PASS**2]
