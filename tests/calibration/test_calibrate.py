@@ -213,7 +213,7 @@ def test_bad_recordings_are_named() -> None:
         (good, CalibrateOptions(unit="D9"), "unknown device or unit 'D9'"),
         ([bare], CalibrateOptions(), "press0: no frame without contact"),
         ([good[0], small], CalibrateOptions(), "24 x 64 and 48 x 64 pixels"),
-        (short, CalibrateOptions(), "9 frames with a force; give 20"),
+        (short, CalibrateOptions(), "9 frames with a force; give 12"),
         (good, CalibrateOptions(fit="wrench"), "unknown source of forces 'wrench'"),
     ):
         with pytest.raises((DataError, ConfigError), match=message):
@@ -308,31 +308,35 @@ def test_a_calibration_travels_with_recordings(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("version: 1", "version: 2", "version 2, but this tactileforge reads 1"),
+        ("version: 2", "version: 1", "version 1, but this tactileforge reads 2"),
         ("sensor: digit", "sensr: digit", "unknown key of a.yaml 'sensr'; did you mean 'sensor'"),
         ("unit: D1", "unit: D1\nfoo: 3", "unknown key of a.yaml 'foo'"),
         ("mm_per_pixel: 0.5", "mm_per_pixel: -0.5", "mm_per_pixel is -0.5"),
         ("mm_per_pixel: 0.5", "mm_per_pixel: .nan", "mm_per_pixel is nan"),
         ("offset: 0.1", "offset: .inf", r"a\.yaml: force\.axes\.z\.offset is inf"),
         ("offset: 0.1", "offset: much", "offset is 'much', which is not of type float"),
-        ("area: 3.0", "area: [3]", r"a\.yaml: force\.axes\.z\.weights is"),
+        ("change: 3.0", "change: [3]", r"a\.yaml: force\.axes\.z\.weights is"),
+        ("mean: 2.0", "mean: .nan", r"a\.yaml: force\.axes\.z\.errors\.mean is nan"),
+        ("as it is: 0.1", "as it is: .inf", r"force\.left_out\.y\.as it is is inf"),
         ("balance: [1.0, 1.0, 1.0]", "balance: [1.0, 0.0, 1.0]", "balance is"),
         ("balance: [1.0, 1.0, 1.0]", "balance: [1.0, 1.0]", "must be 3 numbers"),
         ("    z:", "    w:", "unknown key of a.yaml: force.axes 'w'"),
         ("size: [48, 64]", "size: [48]", "a height and a width"),
-        ("version: 1", "version: [", "not YAML"),
-        ("version: 1", "", "version None, but this tactileforge reads 1"),
+        ("version: 2", "version: [", "not YAML"),
+        ("version: 2", "", "version None, but this tactileforge reads 2"),
     ],
 )
 def test_files_at_fault_are_named(old: str, new: str, message: str) -> None:
-    axis = file.Axis(0.1, {"area": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    errors = {"mean": 2.0, "change": 0.2}
+    axis = file.Axis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0], None, "change", errors)
+    left_out = {"y": {"mean": 0.3, "as it is": 0.1}}
     whole = file.Calibration(
         sensor="digit",
         unit="D1",
         light=file.Light([1.0] * 3, [1.0] * 3, [[[1.0] * 3] * 4] * 3),
         mm_per_pixel=0.5,
         size=[48, 64],
-        force=file.ForceModel("pictures", 3.0, 0.0, {"z": axis}),
+        force=file.ForceModel("pictures", 0.0, {"z": axis}, left_out=left_out),
     )
     text = whole.text()
     assert file.parse_calibration(text, "a.yaml") == whole
@@ -346,8 +350,8 @@ def test_files_at_fault_are_named(old: str, new: str, message: str) -> None:
 
 @pytest.mark.slow
 def test_a_flipped_bit_of_a_calibration_is_named(tmp_path: Path) -> None:
-    axis = file.Axis(0.1, {"area": 3.0}, 0.2, 0.9, [0.0, 5.0])
-    force = file.ForceModel("pictures", 3.0, 0.0, {"z": axis})
+    axis = file.Axis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    force = file.ForceModel("pictures", 0.0, {"z": axis})
     path = tmp_path / "d1.yaml"
     file.Calibration(sensor="digit", unit="D1", force=force).save(path)
     raw = path.read_bytes()

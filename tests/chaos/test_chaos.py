@@ -176,9 +176,9 @@ def _model(folder: Path) -> Path:
 
 
 def _calibration(folder: Path) -> Path:
-    axis = Axis(0.1, {"area": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    axis = Axis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])
     path = folder / "digit.yaml"
-    Calibration(sensor="digit", force=ForceModel("pictures", 3.0, 0.0, {"z": axis})).save(path)
+    Calibration(sensor="digit", force=ForceModel("pictures", 0.0, {"z": axis})).save(path)
     return path
 
 
@@ -314,8 +314,8 @@ def test_signals_to_the_group_of_a_run(number: signal.Signals, tmp_path: Path) -
 
 def test_leftovers_of_killed_writers(tmp_path: Path, packed: Path) -> None:
     """Killed between the writing of its part and the renaming; the next write takes it away."""
-    axis = Axis(0.1, {"area": 3.0}, 0.2, 0.9, [0.0, 5.0])
-    calibration = Calibration(sensor="digit", force=ForceModel("pictures", 3.0, 0.0, {"z": axis}))
+    axis = Axis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    calibration = Calibration(sensor="digit", force=ForceModel("pictures", 0.0, {"z": axis}))
     rows = index.parse_index((packed / index.NAME).read_bytes(), "x").splits
     state = {"state_dict": {"w": torch.zeros(9)}}
     one = demonstrated.packed(next(iter(Shards(str(packed)).recordings("train"))))
@@ -558,8 +558,8 @@ def test_numbers_that_are_not_finite(tmp_path: Path) -> None:
 
 def _calibrated(folder: Path, value: float) -> None:
     path = folder / "odd.yaml"
-    axis = Axis(value, {"area": 3.0}, 0.2, 0.9, [0.0, 5.0])
-    Calibration(sensor="digit", force=ForceModel("pictures", 3.0, 0.0, {"z": axis})).save(path)
+    axis = Axis(value, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    Calibration(sensor="digit", force=ForceModel("pictures", 0.0, {"z": axis})).save(path)
     load_calibration(path)
 
 

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.calibration import features
 from tactileforge.calibration.file import AXES, Calibration, ForceModel, Light
-from tactileforge.calibration.fit import AxisFit, fit_axis, folds
+from tactileforge.calibration.fit import AxisFit
+from tactileforge.calibration.force import fit_forces
 from tactileforge.calibration.light import estimate_light, light_drift, punch_mm_per_pixel
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.sensors.specs import spec
-
-#: Step between candidate lags, s.
-_LAG_STEP = 1 / 60
-#: Smallest share of explained variance of an accepted fit.
-_LEAST_R2 = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +26,8 @@ class CalibrateOptions:
     Attributes:
         device: Sensor, for data of several: the label ``device``, or the type; None for any.
         unit: Unit of the sensor, by the label ``unit``; None for any.
-        fit: Features for the forces: ``auto``, ``none``, ``pictures``, ``taxels``, ``head``, or the
-            name of a track.
+        fit: Features for the forces: ``auto``, ``none``, ``pictures``, ``taxels``, ``head``,
+            ``both`` (pictures and head), or the name of a track.
         axes: Axes of the force to fit, of x, y and z.
         max_lag: Largest delay of images behind forces in the search for it, 0 to 1 s; 0 for no
             search.
@@ -73,7 +68,7 @@ class CalibrationResult:
 
     Attributes:
         calibration: Content of the file.
-        fits: Fit of each axis, by name.
+        fits: Fit of each kept axis, by name.
         still: Background, uint8 (H, W, 3); None for an array of taxels.
         scale: Source of the scale, in words.
         notes: Warnings for the user, one line each.
@@ -99,9 +94,7 @@ def calibrate(
         options: Options of the calibration.
         reference: Calibration of another unit, with the colours to balance to; see
             `light.estimate_light`.
-        model: Model for the fit ``head``. The features are its force along one axis (a gain and an
-            offset), its forces along all three, or the inputs of the last layer of its head,
-            whichever predicts held-out presses best.
+        model: Model for the fits ``head`` and ``both``; see `force.candidates`.
 
     Raises:
         ConfigError: The recordings are of several units, or the options do not fit them.
@@ -118,7 +111,11 @@ def calibrate(
     kind = _kind(first, chosen, options, model)
     shines, still = _light(chosen, reference, notes)
     scale, source = _scale(chosen, options)
-    force, fits = _force(chosen, kind, options, notes, model) if kind != "none" else (None, {})
+    force: ForceModel | None = None
+    fits: dict[str, AxisFit] = {}
+    if kind != "none":
+        wanted = [name for name in AXES if name in options.axes]
+        force, fits = fit_forces(chosen, kind, wanted, options.max_lag, notes, model)
     calibration = Calibration(
         sensor=first.sensor,
         unit=str(first.labels.get("unit", "")),
@@ -166,14 +163,14 @@ def _kind(
     options: CalibrateOptions,
     model: features.ForceReader | None,
 ) -> str:
-    if (options.fit == "head") > (model is not None):
-        raise ConfigError("fit=head needs a model: give model=NAME")
+    if (options.fit in features.WITH_MODEL) > (model is not None):
+        raise ConfigError(f"fit={options.fit} needs a model: give model=NAME")
     if options.fit != "auto":
         return options.fit
     if all(recording.force is None for recording in chosen):
         return "none"
     if model is not None:
-        return "head"
+        return "both"
     return "taxels" if spec(first.sensor).kind == "array" else "pictures"
 
 
@@ -221,71 +218,3 @@ def _scale(chosen: Sequence[Recording], options: CalibrateOptions) -> tuple[floa
     if known.area_mm is None:
         return None, "not known: give punch_mm or mm_per_pixel"
     return round(known.area_mm[0] / chosen[0].frames.shape[0], 6), "the area of the sensor's type"
-
-
-def _force(
-    chosen: Sequence[Recording],
-    kind: str,
-    options: CalibrateOptions,
-    notes: list[str],
-    model: features.ForceReader | None,
-) -> tuple[ForceModel, dict[str, AxisFit]]:
-    presses = [recording for recording in chosen if recording.force is not None]
-    if not presses:
-        raise DataError(
-            "no recording has forces: record with force=NAME, or give fit=none to leave them out"
-        )
-    noise = max(features.noise_threshold(press) for press in presses) if kind == "pictures" else 0.0
-    parts = [features.force_features(press, kind, noise, model) for press in presses]
-    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    fold = folds([len(press.frames) for press in presses])
-
-    def earlier(name: str, lag: float) -> NDArray[np.float64]:
-        column = AXES.index(name)
-        return np.concatenate([_lagged(press, column, lag) for press in presses])
-
-    def fitted(name: str, force: NDArray[np.float64]) -> AxisFit:
-        raw = name if kind == "head" else None
-        return fit_axis(joined, _choices(kind, name, joined), force, fold, name, raw)
-
-    # the lag is fitted on the last wanted axis: the normal force, if it is among them
-    wanted = [name for name in AXES if name in options.axes]
-    lag = 0.0
-    if options.max_lag:
-        lags = np.arange(0, options.max_lag + 1e-9, _LAG_STEP)
-        tried = np.stack([earlier(wanted[-1], float(at)) for at in lags])
-        tried[:, ~np.isfinite(tried).all(0)] = np.nan  # compare all lags on the same frames
-        lag = float(lags[np.argmin([fitted(wanted[-1], force).axis.rmse for force in tried])])
-    fits = {name: fitted(name, earlier(name, lag)) for name in wanted}
-    for name in wanted:
-        if (share := fits[name].axis.r2) < _LEAST_R2:
-            notes.append(
-                f"force {name} is left out: its fit explains {100 * max(share, 0):.0f} % of "
-                "presses that it did not see; record more of them, or larger forces"
-            )
-            del fits[name]
-    if not fits:
-        raise DataError(f"forces do not follow from {kind}: {'; '.join(notes)}")
-    axes = {name: fit_of_axis.axis for name, fit_of_axis in fits.items()}
-    of = model.fingerprint if kind == "head" and model is not None else ""
-    return ForceModel(kind, noise, round(lag, 4), axes, of), fits
-
-
-def _choices(kind: str, axis: str, columns: Mapping[str, Any]) -> list[Sequence[str]]:
-    """Candidate features of an axis; arrays and tracks get only scale and offset."""
-    if kind == "head":
-        hidden = [column for column in columns if column not in AXES]
-        return [[axis], list(AXES), *([[*AXES, *hidden]] if hidden else [])]
-    return [features.NORMAL, list(columns)] if kind == "pictures" else [[axis]]
-
-
-def _lagged(recording: Recording, column: int, lag: float) -> NDArray[np.float64]:
-    """One axis of the force, ``lag`` seconds before each frame; NaN for unknown values."""
-    assert recording.force is not None
-    force = recording.force[:, column].astype(np.float64)
-    if lag == 0:
-        return force
-    known, before = np.isfinite(force), recording.times - lag
-    out = np.interp(before, recording.times, np.where(known, force, 0.0))
-    share = np.interp(before, recording.times, known.astype(float), left=0.0)
-    return np.where(share < 1 - 1e-9, np.nan, out)

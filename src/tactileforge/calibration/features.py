@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,15 +17,10 @@ from tactileforge.sensors.taxels import REST
 if TYPE_CHECKING:
     from torch import Tensor
 
-#: Rows or columns of shrunk images, whichever are more; shrinking averages noise away.
-_SIZE = 64
+#: Kinds of features that a model reads.
+WITH_MODEL = ("head", "both")
 #: Number of frames to decode at a time.
 _CHUNK = 64
-#: Features of an image that grow with the normal force and do not depend on directions.
-NORMAL = ("strength", "area", "peak", "volume")
-_COLOURS = ("red", "green", "blue")
-#: Change of a pixel that counts as contact if noise is not known, grey levels.
-LEAST = 3.0
 
 
 class ForceReader(Protocol):
@@ -54,36 +48,34 @@ class ForceReader(Protocol):
 
 
 def force_features(
-    recording: Recording, kind: str, noise: float = LEAST, model: ForceReader | None = None
+    recording: Recording, kind: str, model: ForceReader | None = None
 ) -> dict[str, NDArray[np.float64]]:
     """Features of every frame, float64 (T,) each.
 
-    ``pictures`` are changes from the background: the mean change (``strength``), the share of
-    changed pixels (``area``), the largest change (``peak``, the 99th percentile), ``volume`` =
-    peak * sqrt(area), the mean change of each colour, and the first moments of strength and colours
-    along x and y, which shear shifts. ``taxels`` are the sums ``x``, ``y``, ``z`` of the taxels in
-    images of an array, in units of full colour. ``head`` are the force inputs of a model, see
-    `hub.forces.calibration_inputs`. Any other kind is the name of a track (T, 3) with the columns
-    ``x``, ``y``, ``z``.
+    ``pictures`` are changes from the background, see `pictures.picture_inputs`. ``taxels`` are the
+    sums ``x``, ``y``, ``z`` of the taxels in images of an array, in units of full colour. ``head``
+    and ``both`` are the force inputs of a model, with those of its pictures, see
+    `hub.head_model.HeadModel.force_inputs`. Any other kind is the name of a track (T, 3) with the
+    columns ``x``, ``y``, ``z``.
 
     Args:
         recording: Recording of touch.
-        kind: Kind of features: ``pictures``, ``taxels``, ``head``, or the name of a track.
-        noise: Change of a pixel that counts as contact, grey levels.
-        model: Model for the kind ``head``.
+        kind: Kind of features: ``pictures``, ``taxels``, ``head``, ``both``, or the name of a
+            track.
+        model: Model for the kinds ``head`` and ``both``.
 
     Raises:
         DataError: The recording has no background, or no such track.
         ConfigError: The model has no force head, or does not know the sensor.
     """
-    if kind == "head" and model is not None:
+    if kind in WITH_MODEL and model is not None:
         return _joined(_read_by(model, recording))
     if kind == "taxels":
         return _joined(_taxels(part) for part in chunks(recording.frames))
     if kind != "pictures":
         return _track(recording, kind)
-    rest = median_background(recording)
-    return _joined(_pictures(part, rest, noise) for part in chunks(recording.frames))
+    rest = median_background(recording).round().astype(np.uint8)
+    return _joined(_pictures(part, rest) for part in chunks(recording.frames))
 
 
 def median_background(recording: Recording) -> NDArray[np.float32]:
@@ -101,16 +93,6 @@ def median_background(recording: Recording) -> NDArray[np.float32]:
     return still.astype(np.float32)
 
 
-def noise_threshold(recording: Recording) -> float:
-    """Threshold of change above the noise, grey levels, for pixels at the size of features."""
-    rest = recording.no_contact
-    if rest is None or len(rest) < 3:
-        return LEAST
-    small = np.stack([_small(frame) for frame in rest.read(range(min(len(rest), 9)))])
-    spread = float(np.std(small - np.median(small, axis=0)))
-    return max(LEAST, round(4 * spread, 2))
-
-
 def chunks(frames: Frames) -> Iterator[NDArray[np.uint8]]:
     """Yields frames of a recording, uint8 (n, H, W, 3), a few at a time."""
     for start in range(0, len(frames), _CHUNK):
@@ -123,40 +105,13 @@ def _joined(parts: Iterator[dict[str, NDArray[np.float64]]]) -> dict[str, NDArra
     return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
 
-def _small(picture: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np.float32]:
-    height, width = picture.shape[:2]
-    scale = min(1.0, _SIZE / max(height, width))
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    small: NDArray[np.float32] = cv2.resize(
-        picture.astype(np.float32), size, interpolation=cv2.INTER_AREA
-    )
-    return small
+def _pictures(frames: NDArray[np.uint8], rest: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:
+    import torch
 
+    from tactileforge.calibration.pictures import picture_inputs
 
-def _pictures(
-    frames: NDArray[np.uint8], rest: NDArray[np.float32], noise: float
-) -> dict[str, NDArray[np.float64]]:
-    still = _small(rest)
-    change = np.stack([_small(frame) for frame in frames]).astype(np.float64) - still
-    size = np.abs(change).mean(-1)
-    felt = (size - noise).clip(min=0)
-    area = (size > noise).mean((1, 2))
-    peak = np.percentile(felt, 99, axis=(1, 2))
-    rows, columns = (np.linspace(-1, 1, n) for n in size.shape[1:])
-    features = {
-        "strength": felt.mean((1, 2)),
-        "area": area,
-        "peak": peak,
-        "volume": peak * np.sqrt(area),
-        "strength_x": (felt * columns).mean((1, 2)),
-        "strength_y": (felt * rows[:, None]).mean((1, 2)),
-    }
-    for number, colour in enumerate(_COLOURS):
-        channel = change[..., number]
-        features[colour] = channel.mean((1, 2))
-        features[f"{colour}_x"] = (channel * columns).mean((1, 2))
-        features[f"{colour}_y"] = (channel * rows[:, None]).mean((1, 2))
-    return features
+    seen, still = (torch.from_numpy(x).movedim(-1, -3) for x in (frames, rest[None]))
+    return {name: value.double().numpy() for name, value in picture_inputs(seen, still).items()}
 
 
 def _read_by(model: ForceReader, recording: Recording) -> Iterator[dict[str, NDArray[np.float64]]]:
@@ -180,7 +135,7 @@ def _taxels(frames: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:
 
 def _track(recording: Recording, name: str) -> dict[str, NDArray[np.float64]]:
     if name not in recording.tracks:
-        known = {"pictures", "taxels", *recording.tracks}
+        known = {"pictures", "taxels", *WITH_MODEL, *recording.tracks}
         raise DataError(f"{recording.key}: {unknown('source of forces', name, known)}")
     values = np.asarray(recording.tracks[name], np.float64)
     if values.ndim != 2 or values.shape[1] < 3:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tactileforge.calibration.features import ForceReader
 
 #: Version of the file; other versions are refused.
-VERSION = 1
+VERSION = 2
 #: Label of a recording with the text of its unit's calibration.
 LABEL = "calibration"
 AXES = ("x", "y", "z")
@@ -54,6 +54,9 @@ class Axis:
         span: Lowest and highest fitted force, N.
         before: Root mean square error of the uncalibrated model on the same frames, N; None without
             a model.
+        chosen: Name of the candidate, see `fit.Candidate`.
+        errors: Root mean square error of each candidate on held-out presses, N; see
+            `fit.AxisFit`.
     """
 
     offset: float
@@ -62,6 +65,8 @@ class Axis:
     r2: float
     span: list[float]
     before: float | None = None
+    chosen: str = ""
+    errors: dict[str, float] = field(default_factory=dict)
 
     def __call__(self, features: Mapping[str, NDArray[np.floating]]) -> NDArray[np.float64]:
         """Computes the force, float64 (T,), N.
@@ -78,19 +83,19 @@ class ForceModel:
     """Linear model of the force from the unit's features.
 
     Attributes:
-        of: Kind of features: ``pictures``, ``taxels``, ``head``, or the name of a track, see
-            `features.force_features`.
-        noise: Change of a pixel that counts as contact, grey levels.
+        of: Kind of features: ``pictures``, ``taxels``, ``head``, ``both``, or the name of a track,
+            see `features.force_features`.
         lag: Delay of images behind forces, s.
         axes: Fitted axes, by name: ``x``, ``y`` or ``z``.
         model: Fingerprint of the fitted model (`hub.model.Model.fingerprint`); "" for none.
+        left_out: Errors of the candidates of each axis without a fit, as in `Axis.errors`.
     """
 
     of: str
-    noise: float
     lag: float
     axes: dict[str, Axis]
     model: str = ""
+    left_out: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,7 +174,7 @@ class Calibration:
         self.check(recording.sensor, str(recording.labels.get("unit", "")))
         if self.force.model and (model is None or model.fingerprint != self.force.model):
             raise ConfigError(f"the forces of {self.title} were fitted to a model: give that model")
-        features = force_features(recording, self.force.of, self.force.noise, model)
+        features = force_features(recording, self.force.of, model)
         out = np.full((len(recording.frames), 3), np.nan, np.float32)
         for column, name in enumerate(AXES):
             if name in self.force.axes:
@@ -292,7 +297,9 @@ def _shape(grid: list[list[list[float]]]) -> tuple[int, ...]:
 def _check_force(force: ForceModel, where: str) -> None:
     if not force.axes:
         raise ConfigError(f"{where}.axes is empty; give x, y or z")
-    numbers = {"noise": force.noise, "lag": force.lag}
+    numbers = {"lag": force.lag}
+    for name, errors in force.left_out.items():
+        numbers |= {f"left_out.{name}.{key}": error for key, error in errors.items()}
     for name, axis in force.axes.items():
         place = f"axes.{name}"
         if name not in AXES:
@@ -301,6 +308,7 @@ def _check_force(force: ForceModel, where: str) -> None:
             raise ConfigError(f"{where}.{place}.span is {axis.span!r}, but must be 2 numbers")
         numbers |= {f"{place}.{key}": getattr(axis, key) for key in ("offset", "rmse", "r2")}
         numbers |= {f"{place}.before": 0.0 if axis.before is None else axis.before}
+        numbers |= {f"{place}.errors.{key}": error for key, error in axis.errors.items()}
         numbers |= {f"{place}.weights.{key}": weight for key, weight in axis.weights.items()}
     for key, value in numbers.items():
         if not math.isfinite(value):

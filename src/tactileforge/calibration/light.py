@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.calibration.features import LEAST
 from tactileforge.calibration.file import Light
 from tactileforge.errors import DataError
 
+#: Change of a pixel that counts as contact, grey levels.
+_LEAST = 3.0
 #: Rows and columns of the coarse background.
 _GRID = (3, 4)
 #: Step between the radii in the search for the rim, pixels.
@@ -80,7 +81,7 @@ def punch_mm_per_pixel(
     # a generator, so that only the change of one frame is in memory
     deepest = max(changes, key=lambda change: float(change.mean()))
     change = cv2.GaussianBlur(deepest, (0, 0), 1.5)
-    felt = (change - max(2 * LEAST, 0.25 * float(change.max()))).clip(min=0)
+    felt = (change - max(2 * _LEAST, 0.25 * float(change.max()))).clip(min=0)
     if not felt.any():
         raise DataError(f"{name}: no frame shows contact; press the punch harder")
     rows, columns = np.indices(change.shape)

@@ -8,7 +8,9 @@ import numpy as np
 from markupsafe import Markup
 
 from tactileforge.calibration.calibrate import CalibrationResult
+from tactileforge.calibration.file import AXES, ForceModel
 from tactileforge.calibration.fit import AxisFit
+from tactileforge.calibration.pictures import PICTURES, SHAPE
 from tactileforge.pages.figures import INK, draw_points, drawing, svg
 from tactileforge.pages.forces import agreement_figure
 from tactileforge.pages.images import figure
@@ -41,36 +43,56 @@ def _force(result: CalibrationResult) -> Section:
     for name, fit in result.fits.items():
         drawn += [panel(f"Force {name}", _against(fit, name))]
         drawn += [panel(f"Error of {name}", _residual(fit, name))]
-    with_model = force.of == "head"
     rows = [
         (
             name,
-            *([number(axis.before) if axis.before is not None else ""] * with_model),
             number(axis.rmse),
             number(axis.r2),
             f"{number(axis.span[0])} to {number(axis.span[1])}",
             str(len(result.fits[name].measured)),
-            f"text|{_told(list(axis.weights))}",
+            f"text|{axis.chosen}: {_told(list(axis.weights))}",
         )
         for name, axis in force.axes.items()
     ]
-    before = ["before (N)"] * with_model
     rest = ("R\N{SUPERSCRIPT TWO}", "range (N)", "frames", "text|fitted to")
-    head = ("axis", *before, "error (N)", *rest)
-    text = f"Fitted to {'what a model reads' if with_model else force.of} by least squares"
+    text = "Fitted by ridge regression"
     text += f", images {1000 * force.lag:.0f} ms after forces." if force.lag else "."
-    text += " Each frame is predicted by a fit that has not seen its press; colours are folds."
-    if with_model:
-        text += " Before: the error of the model as it is, drawn faintly."
-    return Section(
-        "force", "Force", paragraph(text) + table("axes", head, rows) + panels(drawn, wide=True)
+    text += " Each frame is predicted by a fit that has not seen its block of time; colours are"
+    text += " blocks."
+    if any(axis.before is not None for axis in force.axes.values()):
+        text += " Drawn faintly: the model as it is."
+    body = paragraph(text) + table("axes", ("axis", "error (N)", *rest), rows)
+    return Section("force", "Force", body + _candidates(force) + panels(drawn, wide=True))
+
+
+def _candidates(force: ForceModel) -> Markup:
+    errors = {name: axis.errors for name, axis in force.axes.items()} | force.left_out
+    known = list(dict.fromkeys(name for row in errors.values() for name in row))
+    rows = [
+        (
+            axis,
+            *(number(errors[axis][name]) if name in errors[axis] else "" for name in known),
+            f"text|{force.axes[axis].chosen if axis in force.axes else 'left out'}",
+        )
+        for axis in AXES
+        if axis in errors
+    ]
+    text = (
+        "Error of each candidate on blocks of time that it did not see, N. A simpler one is kept "
+        "where a richer one wins less than a quarter or the standard error over blocks; an axis is "
+        "left out where none beats the mean force and the model as it is and explains a fifth of "
+        "the variance, or where the axis was hardly pressed."
     )
+    head = ("axis", *known, "text|chosen")
+    return paragraph(text) + table("candidates", head, rows)
 
 
 def _told(names: Sequence[str]) -> str:
-    hidden = [name for name in names if name.startswith("hidden")]
-    shown = [name for name in names if name not in hidden]
-    return ", ".join([*shown, *([f"{len(hidden)} values of the head"] if hidden else [])])
+    hidden = [name for name in names if name not in (*AXES, *PICTURES)]
+    shape = [name for name in names if name in SHAPE]
+    shown = [name for name in names if name not in hidden and name not in shape]
+    counts = {"numbers of the picture's shape": shape, "values of the head": hidden}
+    return ", ".join([*shown, *(f"{len(some)} {what}" for what, some in counts.items() if some)])
 
 
 def _against(fit: AxisFit, name: str) -> Markup:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactileforge import registry
 from tactileforge.calibration.calibrate import CalibrateOptions, CalibrationResult, calibrate
-from tactileforge.calibration.file import load_calibration
+from tactileforge.calibration.file import Axis, load_calibration
 from tactileforge.cli._command import Command
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError
@@ -76,11 +76,16 @@ def _told(result: CalibrationResult) -> str:
         lines.append(f"mm per pixel: {calibration.mm_per_pixel:.4g} ({result.scale})")
     if calibration.force is not None:
         lines += [
-            f"force {name}: error {axis.rmse:.3g} N, R2 {axis.r2:.3f}, on presses not seen"
-            + ("" if axis.before is None else f" (before: {axis.before:.3g} N)")
+            f"force {name}: error {axis.rmse:.3g} N, R2 {axis.r2:.3f}, on blocks not seen; fitted "
+            f"to {axis.chosen} ({_others(axis)})"
             for name, axis in calibration.force.axes.items()
         ]
     return "\n".join(lines)
+
+
+def _others(axis: Axis) -> str:
+    others = axis.errors.items() - {(axis.chosen, axis.errors[axis.chosen])}
+    return ", ".join(f"{name}: {error:.3g} N" for name, error in sorted(others))
 
 
 COMMANDS = {"": Command(run=_calibrate, keys=_Calibrate, groups={"data": "???"})}

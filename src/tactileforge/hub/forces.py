@@ -194,6 +194,29 @@ def calibration_inputs(
     return columns
 
 
+def picture_columns(clips: Tensor, backgrounds: Tensor, like: Tensor) -> dict[str, Tensor]:
+    """Inputs for fitting a calibration from the pictures alone, float32 (B, n) each.
+
+    Args:
+        clips: uint8 (B, T, 3, H, W).
+        backgrounds: uint8 (B, 3, H, W).
+        like: Force along one axis in the last n frames of each clip, (B, n), for shape and device.
+    """
+    from tactileforge.calibration.pictures import picture_inputs
+
+    count = like.shape[1]
+    frames = clips[:, -count:].flatten(0, 1)
+    columns = picture_inputs(frames, backgrounds.repeat_interleave(count, 0))
+    return {name: column.view(-1, count).to(like.device) for name, column in columns.items()}
+
+
+def reads_pictures(axes: Mapping[str, Axis]) -> bool:
+    """Whether some axis is fitted to inputs from pictures, see `picture_columns`."""
+    from tactileforge.calibration.pictures import PICTURES
+
+    return any(name in PICTURES for axis in axes.values() for name in axis.weights)
+
+
 def fingerprint(parts: Iterable[nn.Module]) -> str:
     """Hash of the weights of some modules, 16 hexadecimal digits."""
     digest = hashlib.sha256()

@@ -229,6 +229,8 @@ class HeadModel(GroupedModel):
                 tokens, projected = self._pass(x, still, rows)
                 axes = None if calibration is None else self.axes_of(calibration, names)
                 newton = self._readable(tokens, projected, scale)
+                if axes and forces.reads_pictures(axes):
+                    newton |= forces.picture_columns(x, still, newton["z"])
                 vector, force = projected.float(), forces.to_newton(newton, axes)
                 # by the model's own newtons: a calibration scales a force, not the range of
                 # training
@@ -242,9 +244,11 @@ class HeadModel(GroupedModel):
     def force_inputs(
         self, frames: Images, background: Images | str | None, sensor: str
     ) -> dict[str, Tensor]:
-        """Inputs of a force calibration, float32 (B, T - 1); see `forces.calibration_inputs`.
+        """Inputs of a force calibration, float32 (B, T - 1) each.
 
-        NaN, with a warning, in frames whose light has changed while nothing touches.
+        What the force head tells, see `forces.calibration_inputs`, and the change of the pictures,
+        see `calibration.pictures.picture_inputs`. NaN, with a warning, in frames with changed light
+        and no touch.
 
         Args:
             frames: Clips, uint8, RGB, as in `encode`; a batch.
@@ -262,6 +266,7 @@ class HeadModel(GroupedModel):
             raise ConfigError(f"{self!r} has no force head, or no scale for {sensor}")
         with torch.no_grad():
             inputs = self._readable(*self._pass(x, still, self._rows(names, "error")), scale)
+            inputs |= forces.picture_columns(x, still, inputs["z"])
         if not forces.has_no_background(self.encoder, background):
             inputs = {k: forces.without_light(v, x, still) for k, v in inputs.items()}
             missing = next(iter(inputs.values())).isnan()
