@@ -7,7 +7,9 @@ key that names a path. ``~`` is the home folder: a shell does not expand it afte
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 #: Last words of keys that name a path.
 _PATHS = frozenset(
@@ -66,6 +68,22 @@ def quoted(value: str) -> str:
         r"(\\*)('|$)", lambda m: m[1] * 2 + ("\\'" if m[2] else ""), value, flags=re.DOTALL
     )
     return f"'{escaped}'"
+
+
+def hydra_value(value: Any) -> str:
+    """Plain data in Hydra's grammar: nested dictionaries, lists, text, numbers and None.
+
+    Example:
+        >>> print(hydra_value({"a": [1, None, "x y"], "b": True}))
+        {a: [1, null, 'x y'], b: true}
+    """
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {hydra_value(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(hydra_value, value)) + "]"
+    if isinstance(value, str):
+        return quoted(value)
+    return "null" if value is None else str(value).lower()
 
 
 def for_hydra(word: str, sweeps: bool = False) -> str:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from omegaconf import OmegaConf
 
-from tactileforge.contracts import Recording
+from tactileforge.contracts import Guess, Recording
 from tactileforge.datasets.reading.files import DamagedFileError, read_text
+from tactileforge.datasets.reading.guessed_layout import guess_layout
 from tactileforge.datasets.reading.layout import EXAMPLE, SPLITS, DatasetLayout, parse_layout
 from tactileforge.datasets.reading.notes import Notes
 from tactileforge.datasets.reading.reader import LayoutReader
@@ -66,6 +67,16 @@ class Recordings:
         self._given = {name: layout for name, layout in given.items() if layout is not None}
         self._left_out = sorted(given.keys() - self._given.keys())
         self._parsed = _parse_all(self._given)
+
+    @staticmethod
+    def recognise(root: Path) -> Guess | None:
+        """Guess the layout of a folder of videos or images, if it has no layout of its own."""
+        if not root.is_dir():
+            return None
+        if (root / LAYOUT_FILE).is_file():
+            options = {"root": str(root)}
+            return Guess(options=options, format=f"layouts of {LAYOUT_FILE}", score=1.0)
+        return guess_layout(root)
 
     @cached_property
     def layouts(self) -> list[DatasetLayout]:

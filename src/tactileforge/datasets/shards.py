@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactileforge.contracts import Recording
+from tactileforge.contracts import Guess, Recording
 from tactileforge.data.batches.sources import Bad, InMemory, Source
 from tactileforge.data.shards import index, shards
 from tactileforge.data.shards.fetch import ShardFolder
-from tactileforge.data.shards.foreign import ForeignShardError, check_foreign
+from tactileforge.data.shards.foreign import ForeignShardError, check_foreign, is_foreign
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.data.shards.summary import Summary
 from tactileforge.datasets.reading.splits import HOLD_OUT, held_out
@@ -66,6 +67,19 @@ class Shards:
         self.cache = cache
         self.cache_gb = cache_gb
         self.skipped: list[str] = []
+
+    @staticmethod
+    def recognise(root: Path) -> Guess | None:
+        """Guess whether a folder has an index of shards, or shards without one."""
+        if not root.is_dir():
+            return None
+        loose = [*sorted(root.glob("train-*.tar")), *sorted(root.glob("val-*.tar"))]
+        try:
+            index.parse_index((root / index.NAME).read_bytes(), str(root))
+        except (OSError, DataError):
+            if not loose or is_foreign(loose[0]):
+                return None
+        return Guess(options={"root": str(root)}, format="shards of tactileforge", score=1.0)
 
     @property
     def folder(self) -> ShardFolder:

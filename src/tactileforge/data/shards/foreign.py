@@ -30,16 +30,23 @@ def check_foreign(path: Path) -> None:
         ForeignShardError: None of its first members is an image of a shard; the message lists
             their endings.
     """
+    if not is_foreign(path):
+        return
     names = _member_names(path)
     endings = sorted({Path(name).suffix.removeprefix(".") for name in names})
-    if not names or any(_OURS.fullmatch(name) for name in names) or endings == ["json"]:
-        return
     kind = "webdataset" if len(endings) > 1 or "/" not in names[0] else "tar file"
     raise ForeignShardError(
         f"{path}: a {kind} of another program ({', '.join(endings).strip(', ') or 'no endings'}),"
         " not one of tactileforge's; unpack it (tar -xf), describe its files with a layout, as in "
         "docs/data.md, and read them with data=recordings"
     )
+
+
+def is_foreign(path: Path) -> bool:
+    """Whether a file is a tar file without images of a shard among its first members."""
+    names = _member_names(path)
+    only_json = {Path(name).suffix for name in names} == {".json"}
+    return bool(names) and not only_json and not any(_OURS.fullmatch(name) for name in names)
 
 
 def _member_names(path: Path) -> list[str]:
