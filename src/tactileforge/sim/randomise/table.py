@@ -254,11 +254,16 @@ TABLE: dict[str, RandomisedQuantity] = {
             0.015,
         ),
         _scene(
-            "roughness", "height of random grain on the object, mm", 0.002, 0.015, 0.0, share=0.5
+            "roughness",
+            "standard deviation of the heights of a rough object, mm; waves of 0.5 to 4 mm",
+            0.001,
+            0.01,
+            0.0,
+            share=0.5,
         ),
         _scene(
             "print_lines",
-            "distance of the lines that a printer left, mm; they are 3 % as deep",
+            "distance of the lines that a printer left, mm; they are 2 % as deep",
             0.3,
             1.0,
             0.0,
