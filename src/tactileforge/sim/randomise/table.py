@@ -123,7 +123,7 @@ TABLE: dict[str, RandomisedQuantity] = {
             1.2,
             1.0,
             log=True,
-            sensors={"gelsight_mini": (0.5, 1.3), "digit": (1.3, 2.4)},
+            sensors={"gelsight_mini": (0.5, 1.3), "digit": (0.8, 2.4)},
             source="in-contact change, grey levels: real Minis 11.5 to 24.8, calibrated 20; "
             "real DIGITs 15 to 37, calibrated 9",
         ),
