@@ -59,8 +59,9 @@ $(VENV)/.installed-policies: $(VENV)/.installed
 	touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed
-	$(PIP) --editable '.[dev]' --editable plugins/tactileforge-arrays --editable plugins/tactileforge-lerobot \
-	  --editable plugins/tactileforge-policies
+	$(PIP) --editable '.[dev]' --editable plugins/tactileforge-arrays --editable plugins/tactileforge-datasets \
+	  --editable plugins/tactileforge-episodes --editable plugins/tactileforge-lerobot \
+	  --editable plugins/tactileforge-markers --editable plugins/tactileforge-policies
 	touch $@
 
 clean:

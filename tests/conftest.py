@@ -23,7 +23,7 @@ from tactileforge.errors import TactileForgeError
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Processes that test side by side (``pytest -n 2``) compute with one thread each."""
+    """Processes side by side (``pytest -n 2``) compute with one thread each."""
     defaults = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
     for number, handler in defaults.items():
         if signal.getsignal(number) is signal.SIG_IGN:  # `nohup` and shells in the background
@@ -33,14 +33,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Starts tests that take minutes first: at the end two processes would wait for the third."""
+    """Starts the longest tests first: at the end two processes would wait for the third."""
     long = ("test_docs.py", "test_ddp.py", "test_learning.py", "test_resume.py")
     items.sort(key=lambda item: item.path.name not in long)
 
 
 @pytest.fixture(autouse=True, scope="session")
 def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Touches that tests simulate are kept for the other tests, and thrown away after them.
+    """Touches simulated by a test are kept for the other tests, and thrown away after them.
 
     Processes that test side by side have folders of their own in one folder, and share this one.
     """
@@ -55,7 +55,7 @@ def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def _one_process() -> Iterator[None]:
-    """Processes that test side by side start no others by themselves: all cores are busy."""
+    """Processes side by side start no others by themselves: all cores are busy."""
     with pytest.MonkeyPatch.context() as patch:
         if "PYTEST_XDIST_WORKER" in os.environ:
             patch.setattr(processes, "cpus", lambda: 1)
@@ -64,7 +64,7 @@ def _one_process() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def warm(tmp_path_factory: pytest.TempPathFactory, _cache: None) -> Iterator[Warm]:
-    """Commands that start at once, each in a process of its own."""
+    """Commands with a fast start, each in a process of its own."""
     with warm_commands(tmp_path_factory.mktemp("warm")) as commands:
         yield commands
 
@@ -98,13 +98,15 @@ def batch() -> Batch:
         "surface": torch.randint(1, 256, (8, 4, 3, 32, 32), dtype=torch.uint8, generator=rng),
         "surface_valid": torch.tensor([True, False] * 4),
         "group": torch.tensor([0, 0, 1, 1, 2, 2, 3, 3]),
+        "aspect": torch.ones(8),
+        "upright": torch.zeros(8, dtype=torch.bool),
         "skipped": {},
     }
 
 
 @pytest.fixture
 def levels() -> Callable[[Frames | None], list[int]]:
-    """Reads frames and gives the numbers that they show."""
+    """Reads frames and returns the numbers in them."""
 
     def read(frames: Frames | None) -> list[int]:
         assert frames is not None
@@ -140,7 +142,7 @@ def realdata() -> Path:
 def installed(
     tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Callable[..., None]]:
-    """Makes a folder look like an installed distribution that has entry points."""
+    """Makes a folder look like an installed distribution with entry points."""
 
     def install(name: str, entry_points: str, modules: dict[str, str]) -> None:
         site = tmp_path_factory.mktemp("site")
@@ -158,7 +160,7 @@ def installed(
 
 
 class Scripted(Opened):
-    """A sensor in real time that does what a test wants; its picture says which frame it is.
+    """A scripted sensor in real time; its picture shows the number of the frame.
 
     Args:
         fps: Frames a second.

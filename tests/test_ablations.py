@@ -1,4 +1,4 @@
-"""The paper's ablations: each leaves what it says, and what it leaves trains."""
+"""The paper's ablations: each leaves out its part, and the rest trains."""
 
 from pathlib import Path
 from typing import Any

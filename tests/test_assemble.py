@@ -5,7 +5,7 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tactileforge import registry
+from tactileforge import parts, registry
 from tactileforge.assemble import build_data
 from tactileforge.compose import compose
 from tactileforge.errors import ConfigError
@@ -32,7 +32,7 @@ def test_an_outline_has_the_sizes_and_no_weights(recipe: str) -> None:
 
 
 def test_an_encoder_that_computes_in_its_constructor_is_built(
-    installed: Callable[..., None],
+    installed: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code = (
         "import torch\n"
@@ -40,12 +40,16 @@ def test_an_encoder_that_computes_in_its_constructor_is_built(
         "    def __init__(self, start: float = 0.5):\n"
         "        super().__init__()\n"
         "        self.frames = int(torch.rand(1).item() + 2)\n"
+        "        self.weight = torch.nn.Parameter(torch.zeros(4))\n"
     )
     entry = "[tactileforge.encoders]\neager = eager_encoder:Eager\n"
     installed("tactileforge-eager", entry, {"eager_encoder.py": code})
     state = torch.get_rng_state()
     assert outline({"name": "eager"}).frames == 2
     assert torch.equal(torch.get_rng_state(), state)
+    monkeypatch.setattr(parts, "_MOST", 3)
+    with pytest.raises(ConfigError, match=r"encoder=eager would have 4 weights, and at most 3"):
+        outline({"name": "eager"})
     with pytest.raises(ConfigError, match=r"option of encoder 'eager' 'size'.*~encoder\.size"):
         outline({"name": "eager", "size": 1})
 

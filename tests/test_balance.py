@@ -1,4 +1,4 @@
-"""Balances against problems whose gradients are known."""
+"""Balances against problems with known gradients."""
 
 import math
 

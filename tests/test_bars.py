@@ -1,4 +1,4 @@
-"""Bars on a terminal, whose line is theirs, and in a file, where a line a minute is enough."""
+"""Bars on a terminal, with a line of their own, and in a file, with a line a minute."""
 
 import io
 import logging
@@ -59,3 +59,15 @@ def test_a_line_of_a_file_is_not_cut() -> None:
     bar.update()
     bar.close()
     assert file.getvalue().rstrip().endswith("objective_19=19]")
+
+
+def test_a_count_without_an_end_has_no_line_before_it_counts() -> None:
+    file = io.StringIO()
+    with pytest.raises(ValueError, match="bad"):
+        for _ in Bar((int(word) for word in ["bad"]), desc="count", unit="recording", file=file):
+            pass
+    assert file.getvalue() == ""
+    for _ in Bar(iter("abc"), desc="count", unit="recording", file=file):
+        pass
+    assert file.getvalue().startswith("count: 3 recording [")
+    assert len(file.getvalue().splitlines()) == 1

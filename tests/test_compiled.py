@@ -1,4 +1,4 @@
-"""Compiled blocks compute what the others do, under the same names."""
+"""Compiled blocks compute the same as the others, under the same names."""
 
 import shutil
 from typing import Any
@@ -44,7 +44,7 @@ def build() -> TouchModule:
 
 
 def step(module: TouchModule, batch: Batch) -> dict[str, torch.Tensor]:
-    """Losses of a step that leaves its gradients."""
+    """Losses of a step; the gradients stay."""
     torch.manual_seed(1)
     module.zero_grad()
     total, logs = module.losses(batch, dict.fromkeys(module.objectives, 1.0))
@@ -89,7 +89,7 @@ def test_a_compiled_step_is_the_same_step() -> None:
 
 
 def test_what_encode_calls_is_compiled() -> None:
-    """As `torch.nn.Module.compile` would not: it changes what calling the model does."""
+    """Unlike by `torch.nn.Module.compile`: it compiles calls of the model alone."""
     plain, compiled = tactileforge.load("anytouch2.tiny"), tactileforge.load("anytouch2.tiny")
     frames = torch.randint(0, 255, (2, compiled.frames, 64, 64, 3), dtype=torch.uint8)
     given: Any = {"background": "first", "sensor": "digit"}

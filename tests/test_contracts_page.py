@@ -20,7 +20,7 @@ the code (`python tests/test_contracts_page.py`), and a test compares the two.
 
 
 def meanings(kind: type) -> dict[str, str]:
-    """Attributes of a docstring, and what each means."""
+    """Attributes of a docstring with their meanings."""
     text = re.split(r"\n\n(?=\S)", (getdoc(kind) or "").partition("Attributes:\n")[2])[0]
     rows = re.findall(r"^    (\w+): (.*(?:\n        .*)*)", text, re.M)
     return {name: " ".join(words.split()) for name, words in rows}

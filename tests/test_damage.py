@@ -1,4 +1,4 @@
-"""Training on shards of which some recordings are damaged."""
+"""Training on shards with some damaged recordings."""
 
 from pathlib import Path
 

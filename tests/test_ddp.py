@@ -1,4 +1,4 @@
-"""Two processes do what one does with the joint batch."""
+"""Two processes do the same as one with the joint batch."""
 
 import csv
 import os
@@ -42,7 +42,7 @@ def gradients(out: Path, processes: int, *words: str) -> dict[str, torch.Tensor]
 
 
 def differing(tensors: dict[str, torch.Tensor], right: dict[str, torch.Tensor]) -> list[str]:
-    """Tensors whose largest error is more than rounding, beside the tensor's largest value."""
+    """Tensors with an error beyond rounding, relative to the tensor's largest value."""
     return [
         key
         for key, value in right.items()
@@ -68,7 +68,7 @@ def test_first_step_gradients_are_those_of_the_joint_batch(
 
 
 def test_a_wrong_gradient_is_seen(tmp_path: Path, joint: dict[str, torch.Tensor]) -> None:
-    """Ranks that divide by their own count of labels; and any tensor that is off by 1e-3."""
+    """Ranks dividing by their own count of labels; and any tensor off by 1e-3."""
     local = gradients(tmp_path / "2.pt", 2, "local")
     wrong = differing(local, joint)
     assert {key for key in joint if key.startswith("heads.force.")} - set(wrong) == set()
@@ -110,7 +110,7 @@ def weights(folder: Path) -> dict[str, torch.Tensor]:
 def searched(
     warm: Warm, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, list[dict[str, float]]]:
-    """A run that looks for unused parameters in every step, and its losses."""
+    """A run with a search for unused parameters in every step, and its losses."""
     folder = tmp_path_factory.mktemp("searched")
     return folder, trained(warm, folder, "trainer.strategy=ddp_find_unused_parameters_true")
 

@@ -185,7 +185,7 @@ def test_record_keeps_a_track_that_shards_give_back(scripted, tmp_path):
     ],
 )
 def test_held_out_balls_are_read(name, least, share, realdata):
-    """Correlation with the surface that contact mechanics gives a ball, and error by its depth."""
+    """Correlation with the surface of a ball by contact mechanics, and error by its depth."""
     presses = read_known(name, realdata)
     train, test = presses.part(slice(0, None, 4)), presses.part(slice(1, None, 8))
     height, width = test.size

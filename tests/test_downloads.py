@@ -30,7 +30,7 @@ def fetched(url: str, limit: int, **options: Any) -> bytes:
 
 @pytest.fixture
 def serve() -> Iterator[Callable[[Answer], str]]:
-    """Starts a server that answers as it is told."""
+    """Starts a server with given answers."""
     servers = []
 
     def start(answer: Answer) -> str:
@@ -141,7 +141,7 @@ def test_what_is_not_there_is_not_asked_for_again(serve: Callable[[Answer], str]
 
 
 def cut_off(times: int, body: bytes, asked: list[str]) -> Answer:
-    """An answer that ends early, so many times."""
+    """An answer with an early end, so many times."""
 
     def answer(request: BaseHTTPRequestHandler) -> None:
         asked.append(request.path)
@@ -198,7 +198,7 @@ def answered(
 
 @pytest.fixture
 def slept(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """Pauses that are asked for; none is made."""
+    """Requested pauses; none is made."""
     pauses: list[float] = []
     monkeypatch.setattr(downloads, "_sleep", pauses.append)
     return pauses
@@ -243,7 +243,7 @@ def test_a_server_that_drips_is_left(
 
 
 def test_a_program_that_drips_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What webdataset opens is a program that writes to a pipe."""
+    """For webdataset, a program writing to a pipe."""
     monkeypatch.setattr(downloads, "SILENCE", 0.1)
     started = []
 
@@ -418,7 +418,7 @@ def test_redirects_are_followed_within_limits(
 
 
 def test_the_body_of_a_redirect_is_not_read(serve: Callable[[Answer], str]) -> None:
-    """urllib reads it to its end, which need not come."""
+    """urllib reads it to its end, and it need not come."""
     sent = [0]
 
     def flood(request: BaseHTTPRequestHandler) -> None:

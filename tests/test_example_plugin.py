@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow  # pip installs it
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The folder that pip installed the example into, beside the sources it was built from."""
+    """The folder of the installed example, beside its sources."""
     work = tmp_path_factory.mktemp("example")
     source = shutil.copytree(ROOT / "plugins/tactileforge-example", work / "source")
     command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation"]
@@ -125,7 +125,7 @@ def test_it_is_an_option_of_every_command(example):
 
 
 def test_the_sensor_keeps_real_time(example):
-    """Thirty frames a second, and frames that nobody read are lost."""
+    """Thirty frames a second, and unread frames are lost."""
     with registry.build("sensors", {"name": "dummy"}) as sensor:
         times = [sensor.read().time for _ in range(4)]
         assert times[-1] <= time.monotonic(), "no frame comes before it is due"

@@ -1,4 +1,4 @@
-"""Parts of files that killed processes left, and places that cannot be written."""
+"""Parts of files left by killed processes, and unwritable places."""
 
 import ast
 import errno

@@ -1,4 +1,4 @@
-"""Numbers that are not finite are named, and never take the place of those that are."""
+"""NaN and infinite numbers are named, and never replace finite ones."""
 
 from pathlib import Path
 from typing import Any
@@ -76,7 +76,7 @@ def finite(path: Path) -> bool:
 
 @pytest.mark.slow
 def test_what_was_saved_before_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Saved after every step, and validated, so that each kind of checkpoint is asked for."""
+    """Saved after every step, and validated, to make each kind of checkpoint."""
     run = tmp_path / "my run"
     words = [f"hydra.run.dir='{run}'", "trainer.save_every=1", "trainer.log_every_n_steps=20"]
     words += ["trainer.val_check_interval=1", "trainer.keep_best=val/pixel"]

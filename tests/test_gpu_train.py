@@ -1,4 +1,4 @@
-"""The benchmark of one card, at its smallest, on a CPU: its rows, and that it counts rightly."""
+"""The benchmark of one card, at its smallest, on a CPU: its rows, and its counts."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""A run whose encoder starts from weights of photographs."""
+"""A run with an encoder started from weights of photographs."""
 
 from pathlib import Path
 

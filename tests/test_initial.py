@@ -1,4 +1,4 @@
-"""What a new run does not take of the weights that it starts from is named, with the option."""
+"""Weights not taken over by a new run are named, with the option."""
 
 import logging
 from typing import Any
@@ -26,7 +26,7 @@ def warned(
     now: list[str],
     then: list[str],
 ) -> str:
-    """What a run of some words is told that starts from one of others."""
+    """Warnings of a run of some words, started from one of others."""
     before, after = plain(*then), plain(*now)
     given = TouchModule.from_config(before, {"text", "force"}).state_dict()
     module = TouchModule.from_config(after, {"text", "force"})

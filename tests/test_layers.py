@@ -1,4 +1,4 @@
-"""The map in docs/design.md has every package, and what it may import is what it imports."""
+"""The map in docs/design.md has every package, with its actual imports."""
 
 import ast
 import re
@@ -15,7 +15,7 @@ ROW = re.compile(r"^\| `([a-z_.]+)` \|.*\| ((?:`[a-z_.]+` ?)*)\|$", re.M)
 
 @cache
 def page() -> dict[str, frozenset[str]]:
-    """Imports that the page allows each package, in its order."""
+    """Imports of each package allowed by the page, in its order."""
     text = (
         (ROOT / "docs" / "design.md").read_text().split("## Map")[1].split("Beside the package")[0]
     )
@@ -33,7 +33,7 @@ def package(module: str) -> str:
 
 
 def imports(node: ast.AST) -> Iterator[str]:
-    """Modules and names that a file imports, but for type checking alone."""
+    """Modules and names imported by a file, but for type checking alone."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.ImportFrom) and child.module:
             yield from (f"{child.module}.{name.name}" for name in child.names)
@@ -102,10 +102,14 @@ def _text(node: ast.expr) -> str:
 ABSENT = [
     "diffusers",
     "gymnasium",
+    "h5py",
     "pyarrow",
     "tactileforge_arrays",
+    "tactileforge_datasets",
+    "tactileforge_episodes",
     "tactileforge_lerobot",
     "tactileforge_policies",
+    "zarr",
 ]
 
 

@@ -51,7 +51,7 @@ def test_vjepa_predicts_the_features_of_this_touch(tmp_path: Path) -> None:
 
 
 def test_dino_tells_clips_apart(tmp_path: Path) -> None:
-    """A student that answers the same for every clip diverges by the teacher's information."""
+    """A student with one answer for every clip diverges by the teacher's information."""
     _, last = learn("dino", tmp_path, steps=200)
     assert last["train/dino/information"] > 0.3  # nats; 0 where it has collapsed
     assert last["train/dino"] < 0.6 * last["train/dino/information"]

@@ -32,7 +32,7 @@ def test_a_row_is_on_disk_at_once_and_new_names_rewrite_the_head(tmp_path: Path)
 
 
 def test_a_resumed_run_goes_on_with_the_file(tmp_path: Path) -> None:
-    """Steps after the checkpoint are taken again: their rows go, and what the kill cut off."""
+    """Steps after the checkpoint are taken again: their rows go, as does a row cut off."""
     killed = MetricsFile(tmp_path)
     for step in range(8):
         killed.log_metrics({"train/pixel": 1.0}, step)

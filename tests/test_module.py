@@ -81,7 +81,7 @@ def test_a_step_does_not_wait_for_a_number(
 
 
 def test_samples_without_a_label_change_nothing(module: TouchModule, batch: Batch) -> None:
-    """Force, text and image of the labelled alone, and among others that have none."""
+    """Force, text and image of the labelled alone, and among others without."""
     nothing = torch.zeros(8, dtype=torch.bool)
     changed = batch | {
         "force": torch.where(batch["force_valid"][:, None], batch["force"], 1e6),

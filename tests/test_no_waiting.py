@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from tactileforge.compose import compose
-from tactileforge.data.labels.augment import Augment
+from tactileforge.data.labels.augment import build_augment
 from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
 
@@ -29,7 +29,7 @@ WAITING = ("_local_scalar_dense", "nonzero", "masked_select", "unique", "equal.d
 
 
 class Watch(TorchDispatchMode):
-    """Keeps the names of operations that an accelerator would be waited for."""
+    """Keeps the names of operations with a wait for an accelerator."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -58,7 +58,7 @@ def _by_bool(args: tuple[Any, ...]) -> bool:
 
 @contextmanager
 def watched(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watch]:
-    """Watches operations, and tensors that are made on the device from values of the host."""
+    """Watches operations, and tensors made on the device from values of the host."""
     make: Callable[..., Tensor] = torch.tensor
     cast: Any = torch.autocast
 
@@ -77,20 +77,25 @@ def watched(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watch]:
 
 
 def on_device(recipe: str, *overrides: str) -> tuple[TouchModule, dict[str, Any]]:
-    """A module and a batch, where the accelerator would be."""
+    """A module and a batch, in the place of the accelerator."""
     words = ["scale=demo", "encoder.image_size=32", *overrides]
     config: Any = OmegaConf.to_container(compose(recipe, words), resolve=True)
-    augment = Augment(**config["augment"]) if config.get("augment") else None
+    augment = build_augment(config.get("augment"))
     module = TouchModule.from_config(config, {"text", "image"}, augment).to("meta")
     made = make_batch(size=4, frames=module.encoder.frames, image=32)
-    made["flip"] = torch.zeros(4, 2, dtype=torch.bool)
-    made["coded"] = torch.zeros(4, dtype=torch.bool)
+    made |= augment.labels(made) if augment else {}
     return module, {k: v.to("meta") if isinstance(v, Tensor) else v for k, v in made.items()}
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_a_step_waits_for_nothing(recipe: str, monkeypatch: pytest.MonkeyPatch) -> None:
     step(monkeypatch, *on_device(recipe))
+
+
+def test_all_augmentations_wait_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    ranges = {"rotate": 180, "shift": 0.1, "scale": 0.1, "blur": 1, "gain": 0.1, "colour": 0.1}
+    words = [f"augment.{name}={value}" for name, value in ranges.items()]
+    step(monkeypatch, *on_device("anytouch2", *words, "augment.noise=2"))
 
 
 @pytest.mark.slow
@@ -100,7 +105,7 @@ def test_a_balance_waits_for_nothing(balance: str, monkeypatch: pytest.MonkeyPat
 
 
 def step(monkeypatch: pytest.MonkeyPatch, module: TouchModule, batch: dict[str, Any]) -> None:
-    """A training step, and what follows it, with every objective awake."""
+    """A training step with all its hooks, and every objective awake."""
     weights = dict.fromkeys(module.objectives, 1.0)
     with watched(monkeypatch) as watch:
         if module.augment:

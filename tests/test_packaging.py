@@ -1,4 +1,4 @@
-"""The wheel holds what the checkout holds, and trains outside of it."""
+"""The wheel holds the same as the checkout, and trains outside of it."""
 
 import os
 import subprocess

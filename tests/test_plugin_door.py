@@ -1,4 +1,4 @@
-"""What authors of plugins import stays in one place, and older packages are told what moved."""
+"""Imports of authors of plugins stay in one place, and older packages are told of moves."""
 
 import ast
 import re

@@ -98,6 +98,9 @@ def test_a_run_whose_package_is_gone_names_it(tmp_path):
         ("data embed data=sim out=set", "data embed comes with tactileforge-lerobot"),
         ("train data=lerobot data.root=set", "data=lerobot comes with tactileforge-lerobot"),
         ("data pack data=lerobot out=set", "data=lerobot comes with tactileforge-lerobot"),
+        ("train data=episodes data.root=set", "data=episodes comes with tactileforge-episodes"),
+        ("data pack data=univtac out=set", "data=univtac comes with tactileforge-episodes"),
+        ("train data=fota data.root=set", "data=fota comes with tactileforge-datasets"),
         ("train data=sim_array", "data=sim_array comes with tactileforge-arrays"),
         ("train recipe=anytouch2_array", "recipe=anytouch2_array comes with tactileforge-arrays"),
         ("zoo show anytouch2_array", "anytouch2_array comes with tactileforge-arrays"),
@@ -111,8 +114,10 @@ def test_without_a_package_what_it_brings_is_named_in_a_line(words, said, alone,
 @pytest.mark.parametrize(
     ("kind", "name", "package"),
     [
+        ("datasets", "feats", "tactileforge-datasets"),
         ("datasets", "lerobot", "tactileforge-lerobot"),
         ("datasets", "sim_array", "tactileforge-arrays"),
+        ("datasets", "episodes", "tactileforge-episodes"),
         ("sensors", "serial_array", "tactileforge-arrays"),
     ],
 )
@@ -139,7 +144,7 @@ def test_our_packages_bring_what_is_said_of_them():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The folder that pip installed all of them into, beside the sources they were built from."""
+    """The folder of all of them installed, beside their sources."""
     work = tmp_path_factory.mktemp("packages")
     sources = [str(shutil.copytree(path, work / "sources" / path.name)) for path in PACKAGES]
     command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation"]
@@ -221,7 +226,7 @@ def test_their_own_tests_pass(site):
 
 @pytest.mark.realdata
 def test_the_real_video_of_a_gel_with_markers(known, realdata):
-    """A recording that is cut already: nothing more is cut off."""
+    """A recording already cut: nothing more is cut off."""
     path = str(realdata / "gelsight_mini_marker_video" / "mini_example.avi")
     capture = cv2.VideoCapture(path)
     width, height = (int(capture.get(c)) for c in (cv2.CAP_PROP_FRAME_WIDTH, 4))

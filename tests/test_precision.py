@@ -1,4 +1,4 @@
-"""Choice of precision, by measured times that are made up; a run keeps what was chosen."""
+"""Choice of precision, by invented times; a run keeps its choice."""
 
 import json
 from pathlib import Path

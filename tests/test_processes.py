@@ -1,4 +1,4 @@
-"""Number of processes that work is spread over."""
+"""Number of processes for spreading work."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""The commit that is written beside results."""
+"""The commit beside results."""
 
 from pathlib import Path
 

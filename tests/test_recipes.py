@@ -1,4 +1,4 @@
-"""Every recipe of the zoo composes, names what is installed, has a card, and trains two steps."""
+"""Every recipe of the zoo composes, names installed plugins, has a card, and trains two steps."""
 
 from pathlib import Path
 

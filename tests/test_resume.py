@@ -1,4 +1,4 @@
-"""A run that is killed and resumed ends with the weights of one that was not."""
+"""A killed and resumed run ends with the weights of an undisturbed one."""
 
 import os
 import signal
@@ -56,7 +56,7 @@ def options_of(data: str, folder: Path) -> list[str]:
     `asleep` is saved before two of its objectives have had a gradient, by two processes (FSDP2).
     `dino` has a slow copy of the encoder, a centre and a temperature that change step by step; in
     `sharded`, two processes have a share of them each (FSDP2). `compiled` has a teacher, whose
-    features are measured before the first step alone.
+    features are measured before the first step alone. `augmented` changes clips in every way.
     """
     if data == "whole":
         return [*OPTIONS, *SMALL, "trainer.precision=bf16-mixed"]
@@ -64,6 +64,11 @@ def options_of(data: str, folder: Path) -> list[str]:
         compiled = ["compile=true", "objective=[pixel,distill]", "trainer.limit_val_batches=0"]
         compiled += ["image_encoder=efficientnet_lite"]
         return [*OPTIONS, *SMALL, *compiled]
+    if data == "augmented":
+        ranges = {"rotate": 180, "shift": 0.1, "scale": 0.2, "blur": 1, "gain": 0.2, "colour": 0.1}
+        changes = [f"augment.{name}={value}" for name, value in ranges.items()]
+        changes += ["augment.noise=3", "augment.chance.noise=0.5"]
+        return [*OPTIONS, *SMALL, *changes, "objective=[pixel,match,force,surface]"]
     if data == "dino":
         return ["recipe=dino", *OPTIONS, *SMALL]
     if data == "sharded":
@@ -99,7 +104,9 @@ def options_of(data: str, folder: Path) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("data", ["whole", "windows", "dino", "sharded", "asleep", "compiled"])
+@pytest.mark.parametrize(
+    "data", ["whole", "windows", "dino", "sharded", "asleep", "compiled", "augmented"]
+)
 def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str, warm: Warm) -> None:
     start = partial(warm.start, "train")
     whole, killed = tmp_path / "whole", tmp_path / "killed"

@@ -162,7 +162,7 @@ sys.exit(run(sys.argv[2:]))
 
 
 def limited(limit: int, *words: str) -> "subprocess.CompletedProcess[str]":
-    """A command that can write no file of more bytes, as on a disk that is full."""
+    """A command with a limit on the bytes of its files, as on a full disk."""
     command = [sys.executable, "-c", LIMITED, str(limit), *words]
     return subprocess.run(command, capture_output=True, text=True, timeout=300)
 
@@ -200,7 +200,7 @@ def test_a_full_disk_in_other_verbs_is_one_line(tmp_path: Path) -> None:
 def test_room_is_looked_for_before_the_step(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The step that a save follows is not computed in vain."""
+    """The step before a save is not computed in vain."""
     steps: list[int] = []
     sizes: list[int] = []
 
@@ -285,7 +285,7 @@ def run_by(key: str, **trainer: Any) -> dict[str, Any]:
 
 
 def test_a_run_goes_on_with_other_processes() -> None:
-    """With as many steps as it was to have, also where its epochs have another length then."""
+    """With its full number of steps, also with epochs of another length."""
     state = {"global_step": 30, "total": 120, "epoch_steps": 20, "processes": 1}
     steps = {"start": 40.0, "end": 120.0}
     plain = run_by("max_steps", devices=2)
@@ -350,7 +350,7 @@ def test_a_run_that_ends_by_its_epochs_gets_more_of_them(
 
 @pytest.mark.slow
 def test_an_epoch_of_the_curriculum_is_one_of_the_data(tmp_path: Path) -> None:
-    """Also of a run whose steps end before its epochs do."""
+    """Also of a run with fewer steps than its epochs."""
     words = [
         *SMALL,
         "trainer.max_steps=3",
@@ -401,7 +401,7 @@ def noise(sensor: str, number: int) -> Packed:
 
 @pytest.mark.slow
 def test_sensors_keep_their_rows_in_a_run_that_starts_from_another(tmp_path: Path) -> None:
-    """The second run has a sensor that comes before the first run's by name."""
+    """The second run has a sensor with a name before the first run's."""
     words = ["scale=demo", "encoder.depth=1", "encoder.image_size=32", "objective=[pixel]"]
     words += ["data=shards", "batch.size=4", "batch.workers=0", "trainer.max_steps=1"]
     words += ["trainer.limit_val_batches=0"]

@@ -1,4 +1,4 @@
-"""Signals that end a run: as an event, as an interrupt, and in processes that are forked."""
+"""Signals to end a run: as an event, as an interrupt, and in forked processes."""
 
 import errno
 import multiprocessing

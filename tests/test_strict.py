@@ -64,6 +64,12 @@ def test_the_command_line_is_told_what_to_give() -> None:
         strict.build(Whole, "", {"part": None})
 
 
+def test_an_error_repeats_no_page_of_values() -> None:
+    with pytest.raises(ConfigError, match=r"\.\.\., which is not of type") as told:
+        strict.build(Whole, "here", {"name": list(range(99))})
+    assert len(str(told.value)) < 160
+
+
 def test_types_in_errors_have_no_modules() -> None:
     with pytest.raises(ConfigError, match=r"which is not of type Part \| None$"):
         strict.build(Whole, "here", {"name": "x", "part": 3})

@@ -1,4 +1,4 @@
-"""Packages that third parties wrote for the contract, frozen: they install and work as they are."""
+"""Packages of third parties for the contract, frozen: they install and work unchanged."""
 
 import os
 import subprocess
@@ -51,7 +51,7 @@ def tactileforge(site, tmp_path):
 
 @pytest.fixture
 def touches(tmp_path):
-    """Ten presses: a disc that becomes brighter with the force."""
+    """Ten presses: a disc brighter with the force."""
     folder = tmp_path / "touches"
     folder.mkdir()
     y, x = np.mgrid[:48, :36]

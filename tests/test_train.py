@@ -1,4 +1,4 @@
-"""What a run says that is cut short from outside."""
+"""Last words of a run cut short from outside."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Text and pictures that come with data are read within limits."""
+"""Foreign text and pictures are read within limits."""
 
 import io
 import struct
@@ -13,7 +13,7 @@ from tactileforge.untrusted import dump_yaml, load_json, load_yaml, open_picture
 
 
 def png(width: int, height: int) -> bytes:
-    """A PNG of black pixels, whose rows are compressed as one: a few hundred kilobytes at most."""
+    """A PNG of black pixels with equal rows: a few hundred kilobytes at most."""
 
     def chunk(kind: bytes, content: bytes) -> bytes:
         summed = struct.pack(">I", zlib.crc32(kind + content))

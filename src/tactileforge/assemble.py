@@ -11,7 +11,7 @@ from tactileforge import registry
 from tactileforge.contracts import Column
 from tactileforge.data.batches.columns import declared_columns
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.data.labels.augment import Augment
+from tactileforge.data.labels.augment import Augment, build_augment
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.parts import outline
 from tactileforge.sensors.specs import spec
@@ -58,7 +58,7 @@ def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchDat
         batch_size=batch.pop("size"),
         seed=config["seed"],
         max_bad=max_bad,
-        augment=Augment(**config["augment"]) if config.get("augment") else None,
+        augment=build_augment(config.get("augment")),
         limit=limit_of(config["trainer"]),
         columns=_columns(config),
         **batch,

@@ -190,20 +190,22 @@ class GradNorm(FixedWeights):
         """Sets the factors to their targets after a measurement; see `FixedWeights.update`."""
         if step % self.every:
             return
-        met = losses > 0
-        self.first.copy_(torch.where(met & (self.first == 0), losses, self.first))
+        labelled = losses > 0  # a loss is 0 without a label in the batch
+        self.first.copy_(torch.where(labelled & (self.first == 0), losses, self.first))
         moved = torch.where(self.loss > 0, self.keep * self.loss + (1 - self.keep) * losses, losses)
-        self.loss.copy_(torch.where(met, moved, self.loss))
+        self.loss.copy_(torch.where(labelled, moved, self.loss))
         known = awake & (self.norm > 0) & (self.first > 0)
         count = known.sum().clamp(min=1)
         # Chen et al.: ratio is L~_i = L_i / L_i(0), rate r_i = L~_i / mean(L~); the target norm of
         # w_i G_i is mean(G) r_i^alpha, so log w_i = alpha log r_i - log G_i up to a constant
         ratio = torch.where(known, self.loss / self.first.clamp(min=1e-12), 0.0)
         rate = ratio / (ratio.sum() / count).clamp(min=1e-12)
-        wanted = self.alpha * rate.clamp(min=1e-6).log() - self.norm.clamp(min=1e-12).log()
-        middle = torch.where(known, wanted, 0.0).sum() / count
+        target = self.alpha * rate.clamp(min=1e-6).log() - self.norm.clamp(min=1e-12).log()
+        # less their mean: the geometric mean of the factors is 1, so the learning rate keeps its
+        # size
+        middle = torch.where(known, target, 0.0).sum() / count
         limit = math.log(self.bound)
-        self.factor.copy_(torch.where(known, (wanted - middle).clamp(-limit, limit).exp(), 1.0))
+        self.factor.copy_(torch.where(known, (target - middle).clamp(-limit, limit).exp(), 1.0))
 
 
 class Uncertainty(FixedWeights):
@@ -253,6 +255,8 @@ def joint_norm(loss: Tensor, parameters: Sequence[Tensor]) -> Tensor:
         loss: Scalar of this rank; its mean over ranks is the loss of the joint batch.
         parameters: Parameters to differentiate by.
     """
+    # autograd.grad, not backward(): it fills no .grad, and fires no hook of DDP, which would count
+    # it as the step's own
     grads = torch.autograd.grad(loss, parameters, retain_graph=True, allow_unused=True)
     flat = torch.cat(
         [

@@ -32,6 +32,14 @@ class Bar(tqdm):  # type: ignore[type-arg]
         if not self._is_drawn:
             kwargs |= {"mininterval": PAUSE, "maxinterval": PAUSE, "miniters": 1}
         self._counts = False
+        source = args[0] if args else kwargs.get("iterable")
+        self._is_open_ended = kwargs.get("total") is None and not hasattr(source, "__len__")
+        if self._is_open_ended:
+            kwargs["unit"] = (
+                f" {kwargs.get('unit', 'it')}"  # "24 recording" where no total is known
+            )
+            if not self._is_drawn:
+                kwargs["delay"] = PAUSE / 1000  # nothing is known yet: no line
         super().__init__(*args, **kwargs)
         if not self._is_drawn:
             self.ncols = None  # lines of a file are not cut to the width of a terminal
@@ -58,7 +66,8 @@ class Bar(tqdm):  # type: ignore[type-arg]
         """Closes the bar, after its last line."""
         if not self._is_drawn and not self.disable:
             # tqdm's own close would add an empty line, because each line here has its line break
-            self.sp(str(self))
+            if self.n or not self._is_open_ended:  # nothing was met: an error speaks for itself
+                self.sp(str(self))
             self.disable = True
             type(self)._instances.discard(self)  # type: ignore[attr-defined]
             return

@@ -57,6 +57,8 @@ def seal(file: IO[bytes]) -> None:
     end = file.read()
     if not end.startswith(_END) or end[-2:] != b"\0\0":
         raise ValueError("no file of torch.save, or one that has a checksum")
+    # the length of the comment comes before it, and is part of the hashed bytes: so it is written
+    # first (APPNOTE of PKWARE, section 4.3.16)
     file.seek(-2, os.SEEK_END)
     file.write(_SEALED.to_bytes(2, "little"))
     file.seek(0)
@@ -119,11 +121,13 @@ def read_checkpoint(path: str | Path) -> dict[str, Any]:
     """
     file = find_checkpoint(path)
     try:
+        # the checksum before torch.load, which may crash, not fail, on damaged bytes
         _check_seal(file)
         checkpoint: dict[str, Any] = torch.load(
             file, map_location="cpu", weights_only=True, mmap=True
         )
         _check_structure(checkpoint)
+    # torch.load raises many types for foreign bytes, none of them its own
     except Exception as error:
         raise ConfigError(
             f"{file} is not a checkpoint that can be read ({error}); nothing in it was executed"
@@ -140,6 +144,7 @@ def _check_structure(checkpoint: Any) -> None:
     if not isinstance(checkpoint, dict) or "state_dict" not in checkpoint:
         raise ValueError("no state_dict in it")
     for key, kind in _KINDS.items():
+        # type(), not isinstance: True is an int, and a subclass of dict may act in its own way
         if key in checkpoint and type(checkpoint[key]) not in (kind, _ORDERED.get(kind)):
             raise ValueError(f"{key} is {str(checkpoint[key])[:60]!r}, not of type {kind.__name__}")
     for name, value in checkpoint["state_dict"].items():
@@ -169,6 +174,7 @@ def initialise(
     Raises:
         ConfigError: Encoder tensors are missing, left over, or of another shape; names them.
     """
+    # a balance follows the losses of its own run
     current, state = (
         {key: value for key, value in states.items() if not key.startswith("balance.")}
         for states in (module.state_dict(), state)

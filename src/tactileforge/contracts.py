@@ -28,6 +28,8 @@ A batch is a plain dict:
 | `image` | uint8 (B, 3, h, w), `image_valid` bool (B,) | paired camera image |
 | `surface` | uint8 (B, T, 3, 32, 32), `surface_valid` bool (B,) | see `data.labels.displacement` |
 | `group` | int64 (B,) | samples with one non-negative group were drawn together for matching |
+| `aspect` | float32 (B,) | width over height of the frames as recorded, before they are resized |
+| `upright` | bool (B,) | True where a mirrored or turned clip would be wrong, see `Recording` |
 
 A sample without a label stays out of that objective's loss, and changes nothing in it.
 
@@ -92,7 +94,8 @@ BATCH_KEYS = frozenset(
     {
         *("frames", "background", "sensor", "group", "clip", "skipped", "paired", "tokens"),
         *("force", "force_valid", "force_scale", "action", "object", "text"),
-        *("image", "image_valid", "surface", "surface_valid", "flip", "coded"),
+        *("image", "image_valid", "surface", "surface_valid", "aspect", "upright"),
+        *("flip", "coded", "warp", "warp_turn", "relight"),  # added where clips are augmented
     }
 )
 
@@ -190,7 +193,8 @@ class Recording:
         image_times: float64, seconds on the clock of ``times``, ascending, one for each view; None
             where they are spread evenly over the recording.
         surface: Displacement of the gel's surface, an image a frame; see `displacement`.
-        labels: Further labels of the recording, by name.
+        labels: Further labels of the recording, by name. With a true ``upright``, for an object
+            with text on it, say, augmentation leaves its clips as they lie.
         tracks: Further values per frame: arrays (T, ...) by name.
         source: Origin of the recording.
         tier: Tier of the tactile dynamic pyramid, 1 (force) to 5 (static).
@@ -264,7 +268,7 @@ class Column:
     """An extra column of the batch, declared by a head or objective.
 
     The class attribute ``columns`` of the head or objective is a tuple of columns, or a function of
-    its options (a static method) that returns one. Flips of a clip do not change a column.
+    its options (a static method) that returns one.
 
     Attributes:
         name: Key of the batch; ``NAME_valid``, bool (B, steps), says which steps are labelled.
@@ -273,7 +277,15 @@ class Column:
             last frame of the clip: ``(0, 8)`` is a chunk of that frame and the seven after it,
             ``(-1, 1)`` the one before it and itself. None takes the frames of the clip.
         dtype: Type of the values in the batch.
-        statistics: Whether mean and deviation over the training data are measured.
+        statistics: Whether mean and deviation over the training data are measured, before any
+            augmentation.
+        turns: Kind of value, for mirrored and turned clips: ``vector`` for x, y (and z) in the last
+            axis of a step, on the axes of the picture; ``torque`` for torques or turns about x, y
+            and z, or a single number about z; ``wrench`` for three forces and three torques;
+            ``pose`` for motions (4, 4) on the same axes; ``field`` for x and y at places across the
+            frame, (rows, columns, 2), in shares of a side, which also move with the picture and
+            grow with its scale; "" for values that stay as they are.
+        shape: Shape of a step, where only one will do; None for that of the data.
     """
 
     name: str
@@ -281,6 +293,8 @@ class Column:
     window: tuple[int, int] | None = None
     dtype: Literal["float32", "int64"] = "float32"
     statistics: bool = False
+    turns: Literal["", "vector", "torque", "wrench", "pose", "field"] = ""
+    shape: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

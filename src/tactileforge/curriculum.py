@@ -39,6 +39,7 @@ class Ramp:
         """The value at a step."""
         if step < self.start or (step == self.start and self.end > self.start):
             return self.low
+        # also for end <= start: the ramp is then a jump
         if step >= self.end:
             return self.high
         share = (step - self.start) / (self.end - self.start)

@@ -167,6 +167,7 @@ def depth_readers(
 def _shrunk(picture: NDArray[np.uint8], size: tuple[int, int]) -> Tensor:
     """Resizes a picture to float32 (3, h, w)."""
     fits = picture.shape[:2] == size
+    # averaged, which divides the noise of single pixels
     small = picture if fits else cv2.resize(picture, size[::-1], interpolation=cv2.INTER_AREA)
     return torch.from_numpy(np.moveaxis(np.asarray(small, np.float32), -1, 0).copy())
 

@@ -30,6 +30,7 @@ def count_processes(options: Mapping[str, Any]) -> int:
     devices = options["devices"]
     if devices in ("auto", -1, "-1"):
         devices = 1 if options["accelerator"] == "cpu" else max(1, torch.cuda.device_count())
+    # a list of devices counts as several: the answer decides only what one process may assume
     here = int(devices) if str(devices).isdecimal() else 2
     return max(here * int(options["num_nodes"]), int(os.environ.get("WORLD_SIZE", 1)))
 
@@ -60,6 +61,8 @@ def seed_step(seed: int, number: int, stream: int) -> None:
         stream: Purpose of the numbers: 0 a training step, -1 validation, ``rank + 1`` flips.
     """
     entropy = [seed, number + 1, stream + 1]
+    # SeedSequence mixes its words, so neighbouring steps have unrelated numbers; + 1, as it takes
+    # none below 0
     state = np.random.SeedSequence(entropy).generate_state(1, np.uint64)[0]
     torch.manual_seed(int(state >> np.uint64(1)))
 
@@ -77,7 +80,7 @@ def rand_rows(rows: int, *columns: int, device: torch.device) -> Tensor:
 def sum_over_ranks(x: Tensor) -> Tensor:
     """The sum over ranks, without gradients; ``x`` itself in a single process."""
     if world()[1] > 1:
-        x = x.clone()
+        x = x.clone()  # all_reduce works in place
         dist.all_reduce(x)
     return x
 
@@ -135,9 +138,11 @@ def masked_mean(losses: Tensor, valid: Tensor) -> Mean:
         >>> masked_mean(torch.tensor([1.0, 5.0, 3.0]), torch.tensor([True, False, True]))
         Mean(value=tensor(2.), count=tensor(2.))
     """
+    # where, not a product: a loss without label may be NaN, and 0 times NaN is NaN
     total = torch.where(valid, losses, torch.zeros_like(losses)).sum()
     count = valid.sum().float()
     size = world()[1]
     if size > 1:
         dist.all_reduce(count)
+    # without labels still connected to the graph: DDP waits for a gradient of every rank
     return Mean(total * size / count.clamp(min=1), count)

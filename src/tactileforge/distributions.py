@@ -12,15 +12,35 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
         "recipe": ("anytouch2_array",),
         "sensors": ("serial_array",),
     },
+    "tactileforge-datasets": {
+        "datasets": (
+            "feats",
+            "feelanyforce",
+            "fota",
+            "gelsight_mini_pretrain",
+            "gelslam",
+            "tactile_mnist",
+            "tactile_tracking",
+            "unitac_nv",
+        ),
+    },
     "tactileforge-digit": {"sensors": ("digit",)},
     "tactileforge-dmtac": {"sensors": ("dmtac", "dmtac_sdk")},
+    "tactileforge-episodes": {
+        "datasets": (
+            *("aloha", "episodes", "freetacman", "htt", "manifeel", "omnisharing"),
+            *("open_x_tactile", "reactive_diffusion", "touch_in_the_wild", "univtac"),
+            *("vitamin_b", "vtouch"),
+        ),
+    },
     "tactileforge-flexitac": {"sensors": ("flexitac",)},
     "tactileforge-ft": {"sensors": ("ati_netft", "robotiq")},
     "tactileforge-gelsight": {"sensors": ("gelsight_mini", "gelsight_mini_markers")},
     "tactileforge-lerobot": {
-        "datasets": ("lerobot", "trex"),
+        "datasets": ("daimon", "lerobot", "opentouch", "taf", "trex"),
         "verbs": ("data.embed", "data.lerobot"),
     },
+    "tactileforge-markers": {"heads": ("markers",), "objectives": ("markers",)},
     "tactileforge-policies": {
         "datasets": ("demonstrations",),
         "heads": ("act", "diffusion_policy", "regression"),

@@ -78,6 +78,7 @@ class FiniteWatch:
             *_averages(optimizers, module),
         ]
         bad = broken(pair for pair in named if pair[0] not in self._odd)
+        # every rank raises, or none: a rank that went on alone would wait for the others for ever
         count = torch.tensor(float(len(bad)), device=named[0][1].device)
         if sum_over_ranks(count):
             parts = sorted({_part(name) for name in bad}) or ["those of another process"]
@@ -111,12 +112,14 @@ def broken(named: Iterable[tuple[str, Tensor]]) -> list[str]:
     found = {name: _is_finite(tensor) for name, tensor in named if tensor.is_floating_point()}
     if not found:
         return []
+    # all checks are started before the first result is waited for
     rows = torch.stack([flag.cpu() for flag in found.values()]).tolist()
     return [name for name, fine in zip(found, rows, strict=True) if not fine]
 
 
 def _is_finite(tensor: Tensor) -> Tensor:
     """Whether the share of this process is finite, as a scalar on its device."""
+    # parameters of FSDP2 are DTensors: each process checks its own share, without communication
     local: Tensor = tensor.to_local() if hasattr(tensor, "to_local") else tensor
     return local.detach().isfinite().all()
 

@@ -80,6 +80,7 @@ def _weights_of(init: str, plain: dict[str, Any]) -> Mapping[str, Tensor]:
         return state
     node, state = starting_weights(init)
     same = plain["encoder"]["name"] == node["name"]
+    # the table of sensors comes with the weights; options of training stay those of the new run
     kept = {
         key: plain["encoder"][key]
         for key in run_folder.OF_TRAINING
@@ -134,15 +135,18 @@ def warn_of_dropped(plain: Mapping[str, Any], left: Sequence[str]) -> None:
     before = known or {}
     keys = sorted({part.partition(".")[2] for part in left})
     gone = [key for key in keys if key not in plain["objective"]]
-    said = [f"objective=[{','.join(plain['objective'])}] has no {', '.join(gone)}"] if gone else []
+    reasons = []
+    if gone:
+        chosen = ",".join(plain["objective"])
+        reasons.append(f"objective=[{chosen}] has no {', '.join(gone)}")
     for key in keys:
         if key not in gone:
-            said.append(", ".join(_changed(key, before, plain)) or f"another shape of {key}")
+            reasons.append(", ".join(_changed(key, before, plain)) or f"another shape of {key}")
     log.warning(
         "init: %s of %s not taken: %s; give what it was trained with to keep them",
         ", ".join(left),
         init,
-        "; ".join(said),
+        "; ".join(reasons),
     )
 
 
@@ -159,6 +163,7 @@ def _changed(key: str, before: Mapping[str, Any], plain: Mapping[str, Any]) -> l
         old, new = dict(old or {}), dict(new or {})
         if not old or (name.startswith("objective") and not new):
             continue
+        # a weight scales a loss, and changes no tensor
         for option in sorted((old.keys() | new.keys()) - {"weight"}):
             if old.get(option) != new.get(option):
                 found.append(f"{name}.{option}={new.get(option)} (there {old.get(option)})")

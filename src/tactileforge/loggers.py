@@ -58,6 +58,8 @@ class MetricsFile(Logger):
             with self.path.open("a", newline="", encoding="utf-8") as file:
                 file.write(_text([row], self._keys))
             return
+        # a CSV file has one head: a new name, such as that of an objective that wakes up, needs
+        # another
         rows: list[dict[str, Any]] = metric_rows(self.path)
         if self._keys is None:
             rows = [kept for kept in rows if int(kept["step"]) < self._step]
@@ -97,10 +99,12 @@ def build_loggers(
     elif name == "wandb":
         from lightning.pytorch.loggers import WandbLogger
 
+        # allow, not must: the first start of the run has nothing to resume
         loggers.append(WandbLogger(project=project, save_dir=folder, id=run, resume="allow"))
     elif name == "mlflow":
         from lightning.pytorch.loggers import MLFlowLogger
 
+        # MLflow chooses the identity of a run itself, so it is kept beside the run
         kept = folder / MLFLOW_RUN
         known = kept.read_text("utf-8").strip() if step and kept.is_file() else None
         loggers.append(MLFlowLogger(project, save_dir=str(folder / "mlflow"), run_id=known))

@@ -17,7 +17,7 @@ from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
 from tactileforge.curriculum import Curriculum, from_config
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.distributed import alone, mean_over_ranks, seed_step, sum_over_ranks
-from tactileforge.encoders.given import views_of
+from tactileforge.encoders.views import views_of
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.finite import FiniteWatch, NotFiniteError
 from tactileforge.means import Mean

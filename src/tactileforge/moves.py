@@ -14,7 +14,7 @@ from typing import Any
 from tactileforge.errors import PluginError, TactileForgeError
 
 #: Changes so far that authors of plugins have to follow; `tactileforge.plugin` is the contract.
-VERSION = 3
+VERSION = 4
 
 #: Names with a new meaning in the same place: the name in older packages, and the fix.
 CHANGES = {

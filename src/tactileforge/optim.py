@@ -77,6 +77,7 @@ def build_optimizer(
             would then see scaled gradients.
     """
     plugin, options = parse_optim(config)
+    # frozen parameters would have averages in every checkpoint, and decay without a gradient
     optimizer = plugin.build([(n, p) for n, p in parameters if p.requires_grad], fused)
     warm = max(1, round(options.warmup * total))
     factor: Schedule = registry.load("schedules", options.schedule)
@@ -93,6 +94,7 @@ def split_by_decay(
         parameters: Names and parameters.
         weight_decay: Decay of matrices, per step and learning rate.
     """
+    # vectors are biases, gains of norms and tokens: decay to 0 would fight their own purpose
     matrices = [p for _, p in parameters if p.ndim > 1]
     vectors = [p for _, p in parameters if p.ndim <= 1]
     return [
@@ -111,6 +113,7 @@ class AdamW:
             0 or more, below 1.
     """
 
+    # decay and betas as in the pre-training of MAE (He et al., 2022, table 8)
     def __init__(
         self,
         lr: float = 3e-4,
@@ -133,6 +136,7 @@ class AdamW:
 
 def linear(step: int, warm: int, total: int) -> float:
     """Linear warm-up, then a linear decay to 0 at the end of the run."""
+    # + 1: the first step of a warm-up from 0 would be lost, as its rate is 0
     return max(0.0, min((step + 1) / warm, (total - step) / max(1, total - warm + 1)))
 
 
@@ -162,4 +166,5 @@ def set_rate(schedule: torch.optim.lr_scheduler.LambdaLR) -> None:
         schedule.optimizer.param_groups, schedule.base_lrs, schedule.lr_lambdas, strict=True
     )
     for group, rate, factor in groups:
+        # LambdaLR sets rates in step() alone, and the next step would still use the old one
         group["lr"] = rate * factor(schedule.last_epoch)

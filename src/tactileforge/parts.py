@@ -172,7 +172,7 @@ def outline(node: Mapping[str, Any]) -> Any:
             with torch.device("meta"):
                 shell = registry.build("encoders", node)
         except (NotImplementedError, RuntimeError, TypeError):  # needs numbers of a meta tensor
-            return registry.build("encoders", node)
+            shell = registry.build("encoders", node)
     needs = sum(x.numel() for x in shell.state_dict().values())
     if needs > _MOST:
         raise ConfigError(

@@ -12,6 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from tactileforge import strict
 from tactileforge.cli._command import Command
 from tactileforge.contracts import (
     ACTIONS,
@@ -42,14 +43,22 @@ from tactileforge.contracts import (
 )
 from tactileforge.data.frames.companions import without_companions
 from tactileforge.data.frames.cut import held_clips
-from tactileforge.data.frames.encoded import EncodedFrames
+from tactileforge.data.frames.encoded import Blob, EncodedFrames
 from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ArrayFrames, ImageFrames, VideoFrames
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.data.labels.align import estimate_lag, nearest
 from tactileforge.data.labels.missing import stated
 from tactileforge.data.shards.shards import describe_recording, read_shard, write_shard
+from tactileforge.datasets.reading.official import OfficialSplit
+from tactileforge.datasets.reading.pickles import load_pickled_array
+from tactileforge.datasets.reading.published import (
+    PublishedDataset,
+    RecordingItem,
+    still_background,
+)
 from tactileforge.datasets.reading.splits import is_held_out
+from tactileforge.datasets.reading.tables import read_cells
 from tactileforge.errors import (
     ConfigError,
     DataError,
@@ -79,7 +88,7 @@ from tactileforge.sensors.specs import SPECS, spec
 from tactileforge.sensors.stream import StreamSensor
 from tactileforge.sensors.taxels import TaxelLayout
 from tactileforge.streaming.buffer import warn_of_slow_frames
-from tactileforge.untrusted import load_json
+from tactileforge.untrusted import load_json, load_yaml
 
 if TYPE_CHECKING:
     from tactileforge.data.batches.clips import Clips, resize_frame, view_of
@@ -107,6 +116,7 @@ __all__ = [
     "AttentivePooler",
     "Backbone",
     "Batch",
+    "Blob",
     "Camera",
     "Capture",
     "Clips",
@@ -136,12 +146,15 @@ __all__ = [
     "Mean",
     "Model",
     "Objective",
+    "OfficialSplit",
     "OptimizerPlugin",
     "PacketParser",
     "Parser",
     "PluginError",
     "Prepared",
+    "PublishedDataset",
     "Recording",
+    "RecordingItem",
     "Remembering",
     "Replay",
     "Scored",
@@ -171,6 +184,8 @@ __all__ = [
     "is_held_out",
     "label_actions",
     "load_json",
+    "load_pickled_array",
+    "load_yaml",
     "masked_mean",
     "names",
     "nearest",
@@ -180,10 +195,13 @@ __all__ = [
     "payload_size",
     "plot_recording",
     "rand_rows",
+    "read_cells",
     "read_shard",
     "resize_frame",
     "spec",
     "stated",
+    "still_background",
+    "strict",
     "take_steps",
     "to_json",
     "unknown",

@@ -128,6 +128,7 @@ def claimed(folder: Path, resumes: bool) -> Iterator[None]:
     Raises:
         ConfigError: Another process writes into the folder, or it holds a run already.
     """
+    # here: it takes a second, and light verbs read run folders, too
     from lightning.fabric.utilities import rank_zero
 
     if getattr(rank_zero.rank_zero_only, "rank", 0) != 0:
@@ -135,6 +136,7 @@ def claimed(folder: Path, resumes: bool) -> Iterator[None]:
         return
     taken = f"{folder}: another run writes here (process {{holder}}); give another hydra.run.dir="
     with locked(folder / LOCK, taken):
+        # after the lock: before, another process could still write its first checkpoint
         if not resumes and (folder / LAST).exists():
             raise ConfigError(
                 f"{folder} holds a run: go on with it (resume={folder}), start from its weights "

@@ -75,8 +75,8 @@ class Sharded(ModelParallelStrategy):
         checkpoint: dict[str, Any] = self.checkpoint_io.load_checkpoint(path)
         whole = states.StateDictOptions(full_state_dict=True, broadcast_from_rank0=True)
         states.set_model_state_dict(self.model, checkpoint.pop("state_dict"), options=whole)
-        kept = zip(self.optimizers, checkpoint["optimizer_states"], strict=True)
-        for optimizer, state in kept:
+        states_of = zip(self.optimizers, checkpoint["optimizer_states"], strict=True)
+        for optimizer, state in states_of:
             named = _completed(state, self.model)
             states.set_optimizer_state_dict(self.model, optimizer, named, options=whole)
         return checkpoint
@@ -114,6 +114,7 @@ def shard(module: nn.Module, mesh: DeviceMesh) -> None:
     from torch.distributed.fsdp import fully_shard, register_fsdp_forward_method  # takes a second
 
     row = mesh["data_parallel"]
+    # blocks before the whole: each becomes a group of its own, gathered just before it is used
     for part in list(module.modules()):
         if isinstance(part, Block):
             fully_shard(part, mesh=row)

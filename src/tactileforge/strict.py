@@ -22,6 +22,8 @@ _T = TypeVar("_T")
 
 #: Placeholder of a required value in a configuration.
 TO_GIVE = "???"
+#: Longest value that an error repeats, characters.
+_LONGEST = 100
 
 
 def mapping(where: str, value: Any) -> dict[str, Any]:
@@ -31,7 +33,8 @@ def mapping(where: str, value: Any) -> dict[str, Any]:
         ConfigError: The value is not a mapping, or has a key that is not a string.
     """
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise ConfigError(f"{where}: expected names and values, found {type(value).__name__}")
+        found = "nothing" if value is None else type(value).__name__
+        raise ConfigError(f"{where}: expected names and values, found {found}")
     return dict(value)
 
 
@@ -92,7 +95,7 @@ def typed(where: str, value: Any, hint: Any) -> Any:
         return value if isinstance(value, hint) else build(hint, where, value or {})
     fits, made = _fit(where, value, hint)
     if not fits:
-        raise ConfigError(f"{where} is {value!r}, which is not of type {_name(hint)}")
+        raise ConfigError(f"{where} is {_short(value)}, which is not of type {_name(hint)}")
     return made
 
 
@@ -151,6 +154,11 @@ def _pairs(where: str, value: Any, inner: Sequence[Any]) -> tuple[bool, Any]:
     rows = {name: _fit(f"{where}.{name}", row, item) for name, row in value.items()}
     good = all(fits for fits, _ in rows.values()) and all(_fit(where, n, key)[0] for n in rows)
     return good, {name: made for name, (_, made) in rows.items()}
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
 def _name(hint: Any) -> str:

@@ -32,10 +32,14 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+# dates stay text: they are keys and names of recordings, and PyYAML's would not be written back as
+# they were
 _Loader.yaml_implicit_resolvers = {
     first: [(tag, rule) for tag, rule in rules if not tag.endswith(":timestamp")]
     for first, rules in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
+# PyYAML reads 1e-3 as text: it follows YAML 1.1, with a dot in every float (yaml/pyyaml#173). Can
+# go once it follows YAML 1.2
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"[-+]?\d[\d_]*(\.\d*)?[eE][-+]?\d+$"),
@@ -73,13 +77,22 @@ def load_yaml(text: str) -> Any:
         root = loader.get_single_node()
         if root is None:
             return None
+        # counted before it is built: a few lines of nested aliases stand for billions of values
         if _size(root, {}) > _MAX_NODES:
             raise ValueError(f"more than {_MAX_NODES} values, with those that aliases repeat")
         return loader.construct_document(root)
     except yaml.YAMLError as error:
-        raise ValueError(f"not YAML: {error}") from error
+        raise ValueError(f"not YAML: {_in_a_line(error)}") from error
     except RecursionError as error:
         raise ValueError("not YAML of ours: nested too deep, or in itself") from error
+
+
+def _in_a_line(error: yaml.YAMLError) -> str:
+    """The fault and its place: the parser's own words take five lines, with the text in them."""
+    mark, problem = getattr(error, "problem_mark", None), getattr(error, "problem", None)
+    if mark is None or not problem:
+        return " ".join(str(error).split())
+    return f"line {mark.line + 1}, column {mark.column + 1}: {problem}"
 
 
 def _size(node: Any, known: dict[int, int]) -> int:
@@ -115,6 +128,7 @@ def open_picture(file: str | Path | IO[bytes]) -> Image.Image:
 
     try:
         opened = Image.open(file)
+    # a warning arrives here where warnings are errors, as in tests
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
         raise ValueError(str(error)) from error
     if opened.width * opened.height > MAX_PIXELS:

@@ -1,4 +1,4 @@
-"""A bench from one end to the other: what ran, what did not, and going on after a stop."""
+"""A bench from end to end: finished cells, failed ones, and continuation after a stop."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -46,7 +46,7 @@ HARD = FORCE | {
 
 
 def recording(number: int, sensor: str, label: float) -> Recording:
-    """A square whose brightness is the normal force."""
+    """A square with the normal force as its brightness."""
     frames = np.full((10, 32, 32, 3), 90, np.uint8)
     push = np.abs(np.sin(np.arange(10) + number))
     frames[:, 8:24, 8:24] += (push * 100).astype(np.uint8)[:, None, None, None]
@@ -65,7 +65,7 @@ def recording(number: int, sensor: str, label: float) -> Recording:
 
 @pytest.fixture
 def data(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Says what the tasks read, in place of a data set."""
+    """Stands in for a data set, and says the content of the tasks."""
 
     def use(sensor: str = "digit", labels: Sequence[float] = (0, 1), error: Any = None) -> None:
         def opened(node: Any, sides: Any, clip: ClipSpec) -> TaskSource:
@@ -197,7 +197,7 @@ def test_cells_that_are_there_are_kept(
 def test_a_bench_of_other_models_forgets_no_cell(
     data: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nor does one that was stopped before it came to them."""
+    """Nor does one stopped before it came to them."""
     bench(tmp_path, {"force": FORCE}).run(tiny("a"))
     bench(tmp_path, {"force": FORCE}).run(tiny("b"))
     assert {cell.model for cell in load.read_results(tmp_path).cells} == {"b"}
@@ -283,7 +283,7 @@ def test_a_sensor_the_model_does_not_know(data: Any, tmp_path: Path) -> None:
 
 @pytest.fixture
 def encoded(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
-    """Sensors of each batch that an encoder reads."""
+    """Sensors of each batch read by an encoder."""
     seen: list[tuple[str, ...]] = []
     features = FrozenEncoder.features
 
@@ -560,7 +560,7 @@ def test_a_label_that_no_recording_has_names_the_nearest(data: Any, tmp_path: Pa
 def test_a_suite_of_ones_own_sees_presets_of_its_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The preset is found, so that what is said is of the data that it names."""
+    """The preset is found: the error is about its missing data."""
     monkeypatch.chdir(tmp_path)
     for folder in ("suite", "data"):
         (tmp_path / "own" / folder).mkdir(parents=True)

@@ -120,7 +120,7 @@ def test_a_head_of_another_model_and_a_damaged_one_are_refused(done: Path, tmp_p
 
 
 def test_the_head_of_a_run_chooses_among_names(tmp_path: Path) -> None:
-    """Its logits at the rows of the objects, which are numbered by their names."""
+    """Its logits at the rows of the objects, numbered by their names."""
     from tactileforge.data.labels.objects import object_id
 
     torch.manual_seed(1)

@@ -13,7 +13,7 @@ OBJECTS, GRASPS = 10, 4
 
 
 def write(root: Path, moment: str) -> None:
-    """Grasps of objects: at one moment a spot to the right says that the object stays."""
+    """Grasps of objects: at one moment a spot to the right tells a stable grasp."""
     rng = np.random.default_rng(0)
     rows = []
     for number in range(OBJECTS):

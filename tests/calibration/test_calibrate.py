@@ -1,4 +1,4 @@
-"""Calibrations of synthetic units, whose light, scale and force are known."""
+"""Calibrations of synthetic units with known light, scale and force."""
 
 from dataclasses import replace
 from pathlib import Path

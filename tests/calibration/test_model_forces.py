@@ -42,7 +42,7 @@ def model() -> Model:
 
 
 def touches(model: Model, count: int = 6, noise: float = 0.02) -> list[Recording]:
-    """Forces are 1.5 times what the model says, and 0.3 N, along z; shear is another mixture."""
+    """Forces are 1.5 times the model's plus 0.3 N along z; shear is another mixture."""
     rng = np.random.default_rng(0)
     made = []
     for number in range(count):

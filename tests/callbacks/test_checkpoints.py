@@ -11,7 +11,7 @@ from tactileforge.train import train
 
 
 class Steps:
-    """A trainer of several processes, in which this one or another is asked to stop."""
+    """A trainer of several processes, one of them asked to stop."""
 
     def __init__(self, world: int, other: bool = False) -> None:
         self.world_size, self.log_every_n_steps, self.accumulate_grad_batches = world, 4, 1
@@ -103,7 +103,7 @@ def test_the_best_accuracy_is_the_largest(tmp_path: Path, metric: str, mode: str
 
 @pytest.mark.slow
 def test_the_best_is_known_after_a_stop_and_in_another_folder(tmp_path: Path) -> None:
-    """The last checkpoint is from before the validation that found it."""
+    """The last checkpoint is older than the validation with the best score."""
     words = ["scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "data.size=32"]
     words += ["encoder.image_size=32", "batch.size=4", "batch.workers=0", "objective=[pixel]"]
     words += ["trainer.max_steps=2", "trainer.val_check_interval=1", "trainer.keep_best=val/pixel"]

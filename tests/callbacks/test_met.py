@@ -18,7 +18,7 @@ def test_a_run_stops_with_a_list_of_what_it_cannot_read() -> None:
 
 
 class Two(TouchModule):
-    """A module of which one objective is asleep."""
+    """A module with one objective asleep."""
 
     def __init__(self) -> None:
         LightningModule.__init__(self)

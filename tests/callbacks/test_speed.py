@@ -1,4 +1,4 @@
-"""Speed of training: what is logged, counted, and said where the loader is the limit."""
+"""Speed of training: logs, counts, and a warning about a slow loader."""
 
 import logging
 import re
@@ -27,7 +27,7 @@ STEPS, CLIPS, INPUTS, OUTPUTS = 40, 3, 5, 7
 
 
 class Clock:
-    """Time that passes when told to."""
+    """Time, passing only on request."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -47,7 +47,7 @@ class Batches(IterableDataset[Any]):
 
 
 class Module(L.LightningModule):
-    """A linear layer whose steps last as long as they are told to."""
+    """A linear layer with steps of a given duration."""
 
     def __init__(self, clock: Clock, seconds: float) -> None:
         super().__init__()
@@ -71,7 +71,7 @@ class Module(L.LightningModule):
 
 
 class Kept(L.Callback):
-    """Every value that is logged."""
+    """Every logged value."""
 
     def __init__(self) -> None:
         self.rows: list[dict[str, float]] = []
@@ -128,7 +128,7 @@ def test_clips_and_waiting_are_those_of_the_clock(
 
 
 def test_mfu_is_operations_over_peak(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A linear layer: forward, and twice that backward; one more where an objective wakes up."""
+    """A linear layer: forward, and twice that backward; one more after an objective wakes up."""
     rows = run(monkeypatch, tmp_path, wait=0, step=2, peak=1e4)
     once = 3 * 2 * CLIPS * INPUTS * OUTPUTS
     assert rows[0]["speed/mfu"] == pytest.approx(once / 2 / 1e4)

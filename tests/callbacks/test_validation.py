@@ -1,4 +1,4 @@
-"""Every run ends with a validation, and what met no label is absent everywhere."""
+"""Every run ends with a validation, and metrics without labels are absent everywhere."""
 
 import csv
 from pathlib import Path

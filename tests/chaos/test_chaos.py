@@ -1,4 +1,4 @@
-"""All that can go wrong at once, done to the real code; its figures are docs/reliability.md.
+"""All failures at once, on the real code; their figures are in docs/reliability.md.
 
 ``TACTILEFORGE_WRITE=1 pytest tests/chaos`` writes the table anew.
 """
@@ -123,7 +123,7 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 def everything(path: Path) -> list[Any]:
-    """All that a shard holds, pictures included."""
+    """The whole content of a shard, pictures included."""
     found = []
     for one in shards.read_shard(path):
         groups = (one.frames, one.no_contact, one.image)
@@ -133,7 +133,7 @@ def everything(path: Path) -> list[Any]:
 
 
 def written(folder: Path, packed: Path) -> dict[str, tuple[Path, Callable[[Path], Any]]]:
-    """A file of every kind that carries a checksum, and who reads it."""
+    """A file of every kind with a checksum, and its reader."""
     state = {"state_dict": {"w": torch.arange(500.0)}, "global_step": 3}
     checkpoints.AtomicCheckpointIO("a").save_checkpoint(state, folder / LAST)
     run_folder.write_config(folder, {"optim": {"lr": 1e-3}, "data": {"root": "x"}, "seed": 0})
@@ -425,7 +425,7 @@ def test_kills_while_shards_are_downloaded(tmp_path: Path, packed: Path) -> None
 
 
 def parsers(folder: Path, packed: Path) -> dict[str, tuple[bytes, Callable[[Path], Any]]]:
-    """Readers of what comes from others, and a good file for each."""
+    """Readers of foreign files, and a good file for each."""
     cloud, ball = folder / "cloud.npy", folder / "ball.stl"
     np.save(cloud, np.zeros((20, 3)))
     ball.write_bytes(bytes(80) + (12).to_bytes(4, "little") + np.arange(150, dtype="<f4").tobytes())
@@ -467,12 +467,12 @@ def parsers(folder: Path, packed: Path) -> dict[str, tuple[bytes, Callable[[Path
 
 
 def _as(path: Path, suffix: str) -> Path:
-    """The same bytes under a name that says what they are."""
+    """The same bytes under a name with the right ending."""
     return Path(shutil.copyfile(path, path.with_suffix(suffix)))
 
 
 def noise(rng: np.random.Generator, good: bytes) -> bytes:
-    """Random bytes, or a good file of which some are."""
+    """Random bytes, or a good file with some random bytes."""
     if rng.random() < 0.3:
         return rng.bytes(int(rng.integers(0, 3000)))
     raw = bytearray(good)

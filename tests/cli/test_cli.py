@@ -1,4 +1,4 @@
-"""The command line: light verbs are light, and mistakes are one line that says the fix."""
+"""The command line: light verbs are light, and mistakes are one line with the fix."""
 
 import errno
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""The same habits on every verb, and what wins over what."""
+"""The same habits on every verb, and the order of precedence."""
 
 import csv
 import os
@@ -176,6 +176,9 @@ def test_a_new_key_that_nothing_reads_is_refused(capsys: pytest.CaptureFixture[s
         assert "unknown key 'lr'; did you mean 'optim.lr'? Known:" in said
         assert "A key that is new" not in said
     assert "did you mean 'trainer.max_epochs'" in error_of(capsys, "train", *SMALL, "+epochs=3")
+    key = "data.layouts.pads.object=nut"
+    said = error_of(capsys, "train", "data=recordings", "data.root=.", key)
+    assert "data.layouts is empty here. A key that is new: +data.layouts.pads.object=" in said
 
 
 def test_options_of_a_head_that_the_recipe_does_not_name(
@@ -350,7 +353,7 @@ def test_every_key_of_a_group_has_a_meaning(path: str) -> None:
 
 def test_a_run_below_a_file_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     Path("notes").write_text("mine")
-    for folder in ("notes", "notes/run"):
+    for folder in ("notes", "notes/run", "/proc/nothing/run"):
         err = error_of(capsys, "train", *SMALL, f"hydra.run.dir={folder}")
         assert "give another hydra.run.dir=" in err
     assert Path("notes").read_text() == "mine"

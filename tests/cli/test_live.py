@@ -19,7 +19,7 @@ def composed(*words):
 
 @pytest.fixture
 def words(tmp_path):
-    """A replay of pictures that move."""
+    """A replay of moving pictures."""
     rng = np.random.default_rng(0)
     for number in range(6):
         cv2.imwrite(str(tmp_path / f"{number}.png"), rng.integers(90, 140, (32, 24, 3)))

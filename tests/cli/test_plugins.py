@@ -91,7 +91,7 @@ def test_check_takes_every_kind_that_has_the_name(capsys):
 
 
 def test_check_of_attached_sensors_opens_each_device(installed, capsys):
-    """Two devices are attached, of which the second cannot be opened."""
+    """Two devices are attached, and the second cannot be opened."""
     source = """
 from tactileforge.errors import SensorError
 from tactileforge.sensors.drivers.sim_wrench import SimWrench

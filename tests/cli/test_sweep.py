@@ -1,4 +1,4 @@
-"""Sweeps: folders of jobs, sweeps that go on, jobs in processes of their own."""
+"""Sweeps: folders of jobs, continued sweeps, jobs in processes of their own."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Verbs that installed packages bring."""
+"""Verbs of installed packages."""
 
 import json
 import sys

@@ -1,4 +1,4 @@
-"""``tactileforge zoo``: light where it lists, and each word it prints is true."""
+"""``tactileforge zoo``: light for lists, and true in each word."""
 
 import subprocess
 import sys
@@ -107,7 +107,7 @@ def test_get_without_a_file_says_where_to_get_it() -> None:
 
 
 def test_pack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A folder with what a run leaves is enough."""
+    """A folder with the files of a run is enough."""
     vit = TactileViT("tiny", frames=2, image_size=32)
     state = {f"encoder.{key}": value for key, value in vit.state_dict().items()}
     AtomicCheckpointIO().save_checkpoint({"state_dict": state, "global_step": 7}, tmp_path / LAST)
@@ -121,6 +121,13 @@ def test_pack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert f'tactileforge.load("file:{out}")' in printed
     model = tactileforge.load(f"file:{out}")
     assert (model.header.name, model.spacing) == ("a.b", 0.1)
+    assert main(["show", f"file:{out}"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[0] == "a.b: tactile_vit of tactileforge"
+    assert f'load it: tactileforge.load("file:{out}")' in shown[1]
+    assert "clip 2 frames, 0.1 s apart, 32 x 32" in [" ".join(line.split()) for line in shown]
+    with pytest.raises(DataNotFoundError, match="nothing"):
+        main(["show", "file:nothing.safetensors"])
     assert model.header.source == {"steps": 7, "encoder": "trained"}
     with pytest.raises(ConfigError, match="found none; give encoder=trained"):
         main(["pack", str(tmp_path), "encoder=slow"])

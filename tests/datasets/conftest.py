@@ -1,4 +1,5 @@
 from collections.abc import Callable, Iterable
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -8,19 +9,21 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from tactileforge import registry
+from tactileforge.datasets.reading.published import PublishedDataset
 from tactileforge.testing import check
 
 MakeVideo = Callable[..., Path]
 
 
 def _picture(i: int, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """A grey picture whose level says its number: 7 i."""
+    """A grey picture with its number as level: 7 i."""
     return np.full((*size, 3), min(7 * i, 255), np.uint8)
 
 
 @pytest.fixture
 def make_video(tmp_path: Path) -> MakeVideo:
-    """Writes a video whose frame ``i`` is of grey level 7 i; the path is from tmp_path."""
+    """Writes a video with grey level 7 i in frame ``i``; the path is from tmp_path."""
 
     def make(name: str, count: int = 30, size: tuple[int, int] = (32, 48), fps: float = 30) -> Path:
         path = tmp_path / name
@@ -73,11 +76,29 @@ def make_images(make_image: MakeVideo) -> Callable[..., None]:
 
 @pytest.fixture
 def conforms() -> Callable[..., None]:
-    """Runs the conformance suite on a data set and its options."""
+    """Runs the conformance suite on a data set and its options; published ones are recognised."""
 
     def run(dataset: type, **options: Any) -> None:
+        if issubclass(dataset, PublishedDataset):
+            _is_recognised(dataset, Path(options["root"]))
         results = check("dataset", dataset, **options)
         assert [result for result in results if result.status == "failed"] == []
         assert sum(result.status == "ran" for result in results) >= 8
 
     return run
+
+
+def _is_recognised(reader: type[PublishedDataset], root: Path) -> None:
+    """No other published reader of the core is surer that it reads a folder."""
+    guesses = {}
+    for name in registry.names("datasets"):
+        other = registry.get("datasets", name)
+        if isinstance(other, type) and issubclass(other, PublishedDataset):
+            guesses[name] = other.recognise(root)
+    guess = guesses[reader.name]
+    assert guess is not None
+    assert guess.options["root"] == str(root)
+    assert 0.5 <= guess.score <= 1
+    surer = [name for name, one in guesses.items() if one and one.score > guess.score]
+    assert surer == []
+    assert [key for key in guess.options if key not in signature(reader).parameters] == []

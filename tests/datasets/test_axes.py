@@ -1,4 +1,4 @@
-"""Every reader that provides force gives newton, with x right, y down and z into the gel."""
+"""Every reader of force gives newton, with x right, y down and z into the gel."""
 
 import inspect
 import json
@@ -31,7 +31,7 @@ def simulated(motion: str) -> Sim:
 
 @pytest.fixture
 def touchd_force(tmp_path: Path, make_images: Make, write: Make) -> Dataset:
-    """A session in which Fz is negative when pressing, as in the published index."""
+    """A session with negative Fz when pressing, as in the published index."""
     rows = [[i, 0.1, 0.2, -0.5 * i] for i in range(2, 12)]
     index = {"obj030_speed1": {name: rows for name in ("digit", "gelsight", "duragel")}}
     write("all_data_direction.json", json.dumps(index))
@@ -42,7 +42,7 @@ def touchd_force(tmp_path: Path, make_images: Make, write: Make) -> Dataset:
 
 @pytest.fixture
 def sparsh(tmp_path: Path, encoded: Make) -> Path:
-    """Batches of both signs of Fz: which one a batch has is not published."""
+    """Batches of both signs of Fz: the sign of a batch is not published."""
     for number, sign in ((1, 1), (2, -1)):
         folder = tmp_path / f"sphere/batch_{number}"
         folder.mkdir(parents=True)
@@ -60,7 +60,7 @@ def sparsh(tmp_path: Path, encoded: Make) -> Path:
 
 @pytest.fixture
 def recordings(make_video: Make, write: Make) -> Dataset:
-    """A layout whose signs turn the source's axes into ours, and its millinewton into newton."""
+    """A layout with signs from the source's axes to ours, and from millinewton to newton."""
     video = make_video("a.avi", count=10)
     write("a.csv", "fz,fx,fy\n" + "".join(f"{-500 * i},0,0\n" for i in range(10)))
     layout = {
@@ -112,13 +112,13 @@ def test_pressing_is_positive_in_every_reader(force_readers: dict[str, Dataset])
 
 
 def _root(made: type[Dataset]) -> dict[str, str]:
-    """A folder, where a reader asks for one."""
+    """A folder, for readers that need one."""
     parameter = inspect.signature(made).parameters.get("root")
     return {"root": "."} if parameter and parameter.default is parameter.empty else {}
 
 
 def test_no_reader_of_forces_is_left_out(force_readers: dict[str, Dataset]) -> None:
-    """A reader that is added has to be tested here, and named on the page."""
+    """A new reader has to be tested here, and named on the page."""
     passing_on = {"mixture"}  # gives what others gave
     plugins = [one for one in registry.list_plugins() if one.kind == "datasets"]
     ours = ("tactileforge", "tactileforge-arrays")

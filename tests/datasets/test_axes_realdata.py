@@ -1,4 +1,4 @@
-"""On real recordings the imprint moves where the shear points."""
+"""On real recordings the imprint moves in the direction of the shear."""
 
 from pathlib import Path
 
@@ -38,7 +38,7 @@ def motion_and_force(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["touchd_force_gelsight_mini", "touchd_force_digit"])
 def test_the_imprint_moves_where_the_shear_points(realdata: Path, name: str) -> None:
-    """Each direction of motion follows the shear of its own axis, and not that of the other.
+    """Each direction of motion follows the shear of its own axis, and not the other's.
 
     The gel gives by the change of the shear, and the object slips in its direction.
     """

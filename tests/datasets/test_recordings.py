@@ -26,7 +26,7 @@ def read(root: Path, split: str = "train", **layout: Any) -> list[Recording]:
 
 
 def levels(frames: Frames | None) -> list[int]:
-    """The numbers that the frames show."""
+    """Numbers in the frames."""
     assert frames is not None
     shown: NDArray[np.uint8] = frames.read(range(len(frames)))
     return [round(float(frame.mean()) / 7) for frame in shown]
@@ -379,15 +379,26 @@ def test_a_layout_that_ships_with_the_data(
     write("tactileforge.yaml", "{}")
     with pytest.raises(ConfigError, match=r"tactileforge\.yaml: 'layouts' is missing; for example"):
         list(Recordings(str(tmp_path)).recordings("train"))
-    write("tactileforge.yaml", "layouts: [")
-    with pytest.raises(ConfigError, match=r"tactileforge\.yaml: not YAML"):
+    write("tactileforge.yaml", "layouts:\n\tx: 1\n")
+    with pytest.raises(
+        ConfigError, match=r"tactileforge\.yaml: not YAML: line 2, column 1:"
+    ) as told:
         list(Recordings(str(tmp_path)).recordings("train"))
+    assert "\n" not in str(told.value)
+    write("tactileforge.yaml", "")
+    with pytest.raises(ConfigError, match="expected names and values, found nothing"):
+        list(Recordings(str(tmp_path)).recordings("train"))
+    (tmp_path / "tactileforge.yaml").rename(tmp_path / "tactileforge.yml")
+    with pytest.raises(DataNotFoundError, match=r"rename tactileforge\.yml to tactileforge\.yaml$"):
+        list(Recordings(str(tmp_path)).recordings("train"))
+    with pytest.raises(DataNotFoundError, match="a file, and no folder"):
+        list(Recordings(str(tmp_path / "tactileforge.yml")).recordings("train"))
 
 
 def test_a_file_that_came_with_the_data_is_not_interpolated(
     tmp_path: Path, make_video: MakeFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Else a secret of this machine is packed into shards that people publish."""
+    """Else a secret of this machine is packed into published shards."""
     monkeypatch.setenv("SECRET", "hunter2")
     make_video("a.avi", count=4)
     layout = "{videos: '*.avi', sensor: digit, background: none, source: '${oc.env:SECRET}'}"

@@ -1,4 +1,4 @@
-"""Recorded takes are held out where nothing was held out before."""
+"""Recorded takes are held out only if nothing was held out before."""
 
 from pathlib import Path
 

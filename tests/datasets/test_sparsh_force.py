@@ -13,7 +13,7 @@ Make = Callable[..., Any]
 
 
 def trajectory(first: int, count: int, extra: int = 0, sign: float = 1) -> dict[str, Any]:
-    """Images ``first..`` with forces that rise; with ``extra`` images beyond the forces."""
+    """Images ``first..`` with rising forces; with ``extra`` images beyond the forces."""
     force = np.linspace([0, 0, 0], [0.5, -0.5, 2.0 * sign], count)
     return {
         "indexes": np.arange(first, first + count + extra),
@@ -26,7 +26,7 @@ def trajectory(first: int, count: int, extra: int = 0, sign: float = 1) -> dict[
 
 @pytest.fixture
 def batch(tmp_path: Path, encoded: Make) -> Make:
-    """Writes a batch of 30 images in files of ten, of which the first three are in the air."""
+    """Writes a batch of 30 images in files of ten; the first three are in the air."""
 
     def make(name: str, sensor: str = "digit", sign: float = 1, **more: Any) -> Path:
         folder = tmp_path / name

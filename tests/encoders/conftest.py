@@ -19,7 +19,7 @@ def noise(count: int, i: int) -> Tensor:
 
 
 def fill(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Tensor]:
-    """Weights of a plausible size that only names and shapes decide."""
+    """Weights of a plausible size, decided by names and shapes alone."""
     state = {}
     for i, (key, shape) in enumerate(sorted(shapes.items())):
         size = torch.Size(shape)
@@ -70,7 +70,7 @@ def anytouch2(frames: int, width: int = 768, depth: int = 12) -> Shapes:
 
 
 def anytouch1(width: int = 1024, depth: int = 24) -> Shapes:
-    """The encoder of its probe, where the patches of video are CLIP's."""
+    """The encoder of its probe, with CLIP's patches of video."""
     return hf_tower("touch_model", width, depth, (3, 3, 14, 14), 257) | {
         "sensor_token": (10, 5, width),
         "touch_projection.weight": (768, width),

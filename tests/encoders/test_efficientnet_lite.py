@@ -1,4 +1,4 @@
-"""EfficientNet-Lite0 gives what another implementation gives with the published weights."""
+"""EfficientNet-Lite0 agrees with another implementation on the published weights."""
 
 from pathlib import Path
 

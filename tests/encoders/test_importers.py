@@ -189,7 +189,7 @@ def test_each_tensor_of_the_encoder_matters(published: ModuleType, case: str) ->
 def test_a_copy_in_half_the_bits_is_the_same_model(
     published: ModuleType, case: str, dtype: torch.dtype, back: bool, tmp_path: Path
 ) -> None:
-    """Also one that was cast back to float32 later."""
+    """Also one cast back to float32 later."""
     state = state_of(published, case)
     half = {key: x.to(dtype).to(x.dtype if back else dtype) for key, x in state.items()}
     torch.save({"model": half}, tmp_path / "half.pth")

@@ -1,4 +1,4 @@
-"""The stream that looks at a touch as at a photograph."""
+"""The stream for touch as a photograph."""
 
 import pytest
 import torch

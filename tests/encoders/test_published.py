@@ -87,7 +87,7 @@ def clip(published: ModuleType, *shape: int) -> Tensor:
 
 
 def model_of(state: dict[str, Tensor], pixels: Tensor) -> Model:
-    """The published encoder as a model that sees these pixels, whatever frames it is given."""
+    """The published encoder as a model of these pixels, for any frames."""
     converted = convert(state)
     encoder: Any = converted.build()
     encoder.preprocess = lambda frames, background, sensor: pixels

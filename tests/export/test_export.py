@@ -1,4 +1,4 @@
-"""Exported files compute what the module computes, say what they are, or do not exist."""
+"""Exported files compute the same as the module, name themselves, or do not exist."""
 
 import contextlib
 import json
@@ -62,7 +62,7 @@ def rounded(checkpoint: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def noise(batch: int, height: int, width: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """The hardest frames to resize: pixels that know nothing of their neighbours."""
+    """The hardest frames to resize: independent pixels."""
     rng = torch.Generator().manual_seed(batch)
     shape = (batch, 5, 3, height, width)
     x = torch.randint(0, 256, shape, dtype=torch.uint8, generator=rng)
@@ -164,7 +164,7 @@ def test_torch_export(vit: TactileViT, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("format", "size"), [("onnx", (48, 80)), ("torch_export", (90, 70))])
 def test_other_preprocessing(tmp_path: Path, format: Any, size: tuple[int, int]) -> None:
-    """Turned where it is wide, cut, bicubic; no background; a stem for each sensor."""
+    """Turned if wide, cut, bicubic; no background; a stem for each sensor."""
     pixels = {**ANYTOUCH2, "fit": "portrait", "filter": "bicubic", "offset": None}
     pixels |= {"mean": [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]], "std": [[0.2] * 3, [0.3] * 3]}
     encoder = PlainViT(
@@ -192,7 +192,7 @@ class Resize(nn.Module):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_resizing_is_torchs(tmp_path: Path) -> None:
-    """Matrices that are made when the graph runs, against torch's kernel, on sizes of sensors."""
+    """Matrices made at run time, against torch's kernel, on sizes of sensors."""
     from tactileforge.export.onnx_file import _resize
 
     shape = {2: torch.export.Dim("height", min=3), 3: torch.export.Dim("width", min=3)}

@@ -89,7 +89,7 @@ def test_no_scale_is_no_number_and_an_untrained_row_is_refused(exported: str) ->
 
 @pytest.mark.slow
 def test_sensors_of_one_row_keep_their_scales(tmp_path: Path) -> None:
-    """Two sensors that look alike to the encoder have force scales of their own."""
+    """Two sensors alike to the encoder have force scales of their own."""
     options: dict[str, Any] = {key: value for key, value in NODE.items() if key != "name"}
     options["sensors"] = {"digit": 1, "gelsight": 1}
     scale = {"digit": [1.0, 2.0, 4.0], "gelsight": [10.0, 20.0, 40.0]}
@@ -161,7 +161,7 @@ sys.meta_path.insert(0, Refuse())
 def test_the_script_of_the_page_needs_neither_torch_nor_tactileforge(
     file: Path, exported: str, tmp_path: Path, turns: int
 ) -> None:
-    """Also with pictures that lie on their side, as those of the camera of a DIGIT."""
+    """Also with pictures on their side, as those of the camera of a DIGIT."""
     page = (ROOT / "docs" / "export.md").read_text()
     [script] = re.findall(r"cat > force\.py <<'END'\n(.*?)^END$", page, re.M | re.S)
     assert len(script.splitlines()) <= 32

@@ -1,4 +1,4 @@
-"""The decoder of masked tubes: where its tokens lie, and that it learns from neighbours."""
+"""The decoder of masked tubes: places of its tokens, and learning from neighbours."""
 
 import pytest
 import torch
@@ -11,7 +11,7 @@ from tactileforge.heads.decoder import MaskedDecoder
 
 @pytest.mark.parametrize("relative", ["none", "neighbours"])
 def test_tokens_lie_at_their_places(batch: Batch, relative: Relative) -> None:
-    """Input of the transformer, token by token, and the outputs that are predictions."""
+    """Input of the transformer, token by token, and the outputs used as predictions."""
     torch.manual_seed(0)
     encoder = TactileViT("tiny", frames=4, image_size=64, depth=1)
     decoder = MaskedDecoder(encoder, 32, 1, 4, relative=relative)

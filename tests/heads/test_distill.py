@@ -1,4 +1,4 @@
-"""Tokens learn to say what a frozen image model sees."""
+"""Tokens learn the features of a frozen image model."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tactileforge.objectives.distill import Distill
 
 
 class Brightness(nn.Module):
-    """A teacher that sees brightness and its square, at two sizes."""
+    """A teacher of brightness and its square, at two sizes."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -15,7 +15,7 @@ from tactileforge.objectives.dino import Dino
 
 
 def test_the_slow_copy_is_the_closed_form_of_what_it_followed() -> None:
-    """w_n = sum_i (1 - k_i) prod_{j > i} k_j w_i, and w_0 where nothing was kept before."""
+    """w_n = sum_i (1 - k_i) prod_{j > i} k_j w_i, and w_0 without earlier weights."""
     network = nn.BatchNorm1d(4)
     slow = EMA(network, momentum=0.9)
     total, weights = 8, [torch.randn(4, dtype=torch.float64) for _ in range(7)]

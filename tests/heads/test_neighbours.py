@@ -88,7 +88,7 @@ def explained(answer: Tensor, true: Tensor) -> float:
 
 @torch.no_grad()
 def of_ridge(encoder: TactileViT) -> float:
-    """Variance of new touches explained by ridge, with the penalty that suits them best."""
+    """Variance of new touches explained by ridge, with the best penalty."""
     torch.manual_seed(1)
     sides, true = seen_and_true(encoder, STEPS * CLIPS)
     new_sides, new_true = seen_and_true(encoder, 1000)

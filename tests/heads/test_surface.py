@@ -16,7 +16,7 @@ from tactileforge.objectives.surface import Surface
 
 
 def moved_by(encoder: TactileViT, slot: int, row: int, column: int) -> Tensor:
-    """Places of the surface that one token changes, bool (T, 32, 32)."""
+    """Places of the surface changed by one token, bool (T, 32, 32)."""
     head = SurfaceHead(encoder)
     slots, rows, columns = encoder.grid
     tokens = torch.zeros(1, encoder.prefix + slots * rows * columns, encoder.width)

@@ -1,4 +1,4 @@
-"""Plain data whose structure is bent: each key dropped, renamed, retyped, negated, deepened."""
+"""Plain data with a bent structure: each key dropped, renamed, retyped, negated, deepened."""
 
 import copy
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ def _deep(value: Any, levels: int) -> Any:
 
 
 def _instead(value: Any) -> Iterator[Any]:
-    """What may stand where a value stood."""
+    """Substitutes for a value."""
     yield from (None, True, -1, 0, 10**30, 1e300, float("nan"), "", "x", "\x00/..", [], {})
     yield from ([value], [value, value], {"a": value}, _deep(value, 60))
     if isinstance(value, int | float) and not isinstance(value, bool):
@@ -55,7 +55,7 @@ def _changed(plain: Any, path: Path, drop: bool, value: Any = None) -> Any:
 
 
 def bent(plain: Any, levels: int = 4) -> Iterator[tuple[str, Any]]:
-    """Copies of plain data, each with one place changed, and what was done.
+    """Copies of plain data, each with one place changed, and the change in words.
 
     Args:
         plain: What JSON can hold; of a list the first item alone is changed.

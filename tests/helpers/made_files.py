@@ -1,4 +1,4 @@
-"""Small stand-ins for the files that a reader of the docs has: recordings, photos, a video.
+"""Small stand-ins for the files of a reader of the docs: recordings, photos, a video.
 
 A block after ``<!-- made: NAME, NAME -->`` runs in tests once these are made beside it; after
 ``<!-- made: NAME; also: WORDS -->`` the words are added to its last command.
@@ -26,7 +26,7 @@ layouts:
 
 
 def press(number: int, count: int = 12, size: int = 64) -> NDArray[np.uint8]:
-    """A dent that grows and fades, uint8 (T, size, size, 3); its place and colour are the touch's.
+    """A growing and fading dent, uint8 (T, size, size, 3); its place and colour are the touch's.
 
     The first frame is without contact.
     """
@@ -71,7 +71,7 @@ def _photos(folder: Path) -> None:
 
 
 def _recipe(folder: Path) -> None:
-    """The recipe that docs/configuration.md shows."""
+    """The recipe of docs/configuration.md."""
     page = Path(__file__).parents[2] / "docs" / "configuration.md"
     shown = page.read_text("utf-8").partition("`mine/recipe/soft.yaml`")[2]
     (folder / "recipe").mkdir(parents=True)
@@ -89,7 +89,7 @@ MADE: dict[str, Callable[[Path], None]] = {
 
 
 def make_files(names: str, folder: Path) -> None:
-    """Makes what a comment names, in a folder; what is there stays."""
+    """Makes the files named by a comment, in a folder; existing ones stay."""
     for name in (name.strip() for name in names.split(",")):
         if not (folder / name).exists():
             MADE[name](folder / name)

@@ -1,4 +1,4 @@
-"""Opening and closing that sensors of tests share."""
+"""Opening and closing, shared by tests of sensors."""
 
 from typing import Any, Self
 

@@ -1,7 +1,7 @@
-"""A ``tactileforge`` for tests that starts at once: commands are forked from a process that has
-imported what they import, which takes seconds of each of them otherwise.
+"""A ``tactileforge`` with a fast start, for tests: commands are forked from a warm process.
 
-It is a process of its own (``python warm.py SOCKET``), which tests nothing and starts no threads.
+It has imported their modules already, and each of them saves seconds. It is a process of its own
+(``python warm.py SOCKET``), without tests and threads.
 """
 
 import gc
@@ -36,14 +36,14 @@ sys.exit(status if status >= 0 else 128 - status)
 
 
 class Started:
-    """A command that runs, in a session of its own; as `subprocess.Popen`."""
+    """A running command, in a session of its own; as `subprocess.Popen`."""
 
     def __init__(self, server: socket.socket) -> None:
         self._server, self._status = server, None
         self.pid = int(server.recv(16))
 
     def wait(self, timeout: float | None = None) -> int:
-        """Its exit status, or minus the signal that ended it; TimeoutError after so long."""
+        """Its exit status, or minus the signal of its end; TimeoutError after so long."""
         if self._status is None:
             self._server.settimeout(timeout)
             self._status = int(self._server.recv(16))
@@ -59,7 +59,7 @@ class Started:
 
 
 class Warm:
-    """Commands that start at once, with one thread each.
+    """Commands with a fast start, with one thread each.
 
     Args:
         folder: For the socket, and for a folder for PATH, ``bin``.
@@ -84,7 +84,7 @@ class Warm:
 
 @contextmanager
 def warm_commands(folder: Path) -> Iterator[Warm]:
-    """Keeps the process that commands are forked from."""
+    """Keeps the parent process of forked commands."""
     warm = Warm(folder)
     command = [sys.executable, __file__, warm.address]
     server = subprocess.Popen(command, env=os.environ | _ONE_THREAD)

@@ -60,7 +60,7 @@ def checkpoint(vit: TactileViT, header: Header, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def weight(checkpoint: Path) -> dict[str, Any]:
-    """A row of weights that needs an address."""
+    """A row of weights in need of an address."""
     size = checkpoint.stat().st_size
     return {"tag": "tiny", "licence": "MIT", "sha256": sha256(checkpoint), "bytes": size}
 

@@ -1,4 +1,4 @@
-"""Headers whose structure is bent: a model is loaded, or the file is named."""
+"""Headers with a bent structure: a model is loaded, or the file is named."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Cards are complete, and say what the sources say."""
+"""Cards are complete, and agree with their sources."""
 
 import re
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""One-file checkpoints: what goes in comes out, and nothing else is accepted."""
+"""One-file checkpoints: reading inverts writing, and nothing else is accepted."""
 
 import hashlib
 import json

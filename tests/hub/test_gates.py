@@ -1,4 +1,4 @@
-"""The release gate on cards: who may be shipped, and how it gets there."""
+"""The release gate on cards: models to ship, and their rows."""
 
 import hashlib
 import json

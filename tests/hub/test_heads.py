@@ -1,4 +1,4 @@
-"""Heads that are kept beside an encoder, and the forces that they give."""
+"""Heads kept beside an encoder, and their forces."""
 
 import json
 from pathlib import Path
@@ -160,7 +160,7 @@ def test_another_number_of_frames_has_no_head(file: Path) -> None:
 
 @pytest.fixture
 def run(vit: TactileViT, head: ForceHead, tmp_path: Path) -> Path:
-    """Files of a run that `pack` reads."""
+    """Files of a run read by `pack`."""
     config = {
         "encoder": NODE,
         "batch": {"spacing": 0.05},

@@ -1,4 +1,4 @@
-"""A loaded model: any layout of pixels gives the vectors of the encoder, or an error that helps."""
+"""A loaded model: any layout of pixels gives the vectors of the encoder, or a helpful error."""
 
 import copy
 import pickle
@@ -57,7 +57,7 @@ def test_vectors_are_those_of_the_encoder(
 
 
 def test_weights_that_change_are_used(model: Model, frames: np.ndarray) -> None:
-    """The faster copies of weights never outlive what they are copies of."""
+    """The faster copies of weights never outlive their originals."""
 
     def check() -> Tensor:
         vectors = model.encode(frames, "none", "digit")

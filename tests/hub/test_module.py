@@ -41,7 +41,7 @@ def model(file: Path) -> Model:
 
 @pytest.fixture
 def frames() -> np.ndarray:
-    """Two clips that are touches: smooth, and not black."""
+    """Two plausible clips of touch: smooth, and not black."""
     coarse = np.random.default_rng(0).normal(120, 40, (2, 4, 5, 6, 3))
     return coarse.repeat(8, 2).repeat(8, 3).clip(0, 255).astype(np.uint8)
 
@@ -101,7 +101,7 @@ def test_a_model_in_somebodys_lightning_module(
 
 @pytest.mark.slow
 def test_compiled(model: Model, frames: np.ndarray) -> None:
-    """Without generated code (`aot_eager`): that is torch's to test."""
+    """Without generated code (`aot_eager`): testing it is up to torch."""
     compiled = torch.compile(model, backend="aot_eager")
     expected = model.encode(frames, "first", "digit")
     with torch.no_grad():
@@ -210,7 +210,7 @@ def test_a_slow_video_is_said_to_be_slow(model: Model, frames: np.ndarray, fps: 
 
 
 def test_videos_of_a_varying_rate_are_cut_by_the_time_of_each_frame(model: Model) -> None:
-    """A camera that misses frames 6 and 9 of a 20 Hz clock."""
+    """A camera without frames 6 and 9 of a 20 Hz clock."""
     from tactileforge.data.frames.lazy import ArrayFrames
 
     shown = np.delete(np.arange(16), [6, 9])

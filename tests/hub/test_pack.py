@@ -23,7 +23,7 @@ from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.files import sha256
 from tactileforge.heads.force import ForceDecoder
-from tactileforge.hub import cards, pack, store
+from tactileforge.hub import cards, pack, runs, store
 from tactileforge.hub.header import read_header
 from tactileforge.train import train
 
@@ -55,6 +55,29 @@ def test_a_run_is_packed_and_loaded(run: Path, tmp_path: Path) -> None:
     assert header.sensors == {"gelsight": 0, "digit": 1, "gelsight_mini": 3}  # not the others
     assert model.sensors == list(header.sensors)
     assert len(header.commit.removesuffix("-dirty")) in (0, 40)
+
+
+def test_a_run_is_loaded_as_it_would_be_packed(run: Path, tmp_path: Path) -> None:
+    packed = tactileforge.load(pack.pack_run(run, tmp_path / "a.safetensors"))
+    for model in (tactileforge.load(f"run:{run}"), tactileforge.load(run)):
+        assert model.header == packed.header
+        assert model.fingerprint == packed.fingerprint
+        assert not model.training
+        assert not any(weight.requires_grad for weight in model.parameters())
+    with pytest.warns(UserWarning, match="pixels a side"):
+        assert tactileforge.load(run, image_size=64).encoder.image_size == (64, 64)
+
+
+def test_folders_that_are_no_runs(run: Path, tmp_path: Path) -> None:
+    with pytest.raises(DataNotFoundError, match="give the folder of a run"):
+        tactileforge.load(tmp_path)
+    with pytest.raises(DataNotFoundError, match="give the folder of a run"):
+        tactileforge.load(f"run:{tmp_path / 'nowhere'}")
+    for name in (str(run), f"file:{run}"):
+        with pytest.raises((ConfigError, DataNotFoundError), match=f"say so: run:{run}"):
+            tactileforge.load(name)
+    with pytest.raises(ConfigError, match="or run:FOLDER"):
+        tactileforge.load(str(tmp_path))
 
 
 @pytest.mark.slow
@@ -91,9 +114,9 @@ def test_no_slow_copy_and_several(run: Path) -> None:
     state = {"encoder.norm.w": torch.ones(1), "heads.a.target.network.norm.w": torch.zeros(1)}
     other = {"heads.b.target.network.norm.w": torch.zeros(1)}
     part = {"heads.c.target.network.head.norm.w": torch.zeros(1)}
-    assert pack._choose(state | part, None, run) == ("slow", {"norm.w": torch.zeros(1)})
+    assert runs._choose(state | part, None, run) == ("slow", {"norm.w": torch.zeros(1)})
     with pytest.raises(ConfigError, match=r"found heads.a.target, heads.b.target; give"):
-        pack._choose(state | other, None, run)
+        runs._choose(state | other, None, run)
 
 
 def test_the_default_place_is_the_run(run: Path) -> None:
@@ -117,7 +140,7 @@ def test_folders_of_the_machine_stay_there(run: Path, tmp_path: Path) -> None:
 def test_only_absolute_paths_are_cut() -> None:
     config = {"a": ["/x/y", "~ada/y", "C:\\x\\y"], "b": "x/y", "c": "s3://x/y", "d": 1}
     kept = {"a": ["y", "y", "y"], "b": "x/y", "c": "s3://x/y", "d": 1}
-    assert pack._without_folders(config) == kept
+    assert runs._without_folders(config) == kept
 
 
 def test_what_is_no_run(run: Path, tmp_path: Path) -> None:
@@ -153,7 +176,7 @@ ROWS = [
 def download(
     add_card: AddCard, vit: TactileViT, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Path:
-    """A file as some authors publish it, and an importer that reads it."""
+    """A file in the layout of some authors, and its importer."""
     add_card("press", weights=[row | {"source": "https://example.org"} for row in ROWS])
     path = tmp_path / "press.pth"
     torch.save(vit.state_dict(), path)
@@ -332,7 +355,7 @@ def head_tensors(wide: int, last: dict[str, tuple[int, ...]]) -> dict[str, torch
 
 @pytest.fixture
 def miniature(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, torch.Tensor]:
-    """Tensors of an AnyTouch 2 of 192 channels, which its card accepts."""
+    """Tensors of an AnyTouch 2 of 192 channels, accepted by its card."""
     monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(pack, "_variant", lambda card, weight: {"layout": weight.layout})
     return anytouch2_file(tmp_path / "plain.pth", frames=4)

@@ -1,4 +1,4 @@
-"""The models that come with the package."""
+"""Models of the package."""
 
 import csv
 from pathlib import Path
@@ -72,7 +72,7 @@ def test_the_masked_autoencoder_is_above_random_weights() -> None:
 
 @pytest.mark.slow
 def test_it_reads_forces_and_surfaces_of_touches_it_never_saw() -> None:
-    """Force trials of the bench's indenters, by units and hands that it was not trained on."""
+    """Force trials of the bench's indenters, by units and hands outside its training."""
     touches = Sim(scenes=4, val=0, indenters="bench", motions="force_trial", seed=5)
     clips = Clips(touches.recordings("train"), 4, 1 / 15, 0.2, (128, 128))
     rows = [clips[i] for i in range(len(clips))]

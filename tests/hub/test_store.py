@@ -1,4 +1,4 @@
-"""Files of weights are verified on every load, and never lie half written where they are sought."""
+"""Files of weights are verified on every load, and never lie half written at their place."""
 
 import builtins
 import contextlib

@@ -1,4 +1,4 @@
-"""The store as several people and processes use it, on disks that are full or closed."""
+"""The store under several people and processes, on full or read-only disks."""
 
 import json
 import os

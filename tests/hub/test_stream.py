@@ -1,4 +1,4 @@
-"""A stream predicts what the model says of clips cut by time, whatever the rate of the camera."""
+"""A stream predicts the same as the model on clips cut by time, at any rate of the camera."""
 
 from collections.abc import Iterator
 from pathlib import Path

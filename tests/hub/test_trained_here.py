@@ -1,4 +1,4 @@
-"""A model that was trained here sees frames as its training did, whoever asks it."""
+"""A model trained here sees frames as its training did, from any caller."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ SHIPPED = ["anytouch2.tiny", "anytouch2.tiny-real", "mae.tiny"]
 
 
 def touch(model: Model, column: int, grows: bool = True) -> np.ndarray:
-    """A clip of 240 x 320 pixels, of a contact that grows."""
+    """A clip of 240 x 320 pixels of a growing contact."""
     rows, columns = np.mgrid[:240, :320]
     bump = np.exp(-((rows - 120) ** 2 + (columns - column) ** 2) / 400)[..., None]
     change = 60 * bump * np.array([1, 0.2, -1])

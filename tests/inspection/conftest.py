@@ -15,7 +15,7 @@ HEIGHT, WIDTH, FPS = 48, 64, 30.0
 
 
 def pictures(level: NDArray[np.float64], seed: int, radius: float = 9.0) -> NDArray[np.uint8]:
-    """Noisy grey pictures in which a bump of radius pixels stands out by ``level`` grey levels."""
+    """Noisy grey pictures with a bump of radius pixels, ``level`` grey levels above the rest."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     at_y, at_x = rng.uniform(12, HEIGHT - 12), rng.uniform(12, WIDTH - 12)

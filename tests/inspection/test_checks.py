@@ -1,4 +1,4 @@
-"""Each detector fires on the recording that has its fault, alone, and not on a good one."""
+"""Each detector fires on the recording with its fault, alone, and not on a good one."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,22 +8,24 @@ import pytest
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.data.labels.align import Lag
+from tactileforge.data.labels.align import Lag, estimate_lag
 from tactileforge.data.labels.doubts import Suspicion, check_labels
 from tactileforge.inspection.checks import (
+    LAG,
     REASONS,
     check_lag,
     check_pixels,
     is_sure,
     lag_of,
 )
+from tactileforge.inspection.findings import InspectionFindings, Suspect
 from tactileforge.inspection.frame_stats import frame_stats
 
 Touch = Callable[..., Recording]
 
 
 def flags(recording: Recording) -> dict[str, Suspicion]:
-    """Everything that is found, by reason."""
+    """All findings, by reason."""
     raised = [*check_labels(recording), *check_pixels(recording, frame_stats(recording))]
     lag = lag_of(recording)
     raised += check_lag(recording, lag) if lag else []
@@ -136,7 +138,7 @@ def test_a_lag_needs_frames_and_forces_that_move(touch: Touch) -> None:
     assert still is not None
     assert not is_sure(still)
     assert not list(check_lag(touch(), still))
-    assert not is_sure(Lag(0.3, 0.95, 0.01)), "a ramp"
+    assert not is_sure(Lag(0.3, 0.95, 0.01, 0.94)), "a ramp"
 
 
 def test_only_the_stretch_around_the_largest_force_is_read(touch: Touch) -> None:
@@ -196,3 +198,39 @@ def test_other_sizes_are_errors_that_name_the_recording(touch: Touch) -> None:
         frame_stats(touch(no_contact=small))
     with pytest.raises(Exception, match="made/0: 3 times for 90 frames"):
         frame_stats(touch(times=np.arange(3.0)))
+
+
+def test_shear_that_grows_the_imprint_and_a_short_ramp_are_no_lag(touch: Touch) -> None:
+    """A drag after the press makes the picture change more, later: the force is not late."""
+    times = np.arange(90) / 30
+    press = np.clip(np.sin((times - 0.3) / 2.4 * np.pi), 0, None)
+    force = np.stack([0 * press, 0 * press, 4 * press], 1)
+    found = estimate_lag(times, force, press * (1 + 0.3 * times))
+    assert found.seconds > LAG
+    assert is_sure(found)
+    assert not list(check_lag(touch(), found))
+    ramp = slice(0, 36)
+    found = estimate_lag(times[ramp], force[ramp], press[ramp] ** 2)
+    assert not list(check_lag(touch(), found))
+    late = estimate_lag(times, force, np.interp(times - 0.2, times, press * (1 + 0.3 * times)))
+    assert [flag.reason for flag in check_lag(touch(), late)] == ["lag"]
+
+
+def test_the_summary_names_the_worst_and_what_cannot_be_read() -> None:
+    worst = Suspect("lag", 0.2, "images come 0.2 s after forces", "a/1", "train", "digit", 0)
+    found = InspectionFindings(
+        totals={},
+        looked=2,
+        counts={"lag": 2, "frozen": 0},
+        worst={"lag": [worst]},
+        duplicates=[("a", "b")],
+        similar=[],
+        repeated=[],
+        unreadable=["a/2: 3.png is no picture"],
+    )
+    assert str(found).splitlines()[1:] == [
+        "2 lag, the worst a/1: images come 0.2 s after forces",
+        "1 recording cannot be read",
+        "1 group of recordings with the same pixels",
+        "  a/2: 3.png is no picture",
+    ]

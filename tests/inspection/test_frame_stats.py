@@ -11,12 +11,12 @@ from tactileforge.inspection import duplicates
 from tactileforge.inspection.frame_stats import (
     FRAMES,
     STRIP,
-    amplified,
+    amplify,
     background_of,
     changes,
     evenly,
     frame_stats,
-    shrunk,
+    shrink,
 )
 
 Touch = Callable[..., Recording]
@@ -46,7 +46,7 @@ def test_a_difference_is_around_mid_grey(touch: Touch) -> None:
     assert seen.difference is not None
     assert np.median(seen.difference) == pytest.approx(128, abs=3)
     assert seen.difference.max() == 255
-    assert amplified(np.zeros((4, 4, 3), np.float32)).tolist() == np.full((4, 4, 3), 128).tolist()
+    assert amplify(np.zeros((4, 4, 3), np.float32)).tolist() == np.full((4, 4, 3), 128).tolist()
     assert frame_stats(touch(no_contact=None)).difference is None
 
 
@@ -70,7 +70,7 @@ def test_few_frames_are_decoded_at_a_time(touch: Touch) -> None:
 
 def test_large_frames_are_averaged_down() -> None:
     frame = np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8)
-    small = shrunk(frame)
+    small = shrink(frame)
     assert small.shape == (96, 128, 3)
     np.testing.assert_allclose(small, frame.reshape(96, 5, 128, 5, 3).mean((1, 3)), atol=0.51)
 

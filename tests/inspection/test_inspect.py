@@ -21,7 +21,7 @@ VOID = {"meta", "link", "img", "br", "path", "circle", "use"}
 
 
 class Checked(HTMLParser):
-    """Raises where tags are not closed in order; gathers ids and links."""
+    """Raises an error for tags not closed in order; gathers ids and links."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -145,7 +145,7 @@ def test_what_cannot_be_read_is_named_and_never_fatal(
 
 @pytest.fixture
 def make_broken(tmp_path: Path) -> Callable[[], ImageFrames]:
-    """Two images, of which the second is cut off after its header was read."""
+    """Two images; the second is cut off after its header was read."""
     import cv2
 
     def make() -> ImageFrames:

@@ -23,7 +23,7 @@ def still(sensor: str, seed: int = 0) -> NDArray[np.float32]:
 
 
 def of_layer(seed: int) -> NDArray[np.float32]:
-    """The resting picture of a sensor whose lights are not known: red above, blue below."""
+    """The resting picture of a sensor with unknown lights: red above, blue below."""
     rng = np.random.default_rng(seed)
     rows = np.linspace(-40, 40, 32)[:, None]
     picture = np.stack([120 - rows, 110 + 0 * rows, 115 + 0.8 * rows], -1) + np.zeros((32, 40, 1))

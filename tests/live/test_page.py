@@ -1,4 +1,4 @@
-"""The page of ``live``: who may see it, what it says, and how it looks in a browser."""
+"""The page of ``live``: access, content, and appearance in a browser."""
 
 import json
 import os
@@ -32,7 +32,7 @@ def press(frame):
 
 @pytest.fixture
 def page(scripted):
-    """A page of a sensor that is pressed from its hundredth frame on."""
+    """A page of a sensor, pressed from its hundredth frame on."""
     sensor = scripted(fps=50.0, events=dict.fromkeys(range(50, 10_000), press))
     stop = threading.Event()
     options = LiveOptions(background=ShowBackground(seconds=0.0))
@@ -116,7 +116,7 @@ def test_a_port_that_is_taken(page, scripted):
 
 
 class Browser:
-    """A Chromium without a window that does what its debugging pipe says."""
+    """A Chromium without a window, controlled by its debugging pipe."""
 
     def __init__(self, profile):
         (read, self.out), (self.answers, write) = os.pipe(), os.pipe()
@@ -170,7 +170,7 @@ class Browser:
         return json.loads(message)
 
     def show(self, url, width):
-        """A function that evaluates an expression on the page."""
+        """A function to evaluate an expression on the page."""
         target = self("Target.createTarget", url="about:blank")["targetId"]
         session = self("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}

@@ -1,4 +1,4 @@
-"""Live readings: newest frame wins, contact, slip, and what goes wrong."""
+"""Live readings: newest frame wins, contact, slip, and failures."""
 
 import io
 import json
@@ -332,7 +332,7 @@ def test_a_driver_that_cannot_open_with_any_error_is_one_line(scripted, error):
 
 
 def test_odd_first_frames_are_no_part_of_the_background(scripted):
-    """As those of a DIGIT, which may be green."""
+    """As those of a DIGIT, often green."""
 
     def green(frame):
         return Frame(array=frame.array * np.array([0, 1, 0], np.uint8), time=frame.time)

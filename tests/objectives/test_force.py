@@ -28,7 +28,7 @@ def prediction(batch: Batch, seed: int = 0) -> Forces:
 
 @pytest.mark.parametrize("loss", FORMULAS)
 def test_losses_of_partial_labels_follow_the_formula(batch: Batch, loss: str) -> None:
-    """Errors over the axes that are labelled, in units of each axis' deviation."""
+    """Errors over the labelled axes, in units of each axis' deviation."""
     batch["force_valid"][0, :2] = False  # z alone
     said = prediction(batch)
     objective = Force(delta=0.5, loss=loss, scaled=True)
@@ -120,7 +120,7 @@ def test_deviations_of_what_is_not_labelled_or_does_not_move() -> None:
 
 
 def test_scores_are_those_of_the_whole_split(batch: Batch) -> None:
-    """R2 by its definition over two batches that differ in labels; x says the same of all."""
+    """R2 by its definition over two batches with different labels; x is constant."""
     objective = Force()
     other = {
         key: value.clone() if torch.is_tensor(value) else value for key, value in batch.items()

@@ -1,4 +1,4 @@
-"""The objectives of the baselines: their formulas, and that they learn without collapse."""
+"""The objectives of the baselines: their formulas, and learning without collapse."""
 
 import math
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Recordings for the tests of packing, which other processes can import and run.
+"""Recordings for the tests of packing, importable by other processes.
 
 ``python packable.py OUT JSON`` packs them; JSON has the arguments of `Touches` and
 of `PackOptions`.
@@ -22,7 +22,7 @@ SHAPE = (24, 32)
 
 
 class Noise:
-    """Frames of noise, which differ by seed; some cannot be read, or kill who reads them."""
+    """Frames of noise, different by seed; some cannot be read, or kill their reader."""
 
     shape = SHAPE
 
@@ -52,7 +52,7 @@ class Touches:
 
     Args:
         objects: How many, in train.
-        frames: Of a recording.
+        frames: Frames of a recording.
         deadly: Folder that counts deaths; a frame of the third object kills who reads it.
         deaths: How often.
         delay: Seconds that a frame takes.

@@ -31,7 +31,7 @@ def by_formula(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> float:
 
 
 def disk(x: float) -> NDArray[np.uint8]:
-    """A bright disk on grey, whose centre is at a column."""
+    """A bright disk on grey, with its centre at a column."""
     v, u = np.mgrid[:40, :60]
     inside = np.clip(8 - np.hypot(v - 20, u - x), 0, 1)[..., None]
     return (90 + inside * np.array([120, 80, 40])).astype(np.uint8)
@@ -90,7 +90,7 @@ def test_frames_are_judged_as_they_come(span: float) -> None:
         frames = [np.pad(np.full((2, 2, 3), v, np.uint8), ((2, 2), (2, 2), (0, 0))) for v in value]
         stream = list(enumerate(frames))
         wanted = filters.peaks(times, filters.laplacian_scores(stream), span) >= 1.0
-        kept = [number for number, _ in filters.only_lively(stream, times, 1.0, span)]
+        kept = [number for number, _ in filters.select_lively(stream, times, 1.0, span)]
         assert kept == np.flatnonzero(wanted).tolist()
 
 
@@ -105,7 +105,7 @@ def test_no_more_frames_are_held_than_a_clip_has() -> None:
             yield number, frame
             held.append(sum(each() is not None for each in alive))
 
-    assert not list(filters.only_lively(stream(), np.arange(200) / 30, 1.0, 0.2))
+    assert not list(filters.select_lively(stream(), np.arange(200) / 30, 1.0, 0.2))
     assert 6 <= max(held) <= 6 + 2
 
 

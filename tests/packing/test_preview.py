@@ -21,7 +21,7 @@ Make = Callable[..., Recording]
 
 @pytest.fixture
 def make() -> Make:
-    """Makes a recording of two seconds that moves in some frames, by so much."""
+    """Makes a recording of two seconds with motion in some frames, by so much."""
 
     def recording(key: str, moves: slice, strength: int = 40, sensor: str = "digit") -> Recording:
         value = np.zeros(60, int)

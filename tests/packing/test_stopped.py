@@ -1,4 +1,4 @@
-"""Packing that is stopped, killed, or runs out of room; and goes on."""
+"""Packing: stopped, killed, out of room; and continued."""
 
 import os
 import signal
@@ -36,7 +36,7 @@ def tree(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture
 def whole(packable: ModuleType, tmp_path: Path) -> dict[str, bytes]:
-    """Files that an undisturbed run leaves."""
+    """Files of an undisturbed run."""
     pack(
         packable.Touches(),
         "touches",

@@ -21,7 +21,7 @@ def pixels() -> np.ndarray:
 
 
 def lazy_frames(folder: Path, pixels: np.ndarray) -> list[Frames]:
-    """The same pictures in every kind of frames that readers give."""
+    """The same pictures in every kind of frames of readers."""
     encoded = [shards.encode_image(frame, "png") for frame in pixels]
     paths = [folder / f"{i}.png" for i in range(len(pixels))]
     for path, picture in zip(paths, encoded, strict=True):

@@ -1,4 +1,4 @@
-"""The page kit: one place of markup, which escapes everything else."""
+"""The page kit: one place of markup, with everything else escaped."""
 
 import ast
 import re

@@ -1,4 +1,4 @@
-"""Patches that are alike cannot be told apart, and those that differ can, by what differs."""
+"""Equal patches cannot be told apart, and different ones can, by their difference."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""Numbers of real recordings, which simulated ones are compared with."""
+"""Numbers of real recordings, for comparison with simulated ones."""
 
 from pathlib import Path
 from typing import Any

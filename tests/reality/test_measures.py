@@ -1,4 +1,4 @@
-"""Each measurement on pictures whose answer is known."""
+"""Each measurement on pictures with a known answer."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""The answer to force is found where it is known."""
+"""The response to force is found on data with a known one."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ CHANNELS = np.array([[1.0, 0.0, -1.0], [0.5, -1.0, 0.5], [1.0, 1.0, 1.0]])
 def changes(
     force: np.ndarray, place: np.ndarray, slopes: tuple[float, float, float], noise: float = 0.0
 ) -> np.ndarray:
-    """A round imprint that moves, brightens by normal force, and changes colour by shear."""
+    """A moving round imprint, brighter by normal force, and coloured by shear."""
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
     rng = np.random.default_rng(0)
     out = []
@@ -45,7 +45,7 @@ def changes(
 
 
 def one_newton(axis: int) -> float:
-    """Root mean square over the contact of what one newton does at a slope of 1."""
+    """Root mean square over the contact of the effect of one newton at a slope of 1."""
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
     bump = np.exp(-((x - 40) ** 2 + (y - 30) ** 2) / 100)
     touched = measures.contact(np.repeat((30 * bump)[..., None], 3, axis=2).astype(np.float32))

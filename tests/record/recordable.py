@@ -1,4 +1,4 @@
-"""Records sensors that a test can tell apart, in a process that can be killed."""
+"""Records distinct sensors, in a process for killing."""
 
 import json
 import sys
@@ -14,7 +14,7 @@ from tactileforge.sensors.background import Background
 
 
 class Numbered:
-    """Thirty frames a second, each of noise that its number seeds: no two are alike."""
+    """Thirty frames a second, each of noise seeded by its number: no two are alike."""
 
     def __init__(self, seed: int) -> None:
         self.seed = seed

@@ -1,4 +1,4 @@
-"""Nothing waits, nothing is lost unseen, and what is cut off is in order."""
+"""Nothing waits, nothing is lost unseen, and a cut-off part is in order."""
 
 import threading
 from concurrent.futures import ThreadPoolExecutor

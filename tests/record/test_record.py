@@ -1,4 +1,4 @@
-"""Recordings end to end: what sensors gave is what the shards hold, whatever happens meanwhile."""
+"""Recordings end to end: shards hold the frames of the sensors, through all failures."""
 
 import io
 import itertools
@@ -102,7 +102,7 @@ def test_forces_of_a_slow_sensor_are_kept(scripted, options):
 
 
 def test_sensors_share_one_zero_of_time(scripted, options):
-    """Two sensors see one clock: pictures that show it agree with the times of both."""
+    """Two sensors see one clock: pictures of it agree with the times of both."""
     sensors = {"a": scripted(fps=50), "b": scripted(fps=30)}
     for sensor in sensors.values():
         sensor.kind = sensor.spec = replace(sensor.spec, kind="array")
@@ -200,7 +200,7 @@ def test_a_sensor_that_is_lost_ends_it_and_keeps_what_came(scripted, options):
 
 
 def _once(sensor):
-    """A sensor that can be opened once."""
+    """A sensor for a single opening."""
     plain = sensor.open
 
     def open_once():
@@ -372,7 +372,7 @@ def command():
 
 
 def check_numbers(one, seed):
-    """Its frames are what the sensor gave, each at its time, none twice."""
+    """Its frames are those of the sensor, each at its time, none twice."""
     spec = spec_from_file_location("recordable", SCRIPT)
     made = module_from_spec(spec)
     spec.loader.exec_module(made)
@@ -656,7 +656,7 @@ def test_a_wrench_sensor_that_dies_is_counted_and_an_error(scripted, options, mo
 
 
 def test_a_process_that_was_stopped_goes_on(scripted, options, monkeypatch):
-    """As Ctrl-Z and fg do: a minute passes in which nobody waits for a driver."""
+    """As with Ctrl-Z and fg: a minute passes without anybody waiting for a driver."""
     from tactileforge.sensors import capture, opening
     from tactileforge.sensors.awake import AwakeClock
 

@@ -1,4 +1,4 @@
-"""State and actions of a robot, recorded with touch: what a policy is trained on."""
+"""State and actions of a robot, recorded with touch, for training a policy."""
 
 import socket
 import struct

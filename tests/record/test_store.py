@@ -1,4 +1,4 @@
-"""Segments that are safe, joined into takes; whatever a killed run has left."""
+"""Safe segments, joined into takes, in any state left by a killed run."""
 
 import io
 import json
@@ -243,7 +243,7 @@ def test_segments_without_views_or_frames_of_one_sensor_are_joined(tmp_path):
 
 
 def npz(shape, bytes_each=0, compression=zipfile.ZIP_STORED):
-    """Times and values whose header states a shape, and that hold so many zeros."""
+    """Times and values with a shape in their header, and as many zeros."""
     out = io.BytesIO()
     head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
     with zipfile.ZipFile(out, "w", compression) as archive:

@@ -83,7 +83,7 @@ class Touches:
 
 
 class Page(HTMLParser):
-    """Parts of a page that tests ask for: tables by id, attributes of every tag, visible text."""
+    """Parts of a page for tests: tables by id, attributes of every tag, visible text."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
@@ -136,7 +136,7 @@ Write = Callable[..., Page]
 
 @pytest.fixture
 def write(tmp_path: Path) -> Write:
-    """Writes the report of a run that never was: fresh weights, metrics as given."""
+    """Writes the report of a run without training: fresh weights, metrics as given."""
 
     def build(
         dataset: Touches,
@@ -472,7 +472,7 @@ def test_a_curve_is_drawn_where_it_belongs() -> None:
 
 
 class Oracle(nn.Module):
-    """A head that knows the answer, up to an error in newton."""
+    """A head with the true answer, up to an error in newton."""
 
     def __init__(self, error: float) -> None:
         super().__init__()
@@ -485,7 +485,7 @@ class Oracle(nn.Module):
 
 
 class Rebuilt(nn.Module):
-    """A head that knows the hidden frames, and gives a share of how they differ from their mean."""
+    """A head with the hidden frames: a share of their difference from their mean."""
 
     def __init__(self, share: float) -> None:
         super().__init__()

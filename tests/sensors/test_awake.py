@@ -1,4 +1,4 @@
-"""A clock that stands still while the process does."""
+"""The clock stands still while the process does."""
 
 import pytest
 

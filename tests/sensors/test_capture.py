@@ -1,4 +1,4 @@
-"""A sensor in a thread: what it loses is counted, and what it cannot mend is an error."""
+"""A sensor in a thread: losses are counted, and lasting ones are an error."""
 
 import re
 import sys
@@ -124,7 +124,7 @@ def test_a_driver_that_raises_anything_ends_with_a_named_error(scripted):
 
 
 def watched(sensor, until, **options):
-    """A capture that another thread looks after, as recording and the live view do."""
+    """A capture watched by another thread, as in recording and the live view."""
     sensor.open()
     capture = Capture("left", sensor, lambda frame: None, **options)
     capture.start()
@@ -187,7 +187,7 @@ def test_times_that_cannot_be_true_are_counted_and_end_it(scripted, monkeypatch,
 
 
 class StillClock:
-    """The clock of captures, which passes where a test says so."""
+    """The clock of captures; it passes only on request."""
 
     seconds = 100.0
 

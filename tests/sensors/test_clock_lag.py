@@ -1,4 +1,4 @@
-"""Clocks of sensors that are late, slow or fast; busy machines are none of these."""
+"""Clocks of sensors: late, slow or fast; busy machines are none of these."""
 
 import numpy as np
 import pytest

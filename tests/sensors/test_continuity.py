@@ -1,4 +1,4 @@
-"""Values that cannot be, or jump for one packet, are dropped and counted; true jumps are kept."""
+"""Impossible values, and jumps of one packet, are dropped and counted; true jumps are kept."""
 
 import struct
 from typing import Any
@@ -15,7 +15,7 @@ from tactileforge.testing.clock import FakeTime
 
 
 def given(sensor: StreamSensor, packets: list[bytes]) -> list[np.ndarray[Any, Any]]:
-    """Raw values of all that is made of packets, one after the other."""
+    """Raw values of all packets, one after the other."""
     parser = sensor.new_parser()
     sensor.parser = parser
     for packet in packets:

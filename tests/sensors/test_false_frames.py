@@ -52,7 +52,7 @@ def sensors() -> dict[str, StreamSensor]:
 
 
 def counted(sensor: StreamSensor) -> tuple[int, int, int]:
-    """Packets by their marks alone, those whose values can be, and frames, of `SIZE` bytes."""
+    """Packets by their marks alone, those with possible values, and frames, of `SIZE` bytes."""
     marks, parser = sensor.new_parser(), sensor.new_parser()
     if isinstance(marks, PacketParser):
         marks = PacketParser(replace(marks.framing, valid=None))

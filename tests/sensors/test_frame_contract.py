@@ -1,4 +1,4 @@
-"""What a driver may not give, at the one door through which all frames come."""
+"""Forbidden frames of drivers, at the one door for all frames."""
 
 from dataclasses import replace
 

@@ -35,7 +35,7 @@ def packet(framing, payload):
 
 
 def payloads_of(name, count, seed=0):
-    """Payloads in which neither header nor footer occurs."""
+    """Payloads without header or footer inside."""
     framing, rng = FRAMINGS[name], random.Random(seed)
     found = []
     while len(found) < count:
@@ -105,7 +105,7 @@ def test_however_a_stream_is_cut_the_same_packets_come(name, data):
 
 @pytest.mark.parametrize("name", FRAMINGS)
 def test_packets_between_noise_are_all_found(name):
-    """Every packet arrives that is intact and not beside an ambiguous loss."""
+    """Every intact packet arrives, unless beside an ambiguous loss."""
     framing = FRAMINGS[name]
     sent = payloads_of(name, 40)
     stream = b"".join(packet(framing, payload) for payload in sent)

@@ -89,7 +89,7 @@ def test_a_touch_is_not_light(depth, size):
 @pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
 @pytest.mark.parametrize("quarter", range(4))
 def test_a_touch_at_the_border_is_no_leak(quarter, size):
-    """A long bar on the border: a slope that one colour sees as bright, and another as dark."""
+    """A long bar on the border: a slope bright in one colour, and dark in another."""
     x, y = grid(size)
     inwards = (x, y, 1 - x, 1 - y)[quarter]
     slope = np.exp(-(((inwards - 0.1) / 0.04) ** 2))

@@ -1,4 +1,4 @@
-"""Pictures that roll, turn or change their colours are noticed; touch and light are not."""
+"""Rolled, turned or recoloured pictures are noticed; touch and light are not."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ FPS = 30
 
 
 def gel(number):
-    """A gel lit red from the left and blue from above, with noise, and a finger that presses."""
+    """A gel lit red from the left and blue from above, with noise, and a pressing finger."""
     rows, columns = np.mgrid[:120, :160] / np.array([120, 160])[:, None, None]
     picture = np.stack(
         [60 + 120 * (1 - columns), 90 + 20 * rows * columns, 60 + 110 * (1 - rows)], -1

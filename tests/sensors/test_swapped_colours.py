@@ -30,7 +30,7 @@ def tiny():
 
 
 def swapped_said(call):
-    """Warnings of swapped colours that a call gives."""
+    """Warnings of swapped colours by a call."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         call()

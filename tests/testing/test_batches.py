@@ -21,6 +21,8 @@ def test_batch_has_every_key_of_the_contract():
         "surface": (6, 2, 3, 32, 32),
         "surface_valid": (6,),
         "group": (6,),
+        "aspect": (6,),
+        "upright": (6,),
     }
     assert made["sensor"] == ["gelsight", "digit"] * 3
     assert all(made["text"])

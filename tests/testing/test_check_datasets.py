@@ -9,7 +9,7 @@ from tactileforge.errors import DataNotFoundError
 
 
 class Presses:
-    """A data set that is as it should be; the others break one thing."""
+    """A correct data set; the others break one thing."""
 
     provides = frozenset({"force", "action"})
 
@@ -52,7 +52,7 @@ def test_good_dataset_passes(failed, statuses):
 
 
 def presses(**changes):
-    """A data set whose second recording is changed."""
+    """A data set with a changed second recording."""
 
     class Changed(Presses):
         def make(self, i, **more):

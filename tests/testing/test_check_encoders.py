@@ -118,7 +118,7 @@ def test_built_in_encoders(failed, name, options):
 
 
 class Views(Tiny):
-    """Takes pixels for contiguous, which those that are read are not."""
+    """Takes pixels for contiguous, as those of readers are not."""
 
     def preprocess(self, frames, background, sensor=None):
         flat = frames.view(-1)

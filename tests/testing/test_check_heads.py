@@ -27,7 +27,7 @@ def test_built_in_heads(statuses, name, options):
 
 
 class Mean(nn.Module):
-    """A head that is as it should be; the others break one thing."""
+    """A correct head; the others break one thing."""
 
     def __init__(self, encoder) -> None:
         super().__init__()

@@ -11,7 +11,7 @@ from tactileforge.errors import TactileForgeError
 
 
 class Good(Opened):
-    """A sensor that is as it should be; the others break one thing."""
+    """A correct sensor; the others break one thing."""
 
     spec = SensorSpec(
         name="good", height=6, width=8, fps=30, area_mm=None, force_scale=(1.0, 1.0, 1.0)

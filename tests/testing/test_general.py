@@ -58,7 +58,7 @@ class StartsAThread(Plain):
 
 
 class KeepsAHandle(Plain):
-    """Native code opens files that Python does not hear of, as video drivers do."""
+    """Native code opens files unknown to Python, as video drivers do."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -12,6 +12,7 @@ from tactileforge_lerobot import folder
 from tactileforge_lerobot.embed import EmbedOptions, TouchVectors, held_clips
 from tactileforge_lerobot.episode import episode
 from tactileforge_lerobot.options import LeRobotOptions
+from tactileforge_lerobot.parquet import read_parquet
 from tactileforge_lerobot.write import write_dataset
 
 import tactileforge
@@ -111,7 +112,7 @@ def test_the_verb_writes_what_lerobots_policies_read(
         "shape": [2 * width],
         "names": None,
     }
-    table = folder.read_parquet(tmp_path / "out/data/chunk-000/file-000.parquet").to_pydict()
+    table = read_parquet(tmp_path / "out/data/chunk-000/file-000.parquet").to_pydict()
     assert np.shape(table["action"]) == (48, 4)
     assert np.shape(table[folder.ENVIRONMENT]) == (48, 2 * width)
     assert torch.tensor(table[folder.ENVIRONMENT]).std(0).min() > 0

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from omegaconf import OmegaConf
 from pyarrow import parquet
 from tactileforge_lerobot import folder
+from tactileforge_lerobot import parquet as parquet_files
 from tactileforge_lerobot.dataset import LeRobot
+from tactileforge_lerobot.info import Info
 from tactileforge_lerobot.options import LeRobotOptions
 from tactileforge_lerobot.statistics import image_statistics, number_statistics
 from tactileforge_lerobot.write import write_dataset
@@ -265,7 +267,8 @@ def test_damage_is_named(tmp_path: Path) -> None:
     write_dataset([touch(0), touch(1)], root, LeRobotOptions())
     info = (root / folder.INFO).read_text()
     for old, new, message in (
-        ('"v3.0"', '"v2.1"', "format v2.1, but only v3 can be read"),
+        ('"v3.0"', '"v1.6"', r"format v1\.6, but only v2\.0, v2\.1 and v3 can be read"),
+        ('"v3.0"', '"v2.1"', r"episodes\.jsonl: not there"),
         ('"fps": 30', '"fps": "x"', "not a LeRobot info file"),
         ('"fps": 30,', '"fps": 0,', "fps=0"),
         ("{", "", "not a LeRobot info file"),
@@ -281,7 +284,7 @@ def test_damage_is_named(tmp_path: Path) -> None:
     (root / folder.TOUCH).write_text(held)
     video = next(root.rglob("*.mp4"))
     video.write_bytes(video.read_bytes()[:900])
-    folder.read_parquet.cache_clear()
+    parquet_files.forget()
     with pytest.raises(DataError, match=r"file-000\.mp4"):
         all_of(root)
     next((root / "data").rglob("*.parquet")).write_bytes(b"PAR1 no")
@@ -320,7 +323,7 @@ def test_statistics_by_hand() -> None:
 def test_it_conforms(tmp_path: Path) -> None:
     write_dataset([touch(n) for n in range(8)], tmp_path / "set", LeRobotOptions())
     assert LeRobot(str(tmp_path / "set")).provides == {"force", "action", "object", "text"}
-    assert LeRobot(str(tmp_path)).provides == frozenset()
+    assert LeRobot(str(tmp_path / "none")).provides == frozenset()
     results = check("dataset", LeRobot, root=str(tmp_path / "set"), val=0.4)
     assert [r for r in results if r.status == "failed"] == []
     assert sum(r.status == "ran" for r in results) > 5
@@ -501,7 +504,7 @@ def test_shapes_of_features_are_sizes(tmp_path: Path, shape: object) -> None:
 
 def test_names_and_digits_of_paths(tmp_path: Path) -> None:
     path = "{video_key:03d}/{chunk_index}/{chunk_index:3d}-{file_index:06d}.mp4"
-    info = folder.Info(30.0, {}, "", path)
+    info = Info(30.0, {}, "", path)
     found = info.video_file(tmp_path, "a.b", {"chunk_index": 7, "file_index": 12})
     assert found == tmp_path / "a.b/7/007-000012.mp4"
 
@@ -566,9 +569,7 @@ def test_tables_that_are_bent_are_named_or_read(tmp_path: Path, where: str) -> N
             others.append(table.set_column(at, column, cells))
         for other in others:
             parquet.write_table(other, path)
-            folder.read_parquet.cache_clear()
-            folder._group_starts.cache_clear()
-            folder._read_group.cache_clear()
+            parquet_files.forget()
             try:
                 for one in LeRobot(str(root), val=0.0, **options).recordings("train"):
                     one.frames.read(range(len(one.frames)))

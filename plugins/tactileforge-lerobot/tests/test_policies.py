@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from lerobot_recordings import PSNR, all_of, demonstration, psnr, touch
 from tactileforge_lerobot import folder
+from tactileforge_lerobot import parquet as parquet_files
 from tactileforge_lerobot.options import LeRobotOptions
+from tactileforge_lerobot.parquet import read_parquet
 from tactileforge_lerobot.write import write_dataset
 
 from tactileforge import cli
@@ -25,7 +27,7 @@ def test_fingers_of_an_episode_are_one_with_state_and_action_once(tmp_path: Path
     assert robot == ["observation.state", "action"]
     assert info["features"]["action"]["shape"] == [4]
     assert info["features"]["observation.state"]["dtype"] == "float32"
-    table = folder.read_parquet(tmp_path / "set/data/chunk-000/file-000.parquet").to_pydict()
+    table = read_parquet(tmp_path / "set/data/chunk-000/file-000.parquet").to_pydict()
     np.testing.assert_array_equal(table["action"][24:48], wanted[2].tracks["robot_action"])
     np.testing.assert_array_equal(table["observation.state"][:24], wanted[0].tracks["state"])
     stats = json.loads((tmp_path / "set/meta/stats.json").read_text())
@@ -80,11 +82,11 @@ def test_the_task_is_found_where_episodes_do_not_name_it(tmp_path: Path) -> None
     root = tmp_path / "set"
     write_dataset(demonstration(0), root, LeRobotOptions(images="png"))
     (root / folder.TOUCH).unlink()
-    parquet = folder.import_arrow().parquet
+    parquet = parquet_files.import_arrow().parquet
     path = next((root / "meta/episodes").rglob("*.parquet"))
     table = parquet.read_table(path)
     parquet.write_table(table.drop_columns(["tasks"]), path)
-    folder.read_parquet.cache_clear()
+    parquet_files.forget()
     (recording,) = all_of(root, touch=["observation.images.left"], sensors=["digit"])
     assert recording.text == "pick the chip up"
 
@@ -94,7 +96,7 @@ def test_images_in_tables_may_be_paths_inside_the_set(tmp_path: Path, kind: str)
     root = tmp_path / "set"
     wanted = touch(0)
     write_dataset([wanted], root, LeRobotOptions(images="png"))
-    arrow = folder.import_arrow()
+    arrow = parquet_files.import_arrow()
     path = next((root / "data").rglob("*.parquet"))
     table = arrow.parquet.read_table(path)
     name = "observation.images.digit"
@@ -109,7 +111,7 @@ def test_images_in_tables_may_be_paths_inside_the_set(tmp_path: Path, kind: str)
     column = arrow.array(moved, table[name].type)
     table = table.set_column(table.column_names.index(name), name, column)
     arrow.parquet.write_table(table, path)
-    folder.read_parquet.cache_clear()
+    parquet_files.forget()
     (recording,) = all_of(root)
     if kind == "path":
         rows = range(len(cells))

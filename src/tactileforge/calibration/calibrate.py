@@ -114,6 +114,7 @@ def calibrate(
     if len(sizes) > 1:
         shapes = " and ".join(f"{h} x {w}" for h, w in sorted(sizes))
         raise DataError(f"frames of {shapes} pixels: calibrate recordings of one size")
+    # light, scale and force are fitted independently: a recording may tell only one of them
     kind = _kind(first, chosen, options, model)
     shines, still = _light(chosen, reference, notes)
     scale, source = _scale(chosen, options)

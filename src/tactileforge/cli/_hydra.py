@@ -82,6 +82,12 @@ def run(verb: str, command: Command, words: Words) -> Result:
         raise ConfigError(
             f"{error.filename}: a file is where a folder is wanted; give another hydra.run.dir="
         ) from error
+    except FileNotFoundError as error:
+        if started or error.filename is None:
+            raise
+        raise ConfigError(
+            f"{error.filename}: no folder can be made there; give another hydra.run.dir="
+        ) from error
     finally:
         sys.argv = typed
     if ended:
@@ -251,6 +257,8 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
     while parent and parent not in known:
         parent = parent.rpartition(".")[0]
     beside = [option for option in known if option.rpartition(".")[0] == parent]
+    if parent and not beside:  # as data.layouts, whose keys are those of tactileforge.yaml
+        return f"unknown key {key!r}: {parent} is empty here. A key that is new: +{key}=..."
     near = nearest_name(key, beside)
     alike = [option for option in known if re.search(rf"(^|[._]){re.escape(last)}$", option)]
     if alike:

@@ -139,7 +139,8 @@ def fill(words: Words, keys: Sequence[str], several: bool, verb: str) -> dict[st
     if several and rest:
         given[keys[-1]], rest = [unquoted(at_home(word)) for word in rest], []
     if rest:
-        raise ConfigError(f"{rest[0]!r} is not key=value; tactileforge {verb} --help lists keys")
+        fix = f"quote a value with a blank; tactileforge {verb} --help lists keys"
+        raise ConfigError(f"{rest[0]!r} is not key=value; {fix}")
     return given
 
 

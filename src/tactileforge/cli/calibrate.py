@@ -25,8 +25,8 @@ class _Calibrate(CalibrateOptions):
 
     Attributes:
         out: The calibration, FILE.yaml; its page is beside it.
-        model: A model with a force head, NAME.TAG or file:PATH, whose forces are fitted to this
-            unit.
+        model: A model with a force head, NAME.TAG, file:PATH or run:FOLDER, whose forces are fitted
+            to this unit.
         reference: Calibration of another unit, to whose colours this one is balanced.
     """
 

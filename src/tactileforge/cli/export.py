@@ -16,7 +16,7 @@ class _Export:
     """A model as one file.
 
     Attributes:
-        model: A name of ``tactileforge zoo list``, or file:PATH.
+        model: A name of ``tactileforge zoo list``, file:PATH, or run:FOLDER.
         format: ``onnx``, or ``torch_export`` for torch.export.load.
         out: The file; None for the model's name in this folder.
         size: Height and width of the frames, for example [240,320]; None for any.
@@ -57,7 +57,8 @@ def _export(keys: _Export, _: dict[str, Any]) -> None:
 def _file(keys: _Export) -> str:
     """Path of the written file."""
     model = keys.model
-    stem = Path(model.removeprefix("file:")).stem if model.startswith("file:") else model
+    kind, _, path = model.partition(":")
+    stem = {"file": Path(path).stem, "run": Path(path).name}.get(kind, model)
     return keys.out or f"{stem}{_SUFFIXES.get(keys.format, '')}"
 
 

@@ -24,8 +24,8 @@ class _Live(LiveOptions):
     """Keys of ``live``.
 
     Attributes:
-        model: NAME.TAG of the zoo or file:PATH; None shows pictures and contact alone. Forces need
-            a model with a force head: ``tactileforge zoo pack RUN`` keeps the one of a run.
+        model: NAME.TAG of the zoo, file:PATH or run:FOLDER; None shows pictures and contact alone.
+            Forces need a model with a force head.
         device: Torch device of the model.
         threads: Number of threads of the model; None for torch's choice.
         page: Whether to serve a page at 127.0.0.1, for this machine alone.

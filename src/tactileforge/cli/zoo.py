@@ -12,6 +12,7 @@ from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError
 from tactileforge.files import sha256
 from tactileforge.hub import cards, gates, store
+from tactileforge.hub.header import read_header
 from tactileforge.hub.table import describe_clip, gate_rows, zoo_page
 from tactileforge.pages.text_tables import align_columns
 
@@ -34,7 +35,7 @@ class _Show:
     """Keys of ``zoo show``.
 
     Attributes:
-        model: Name of a model, NAME or NAME.TAG.
+        model: Name of a model, NAME or NAME.TAG, or file:PATH for a file of yours.
         details: Whether to add published results, the gate task by task and the whole card.
     """
 
@@ -118,6 +119,9 @@ def _state(card: cards.Card, weight: cards.Weight | None) -> str:
 
 def _show(keys: _Show, _: dict[str, Any]) -> None:
     """Shows purpose, loading, licence and gate of a model; details=true prints its card."""
+    if keys.model.startswith("file:"):
+        _show_file(Path(keys.model.removeprefix("file:")))
+        return
     name, dot, tag = keys.model.partition(".")
     card = cards.read_card(name)
     weights = [card.weight(tag)] if dot else card.weights
@@ -148,6 +152,27 @@ def _show(keys: _Show, _: dict[str, Any]) -> None:
         _details(card, weights, tag)
     else:
         print(f"\nresults, gate and card: tactileforge zoo show {keys.model} details=true")
+
+
+def _show_file(path: Path) -> None:
+    """Prints what the header of a file says: loading, licence, plugin, sensors, clips and heads."""
+    header = read_header(path)
+    height, width = header.input["size"]
+    load = json.dumps(f"file:{path}", ensure_ascii=False)
+    frames = header.input["frames"]
+    apart = f", {header.spacing:.3g} s apart" if frames > 1 else ""
+    print(f"{header.name or path.name}: {header.encoder['name']} of {header.package}")
+    print(f"load it: tactileforge.load({load}); licence of the weights: {header.licence}\n")
+    facts = [
+        ("sensors", ", ".join(sorted(header.sensors)) or "none"),
+        ("data", str(header.data.get("name", "not stated"))),
+        ("clip", f"{frames} frames{apart}, {height} x {width}"),
+        ("heads", ", ".join(sorted(header.heads)) or "none"),
+        ("size", f"{path.stat().st_size / 1e6:.1f} MB, {header.dtype}"),
+        ("source", ", ".join(f"{key} {value}" for key, value in header.source.items())),
+        ("versions", ", ".join(f"{key} {value}" for key, value in header.versions.items())),
+    ]
+    print(align_columns([row for row in facts if row[1]]))
 
 
 def _how_to_load(card: cards.Card, weight: cards.Weight | None) -> str:

@@ -51,6 +51,9 @@ class Cloth(PublishedDataset):
   Data/12/3/gelsight_frame/0001.png ...    (cloth, trial)"""
     splits = (CLOTH_OFFICIAL, ANYTOUCH2_CLOTH, ALL)
     provides = frozenset({"object"})
+    marks = ("cloth_metadata.json", "Data/*/*/gelsight_frame")
+    certainty = 1.0
+    doubts = ("the split is one of the lists beside the data",)
 
     def __init__(
         self, root: str, split: str = "cloth-official", val: float = 0.1, fps: float = 30.0

@@ -49,6 +49,8 @@ class Octopi(PublishedDataset):
   dataset/aluminium_foil_0.mov ..."""
     splits = (ALL, OCTOPI_OFFICIAL)
     provides = frozenset({"object", "text"})
+    marks = ("dataset/*_[0-9]*.mov", "*_[0-9]*.mov")
+    doubts = ("names of films are objects and numbers",)
 
     def _items(self) -> Iterator[RecordingItem]:
         folder = self._folder("dataset", ".")

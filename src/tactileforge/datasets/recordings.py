@@ -115,6 +115,7 @@ class Recordings:
             touches = reader.touches()
             self.skipped += [line for line in reader.odd if line not in self.skipped]
             for touch in touches:
+                # the side before anything is opened: a split must not depend on readable files
                 side = _side(reader.layout, touch, self.val)
                 if side not in (split, "time"):
                     continue
@@ -133,6 +134,7 @@ class Recordings:
                         yield from split_parts(recording, self.val, split)
                     else:
                         yield recording
+        # one bad file is skipped, but a whole set of them is a mistake in the layout
         if failed and not opened and split == "train":
             raise DataError(f"not one of {len(failed)} recordings can be opened; {failed[0]}")
 
@@ -189,8 +191,12 @@ def _shipped(root: Path) -> dict[str, DatasetLayout]:
     """The layouts of the data's `LAYOUT_FILE`, by name."""
     path = root / LAYOUT_FILE
     if not root.is_dir():
-        raise DataNotFoundError(f"{root}: no such folder; set data.root to the folder of the data")
+        found = "a file, and no folder" if root.is_file() else "no such folder"
+        raise DataNotFoundError(f"{root}: {found}; set data.root to the folder of the data")
     if not path.is_file():
+        for other in sorted(root.iterdir()):
+            if other.stem.lower() == path.stem and other.suffix.lower() in (".yml", ".yaml"):
+                raise DataNotFoundError(f"{path}: no such file; rename {other.name} to {path.name}")
         raise DataNotFoundError(
             f"{path}: no such file, and no layouts are given. Set data.root to a folder that has "
             f"it, or write it, for example:\n{EXAMPLE}"

@@ -52,6 +52,9 @@ class SparshPose(PublishedDataset):
   bgs/digit_ring.png ..."""
     splits = (POSE_OFFICIAL, ALL)
     provides = frozenset({"object"})
+    marks = ("t*/*/bag_*.pkl",)
+    certainty = 1.0
+    doubts = ("finger=ring unless another is given",)
 
     def __init__(
         self,

@@ -41,6 +41,8 @@ class Ssvtp(PublishedDataset):
   text/labels_12.txt ..."""
     splits = (TVL_OFFICIAL, ALL)
     provides = frozenset({"text", "image"})
+    marks = ("images_tac/image_*_tac.jpg", "ssvtp/images_tac", "tvl_dataset/ssvtp/images_tac")
+    certainty = 1.0
 
     def __init__(self, root: str, split: str = "tvl-official", val: float = 0.1) -> None:
         super().__init__(root, split, val)

@@ -54,6 +54,8 @@ class TacQuad(PublishedDataset):
     digit/0.png ...        img_digit/0.png ...
     duragel/0.png ...      img_duragel/0.png ..."""
     provides = frozenset({"object", "text", "image"})
+    marks = ("contact_indoor.csv", "contact_outdoor.csv", "tacquad/contact_indoor.csv")
+    certainty = 1.0
 
     def __init__(
         self, root: str, split: str = "all", val: float = 0.1, fps: float | None = None

@@ -86,6 +86,9 @@ class TouchAndGo(PublishedDataset):
     video_frame/0000000000.jpg ..."""
     splits = (ALL, TAG_MATERIAL, TAG_ROUGH, ANYTOUCH2_MATERIAL, ANYTOUCH2_ROUGH)
     provides = frozenset({"text", "image"})
+    marks = ("dataset/*/gelsight_frame", "Dataset/*/gelsight_frame")
+    certainty = 1.0
+    doubts = ("nothing is subtracted without the lists of AnyTouch 2",)
 
     def __init__(self, root: str, split: str = "all", val: float = 0.1, fps: float = 30.0) -> None:
         super().__init__(root, split, val)

@@ -60,6 +60,9 @@ class TouchSlide(PublishedDataset):
   bread/dataset_0.pkl ...
   bgs/bg_11.jpg ..."""
     provides = frozenset({"object"})
+    marks = ("*/dataset_[0-9]*.pkl",)
+    certainty = 0.9
+    doubts = ("no frame without contact is known: the median is the background",)
 
     def __init__(self, root: str, split: str = "all", val: float = 0.1, fps: float = 30.0) -> None:
         super().__init__(root, split, val)

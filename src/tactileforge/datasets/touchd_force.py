@@ -66,6 +66,9 @@ class TouchdForce(PublishedDataset):
     gelsight/, duragel/"""
     splits = (TOUCHD_PRETRAIN, TOUCHD_BENCH, ALL)
     provides = frozenset({"force", "action", "object"})
+    marks = ("all_data_direction.json",)
+    certainty = 1.0
+    doubts = ("axes of DuraGel are not known",)
 
     def __init__(
         self,

@@ -55,6 +55,8 @@ class TouchdMani(PublishedDataset):
   right/0.png ...      right_background.png
   camera/0.png ..."""
     provides = frozenset({"object", "text", "image"})
+    marks = ("*/episode.json", "*/*/episode.json", "episode.json")
+    doubts = ("a neutral layout: that of the release is not public",)
 
     def _items(self) -> Iterator[RecordingItem]:
         files = sorted(self._folder(".").rglob("episode.json"))

@@ -50,6 +50,8 @@ class TouchdSim(PublishedDataset):
   0.png ...
   background.png"""
     provides = frozenset({"action", "object", "text"})
+    marks = tuple(f"*/{action}*/*/[0-9]*.png" for action in ACTIONS)
+    doubts = ("a neutral layout: that of the release is not public",)
 
     def _items(self) -> Iterator[RecordingItem]:
         folders = sorted(path for path in self._folder(".").glob("*/*/*") if path.is_dir())

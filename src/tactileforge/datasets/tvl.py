@@ -74,6 +74,8 @@ class Tvl(PublishedDataset):
   RECORDING/vision/12-0.034.jpg ..."""
     splits = (TVL_OFFICIAL, ALL)
     provides = frozenset({"text", "image"})
+    marks = ("hct/data1", "tvl_dataset/hct/data1", "data1/contact.json")
+    certainty = 1.0
 
     def __init__(
         self, root: str, split: str = "tvl-official", val: float = 0.1, fps: float = 30.0

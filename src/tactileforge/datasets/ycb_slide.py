@@ -57,6 +57,13 @@ class YcbSlide(PublishedDataset):
     frames/frame_0000000.jpg ...
     webcam_frames/frame_0000000.jpg ..."""
     provides = frozenset({"object", "image"})
+    marks = (
+        "real/*/dataset_0/frames",
+        "dataset/real/*/dataset_0/frames",
+        "[0-9][0-9][0-9]_*/dataset_0/frames",
+    )
+    certainty = 1.0
+    doubts = ("no frame without contact is known: the median is the background",)
 
     def _items(self) -> Iterator[RecordingItem]:
         real = self._folder("real", "dataset/real", ".")

@@ -13,7 +13,8 @@ from torch.nn import functional as F
 from tactileforge.contracts import NEUTRAL_BACKGROUND
 from tactileforge.errors import ConfigError, unknown
 
-# means and deviations of red, green and blue, 0..1, in the training of CLIP and of ImageNet models
+# means and deviations of red, green and blue, 0..1, in the training of CLIP (its repository,
+# clip.py) and of ImageNet models (torchvision's weights)
 CLIP_MEAN = (0.48145466, 0.4578275, 0.40821073)
 CLIP_STD = (0.26862954, 0.26130258, 0.27577711)
 IMAGENET_MEAN = (0.485, 0.456, 0.406)

@@ -137,12 +137,14 @@ class TactileViT(Backbone):
         self.apply(init_weights)
         for parameter in (self.class_token, self.sensor_table, self.position):
             if parameter is not None:
-                nn.init.normal_(parameter, std=0.02)
+                nn.init.normal_(parameter, std=0.02)  # as in BERT and ViT
         # tactile patches differ little: with small random positions, tokens start almost equal
         with torch.no_grad():
             self.position[1:] = 0.5 * sincos_grid(self.grid, self.width).flatten(0, 2)
         self.photo_stream = None
         if photo_stream:
+            # after apply(): init_weights would overwrite its weights; before the new width, as it
+            # is as wide as the transformer
             self.photo_stream = PhotoStream(self.grid, tube, patch, self.width, self.pixels)
             self.width = out
 
@@ -157,6 +159,7 @@ class TactileViT(Backbone):
                 if name not in self.sensors:
                     fix = "Add it to encoder.sensors, or set encoder.unknown_sensor=universal."
                     raise ConfigError(unknown("sensor of the encoder", name, self.sensors, fix))
+        # without a table the rows are not used
         rows = torch.tensor([self.sensors.get(name, self.universal) for name in sensor])
         return rows.to(self.class_token.device, non_blocking=True)
 

@@ -20,6 +20,7 @@ class QuickGELU(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Applies the activation to a tensor of any shape."""
+        # the approximation of GELU by Hendrycks and Gimpel (2016)
         return x * torch.sigmoid(1.702 * x)
 
 
@@ -57,9 +58,12 @@ class Attention(nn.Module):
         if self.bias_kv is not None:
             extra = self.bias_kv.view(2, 1, self.heads, 1, -1).expand(-1, len(x), -1, -1, -1)
             key, value = torch.cat([key, extra[0]], dim=2), torch.cat([value, extra[1]], dim=2)
+        # queries alone are cut: the others are still attended to, so nothing changes but the work
         if only is not None:
             query = query[:, :, only]
             mask = mask if mask is None or mask.shape[2] == 1 else mask[:, :, only]
+        # torch takes no bias of another type than that of the queries, and parameters stay float32
+        # under autocast
         if mask is not None and mask.is_floating_point():
             mask = mask.to(query.dtype)
         x = F.scaled_dot_product_attention(query, key, value, attn_mask=mask)
@@ -133,6 +137,7 @@ class Transformer(nn.Module):
         """Transforms (B, L, width); returns only the tokens of ``only`` if given."""
         last = len(self.blocks) - 1
         for number, block in enumerate(self.blocks):
+            # every block before the last needs all tokens, as the next one attends to them
             x = block(x, mask, only if number == last else None)
         return x if only is None or last >= 0 else x[:, only]
 

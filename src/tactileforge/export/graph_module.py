@@ -8,9 +8,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from tactileforge.encoders.views import ComputedViews
 from tactileforge.errors import ConfigError
 from tactileforge.export.squash import Squash
-from tactileforge.hub.forces import views_of
 
 #: Row of an unknown sensor, outside of every table, so that the graph raises an error.
 _NOWHERE = -(2**31)
@@ -76,7 +76,7 @@ class GraphModule(nn.Module):
         tokens, cls = self.encoder(frames, background, row)
         if self.head is None:
             return tokens, cls
-        force = self.head(views_of(self.encoder, tokens, cls), {}).force
+        force = self.head(ComputedViews.of(self.encoder, tokens, cls), {}).force
         return tokens, cls, force * self.newton[sensor][:, None]
 
 

@@ -83,6 +83,7 @@ class MaskedDecoder(nn.Module):
         norm: bool = True,
     ) -> None:
         super().__init__()
+        # an encoder of a plugin may have another mask: half is what most have
         places, ratio = encoder.grid[1] * encoder.grid[2], getattr(encoder, "mask_ratio", 0.5)
         if round(places * (1 - ratio)) >= places:
             raise ConfigError(
@@ -96,9 +97,11 @@ class MaskedDecoder(nn.Module):
         self.transformer = Transformer(width, depth, heads)
         self.norm = nn.LayerNorm(width) if norm else nn.Identity()
         self.predict = nn.Linear(width, out or 3 * encoder.tube * encoder.patch**2)
+        # not in checkpoints: it is computed from the sizes
         self.register_buffer("position", sincos_grid(encoder.grid, width), persistent=False)
         self.position: Tensor
         self.apply(init_weights)
+        # after apply(), which sets its own; a small last layer starts near the mean of the pixels
         nn.init.normal_(self.mask_token, std=0.02)
         nn.init.normal_(self.predict.weight, std=0.02)
 

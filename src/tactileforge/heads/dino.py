@@ -81,6 +81,7 @@ class DinoHead(nn.Module):
         self.target = EMA(encoder, momentum)
         self.centring = centring
         self.register_buffer("centre", torch.zeros(prototypes))
+        # not in checkpoints: they are written after a step, when it is in the centre already
         self.register_buffer("seen", torch.zeros(prototypes), persistent=False)
         self.centre: Tensor
         self.seen: Tensor
@@ -98,6 +99,8 @@ class DinoHead(nn.Module):
         with torch.no_grad():
             teacher = self.teacher.network(self.target.network.views(batch).full.cls)
             centred = teacher - self.centre
+            # validation must not move the centre: a resumed run would differ from an undisturbed
+            # one
             if self.training:
                 self.seen.copy_(gather_rows(teacher.mean(0, keepdim=True)).mean(0))
         return Distilled(student, centred)

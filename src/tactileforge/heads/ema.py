@@ -12,7 +12,7 @@ from torch import nn
 class EMA(nn.Module):
     """Exponential moving average (EMA) of a network's weights, without gradient.
 
-    After each step ``slow = keep * slow + (1 - keep) * fast``, where ``keep`` rises linearly from
+    After each step ``ema = keep * ema + (1 - keep) * weights``, where ``keep`` rises linearly from
     ``momentum`` at the start of the run to 1 at its end. It is always in evaluation mode. If a head
     has an EMA of the encoder, `hub.pack.pack_run` packs that one.
 
@@ -35,6 +35,7 @@ class EMA(nn.Module):
 
     def keep(self, step: int, total: int) -> float:
         """Momentum of a step: share of the old weights in the average; 0 at the start."""
+        # 0 at first: the copy was made before the initial weights were loaded
         return 1 - (1 - self.momentum) * (1 - step / total) if step else 0.0
 
     @torch.no_grad()
@@ -47,7 +48,8 @@ class EMA(nn.Module):
             total: Steps of the run.
         """
         keep = self.keep(step, total)
-        for slow, fast in zip(self.network.parameters(), network.parameters(), strict=True):
-            slow.lerp_(fast, 1 - keep)
-        for slow, fast in zip(self.network.buffers(), network.buffers(), strict=True):
-            slow.copy_(fast)
+        for averaged, newest in zip(self.network.parameters(), network.parameters(), strict=True):
+            averaged.lerp_(newest, 1 - keep)
+        # buffers are no weights: counters and tables have no average
+        for averaged, newest in zip(self.network.buffers(), network.buffers(), strict=True):
+            averaged.copy_(newest)

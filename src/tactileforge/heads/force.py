@@ -35,6 +35,7 @@ class ForceDecoder(nn.Module):
         self.pooler = AttentivePooler(width, frames, heads)
         last = nn.Linear(width // 4, 3)
         self.probe = nn.Sequential(nn.Linear(width, width // 4), nn.ReLU(), last)
+        # a small last layer starts near no force, as most labels are
         nn.init.normal_(last.weight, std=0.02)
 
     def hidden(self, tokens: Tensor) -> Tensor:

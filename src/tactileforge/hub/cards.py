@@ -25,6 +25,7 @@ from tactileforge import strict
 from tactileforge.distributions import conf_packages, package_of
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub.gates import TOKENS, Gate, gate_passes
+from tactileforge.run_folder import CONFIG
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -238,23 +239,19 @@ def find_card(model: str) -> tuple[Card, Weight]:
     if name not in card_names() and (
         "/" in model or model.endswith((".safetensors", ".ckpt", ".pth"))
     ):
-        path = Path(model.removeprefix("run:"))
+        path = Path(model)
         if path.is_dir():
-            raise ConfigError(folder_of_run(path))
+            raise ConfigError(say_folder(path))
         raise ConfigError(f"{model!r} looks like a file; say so: file:{model}")
     card = read_card(name)
     return card, card.weight(tag)
 
 
-def folder_of_run(folder: Path) -> str:
-    """Error text for a folder in place of a model file."""
-    packed = folder / "model.safetensors"
-    if packed.is_file():
-        return f"{folder} is a folder, and a model one file: file:{packed}"
-    return (
-        f"{folder} is a folder, and a model one file: make it of a run with tactileforge zoo pack "
-        f"{folder}, then file:{packed}"
-    )
+def say_folder(folder: Path) -> str:
+    """Error text for a folder in place of a model's name."""
+    if (folder / CONFIG).is_file():
+        return f"{folder} is the folder of a run; say so: run:{folder}"
+    return f"{folder} is a folder: give file:PATH, or run:FOLDER for the folder of a run"
 
 
 def list_cards(pattern: str = "*") -> list[tuple[str, Card, Weight | None]]:

@@ -172,8 +172,7 @@ def open_model(
     state = {key: x for key, x in state.items() if not _is_of_head(key, header)}
     fill_weights(encoder, state, str(path))
     if other:
-        with torch.random.fork_rng(devices=[]):
-            encoder = rebuild_encoder(node, encoder, other)
+        encoder = rebuild_encoder(node, encoder, other)
     encoder.requires_grad_(False)
     return encoder.eval(), heads, header
 

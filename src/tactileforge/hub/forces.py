@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge.contracts import AXES, Features
+from tactileforge.contracts import AXES
+from tactileforge.encoders.views import ComputedViews
 from tactileforge.errors import ConfigError
 from tactileforge.hub.inputs import ClipInputs, uses_background
 from tactileforge.sensors.light import changed_light
@@ -184,35 +185,13 @@ def calibration_inputs(
         projected: Float (B, projected).
         scale: Force scale, N, float32 (B, 1, 3); see `scales`.
     """
-    views = views_of(encoder, tokens, projected)
+    views = ComputedViews.of(encoder, tokens, projected)
     newton = head(views, {}).force.float() * scale
     columns = dict(zip(AXES, newton.unbind(-1), strict=True))
     if hasattr(head, "hidden"):
         hidden = head.hidden(views).float().unbind(-1)
         columns |= {f"hidden{i}": column for i, column in enumerate(hidden)}
     return columns
-
-
-class DoneViews:
-    """Views of a finished pass: `full` alone.
-
-    Args:
-        full: Features with every patch visible.
-    """
-
-    def __init__(self, full: Features) -> None:
-        self.full = full
-
-
-def views_of(encoder: Any, tokens: Tensor, projected: Tensor) -> Any:
-    """Views, for heads, of an encoder's finished pass: the full one.
-
-    Args:
-        encoder: The touch encoder.
-        tokens: Float (B, L, width).
-        projected: Float (B, projected).
-    """
-    return DoneViews(Features(tokens, projected, encoder.prefix, encoder.grid))
 
 
 def fingerprint(parts: Iterable[nn.Module]) -> str:

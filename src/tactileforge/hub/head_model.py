@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from tactileforge.data.labels.displacement import displacement_mm
+from tactileforge.encoders.views import ComputedViews
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import forces
 from tactileforge.hub.forces import ModelReadings
@@ -67,6 +68,7 @@ class HeadModel(GroupedModel):
         if force is None:
             known = self.header.heads["force"].get("scale", {})
             raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
+        # after the reading: if it fails, a warning about units would only be noise
         if calibration is None:
             forces.warn_of_estimates()
         why = f"{forces.LIGHT}, or {forces.BEYOND}"
@@ -108,7 +110,7 @@ class HeadModel(GroupedModel):
         x, still, single = self._prepare(frames, background)
         rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
         with torch.no_grad():
-            views = forces.views_of(self.encoder, *self._pass(x, still, rows))
+            views = ComputedViews.of(self.encoder, *self._pass(x, still, rows))
             surface = displacement_mm(self.heads["surface"](views, {}).float())
         if not forces.has_no_background(self.encoder, background):
             surface = forces.without_light(surface, x, still)
@@ -156,6 +158,7 @@ class HeadModel(GroupedModel):
             named = {sensor} if isinstance(sensor, str) else set(sensor or ())
             subtracts = background is not None and word != "none"
             layer = fitted_layer(head, self.encoder_hash, repr(self), subtracts, named)
+        # the layer first: a wrong head is found before the encoder has done its work
         vectors = self.encode(frames, background, sensor, unknown_sensor=unknown_sensor)
         return classes_of(vectors, layer)
 
@@ -187,7 +190,7 @@ class HeadModel(GroupedModel):
         forces.warn_of_light(f"head {name}", clips, self.encoder, background)
         rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
         with torch.no_grad():
-            return self.heads[name](forces.views_of(self.encoder, *self._pass(x, still, rows)), {})
+            return self.heads[name](ComputedViews.of(self.encoder, *self._pass(x, still, rows)), {})
 
     def readings(
         self,
@@ -227,6 +230,8 @@ class HeadModel(GroupedModel):
                 axes = None if calibration is None else self.axes_of(calibration, names)
                 newton = self._readable(tokens, projected, scale)
                 vector, force = projected.float(), forces.to_newton(newton, axes)
+                # by the model's own newtons: a calibration scales a force, not the range of
+                # training
                 force = forces.within_scale(force, newton, scale)
                 if check and not forces.has_no_background(self.encoder, background):
                     force = forces.without_light(force, x, still)

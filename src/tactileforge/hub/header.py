@@ -137,9 +137,9 @@ def read_header(path: str | Path) -> Header:
     """
     path = Path(path)
     if path.is_dir():
-        from tactileforge.hub.cards import folder_of_run
+        from tactileforge.hub.cards import say_folder
 
-        raise DataNotFoundError(folder_of_run(path))
+        raise DataNotFoundError(say_folder(path))
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such file; correct the path")
     with path.open("rb") as file:

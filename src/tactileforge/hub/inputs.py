@@ -172,6 +172,7 @@ def check_clip(
         raise DataError(
             f"background: {len(still)} of them for {len(clips)} clips: give one, or one for each"
         )
+    # expand, not repeat: one background for a batch takes no memory
     return clips, still.expand(len(clips), -1, -1, -1).to(clips.device)
 
 

@@ -1,4 +1,4 @@
-"""``tactileforge.load``: loads a model by name or file."""
+"""``tactileforge.load``: loads a model by name, file or run."""
 
 from __future__ import annotations
 
@@ -24,14 +24,15 @@ def load(
     frames: int | None = None,
     image_size: int | tuple[int, int] | None = None,
 ) -> Model:
-    """Loads a model of the zoo, or a one-file checkpoint.
+    """Loads a model of the zoo, a one-file checkpoint, or the last checkpoint of a run.
 
     A model of the zoo is verified on every load: the sha256 of its file is compared with the one on
     its card, or with the one that was recorded when it was imported. Nothing in a file is executed:
     it names plugins, and only installed ones are built.
 
     Args:
-        name_or_file: ``NAME.TAG``, ``NAME`` for the default weights, ``file:PATH``, or a `Path`.
+        name_or_file: ``NAME.TAG``, ``NAME`` for the default weights, ``file:PATH``, ``run:FOLDER``,
+            or the `Path` of a file or of a run's folder.
         device: Device of the computation, e.g. ``cpu``.
         dtype: In which type it does: ``float32``, ``bfloat16``, ``int8`` or ``auto``, see
             `precision.set_precision`.
@@ -42,8 +43,8 @@ def load(
     Raises:
         ConfigError: Unknown name, type or device, a card without weights, or frames or a size that
             the encoder cannot take.
-        DataNotFoundError: The file is not there and cannot be had; says how to get it.
-        DataError: The file is not what it should be.
+        DataNotFoundError: The file or run is not there and cannot be had; says how to get it.
+        DataError: The file is not what it should be, or the run has no usable checkpoint.
         PluginError: A plugin is missing; says what to install.
 
     Example:
@@ -52,8 +53,8 @@ def load(
     card = None
     if isinstance(name_or_file, Path):
         path = name_or_file
-    elif name_or_file.startswith("file:"):
-        path = Path(name_or_file.removeprefix("file:")).expanduser()
+    elif name_or_file.startswith(("file:", "run:")):
+        path = Path(name_or_file.partition(":")[2]).expanduser()
     else:
         card, weight = cards.find_card(name_or_file)
         path = store.fetch_weights(card, weight)
@@ -61,8 +62,11 @@ def load(
     from tactileforge.hub.files import open_model
     from tactileforge.hub.model import Model
     from tactileforge.hub.precision import set_precision
+    from tactileforge.hub.runs import open_run
 
-    encoder, heads, header = open_model(path, frames, image_size)
+    is_path = isinstance(name_or_file, Path)
+    is_run = path.is_dir() if is_path else str(name_or_file).startswith("run:")
+    encoder, heads, header = (open_run if is_run else open_model)(path, frames, image_size)
     _warn(str(name_or_file), header.input, encoder)
     model = Model(encoder, header, card, device, heads)
     set_precision(model, dtype)

@@ -113,6 +113,7 @@ class Model(HeadModel):
         """
         check_batch_size(batch_size)
         frames = open_video(video)
+        # once, of the video: in encode(), "first" would be the first frame of each clip
         if isinstance(background, str) and background == "first":
             background = frames.read([0])[0]
         ends: list[float] = []

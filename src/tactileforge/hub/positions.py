@@ -51,7 +51,8 @@ def rebuild_encoder(node: Mapping[str, Any], encoder: Any, options: Mapping[str,
                 f"{key}={value}: the encoder {node['name']!r} takes {getattr(encoder, key)} and "
                 f"nothing else; leave {key} out"
             )
-    after = registry.build("encoders", {**node, **options})
+    with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
+        after = registry.build("encoders", {**node, **options})
     state = interpolate_positions(encoder, after)
     after.load_state_dict(state)
     return after

@@ -18,26 +18,26 @@ __all__ = ["InspectionFindings", "Reason", "Suspect", "Total", "inspect"]
 def inspect(
     dataset: Dataset, name: str, path: Path, limit: int = 400, progress: bool = True
 ) -> InspectionFindings:
-    """Writes a page on a data set: its content, its images and its problems.
+    """Write a page on a data set: its content, its images and its problems.
 
-    All recordings are counted, and ``limit`` of them, spread over the sensors, are looked at:
-    at most 24 frames each, and all frames of ten recordings with force. Memory does not grow with
-    the number of recordings.
+    All recordings are counted, and ``limit`` of them, spread over the sensors, are decoded: at most
+    24 frames each, and all frames of ten recordings with force. Memory does not grow with the
+    number of recordings.
 
     Args:
-        dataset: The data set; its splits ``train`` and ``val`` are read.
+        dataset: Data set with the splits ``train`` and ``val``.
         name: Name on the page.
-        path: The page, one HTML file that needs no network. It appears once it is whole.
+        path: Path of the page, one HTML file without links to the network.
         limit: Number of recordings to decode.
         progress: Whether to show progress bars.
 
     Returns:
-        The findings; printed, they are a summary of a few lines.
+        The findings; as text, a summary of a few lines.
 
     Raises:
-        ConfigError: Fewer than one recording would be looked at.
-        DataNotFoundError: The data is not there.
-        DataError: Not one recording can be opened.
+        ConfigError: ``limit`` is below 1.
+        DataNotFoundError: The data is missing.
+        DataError: No recording can be opened.
     """
     if limit < 1:
         raise ConfigError(f"limit={limit}: give 1 or more")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactileforge.inspection.counters import DURATIONS, Histogram
 from tactileforge.pages.figures import CLASSES, drawing, svg
 
-#: Longest name of a bar, letters.
+#: Longest label of a bar, letters.
 _NAME = 28
 
 
@@ -20,22 +20,23 @@ def force_histogram(sensors: Sequence[Histogram], axis: str) -> Markup:
     """Shares of the frames of each sensor by force along one axis, on a logarithmic scale.
 
     Args:
-        sensors: At least one has counts.
-        axis: Its name.
+        sensors: Histogram of each sensor; at least one has counts.
+        axis: Name of the axis.
     """
     widest = max(sensors, key=lambda sensor: sensor.reach)
+    # the bins of all sensors in common, as each histogram has grown by its own forces
     counts = [sensor.over(widest.reach) for sensor in sensors]
-    kept = np.flatnonzero(sum(counts))
+    filled = np.flatnonzero(sum(counts))
     with drawing(4.2, 2.4) as (figure, axes):
         least = 1.0
         for i, histogram in enumerate(counts):
-            shares = histogram[kept[0] : kept[-1] + 1] / max(1, histogram.sum())
-            edges = widest.edges[kept[0] : kept[-1] + 2]
+            shares = histogram[filled[0] : filled[-1] + 1] / max(1, histogram.sum())
+            edges = widest.edges[filled[0] : filled[-1] + 2]
             axes.stairs(shares, edges, color=CLASSES[i % len(CLASSES)][0], linewidth=1.6)
             least = min(least, *shares[shares > 0].tolist(), 1.0)
         axes.set(yscale="log", xlabel=f"{axis} (N)", ylabel="share of frames")
         axes.set_ylim(least / 2, 2)
-        middle = (edges[0] + edges[-1]) / 2  # a force that is constant does not fill the panel
+        middle = (edges[0] + edges[-1]) / 2  # a constant force should not fill the panel
         room = max(0.05, 0.55 * (edges[-1] - edges[0]))
         axes.set_xlim(middle - room, middle + room)
         axes.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100 * share:g} %"))
@@ -48,6 +49,7 @@ def bars(counts: Mapping[str, int], words: str) -> Markup:
     with drawing(5.2, 0.5 + 0.24 * max(2, len(counts))) as (figure, axes):
         names = [name if len(name) <= _NAME else f"{name[: _NAME - 1]}…" for name in counts]
         axes.barh(range(len(names)), counts.values(), height=0.72, color=CLASSES[0][0], linewidth=0)
+        # names of objects may hold a $, which matplotlib would take for mathematics
         axes.set_yticks(range(len(names)), names, parse_math=False)
         for place, count in enumerate(counts.values()):
             axes.annotate(
@@ -65,8 +67,8 @@ def durations(counts: NDArray[np.int64]) -> Markup:
     """Recordings by their duration, on a logarithmic axis."""
     with drawing(5.2, 2.4) as (figure, axes):
         axes.stairs(counts, DURATIONS, fill=True, color=CLASSES[0][0])
-        kept = np.flatnonzero(counts)
-        first, last = max(0, int(kept[0]) - 4), min(len(counts), int(kept[-1]) + 5)
+        filled = np.flatnonzero(counts)
+        first, last = max(0, int(filled[0]) - 4), min(len(counts), int(filled[-1]) + 5)
         axes.set(xscale="log", xlabel="duration (s)", ylabel="recordings")
         axes.set_xlim(DURATIONS[first], DURATIONS[last])
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -1,6 +1,6 @@
 """Checks for suspicious recordings; each gives a number, and the same in words.
 
-Those that decode nothing are `data.labels.doubts`, which training and packing make too.
+`data.labels.doubts` has the checks without decoding, shared with training and packing.
 """
 
 from __future__ import annotations
@@ -16,22 +16,26 @@ from tactileforge.inspection.findings import Reason
 from tactileforge.inspection.frame_stats import FrameStats, changes
 from tactileforge.pages.page import percent
 
-#: Grey levels. Noise of real videos reaches 1.8 here, and the faintest touches 2.5 (a sponge on a
-#: GelSight Mini, 0.5 N of simulated force).
+#: Smallest change of a contact, grey levels. Noise of real videos reaches 1.8 here, and the
+#: faintest touches 2.5 (a sponge on a GelSight Mini, 0.5 N of simulated force).
 NO_CONTACT = 2.0
-#: Grey levels. Touch is local: real videos whose background fits stay below 2, and 0.5 in the air.
+#: Change of half of the image of another background, grey levels. Touch is local: real videos with
+#: a fitting background stay below 2, and below 0.5 in the air.
 NEW_GROUND = 6.0
-#: Share of the image. Real sensors that are not overexposed stay below 0.04.
+#: Largest share of saturated pixels. Real sensors without overexposure stay below 0.04.
 SATURATED = 0.05
-#: Seconds; the noise of a live sensor makes any two of its frames differ.
+#: Longest run of identical frames, s; the noise of a live sensor makes any two frames differ.
 FROZEN = 1.0
-#: Seconds and frames of lag that count, and how sure the estimate must be. Estimates on
+#: Smallest lag to report, s and frames, and smallest certainty of its estimate. Estimates on
 #: recordings without lag are off by up to 0.05 s.
 LAG = 0.05
 LAG_FRAMES = 1.5
 LAG_CORRELATION = 0.8
-LAG_PROMINENCE = 0.1
-#: Frames that the lag is estimated on, at least and at most.
+LAG_PROMINENCE = 0.15
+#: An imprint grows by shear too, after the force has: a lag below `LAG_LONG` seconds has to fit
+#: better than none, by this much in the correlation.
+LAG_GAIN, LAG_LONG = 0.1, 0.2
+#: Smallest and largest number of frames for an estimate of lag.
 LAG_LEAST, LAG_MOST = 30, 1000
 
 REASONS = {
@@ -120,7 +124,7 @@ REASONS = {
 
 
 def check_pixels(recording: Recording, seen: FrameStats) -> Iterator[Suspicion]:
-    """Checks of the pixels of some frames."""
+    """Check the pixels of some frames."""
     if recording.no_contact is not None:
         if seen.contact < NO_CONTACT:
             yield Suspicion(
@@ -136,25 +140,26 @@ def check_pixels(recording: Recording, seen: FrameStats) -> Iterator[Suspicion]:
 
 
 def check_lag(recording: Recording, lag: Lag) -> Iterator[Suspicion]:
-    """Checks of the estimated lag of images behind forces."""
+    """Check the estimated lag of images behind forces."""
     late = abs(lag.seconds)
     step = recording.period
-    if is_sure(lag) and late > max(LAG, LAG_FRAMES * step):
+    is_better = lag.correlation - lag.unshifted >= LAG_GAIN or late >= LAG_LONG
+    if is_sure(lag) and is_better and late > max(LAG, LAG_FRAMES * step):
         side = "after" if lag.seconds > 0 else "before"
         words = f"images come {late:.2g} s {side} forces (correlation {lag.correlation:.2g})"
         yield Suspicion("lag", late, words)
 
 
 def is_sure(lag: Lag) -> bool:
-    """Whether the lag is reliable: force and image must change, and fit at one lag."""
+    """Whether a lag is reliable: force and image change, and fit at one lag."""
     return lag.correlation >= LAG_CORRELATION and lag.prominence >= LAG_PROMINENCE
 
 
 def lag_of(recording: Recording) -> Lag | None:
-    """The lag of a recording with force, on the stretch around its largest force.
+    """Estimate the lag of a recording with force, around its largest force.
 
     Returns:
-        None where there is no force, or too few frames.
+        The lag; None without force, or with too few frames.
 
     Raises:
         DataError: A frame cannot be decoded.
@@ -162,6 +167,7 @@ def lag_of(recording: Recording) -> Lag | None:
     force, count = recording.force, len(recording.frames)
     if force is None or count < LAG_LEAST or not np.isfinite(force[:, 2]).any():
         return None
+    # around the largest force, as the rest of a long recording may be in the air
     middle = int(np.nanargmax(np.abs(force[:, 2])))
     start = min(max(0, middle - LAG_MOST // 2), max(0, count - LAG_MOST))
     stretch = slice(start, min(count, start + LAG_MOST))

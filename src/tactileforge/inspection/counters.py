@@ -1,4 +1,4 @@
-"""Counting recordings one after the other, in memory that does not grow with their number."""
+"""Counters of recordings in constant memory."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.shards.summary import labels_of
 from tactileforge.inspection.findings import Total
 
-#: Edges of the durations that are told apart, s: eight a decade.
+#: Edges of the bins of durations, s: eight a decade.
 DURATIONS = np.geomspace(0.01, 1e5, 57)
 #: Bins on each side of 0.
 _BINS = 24
 
 
 class NameCounts:
-    """Counts of names of several kinds, exact, in a temporary database that spills to disk."""
+    """Exact counts of names of several kinds, in a temporary database on disk."""
 
     def __init__(self) -> None:
-        # Without a name, SQLite keeps a private file that it deletes, and 2 MB of it in memory.
+        # an empty name is a private file, deleted on closing, with 2 MB of it in memory
+        # (sqlite.org/inmemorydb.html, "Temporary Databases")
         self._base = sqlite3.connect("", isolation_level=None)
         self._base.execute(
             "CREATE TABLE names (kind, name, count, PRIMARY KEY (kind, name)) WITHOUT ROWID"
         )
 
     def add(self, kind: str, name: str, count: int = 1) -> None:
-        """Counts a name."""
+        """Count a name."""
         self._base.execute(
             "INSERT INTO names VALUES (?, ?, ?) ON CONFLICT DO UPDATE "
             "SET count = count + excluded.count",
@@ -39,7 +40,7 @@ class NameCounts:
         )
 
     def top(self, kind: str, most: int) -> list[tuple[str, int]]:
-        """The names counted most often, and how often."""
+        """Most frequent names with their counts."""
         query = "SELECT name, count FROM names WHERE kind = ? ORDER BY count DESC, name LIMIT ?"
         return [(str(name), int(count)) for name, count in self._base.execute(query, (kind, most))]
 
@@ -51,10 +52,10 @@ class NameCounts:
 
 
 class Histogram:
-    """Counts of values around 0; bins double in width when a value lies beyond them.
+    """Histogram of values around 0; its bins double in width for values beyond them.
 
     Args:
-        reach: End of the outermost bins at first.
+        reach: Initial end of the outermost bins.
     """
 
     def __init__(self, reach: float = 1.0) -> None:
@@ -63,11 +64,11 @@ class Histogram:
 
     @property
     def edges(self) -> NDArray[np.float64]:
-        """Edges of the bins, one more than there are bins."""
+        """Edges of the bins, float64 (bins + 1,)."""
         return np.linspace(-self.reach, self.reach, 2 * _BINS + 1)
 
     def add(self, values: NDArray[np.floating]) -> None:
-        """Counts values; those that are no finite numbers are left out."""
+        """Count the finite values."""
         values = values[np.isfinite(values)].astype(np.float64)
         if not len(values):
             return
@@ -77,8 +78,9 @@ class Histogram:
         self.counts += np.histogram(values, self.edges)[0]
 
     def over(self, reach: float) -> NDArray[np.int64]:
-        """The counts in as many bins that end at ``reach``, a power of 2 times where they end."""
+        """Counts in wider bins up to ``reach``, a power of 2 times the present reach."""
         counts = self.counts
+        # two bins become one, exactly: the number of bins is even, and 0 is always an edge
         for _ in range(round(np.log2(reach / self.reach))):
             counts = np.pad(counts.reshape(-1, 2).sum(axis=1), _BINS // 2)
         return counts
@@ -86,12 +88,12 @@ class Histogram:
 
 @dataclass(frozen=True)
 class SampledRecording:
-    """A recording that was drawn.
+    """Recording of a sample.
 
     Attributes:
         recording: The recording.
-        split: Its split.
-        order: Its place among all recordings.
+        split: Split of the recording.
+        order: Position among all recordings.
     """
 
     recording: Recording
@@ -100,10 +102,10 @@ class SampledRecording:
 
 
 class RecordingSample:
-    """At most ``limit`` recordings, drawn evenly, each sensor with its fair share.
+    """Random sample of at most ``limit`` recordings, with a fair share for each sensor.
 
-    Each recording draws a number; those with the lowest stay. So one pass is enough, whatever the
-    number of recordings is. The same recordings in the same order give the same sample.
+    Each recording draws a number, and the lowest stay: one pass is enough, and the number of
+    recordings need not be known. The same recordings in the same order give the same sample.
 
     Args:
         limit: Size of the sample.
@@ -115,8 +117,9 @@ class RecordingSample:
         self._heaps: dict[str, list[tuple[float, int, SampledRecording]]] = {}
 
     def offer(self, sampled: SampledRecording) -> None:
-        """Draws for a recording."""
+        """Draw a number for a recording, and keep it if the number is low."""
         heap = self._heaps.setdefault(sampled.recording.sensor, [])
+        # negative, as heapq is a min-heap: the first to go is the largest number drawn
         entry = (-float(self._random.random()), sampled.order, sampled)
         if len(heap) < self.limit:
             heapq.heappush(heap, entry)
@@ -124,10 +127,11 @@ class RecordingSample:
             heapq.heappushpop(heap, entry)
 
     def drawn(self) -> list[SampledRecording]:
-        """The sample, in the order of the recordings."""
+        """Sample in the order of the recordings."""
         heaps = sorted(self._heaps.values(), key=len)
         left, chosen = self.limit, list[SampledRecording]()
         for place, heap in enumerate(heaps):
+            # small sensors first: what they leave is shared out among the larger ones
             share = min(len(heap), -(-left // (len(heaps) - place)))
             left -= share
             chosen += [sampled for *_, sampled in heapq.nlargest(share, heap)]
@@ -135,7 +139,7 @@ class RecordingSample:
 
 
 class Counters:
-    """Everything that is counted over all recordings; decodes nothing."""
+    """Counters over all recordings; decodes nothing."""
 
     def __init__(self) -> None:
         self.totals: dict[tuple[str, str], Total] = {}
@@ -145,7 +149,7 @@ class Counters:
         self.stills = 0
 
     def add(self, recording: Recording, split: str) -> None:
-        """Counts a recording."""
+        """Count a recording."""
         total = self.totals.setdefault((split, recording.sensor), Total())
         total.recordings += 1
         total.frames += len(recording.frames)
@@ -185,7 +189,7 @@ class Counters:
 
 
 def duration_of(recording: Recording) -> float:
-    """From the first frame to the end of the last, s; 0 for a still, or times that stand still."""
+    """Duration from the first frame to the end of the last, s; 0 for a still or constant times."""
     times = recording.times
     if len(times) < 2:
         return 0.0
@@ -194,7 +198,7 @@ def duration_of(recording: Recording) -> float:
 
 
 def source_rows(names: NameCounts, most: int) -> Iterable[tuple[str, str, str, int]]:
-    """Source, licence, tier and number of recordings, the largest first."""
+    """Source, licence, tier and number of recordings, largest number first."""
     for line, count in names.top("source", most):
         source, licence, tier = line.split("\0")
         yield source, licence, tier, count

@@ -9,14 +9,14 @@ import numpy as np
 from tactileforge.inspection.checks import NO_CONTACT
 from tactileforge.inspection.frame_stats import FrameStats
 
-#: Grey levels. The same frames encoded again differ by less nearly everywhere in small images.
+#: Largest difference of small images of the same frames encoded again, grey levels.
 SIMILAR = 3.0
-#: Share of the images that may differ by more: less than the least contact covers.
+#: Largest share of the images with a larger difference: less than the smallest contact covers.
 _ELSEWHERE = 0.005
 
 
 def identical_groups(looks: Sequence[FrameStats]) -> list[list[int]]:
-    """Groups of recordings whose frames, as far as they were looked at, have the same pixels."""
+    """Groups of recordings with identical pixels in the decoded frames."""
     groups: dict[bytes, list[int]] = {}
     for i, seen in enumerate(looks):
         groups.setdefault(seen.digest, []).append(i)
@@ -24,16 +24,16 @@ def identical_groups(looks: Sequence[FrameStats]) -> list[list[int]]:
 
 
 def similar_pairs(looks: Sequence[FrameStats]) -> list[tuple[int, int, float]]:
-    """Pairs that differ by little at the same places in time, but are not the same.
+    """Pairs of nearly identical recordings, compared at the same shares of their time.
 
-    Recordings that are never in contact look alike, and are left out.
+    Recordings without contact look alike, and are left out.
 
     Args:
-        looks: The decoded frames of recordings.
+        looks: Decoded frames of recordings.
 
     Returns:
-        Two numbers of recordings, and by how many grey levels all but 0.5 % of their images
-        differ at most; closest first.
+        Two numbers of recordings, and the largest difference in all but 0.5 % of their images, grey
+        levels; closest first.
     """
     chosen = [i for i, seen in enumerate(looks) if seen.contact >= NO_CONTACT]
     if len(chosen) < 2:
@@ -42,6 +42,7 @@ def similar_pairs(looks: Sequence[FrameStats]) -> list[tuple[int, int, float]]:
     means = pictures.mean(axis=1)
     pairs = []
     for place, i in enumerate(chosen):
+        # similar pictures have similar means: one number each rules out most pairs
         near = np.flatnonzero(np.abs(means[place + 1 :] - means[place]) < SIMILAR) + place + 1
         close = (np.abs(pictures[near] - pictures[place]) >= SIMILAR).mean(axis=1) < _ELSEWHERE
         for other in near[close].tolist():

@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-#: Reasons that `InspectionFindings.looks` tells, with the names.
+#: Reasons in `InspectionFindings.looks`, which has the names of recordings as well.
 _IN_LOOKS = frozenset({"colours_swapped", "on_its_side", "grey_pictures"})
+#: Recordings that cannot be read, of which the summary tells why.
+_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -16,10 +18,10 @@ class Reason:
     """A reason to distrust a recording.
 
     Attributes:
-        title: The problem, as a heading.
-        why: Its effect on training, and the measure.
-        unit: Of the measured number.
-        worst: 1 where larger numbers are worse, -1 where smaller ones are.
+        title: Problem, as a heading.
+        why: Effect on training, and the measure.
+        unit: Unit of the measured number.
+        worst: 1 if larger numbers are worse, -1 if smaller ones are.
     """
 
     title: str
@@ -34,13 +36,13 @@ class Suspect:
 
     Attributes:
         reason: Name of the reason.
-        value: The measured number, in the unit of the reason.
-        words: The same in words.
+        value: Measured number, in the unit of the reason.
+        words: Measured number in words.
         key: Key of the recording.
-        split: Its split.
-        sensor: Its sensor.
-        order: Its place among all recordings.
-        picture: uint8 (h, w, 3), a small frame of it; None where no frame was read.
+        split: Split of the recording.
+        sensor: Sensor of the recording.
+        order: Position among all recordings.
+        picture: uint8 (h, w, 3), a small frame; None for a recording that was not decoded.
     """
 
     reason: str
@@ -58,13 +60,13 @@ class Total:
     """Sums over the recordings of one sensor in one split.
 
     Attributes:
-        recordings: Their number.
-        frames: Their frames.
-        seconds: Their time; a still lasts none.
+        recordings: Number of recordings.
+        frames: Number of frames.
+        seconds: Duration, s; 0 for a still.
         stills: Recordings of one frame.
-        slowest: Lowest frame rate, Hz; NaN where all are stills.
-        fastest: Highest frame rate, Hz.
-        carrying: Recordings that carry a label, by its name; ``background`` is among them.
+        slowest: Lowest frame rate, Hz; NaN for stills alone.
+        fastest: Highest frame rate, Hz; NaN for stills alone.
+        carrying: Recordings with a label, by its name, ``background`` included.
     """
 
     recordings: int = 0
@@ -81,20 +83,18 @@ class InspectionFindings:
     """Findings in a data set.
 
     Attributes:
-        totals: By split and sensor.
-        looked: Recordings whose pixels were looked at.
-        counts: Suspicious recordings by reason, of all where no pixel is needed to tell, else of
-            those looked at.
-        worst: The worst of them by reason, worst first, a bounded number.
-        duplicates: Keys of recordings that show the same pixels, a group each.
-        similar: Keys of two recordings that show nearly the same, and by how many grey levels
-            they differ.
-        repeated: Keys that more than one recording has, a bounded number.
-        unreadable: One line for each recording that the reader left out, or that has a frame that
-            cannot be decoded.
-        notes: One line for each kind of doubt about the set: what its reader noticed, forces that
-            never change, one class alone.
-        looks: One line for each way in which resting pictures are odd; names the recordings.
+        totals: Totals by split and sensor.
+        looked: Number of decoded recordings.
+        counts: Suspicious recordings by reason: of all for checks without pixels, else of the
+            decoded ones.
+        worst: Worst suspects by reason, worst first, a bounded number.
+        duplicates: Keys of recordings with the same pixels, a group each.
+        similar: Keys of two nearly identical recordings, and their difference, grey levels.
+        repeated: Keys of more than one recording, a bounded number.
+        unreadable: Line for each recording left out by the reader or with an undecodable frame.
+        notes: Line for each kind of doubt about the set: notes of its reader, constant forces, a
+            single class.
+        looks: Line for each kind of odd resting pictures, with the names of the recordings.
     """
 
     totals: dict[tuple[str, str], Total]
@@ -120,27 +120,34 @@ class InspectionFindings:
 
     @property
     def seconds(self) -> float:
-        """Time in all splits, s."""
+        """Duration of all splits, s."""
         return sum(total.seconds for total in self.totals.values())
 
+    def _worst(self, reason: str) -> str:
+        worst = self.worst.get(reason)
+        return f", the worst {worst[0].key}: {worst[0].words}" if worst else ""
+
     def __str__(self) -> str:
-        """A few lines for the command line."""
+        """Summary of a few lines for the command line."""
         sensors = sorted({sensor for _, sensor in self.totals})
         lines = [
             f"{self.recordings} recordings, {self.frames} frames, {self.seconds:.0f} s, of "
             f"{', '.join(sensors) or 'no sensor'}; {self.looked} looked at"
         ]
         lines += [
-            f"{count} {name.replace('_', ' ')}"
+            f"{count} {name.replace('_', ' ')}{self._worst(name)}"
             for name, count in self.counts.items()
             if count and name not in _IN_LOOKS
         ]
         lines += self.looks
         counted = (
-            ("recordings cannot be read", self.unreadable),
-            ("groups of recordings with the same pixels", self.duplicates),
-            ("pairs of recordings that are nearly the same", self.similar),
-            ("keys that several recordings have", self.repeated),
+            ("recording", " cannot be read", self.unreadable),
+            ("group", " of recordings with the same pixels", self.duplicates),
+            ("pair", " of recordings that are nearly the same", self.similar),
+            ("key", " of more than one recording", self.repeated),
         )
-        lines += [f"{len(entries)} {words}" for words, entries in counted if entries]
+        for noun, words, entries in counted:
+            if entries:
+                lines.append(f"{len(entries)} {noun}{'s' * (len(entries) != 1)}{words}")
+        lines += [f"  {line}" for line in self.unreadable[:_NAMED]]
         return "\n".join([*lines, *(f"note: {line}" for line in self.notes)])

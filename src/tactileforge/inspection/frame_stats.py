@@ -1,4 +1,4 @@
-"""The pixels of one recording, at a few frames, made small."""
+"""Statistics of a recording from a few frames, made small."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import DataError
 from tactileforge.pages import images
 
-#: Frames of a recording that are looked at, and those of them that a strip shows.
+#: Frames of a recording to decode, and frames of a strip.
 FRAMES = 24
 STRIP = 8
-#: Width of small frames, pixels; their noise is averaged out, so that contact shows.
+#: Width of small frames, pixels; averaging removes noise, so that faint contact shows.
 _WIDTH = 128
-#: Frames of the background of which the median is taken.
+#: Frames of the background for its median.
 _BACKGROUND = 15
 #: Frames in memory at once.
 _CHUNK = 8
-#: Height and width of the images by which recordings are compared.
+#: Height and width of the images for comparison, pixels.
 _SIGNATURE = (24, 32)
 _NOTHING = np.empty((0, 1, 1, 3), np.uint8)
 
@@ -34,26 +34,26 @@ _NOTHING = np.empty((0, 1, 1, 3), np.uint8)
 class FrameStats:
     """Some frames of a recording, made small, and their statistics.
 
-    Differences are absolute, from the background or, where there is none, from the median of the
-    frames; in grey levels of 255, the mean of the three channels.
+    Differences are absolute, from the background or else from the median of the frames; in grey
+    levels of 255, the mean of the three channels.
 
     Attributes:
-        rows: int64 (n,), which frames, evenly spread.
-        shape: Height and width of a frame.
+        rows: int64 (n,), frame numbers, evenly spread.
+        shape: Height and width of a frame, pixels.
         change: float64 (n,), mean difference of each frame.
-        contact: Change of the strongest 1 % of the image, in the frame of largest change,
-            noise smoothed away.
-        ground: Median difference in the frame of least change.
+        contact: Smoothed difference of the strongest 1 % of the image in the frame of largest
+            change.
+        ground: Median difference in the frame of smallest change.
         saturated: Share of pixels with a channel at 0 or 255, in the worst frame.
-        frozen: Longest time in which the frames looked at are identical, s.
-        digest: Of the pixels of all frames.
-        signature: int16 (STRIP, 24, 32), grey frames to compare with.
-        frame: uint8 (h, w, 3), the frame of largest change, small.
-        difference: uint8 (h, w, 3), the same minus the background, around mid-grey and amplified;
-            None without background.
-        strip: uint8 (STRIP or fewer, h, w, 3), frames over time; empty if not asked for.
-        strip_difference: The same minus the background; empty without background.
-        strip_rows: Their frame numbers.
+        frozen: Longest run of identical frames among those decoded, s.
+        digest: Hash of the pixels of all decoded frames.
+        signature: int16 (STRIP, 24, 32), grey frames for comparison.
+        frame: uint8 (h, w, 3), small frame of largest change.
+        difference: uint8 (h, w, 3), amplified difference of that frame from the background, around
+            mid-grey; None without background.
+        strip: uint8 (STRIP or fewer, h, w, 3), frames over time; empty by default.
+        strip_difference: Amplified differences of the strip; empty without background.
+        strip_rows: Frame numbers of the strip.
         still: float32 (h, w, 3), the picture without contact, or else the median of the frames.
     """
 
@@ -75,14 +75,14 @@ class FrameStats:
 
 
 def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
-    """Decodes at most `FRAMES` frames and the background.
+    """Decode at most `FRAMES` frames and the background.
 
     Args:
         recording: The recording.
         strip: Whether to keep frames over time.
 
     Raises:
-        DataError: A frame cannot be decoded, there are more or fewer times than frames, or the
+        DataError: A frame cannot be decoded, the numbers of times and frames differ, or the
             background has another size.
     """
     if len(recording.times) != len(recording.frames):
@@ -96,8 +96,9 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
         for frame in chunk:
             saturated = max(saturated, _saturated(frame))
             digests.append(hashlib.blake2b(frame.tobytes(), digest_size=16).digest())
-            small.append(shrunk(frame))
+            small.append(shrink(frame))
     frames = np.stack(small)
+    # the median of the frames is the picture without contact if contact moves or is rare
     still = np.median(frames, axis=0) if background is None else background
     away = np.abs(frames - still).mean(axis=-1)
     change = away.mean(axis=(1, 2))
@@ -114,9 +115,9 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
         digest=hashlib.blake2b(b"".join(digests), digest_size=16).digest(),
         signature=_signature(frames[shown]),
         frame=frames[most].round().astype(np.uint8),
-        difference=None if background is None else amplified(frames[most] - still),
+        difference=None if background is None else amplify(frames[most] - still),
         strip=frames[shown].round().astype(np.uint8) if strip else _NOTHING,
-        strip_difference=amplified(frames[shown] - still)
+        strip_difference=amplify(frames[shown] - still)
         if strip and background is not None
         else _NOTHING,
         strip_rows=rows[shown].tolist(),
@@ -125,7 +126,7 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
 
 
 def changes(recording: Recording, rows: Sequence[int]) -> NDArray[np.float64]:
-    """Mean difference of each of some frames from the background, or else from the first of them.
+    """Mean difference of frames from the background, or else from the first of them, float64 (n,).
 
     Args:
         recording: The recording.
@@ -138,17 +139,17 @@ def changes(recording: Recording, rows: Sequence[int]) -> NDArray[np.float64]:
     differences = []
     for chunk in _chunks(recording.frames, rows):
         for frame in chunk:
-            small = shrunk(frame)
+            small = shrink(frame)
             still = small if still is None else still
             differences.append(float(np.abs(small - still).mean()))
     return np.array(differences)
 
 
 def background_of(recording: Recording) -> NDArray[np.float32] | None:
-    """The background, small: float32 (h, w, 3); None where there is none.
+    """Small background, float32 (h, w, 3); None without one.
 
     Raises:
-        DataError: It cannot be decoded, or its size is not that of the frames.
+        DataError: The background cannot be decoded, or its size is not that of the frames.
     """
     still = recording.no_contact
     if still is None:
@@ -159,17 +160,17 @@ def background_of(recording: Recording) -> NDArray[np.float32] | None:
             f"{size_text(recording.frames.shape)}; give a background of the same size"
         )
     rows = evenly(len(still), _BACKGROUND).tolist()
-    small = [shrunk(frame) for chunk in _chunks(still, rows) for frame in chunk]
+    small = [shrink(frame) for chunk in _chunks(still, rows) for frame in chunk]
     return np.median(small, axis=0).astype(np.float32)
 
 
 def evenly(length: int, count: int) -> NDArray[np.int64]:
-    """At most ``count`` different numbers spread over ``0..length - 1``, with both ends."""
+    """At most ``count`` different numbers spread evenly over ``0..length - 1``, with both ends."""
     return np.unique(np.linspace(0, length - 1, min(length, count)).round().astype(np.int64))
 
 
-def shrunk(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """A frame of small width, each pixel the mean of those it stands for."""
+def shrink(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Shrink a frame to a small width by averaging pixels."""
     height, width = frame.shape[:2]
     if width > _WIDTH:
         size = (_WIDTH, max(1, round(height * _WIDTH / width)))
@@ -177,8 +178,9 @@ def shrunk(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
     return frame.astype(np.float32)
 
 
-def amplified(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """A difference as an image around mid-grey, so strong that 0.5 % of it is clipped."""
+def amplify(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Show a difference as an image around mid-grey; the strongest 0.5 % is clipped."""
+    # at least 8 levels to full scale: the noise of a recording without contact stays grey
     gain = 127 / max(float(np.quantile(np.abs(difference), 0.995)), 8.0)
     return images.difference(difference, gain)
 

@@ -1,4 +1,4 @@
-"""The sections on problems: verdict, duplicates, suspicious recordings."""
+"""Sections of the page on problems: verdict, duplicates, suspicious recordings."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from tactileforge.pages.page import (
     verdict,
 )
 
-#: Reasons that are told without a pixel, of all recordings.
+#: Reasons without pixels, checked on all recordings.
 _COUNTED = ("no_background", "gaps_in_time", *FIXES)
 _SHOWN = 12
 _LINES = 100
 
 
 def top_section(name: str, survey: Scan) -> Markup:
-    """The top of the page: the data set in brief, and the verdict on it."""
+    """Top of the page: the data set in brief, and the verdict on it."""
     all_of = survey.findings
     carried = [
         label
@@ -65,7 +65,8 @@ def _verdict(survey: Scan) -> Iterator[tuple[str, str]]:
             mark = "plain" if reason == "no_background" else "bad"
             yield mark, f"{REASONS[reason].title}: {_of(reason, count, survey)}."
     for line in result.notes:
-        mark = "plain" if line.startswith("one ") else "bad"  # one class is what some sets are for
+        # a single class is the purpose of some sets, so it is no fault
+        mark = "plain" if line.startswith("one ") else "bad"
         yield mark, f"{line[0].upper()}{line[1:]}."
     if not any(result.counts.values()):
         yield "good", "No recording is suspicious."
@@ -96,7 +97,7 @@ def _count(count: int, words: str) -> str:
 
 
 def duplicates_section(survey: Scan) -> Section:
-    """Recordings that show the same or nearly the same, and keys that are used twice."""
+    """Section of identical and nearly identical recordings, and of repeated keys."""
     body = Markup()
     if survey.same:
         groups = [_group(survey, group) for group in survey.same[:_SHOWN]]
@@ -135,7 +136,7 @@ def _group(survey: Scan, group: Sequence[int], words: str = "") -> Markup:
 
 
 def suspicious_section(survey: Scan) -> Section:
-    """The worst recordings of each reason, and those that cannot be read."""
+    """Section of the worst recordings of each reason, and of unreadable ones."""
     body = _unreadable(survey.findings)
     seen = {item.of.order: item for item in survey.seen}
     for reason, worst in survey.findings.worst.items():

@@ -1,4 +1,4 @@
-"""Resting pictures of the recordings of a sensor, compared: colours, and which way they lie."""
+"""Comparison of the resting pictures of a sensor: colours, and orientation."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from tactileforge.sensors.resting_colours import (
 )
 from tactileforge.sensors.specs import spec
 
-#: Recordings that a set is compared with at most; keys that a line names.
+#: Largest number of recordings to compare a set with, and of keys named in a line.
 _COMPARED, _NAMED = 64, 8
-#: How far the sides of a picture may be off from those of the sensor, turned, to count as turned.
+#: Largest relative difference of the ratio of sides from that of the turned sensor.
 _SIDES = 0.1
 
 
 @dataclass(frozen=True)
 class Resting:
-    """A recording as the comparison sees it.
+    """Resting picture of a recording.
 
     Attributes:
         key: Key of the recording.
-        sensor: Its sensor.
-        shape: Height and width of a frame.
-        still: float32 (h, w, 3), the picture without contact, small.
+        sensor: Sensor of the recording.
+        shape: Height and width of a frame, pixels.
+        still: float32 (h, w, 3), the small picture without contact.
     """
 
     key: str
@@ -46,19 +46,19 @@ class Resting:
 
     @cached_property
     def grid(self) -> NDArray[np.float64]:
-        """Its `colour_grid`."""
+        """`colour_grid` of the picture."""
         return colour_grid(self.still)
 
 
 @dataclass(frozen=True)
-class Odd:
-    """Recordings of a sensor that look unlike what they should.
+class OddGroup:
+    """Recordings of a sensor with odd resting pictures.
 
     Attributes:
-        reason: One of `checks.REASONS`.
-        rows: Which of those that were given.
-        words: What each looks like.
-        line: A line on all of them.
+        reason: Reason, one of `checks.REASONS`.
+        rows: Numbers of the recordings.
+        words: Appearance of each.
+        line: Line on all of them, for messages.
     """
 
     reason: str
@@ -67,18 +67,18 @@ class Odd:
     line: str
 
 
-def odd_pictures(seen: Sequence[Resting]) -> Iterator[Odd]:
-    """Yields what is odd about the resting pictures of each sensor.
+def odd_pictures(seen: Sequence[Resting]) -> Iterator[OddGroup]:
+    """Yield groups of odd resting pictures, sensor by sensor.
 
     Args:
-        seen: The recordings that were looked at.
+        seen: Resting pictures of the decoded recordings.
     """
     for sensor in sorted({one.sensor for one in seen}):
         rows = [i for i, one in enumerate(seen) if one.sensor == sensor]
         yield from _of_sensor(sensor, rows, seen)
 
 
-def _of_sensor(sensor: str, rows: list[int], seen: Sequence[Resting]) -> Iterator[Odd]:
+def _of_sensor(sensor: str, rows: list[int], seen: Sequence[Resting]) -> Iterator[OddGroup]:
     if sensor in COLOURED and (grey := [i for i in rows if is_grey(seen[i].still)]):
         words = "grey, where the sensor is lit in colours"
         yield _odd("grey_pictures", grey, rows, seen, f"are {words}", words)
@@ -105,19 +105,20 @@ def _of_sensor(sensor: str, rows: list[int], seen: Sequence[Resting]) -> Iterato
 
 def _odd(
     reason: str, odd: list[int], of: list[int], seen: Sequence[Resting], what: str, words: str
-) -> Odd:
+) -> OddGroup:
     names = [seen[i].key for i in odd]
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     listed = f"{', '.join(names[:_NAMED])}{more}"
     line = f"{seen[odd[0]].sensor}: {len(odd)} of {len(of)} {what}: {listed}"
-    return Odd(reason, tuple(odd), words, line)
+    return OddGroup(reason, tuple(odd), words, line)
 
 
 def _turn(one: Resting, sensor: str) -> int | None:
-    """Degrees that put a picture upright; None where it does not lie on its side, or is unsure."""
+    """Degrees to put a picture upright, 90 or 270; None if upright or unsure."""
     reference = known_colours(sensor)
     if reference is None:
         return None
+    # with red and blue swapped as well, as one recorder may get both wrong
     for grid in (one.grid, one.grid[..., ::-1]):
         if (turn := turn_of(grid, reference)) is not None:
             return turn if turn in (90, 270) else None
@@ -125,7 +126,7 @@ def _turn(one: Resting, sensor: str) -> int | None:
 
 
 def _on_their_side(rows: list[int], seen: Sequence[Resting]) -> list[int]:
-    """Those of turned sides: against the sensor where colours are there, or against most others."""
+    """Recordings with exchanged sides, compared with the sensor or with most other recordings."""
     shapes = [seen[i].shape for i in rows]
     common = max(set(shapes), key=lambda shape: (shapes.count(shape), shape)) if shapes else (1, 1)
     odd = []
@@ -143,7 +144,7 @@ def _is_transposed(one: Resting) -> bool:
     """Whether a picture of a known sensor has its sides exchanged, and does not look upright."""
     try:
         known = spec(one.sensor)
-    except ConfigError:  # a sensor that is not installed here
+    except ConfigError:  # the sensor is not installed here
         return False
     if not known.height or known.height == known.width:
         return False
@@ -155,7 +156,7 @@ def _is_transposed(one: Resting) -> bool:
 
 
 def _is_swapped(one: Resting, reference: NDArray[np.float64]) -> bool:
-    """The same against the sensor's known colours, whichever way the picture lies."""
+    """Whether red and blue are swapped, by the known colours of the sensor, in any orientation."""
     turns = [np.rot90(one.grid, -quarter) for quarter in range(4)]
     as_is = max(agreement(grid, reference) for grid in turns)
     best = max(turns, key=lambda grid: agreement(grid[..., ::-1], reference))
@@ -163,7 +164,7 @@ def _is_swapped(one: Resting, reference: NDArray[np.float64]) -> bool:
 
 
 def _swapped_here(rows: list[int], seen: Sequence[Resting]) -> list[int]:
-    """Those of a set whose colours fit the others' with red and blue exchanged: the fewer."""
+    """Recordings with swapped red and blue in comparison with the others: the minority."""
     sides = [
         ([j for j in rows if is_swapped(seen[j].grid, seen[i].grid)], i) for i in rows[:_COMPARED]
     ]

@@ -1,4 +1,4 @@
-"""One pass over a data set: all is counted, a sample is decoded."""
+"""One pass over a data set: counts of all recordings, pixels of a sample."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from tactileforge.inspection.frame_stats import FrameStats, evenly, frame_stats
 from tactileforge.inspection.resting import Resting, odd_pictures
 
 SPLITS = ("train", "val")
-#: Suspicious recordings of one reason that are kept, recordings shown as strips, and recordings
-#: whose every frame is read to estimate a lag.
+#: Suspicious recordings to keep for each reason, recordings shown as strips, and recordings to read
+#: in full for an estimate of lag.
 _WORST = 12
 _STRIPS = 9
 _LAGS = 10
@@ -40,7 +40,7 @@ _LAGS = 10
 
 @dataclass(frozen=True)
 class ScannedRecording:
-    """A recording whose frames were decoded."""
+    """Decoded recording with its statistics."""
 
     of: SampledRecording
     look: FrameStats
@@ -52,12 +52,12 @@ class Scan:
 
     Attributes:
         tally: Counts of all recordings.
-        seen: The recordings that were looked at, in order.
-        strips: Those of them that are shown over time.
-        lags: Those whose lag was estimated.
+        seen: Decoded recordings, in order.
+        strips: Decoded recordings to show over time.
+        lags: Recordings with their estimated lag.
         same: Groups of ``seen`` with the same pixels.
-        similar: Pairs of ``seen`` that are nearly the same.
-        findings: The result.
+        similar: Nearly identical pairs of ``seen``, with their difference, grey levels.
+        findings: Findings.
     """
 
     tally: Counters
@@ -70,14 +70,14 @@ class Scan:
 
 
 class Suspects:
-    """Suspicious recordings: all are counted, the worst are kept."""
+    """Suspicious recordings: counts of all, and the worst ones."""
 
     def __init__(self) -> None:
         self.counts = dict.fromkeys(REASONS, 0)
         self._kept: dict[str, list[tuple[float, int, Suspect, SampledRecording]]] = {}
 
     def add(self, flag: Suspicion, sampled: SampledRecording) -> None:
-        """Counts a recording, and keeps it if it is among the worst."""
+        """Count a recording, and keep it if it is among the worst."""
         self.counts[flag.reason] += 1
         recording = sampled.recording
         suspect = Suspect(
@@ -97,11 +97,11 @@ class Suspects:
             heapq.heappop(heap)
 
     def kept(self) -> list[SampledRecording]:
-        """The recordings that are kept."""
+        """Recordings kept as the worst."""
         return [entry[3] for heap in self._kept.values() for entry in heap]
 
     def worst(self, seen: list[ScannedRecording]) -> dict[str, list[Suspect]]:
-        """The worst by reason, worst first, with the images of those that were looked at."""
+        """Worst suspects by reason, worst first, with pictures of decoded ones."""
         pictures = {item.of.order: item.look.frame for item in seen}
         return {
             reason: [
@@ -114,16 +114,16 @@ class Suspects:
 
 
 def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
-    """Reads a data set.
+    """Read a data set.
 
     Args:
-        dataset: The data set.
+        dataset: Data set to inspect.
         limit: Number of recordings to decode.
         progress: Whether to show progress bars.
 
     Raises:
-        DataNotFoundError: The data is not there.
-        DataError: It holds no recording that can be opened.
+        DataNotFoundError: The data is missing.
+        DataError: No recording can be opened.
     """
     tally, suspects, sample = Counters(), Suspects(), RecordingSample(limit)
     doubts = Doubts()
@@ -138,6 +138,7 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
     if not tally.totals:
         problems = [*dataset.skipped, *unreadable, "the data set is empty"]
         raise DataError(f"no recording to look at; {problems[0]}")
+    # the worst suspects are decoded as well, for their pictures on the page
     drawn = sample.drawn()
     orders = {sampled.order: sampled for sampled in [*drawn, *suspects.kept()]}
     chosen = [orders[order] for order in sorted(orders)]
@@ -168,7 +169,7 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
 
 
 def _listed(dataset: Dataset, unreadable: list[str]) -> Iterator[SampledRecording]:
-    """The recordings of both splits; where the list breaks off, that is noted."""
+    """Recordings of both splits; an error in listing them is noted."""
     order = 0
     for split in SPLITS:
         try:
@@ -202,7 +203,7 @@ def _look(
 
 
 def _compare(seen: list[ScannedRecording], suspects: Suspects) -> list[str]:
-    """A line for each way in which resting pictures are odd; the recordings become suspects."""
+    """Line for each group of odd resting pictures; adds their recordings to the suspects."""
     resting = [
         Resting(one.of.recording.key, one.of.recording.sensor, one.look.shape, one.look.still)
         for one in seen
@@ -235,7 +236,7 @@ def _lags(
 
 
 def _strips(drawn: list[SampledRecording]) -> list[SampledRecording]:
-    """Recordings to show over time: long ones, with labels over time if a sensor has any."""
+    """Recordings to show over time: long ones, with labels over time if the sensor has any."""
     moving = [
         sampled
         for sampled in drawn
@@ -264,7 +265,7 @@ def _has_curve(sampled: SampledRecording) -> bool:
 
 
 def _over_sensors(candidates: list[SampledRecording], count: int) -> list[SampledRecording]:
-    """Some of them, spread over the sensors and over the order."""
+    """Some of the candidates, spread over the sensors and over the order."""
     queues: dict[str, list[SampledRecording]] = {}
     for sampled in candidates:
         queues.setdefault(sampled.recording.sensor, []).append(sampled)

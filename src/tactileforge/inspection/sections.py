@@ -1,7 +1,8 @@
-"""The sections on content: totals, images, labels."""
+"""Sections of the page on content: totals, images, labels."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 
@@ -42,7 +43,7 @@ _SOURCES = 20
 
 
 def totals(survey: Scan) -> Section:
-    """Recordings, frames, time and labels of each sensor and split; where they come from."""
+    """Section of totals: recordings, frames, time, labels and sources."""
     shapes: dict[str, Counter[str]] = {}
     for seen in survey.seen:
         shape = shapes.setdefault(seen.of.recording.sensor, Counter())
@@ -68,7 +69,8 @@ def totals(survey: Scan) -> Section:
 
 def _row(total: Total, sizes: Sequence[str]) -> list[str]:
     low, high = round(total.slowest, 1), round(total.fastest, 1)
-    rate = NONE if low != low else f"{low:g} to {high:g}" if high > low else f"{low:g}"
+    rate = f"{low:g} to {high:g}" if high > low else f"{low:g}"
+    rate = NONE if math.isnan(low) else rate
     more = f" and {len(sizes) - 3} more" if len(sizes) > 3 else ""
     return [
         f"{total.recordings:,}",
@@ -81,7 +83,7 @@ def _row(total: Total, sizes: Sequence[str]) -> list[str]:
 
 
 def sheets(survey: Scan) -> Section:
-    """For each sensor, the frame of largest contact of some recordings."""
+    """Section of contact sheets: for each sensor, the strongest contact of some recordings."""
     by_sensor: dict[str, list[ScannedRecording]] = {}
     for item in survey.seen:
         by_sensor.setdefault(item.of.recording.sensor, []).append(item)
@@ -95,7 +97,7 @@ def sheets(survey: Scan) -> Section:
 
 
 def recording_card(seen: ScannedRecording, words: str = "") -> Markup:
-    """The frame of largest contact, the difference, and the key or what is said."""
+    """Card of a recording: its frame of largest contact, the difference, and a caption."""
     pictures = [seen.look.frame]
     if seen.look.difference is not None:
         pictures.append(seen.look.difference)
@@ -104,7 +106,7 @@ def recording_card(seen: ScannedRecording, words: str = "") -> Markup:
 
 
 def strips(survey: Scan) -> Section:
-    """Recordings over time, with their forces and actions."""
+    """Section of recordings over time, with their forces and actions."""
     if not survey.strips:
         text = "Every recording that was looked at is a still: there is nothing to show over time."
         return Section("clips", "Over time", paragraph(text))
@@ -139,7 +141,7 @@ def _strip(seen: ScannedRecording) -> Markup:
 
 
 def label_histograms(survey: Scan) -> Section:
-    """Histograms of forces, actions, objects and durations."""
+    """Section of histograms of forces, actions, objects and durations."""
     tally, parts = survey.tally, []
     body = Markup()
     if tally.forces:

@@ -17,6 +17,8 @@ from tactileforge.contracts import Frame, Sensor
 from tactileforge.depth import DepthReader
 from tactileforge.errors import ConfigError
 from tactileforge.hub.model import Model
+from tactileforge.markers.motion import Motion, marker_motion
+from tactileforge.markers.track import MarkerTracker
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import Capture
 from tactileforge.streaming.contact import ContactOptions, SlipOptions
@@ -55,11 +57,16 @@ class Reading(Prediction):
         latency: Seconds from the frame to this reading.
         depth: float32 (h, w), mm into the gel; None if depth is not requested or the image is
             invalid.
+        markers: float32 (N, 2), displacement of markers, pixels; None if they are not followed or
+            the image is invalid.
+        motion: Motion of all markers together; None likewise.
     """
 
     sensor: str
     latency: float
     depth: NDArray[np.float32] | None = None
+    markers: NDArray[np.float32] | None = None
+    motion: Motion | None = None
 
     def message(self) -> dict[str, Any]:
         """The reading as plain data, for publishers."""
@@ -78,6 +85,8 @@ class Reading(Prediction):
             message["trouble"] = self.trouble
         if self.depth is not None:
             message["depth_mm"] = round(float(self.depth.max()), 3)
+        if self.motion is not None:
+            message |= self.motion.message()
         if self.embedding is not None:
             message["embedding"] = [round(float(x), 5) for x in self.embedding]
         return message
@@ -95,10 +104,12 @@ class SensorStream:
         calibration: Calibration of this unit, for the model's forces; see `Model.force`. None for
             none.
         depth: Estimator of depth; None for none.
+        markers: Whether to follow the gel's markers.
 
     Attributes:
         stream: Stream of predictions.
         readings: Latest readings, at most `HISTORY`.
+        tracker: Tracker of markers, from the background on; None without markers.
 
     Raises:
         ConfigError: The model does not know the sensor, or the calibration is of a different one.
@@ -113,7 +124,10 @@ class SensorStream:
         options: StreamOptions,
         calibration: Calibration | None = None,
         depth: DepthReader | None = None,
+        markers: bool = False,
     ) -> None:
+        self._markers = markers
+        self.tracker: MarkerTracker | None = None
         self.name, self.sensor, self.wake, self.depth = name, sensor, wake, depth
         self.stream = TouchStream(
             model,
@@ -142,6 +156,7 @@ class SensorStream:
         Raises:
             SensorError: Something touches, or there is no image.
             ConfigError: The image and the frames differ in size.
+            DataError: The background shows no markers, where they are asked for.
         """
         spec = self.sensor.spec
         if image is not None and image.shape[:2] != (spec.height, spec.width):
@@ -150,6 +165,8 @@ class SensorStream:
                 f"{(spec.height, spec.width)}"
             )
         self.stream.take_background(options, image, self.name)
+        if self._markers and self.stream.background is not None:
+            self.tracker = MarkerTracker(self.stream.background, f"the background of {self.name}")
 
     @property
     def state(self) -> str:
@@ -166,10 +183,26 @@ class SensorStream:
         if prediction is None:
             return None
         depth = None if prediction.trouble else self._depth()
+        moved = None if prediction.trouble else self._moved()
+        motion = None
+        if moved is not None and self.tracker is not None:
+            motion = marker_motion(self.tracker.grid.places, moved)
         latency = time.monotonic() - prediction.time
-        reading = Reading(**vars(prediction), sensor=self.name, latency=latency, depth=depth)
+        reading = Reading(
+            **vars(prediction),
+            sensor=self.name,
+            latency=latency,
+            depth=depth,
+            markers=moved,
+            motion=motion,
+        )
         self.readings.append(reading)
         return reading
+
+    def _moved(self) -> NDArray[np.float32] | None:
+        """Displacement of markers in the frame of the newest prediction."""
+        shown = self.stream.shown
+        return None if self.tracker is None or shown is None else self.tracker.read(shown.array)
 
     def _depth(self) -> NDArray[np.float32] | None:
         """Depth in the frame of the newest prediction."""

@@ -20,12 +20,15 @@ from tactileforge.live.page import page_html
 from tactileforge.live.publish import to_json
 from tactileforge.live.sensor_stream import Reading, SensorStream
 from tactileforge.live.session import LiveSession, check_port
+from tactileforge.markers.motion import draw_arrows
 
 #: Largest length of the longer side of an image on the page, pixels; small images are enlarged by
 #: the largest whole factor to at most half of it.
 _LARGE = 480
 #: Amplification of differences, for visibility.
 _GAIN = 2.0
+#: Pictures of a sensor.
+_PICTURES = ("frame", "difference", "depth", "markers")
 #: Smallest depth of the brightest colour in an image of depth, mm, so that noise stays dark.
 _SHALLOW = 0.2
 #: Time after which a silent connection is closed, s.
@@ -109,7 +112,7 @@ class _Handler(BaseHTTPRequestHandler):
         elif rest == "state":
             content = page_state(self.view, dict(parse_qsl(url.query)))
             self._answer(200, "application/json", to_json(content).encode())
-        elif what in ("frame", "difference", "depth") and unquote(name) in self.view.fingers:
+        elif what in _PICTURES and unquote(name) in self.view.fingers:
             self._picture(self.view.fingers[unquote(name)], what)
         else:
             self._answer(404, "text/plain", b"no such thing\n")
@@ -123,11 +126,17 @@ class _Handler(BaseHTTPRequestHandler):
         if what == "difference" and finger.stream.background is not None:
             array = difference_image(array, finger.stream.background)
         elif what == "depth":
-            last = finger.readings[-1].depth if finger.readings else None
-            if last is None:
+            depth = finger.readings[-1].depth if finger.readings else None
+            if depth is None:
                 self._answer(404, "text/plain", b"no depth\n")
                 return
-            array = depth_image(last)
+            array = depth_image(depth)
+        elif what == "markers":
+            last = finger.readings[-1] if finger.readings else None
+            if last is None or last.markers is None or finger.tracker is None:
+                self._answer(404, "text/plain", b"no markers\n")
+                return
+            array = draw_arrows(array, finger.tracker.grid.places, last.markers)
         self._answer(200, "image/jpeg", page_jpeg(array))
 
     def _answer(self, status: int, kind: str, body: bytes, nonce: str = "") -> None:
@@ -188,9 +197,10 @@ def _of(finger: SensorStream, after: float, now: float) -> dict[str, Any]:
         "size": [finger.sensor.spec.height, finger.sensor.spec.width],
         "scale": list(finger.sensor.spec.force_scale),
         "depth": finger.depth is not None,
+        "markers": finger.tracker is not None,
         "contact_on": finger.stream.contact.options.begin,
         "readings": [
-            [r.time, r.force, r.contact, r.slip, round(r.difference, 2), _deepest(r)]
+            [r.time, r.force, r.contact, r.slip, round(r.difference, 2), _deepest(r), _motion(r)]
             for r in list(finger.readings)
             if r.time > after
         ],
@@ -199,6 +209,10 @@ def _of(finger: SensorStream, after: float, now: float) -> dict[str, Any]:
 
 def _deepest(reading: Reading) -> float | None:
     return None if reading.depth is None else round(float(reading.depth.max()), 2)
+
+
+def _motion(reading: Reading) -> dict[str, Any] | None:
+    return None if reading.motion is None else reading.motion.message()
 
 
 def difference_image(image: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -18,6 +18,7 @@ from tactileforge.errors import ConfigError, SensorError, unknown
 from tactileforge.hub.model import Model
 from tactileforge.live.publish import Publisher
 from tactileforge.live.sensor_stream import Reading, SensorStream, StreamOptions, read_background
+from tactileforge.markers.tracks import check_marker_sensors
 from tactileforge.sensors.awake import CLOCK
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import check
@@ -65,6 +66,8 @@ class LiveOptions(StreamOptions):
         calibration: Files of `tactileforge calibrate model=...` for forces, by sensor.
         depth: Optical calibrations for depth, by sensor: a shipped name or a file, as in
             {digit: digit}. Shipped ones are of a different unit, so depths are estimates.
+        markers: Sensors whose gels have printed dots, as in [gelsight_mini], for their
+            displacement, shear and torsion.
         seconds: Duration of the session, s; None until stopped.
         frames: Number of readings after which it ends; None until stopped.
     """
@@ -72,6 +75,7 @@ class LiveOptions(StreamOptions):
     background: ShowBackground = field(default_factory=ShowBackground)
     calibration: Mapping[str, str] = field(default_factory=dict)
     depth: Mapping[str, str] = field(default_factory=dict)
+    markers: Sequence[str] = ()
     seconds: float | None = None
     frames: int | None = None
 
@@ -148,6 +152,7 @@ class LiveSession:
             ConfigError: The model does not know a sensor, or a calibration is of a different one.
         """
         options, known = self.options, self._calibrations()
+        check_marker_sensors(options.markers, self.sensors)
         depth = depth_readers(options.depth, self.sensors, LIVE_ROWS)
         with ExitStack() as stack:
             stack.enter_context(low_latency_threads())
@@ -163,6 +168,7 @@ class LiveSession:
                     options,
                     known.get(name),
                     depth.get(name),
+                    name in options.markers,
                 )
                 for name, sensor in self.sensors.items()
             }
@@ -200,6 +206,7 @@ class LiveSession:
 
         Raises:
             SensorError: Something touches, or a sensor delivers no valid image.
+            DataError: The background shows no markers, where they are asked for.
             ConfigError: The size of the given image does not match the frames.
         """
         background = self.options.background

@@ -20,14 +20,14 @@ from tactileforge.locks import locked
 from tactileforge.packing.executors import execute
 from tactileforge.packing.options import Filter, PackOptions
 from tactileforge.packing.plan import SPLITS, PackPlan, plan_pack
-from tactileforge.packing.statistics import PackStatistics
+from tactileforge.packing.statistics import COUNTS, PackStatistics
 from tactileforge.packing.work import NOTES, ShardNote
 
 __all__ = ["Filter", "PackOptions", "pack", "summary"]
 
-#: Damaged recordings that an error names.
+#: Damaged recordings named by an error.
 _NAMED = 20
-#: Options of data sets that do not change their recordings.
+#: Options of data sets without effect on their recordings.
 _PLACES = ("name", "root", "cache", "cache_gb", "processes", "max_bad")
 
 
@@ -38,22 +38,22 @@ def pack(
     options: PackOptions | None = None,
     data: Mapping[str, Any] | None = None,
 ) -> Index:
-    """Packs the recordings of a data set into shards, and sums them up in ``index.json``.
+    """Pack the recordings of a data set into shards with an ``index.json``.
 
-    The same data and options give the same bytes, whoever does the work. A run that was stopped
-    goes on when it is called again: shards that are whole are not made anew.
+    The same data and options give the same bytes, with any executor. A stopped run continues when
+    called again: whole shards are not made anew.
 
     Args:
-        dataset: The data set; splits ``train`` and ``val``.
-        name: Its name.
+        dataset: Data set with the splits ``train`` and ``val``.
+        name: Name of the data set.
         out: Folder of the shards; only one run at a time may write there.
-        options: Options of packing, with their defaults.
-        data: Configuration of the data set; with others, a run that was stopped does not go on.
+        options: Options of packing; None for the defaults.
+        data: Configuration of the data set; a stopped run continues only with the same one.
 
     Raises:
         ConfigError: The folder holds shards of other data or options.
         DataError: Too many recordings are damaged, none is left, or two have one key.
-        TactileForgeError: A shard cannot be written, or a process died twice over one.
+        TactileForgeError: A shard cannot be written, or a process died twice while making one.
     """
     options = options or PackOptions()
     out = Path(out).absolute()
@@ -62,6 +62,7 @@ def pack(
         print(f"note: {line}", file=sys.stderr)
     made = _made(name, data or {}, planned, options)
     try:
+        # before the lock, which creates files there: a folder of others stays as it is
         _claim(out, made)
         taken = f"{out}: another program packs into it; give another out="
         with locked(out / NOTES / "lock", taken):
@@ -82,7 +83,7 @@ def pack(
 
 
 def _notes(planned: PackPlan, options: PackOptions, out: Path) -> dict[int, ShardNote]:
-    """Makes the missing shards, and returns the notes of all, by job number."""
+    """Make the missing shards, and return the notes of all, by job number."""
     notes = {job.number: note for job in planned.jobs if (note := ShardNote.of(job))}
     missing = [job for job in planned.jobs if job.number not in notes]
     guard = _Guard(planned, options)
@@ -95,6 +96,7 @@ def _notes(planned: PackPlan, options: PackOptions, out: Path) -> dict[int, Shar
             done[number] = frames
             bar.update(sum(done.values()) - bar.n)
 
+        # closed on an error: else its processes would go on until the generator is collected
         with closing(execute(missing, options.executor, options.processes, tick)) as work:
             for job, note in work:
                 notes[job.number] = note
@@ -106,7 +108,7 @@ def _notes(planned: PackPlan, options: PackOptions, out: Path) -> dict[int, Shar
 
 
 class _Guard:
-    """Counts damaged recordings, and stops where there are too many."""
+    """Counter of damaged recordings; raises an error for too many."""
 
     def __init__(self, planned: PackPlan, options: PackOptions) -> None:
         self.lines = [line for lines in planned.skipped.values() for line in lines]
@@ -117,7 +119,7 @@ class _Guard:
         self._check()
 
     def see(self, note: ShardNote) -> None:
-        """Counts those of a shard."""
+        """Count the damaged recordings of a shard."""
         self.damaged += note.statistics.damaged
         self.lines += note.statistics.skipped
         self._check()
@@ -158,6 +160,7 @@ def _made(
     name: str, data: Mapping[str, Any], planned: PackPlan, options: PackOptions
 ) -> dict[str, Any]:
     """Provenance of the shards; all but ``by`` must not change within a folder."""
+    # through JSON, as it is compared with what was read from JSON: tuples become lists
     return {
         "by": f"tactileforge {version('tactileforge')}",
         "data": name,
@@ -170,15 +173,16 @@ def _made(
 
 
 def _content(data: Mapping[str, Any]) -> dict[str, Any]:
-    """What the recordings depend on: not where they lie, nor how they are read."""
-    kept = {key: value for key, value in data.items() if key not in _PLACES}
+    """Options with an effect on the recordings, without paths and processes."""
     return {
-        key: _content(value) if isinstance(value, Mapping) else value for key, value in kept.items()
+        key: _content(value) if isinstance(value, Mapping) else value
+        for key, value in data.items()
+        if key not in _PLACES
     }
 
 
 def _claim(out: Path, made: Mapping[str, Any]) -> None:
-    """Records the options in the folder, or checks that they match."""
+    """Record the provenance in the folder, or compare with the recorded one."""
     claim = out / NOTES / "made.json"
     if not any(out.glob("*.tar")):
         write_text(claim, sealed(made))
@@ -188,15 +192,16 @@ def _claim(out: Path, made: Mapping[str, Any]) -> None:
         raise ConfigError(f"{out} holds shards that were not packed here; give another out=")
     try:
         there = unsealed(path.read_bytes())
-        recorded, wanted = _flat(there["made"] if path.name == NAME else there), _flat(made)
+        recorded, current = _flat(there["made"] if path.name == NAME else there), _flat(made)
     except (ValueError, KeyError, AttributeError) as error:
         raise ConfigError(f"{path}: damaged ({error!r}); give another out=") from error
     changed = [
-        f"{key} was {recorded.get(key)!r}, is {wanted.get(key)!r}"
-        for key in {**wanted, **recorded}
-        if key not in ("by", "digest") and recorded.get(key) != wanted.get(key)
+        f"{key} was {recorded.get(key)!r}, is {current.get(key)!r}"
+        for key in {**current, **recorded}
+        if key not in ("by", "digest") and recorded.get(key) != current.get(key)
     ]
-    if not changed and recorded.get("digest") != wanted["digest"]:
+    # last, as a changed option changes the digest, too, and has a name
+    if not changed and recorded.get("digest") != current["digest"]:
         changed = ["its recordings have changed"]
     if changed:
         raise ConfigError(
@@ -206,7 +211,7 @@ def _claim(out: Path, made: Mapping[str, Any]) -> None:
 
 
 def _flat(plain: Mapping[str, Any], above: str = "") -> dict[str, Any]:
-    """Nested keys with dots between them."""
+    """Flatten nested keys, with dots between them."""
     flat: dict[str, Any] = {}
     for key, value in plain.items():
         name = f"{above}{key}"
@@ -215,12 +220,12 @@ def _flat(plain: Mapping[str, Any], above: str = "") -> dict[str, Any]:
 
 
 def _sweep(out: Path) -> int:
-    """Removes what a run that was killed has left half-written; returns how many files."""
+    """Remove half-written files of a killed run; returns their number."""
     return sum(sweep_parts(folder, alone=True) for folder in (out, out / NOTES))
 
 
 def summary(index: Index) -> str:
-    """Summarises what was packed, in a few lines of plain text."""
+    """Summary of the packed shards in a few lines of plain text."""
     lines = []
     for split, counts in index.statistics.items():
         sensors = ", ".join(f"{name} {count:,}" for name, count in counts["sensors"].items())
@@ -231,7 +236,7 @@ def summary(index: Index) -> str:
         )
     total = Counter[str]()
     for counts in index.statistics.values():
-        total.update({key: counts[key] for key in ("read", "frames", "emptied", "damaged")})
+        total.update({key: counts[key] for key in ("frames", *COUNTS)})
     if total["read"] > total["frames"] or total["emptied"]:
         lines.append(
             f"the filter kept {total['frames']:,} of {total['read']:,} frames that were read; "
@@ -239,4 +244,9 @@ def summary(index: Index) -> str:
         )
     if total["damaged"]:
         lines.append(f"damaged recordings: {total['damaged']:,}, index.json lists them")
+    if total["unmarked"]:
+        lines.append(
+            f"recordings without markers: {total['unmarked']:,}, index.json says why; they are "
+            "packed without tracks of markers"
+        )
     return "\n".join(lines)

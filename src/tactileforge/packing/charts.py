@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 
 from tactileforge.pages.figures import CLASSES, INK, SHADE, drawing, svg
 
-#: Scores below are drawn here: nothing moves.
+#: Smallest score on the logarithmic axis; smaller ones (no motion) are drawn here.
 _LEAST = 0.01
 
 
 def score_histogram(
     scores: Mapping[str, NDArray[np.float64]], thresholds: Mapping[str, float | None]
 ) -> Markup:
-    """Shares of the frames of each sensor by score, and its threshold.
+    """Histogram of the scores of each sensor, with its threshold.
 
     Args:
-        scores: By sensor; NaN counts for nothing.
-        thresholds: By sensor.
+        scores: Scores of frames, by sensor; NaN is ignored.
+        thresholds: Threshold, by sensor; None for none.
     """
-    drawn = {name: _drawn(values) for name, values in scores.items()}
+    drawn = {name: _drawable(values) for name, values in scores.items()}
     every = np.concatenate([*drawn.values(), [value for value in thresholds.values() if value]])
     low, high = (float(every.min()), float(every.max())) if len(every) else (_LEAST, 1.0)
     edges = np.geomspace(low / 1.2, high * 1.2, 60)
@@ -45,13 +45,13 @@ def score_curve(
     kept: NDArray[np.bool_],
     threshold: float | None,
 ) -> Markup:
-    """Scores of a recording over time; what is kept is shaded.
+    """Scores of a recording over time, with kept frames shaded.
 
     Args:
         times: float64 (n,), s.
-        scores: float64 (n,).
-        kept: bool (n,).
-        threshold: Drawn as a line.
+        scores: float64 (n,), score of each frame.
+        kept: bool (n,), mask of the kept frames.
+        threshold: Score of the line to draw; None for none.
     """
     with drawing(5.2, 1.5) as (figure, axes):
         axes.plot(times, scores, color=CLASSES[0][0], linewidth=1.2)
@@ -68,6 +68,6 @@ def score_curve(
         return svg(figure, "scores over time")
 
 
-def _drawn(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+def _drawable(scores: NDArray[np.float64]) -> NDArray[np.float64]:
     out: NDArray[np.float64] = np.maximum(scores[np.isfinite(scores)], _LEAST)
     return out

@@ -1,6 +1,6 @@
 """Executors: this process, several on this machine, or a Ray cluster.
 
-Each gives the same bytes. A process that dies takes one shard with it, which is tried once more.
+Each gives the same bytes. A process that dies loses one shard, and the shard is tried once more.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from tactileforge.packing.work import ShardJob, ShardNote, make_shard, packed_jo
 from tactileforge.processes import process_count
 from tactileforge.signals import held, leave_to_parent
 
-#: Is told the number of a job, and how many frames of it are done.
+#: Callback with the number of a job and the number of its finished frames.
 Tick: TypeAlias = Callable[[int, int], None]
-#: Jobs, and what is known of their shards.
+#: Jobs with the notes of their shards.
 Made: TypeAlias = Generator[tuple[ShardJob, ShardNote], None, None]
-#: Seconds between two looks at the progress.
+#: Seconds between updates of the progress.
 _LOOK = 0.2
 
 
 def execute(jobs: Sequence[ShardJob], executor: str, processes: int | None, tick: Tick) -> Made:
-    """Makes shards; yields each as it is whole.
+    """Make shards; yields each when it is whole.
 
     Closing the iterator stops the work.
 
     Args:
-        jobs: The shards to make.
-        executor: One of `options.EXECUTORS`.
+        jobs: Shards to make.
+        executor: Name of the executor, one of `options.EXECUTORS`.
         processes: Number of processes; None for one per core.
-        tick: Is told of the progress.
+        tick: Callback for the progress.
 
     Raises:
         OSError: A shard cannot be written.
-        TactileForgeError: A process died twice over one shard.
+        TactileForgeError: A process died twice while making one shard.
         ConfigError: Ray is not installed.
     """
     count = process_count(len(jobs), processes)
@@ -58,7 +58,11 @@ def _here(jobs: Sequence[ShardJob], tick: Tick) -> Made:
 
 
 def _local(jobs: Sequence[ShardJob], count: int, tick: Tick) -> Made:
-    """Every pool has one process, so that it is known which shard a process died over."""
+    """Make shards in pools of one process each.
+
+    ``ProcessPoolExecutor`` breaks as a whole when a process dies, and does not say which of its
+    jobs that process had. With one process a pool, it is known.
+    """
     context = multiprocessing.get_context("spawn")  # a fork would copy the threads' locks
     done = context.RawArray("q", 1 + max(job.number for job in jobs))
 
@@ -74,7 +78,8 @@ def _local(jobs: Sequence[ShardJob], count: int, tick: Tick) -> Made:
             while waiting and idle:
                 content = packed_job(waiting[0])
                 worker, job = idle.pop(), waiting.popleft()
-                with held():  # the first job of a pool starts its process
+                # the first job of a pool starts its process, and a signal meanwhile would end it
+                with held():
                     busy[worker.submit(_work, content)] = worker, job
             for future in wait(busy, _LOOK, FIRST_COMPLETED).done:
                 worker, job = busy.pop(future)
@@ -82,6 +87,7 @@ def _local(jobs: Sequence[ShardJob], count: int, tick: Tick) -> Made:
                     note = future.result()
                 except BrokenProcessPool as error:
                     worker.shutdown()
+                    # once may be bad luck (memory taken by others), twice is this shard
                     if job.number in died:
                         raise _dead(job) from error
                     died.add(job.number)
@@ -93,7 +99,7 @@ def _local(jobs: Sequence[ShardJob], count: int, tick: Tick) -> Made:
             for _, job in busy.values():
                 tick(job.number, done[job.number])
     finally:
-        if busy:
+        if busy:  # shutdown would wait for jobs nobody needs any more
             for process in set(multiprocessing.active_children()) - others:
                 process.kill()
         for worker in [*idle, *(worker for worker, _ in busy.values())]:
@@ -112,11 +118,13 @@ _done: Any = None
 
 
 def _prepare(done: Any) -> None:
-    """Prepares a process: it ends with its parent, which alone hears Ctrl-C."""
+    """Prepare a process: it ends with its parent, and leaves Ctrl-C to it."""
     global _done
     _done = done
     leave_to_parent()
-    cv2.setNumThreads(1)
+    cv2.setNumThreads(1)  # there is a process for each core already
+    # a parent killed by signal 9 cannot tell its children; multiprocessing's own daemon flag only
+    # works at a regular exit
     threading.Thread(target=_follow, daemon=True).start()
 
 
@@ -141,7 +149,9 @@ def _on_ray(jobs: Sequence[ShardJob], processes: int | None, tick: Tick) -> Made
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         here = {} if "RAY_ADDRESS" in os.environ else {"num_cpus": processes}
         ray.init(include_dashboard=False, log_to_driver=False, logging_level="error", **here)
+    # one retry, as for processes of this machine; Ray's default is 3
     task = ray.remote(max_retries=1)(_task)
+    # a few jobs ahead of the processors, not all: each carries its recordings through Ray's store
     ahead = 2 * int(ray.cluster_resources().get("CPU", 1))
     waiting = deque(jobs)
     busy: dict[Any, ShardJob] = {}

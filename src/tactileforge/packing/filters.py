@@ -1,10 +1,10 @@
-"""Frame filters: sampling in time, and selection of frames that show something new.
+"""Frame filters: sampling in time, and selection of frames with change.
 
 AnyTouch 2 (appendix, statistics of the training data) computes "the variance of the Laplacian for
-each frame relative to its preceding frame" and keeps what lies above a threshold. Clips are made of
-neighbouring frames, so a frame alone is of no use: kept are all frames of all clips that hold a
-lively frame, which are those within the length of a clip before or after one. What is left out
-makes a gap in time, over which no clip is cut.
+each frame relative to its preceding frame" and keeps frames above a threshold. Clips are made of
+neighbouring frames, so a single frame is useless: all frames of all clips with a lively frame are
+kept, those within the length of a clip before or after it. The others leave a gap in time, and no
+clip is cut across it.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from tactileforge.data.labels.align import nearest
 
-#: Rounding of times, s.
+#: Tolerance for rounding of times, s.
 _ROUNDING = 1e-6
-#: Steps of a clip of four frames.
+#: Steps of a clip of four frames, as in AnyTouch 2.
 _STEPS = 3
 
 #: A frame's number in its recording, and the frame.
@@ -28,7 +28,7 @@ Numbered = tuple[int, NDArray[np.uint8]]
 
 
 def sample_in_time(times: NDArray[np.float64], every: float | None) -> NDArray[np.int64]:
-    """The frames nearest to each multiple of ``every`` seconds after the first; all if it is None.
+    """Numbers of the frames nearest to multiples of ``every`` seconds; None takes all.
 
     Example:
         >>> sample_in_time(np.arange(7) / 30, 1 / 15).tolist()
@@ -41,28 +41,29 @@ def sample_in_time(times: NDArray[np.float64], every: float | None) -> NDArray[n
 
 
 def laplacian(frame: NDArray[np.uint8]) -> NDArray[np.int16]:
-    """Laplacian of a frame's brightness, (H, W): four neighbours, mirrored at the borders."""
+    """Laplacian of a frame's brightness, int16 (H, W): four neighbours, mirrored at the borders."""
     out: NDArray[np.int16] = cv2.Laplacian(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), cv2.CV_16S)
     return out
 
 
 def laplacian_score(before: NDArray[np.int16], after: NDArray[np.int16]) -> float:
-    """Variance of the Laplacian of the difference of two frames; 0 if nothing changes.
+    """Variance of the Laplacian of the difference of two frames; 0 without change.
 
-    Noise has a score as well, so what is lively depends on the sensor and on the codec of the
-    source.
+    Noise has a score as well, so a threshold depends on the sensor and on the codec of the source.
 
     Args:
-        before: `laplacian` of one. That of a difference is the difference of the two.
-        after: Of the other.
+        before: `laplacian` of the earlier frame.
+        after: `laplacian` of the later frame.
     """
+    # the Laplacian is linear: of a difference, it is the difference of the two
     change = after - before
+    # mean of squares less square of the mean, by OpenCV: several times as fast as numpy on int16
     mean = cv2.sumElems(change)[0] / change.size
     return max(0.0, float(cv2.norm(change, cv2.NORM_L2) ** 2 / change.size - mean**2))
 
 
 def laplacian_scores(frames: Iterable[Numbered]) -> list[float]:
-    """Score of each frame against the one before; the first has none (NaN)."""
+    """Score of each frame against its predecessor; NaN for the first."""
     values: list[float] = []
     before = None
     for _, frame in frames:
@@ -73,11 +74,11 @@ def laplacian_scores(frames: Iterable[Numbered]) -> list[float]:
 
 
 def reach(times: NDArray[np.float64], span: float) -> float:
-    """Seconds from the first frame of a clip of four to its last, as they are cut at this rate.
+    """Actual length of a clip of four frames at the rate of a recording, s.
 
     Args:
         times: float64 (T,), s, strictly increasing.
-        span: Wanted length of a clip, s.
+        span: Nominal length of a clip, s.
 
     Example:
         >>> round(reach(np.arange(9) / 30, 0.2), 3), round(reach(np.arange(9) / 5, 0.2), 3)
@@ -90,15 +91,15 @@ def reach(times: NDArray[np.float64], span: float) -> float:
 
 
 def peaks(times: NDArray[np.float64], scores: Sequence[float], span: float) -> NDArray[np.float64]:
-    """Highest score within a clip's length of each frame: it is kept if that is high enough.
+    """Highest score within a clip's length of each frame, to compare with a threshold.
 
     Args:
         times: float64 (T,), s, ascending.
-        scores: One a frame; NaN counts for nothing.
+        scores: Score of each frame; NaN is ignored.
         span: Length of a clip, s, see `reach`.
 
     Returns:
-        float64 (T,); infinite for a still, which has no frame before it and is kept.
+        float64 (T,); infinite for a still: it has no predecessor, and is kept.
     """
     if len(times) == 1:
         return np.full(1, np.inf)
@@ -108,15 +109,15 @@ def peaks(times: NDArray[np.float64], scores: Sequence[float], span: float) -> N
     return np.array([known[i:j].max() for i, j in zip(first, last, strict=True)])
 
 
-def only_lively(
+def select_lively(
     frames: Iterable[Numbered], times: NDArray[np.float64], threshold: float, span: float
 ) -> Iterator[Numbered]:
-    """The frames whose `peaks` reach a threshold, as they come; ``span`` seconds are held.
+    """Yield frames with `peaks` at or above a threshold; buffers ``span`` seconds.
 
     Args:
-        frames: Ascending.
-        times: float64, s, by the numbers of the frames.
-        threshold: Frames are lively from this score on.
+        frames: Frames by ascending number.
+        times: float64 (T,), s, by number of frame.
+        threshold: Smallest score of a lively frame.
         span: Length of a clip, s, see `reach`.
     """
     waiting: deque[Numbered] = deque()
@@ -124,6 +125,7 @@ def only_lively(
     last = -np.inf
     for number, frame in frames:
         now, time = laplacian(frame), float(times[number])
+        # frames wait until a lively one comes within reach, and are dropped when none can
         while waiting and time - times[waiting[0][0]] > span + _ROUNDING:
             waiting.popleft()
         if before is not None and laplacian_score(before, now) >= threshold:

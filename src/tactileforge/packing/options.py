@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from tactileforge.data.shards.shards import CODECS
 from tactileforge.errors import ConfigError, unknown
 
-#: Who does the work.
+#: Executors by name.
 EXECUTORS = ("local", "ray")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Filter:
-    """Filter of frames; it keeps all of them by default.
+    """Filter of frames; keeps all of them by default.
 
     Attributes:
-        laplacian: A frame is lively from this `filters.laplacian_score` on; frames that share no
-            clip with a lively one are left out. One number, or one by sensor (others
-            are not filtered).
-        every: Seconds between frames that are kept; None keeps all. Sampled first.
+        laplacian: Smallest `filters.laplacian_score` of a lively frame; frames in no clip with a
+            lively one are left out. One number, or one by sensor (others are not filtered); None
+            keeps all.
+        every: Seconds between sampled frames, before that filter; None keeps all.
         span: Length of a clip of four frames, s; see `filters.reach`.
 
     Raises:
@@ -40,7 +40,7 @@ class Filter:
                 raise ConfigError(f"pack.filter: {name} is {value}; give more than 0, or null")
 
     def threshold(self, sensor: str) -> float | None:
-        """Score from which a frame of a sensor is lively; None where all frames are kept."""
+        """Smallest score of a lively frame of a sensor; None keeps all frames."""
         if isinstance(self.laplacian, Mapping):
             return self.laplacian.get(sensor)
         return self.laplacian
@@ -51,18 +51,20 @@ class PackOptions:
     """Options of packing.
 
     Attributes:
-        codec: Codec of the images, see `data.shards.shards.CODECS`.
-        quality: Of jpg, 1 to 100; None for 95.
-        size: Rows or columns of an image, whichever are fewer; smaller images, and all where it
-            is None, stay as they are.
+        codec: Codec of the images, one of `data.shards.shards.CODECS`.
+        quality: Quality of jpg, 1 to 100; None for 95.
+        size: Shorter side of stored images, pixels; smaller images stay unchanged. None keeps all
+            sizes.
         shard_frames: Frames of a shard, before filtering.
-        processes: Processes that pack; None for one a core.
-        executor: One of `EXECUTORS`.
-        max_bad: Share of the recordings that may be damaged, at least one; more are an error.
+        processes: Packing processes; None for one a core.
+        executor: Name of the executor, one of `EXECUTORS`.
+        max_bad: Tolerated share of damaged recordings, 0 to 1; above 0, one is always tolerated.
         filter: Filter of frames.
+        markers: Types of sensors whose gels have printed dots, as in [gelsight_mini], for the
+            tracks ``markers``, ``marker_field`` and ``marker_motion``.
 
     Raises:
-        ConfigError: A value is none that can be.
+        ConfigError: Invalid value.
     """
 
     codec: str = "jpg"
@@ -73,6 +75,7 @@ class PackOptions:
     executor: str = "local"
     max_bad: float = 0.01
     filter: Filter = field(default_factory=Filter)
+    markers: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         if self.codec not in CODECS:
@@ -89,7 +92,7 @@ class PackOptions:
                 raise ConfigError(f"pack.{name} is {value}; give 1 or more")
 
     def content(self) -> dict[str, Any]:
-        """The options that decide the bytes of the shards, as plain data."""
+        """Options with an effect on the bytes of the shards, as plain data."""
         plain = asdict(self)
         for name in ("processes", "executor", "max_bad"):
             del plain[name]

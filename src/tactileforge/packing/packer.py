@@ -1,4 +1,4 @@
-"""Decodes, filters and encodes one recording."""
+"""Packer: decodes, filters and encodes one recording."""
 
 from __future__ import annotations
 
@@ -14,27 +14,29 @@ from tactileforge.contracts import Frames, Recording
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
 from tactileforge.packing import filters
+from tactileforge.packing.followed import FollowedMarkers
 from tactileforge.packing.options import PackOptions
 
-#: Frames that are decoded at once.
+#: Frames to decode at once.
 _CHUNK = 16
-#: Frames of a recording that may be unreadable; with more, all of it is.
+#: Tolerated unreadable frames of a recording; with more, all of it counts as unreadable.
 _MAX_FRAMES = 8
 
-#: Reads frames by number: arrays (n, H, W, 3), or encoded images.
+#: Function from frame numbers to frames: arrays (n, H, W, 3), or encoded images.
 Fetch: TypeAlias = Callable[[Sequence[int]], Sequence[Any] | NDArray[np.uint8]]
 
 
 class Packer:
-    """Packs one recording.
+    """Packer of one recording.
 
     Args:
-        recording: Its frames are lazy.
+        recording: Recording with lazy frames.
         options: Filter, size and codec.
 
     Attributes:
-        read: Frames that were read.
-        bad: What could not be read, a line each.
+        read: Number of frames read.
+        bad: Line for each unreadable frame.
+        unmarked: Reason for a recording without marker tracks; "" with them, or if not asked for.
     """
 
     def __init__(self, recording: Recording, options: PackOptions) -> None:
@@ -42,14 +44,23 @@ class Packer:
         self.options = options
         self.read = 0
         self.bad: list[str] = []
+        self.unmarked = ""
+        self._markers: FollowedMarkers | None = None
 
     def pack(self, tick: Callable[[int], None]) -> tuple[Recording, shards.Packed] | None:
-        """The recording as it is kept, and its images; None where the filter leaves nothing."""
+        """Filtered recording and its encoded images; None if the filter leaves nothing."""
         whole = self.recording
+        if whole.sensor in self.options.markers:
+            try:
+                self._markers = FollowedMarkers(whole)
+            except DataError as error:
+                self.unmarked = f"{error} (packed without markers)"
         rows, frames = self._frames(tick)
         if not rows:
             return None
         recording = _with_rows(whole, rows)
+        if self._markers is not None:
+            recording = self._markers.added(recording, rows)
         packed = shards.Packed(
             shards.describe_recording(recording),
             self.options.codec,
@@ -61,31 +72,36 @@ class Packer:
         return recording, packed
 
     def _frames(self, tick: Callable[[int], None]) -> tuple[list[int], list[bytes]]:
-        """Numbers of the frames that are kept, and the frames."""
+        """Numbers of the frames left by the filter, and the encoded frames."""
         options, whole = self.options, self.recording
-        wanted = filters.sample_in_time(whole.times, options.filter.every).tolist()
+        sampled = filters.sample_in_time(whole.times, options.filter.every).tolist()
         threshold = options.filter.threshold(whole.sensor)
-        if threshold is None or len(wanted) == 1:
-            shown = self._read(self._fetch(whole.frames), wanted, tick)
+        # without a threshold nothing looks at the pixels, so encoded frames can be copied; a still
+        # has no predecessor to compare with
+        if threshold is None or len(sampled) == 1:
+            shown = self._followed(self._read(self._fetch(whole.frames), sampled, tick))
         else:
-            shown = self._read(whole.frames.read, wanted, tick)
-            span = filters.reach(whole.times[wanted], options.filter.span)
-            shown = filters.only_lively(shown, whole.times, threshold, span)
+            shown = self._followed(self._read(whole.frames.read, sampled, tick))
+            span = filters.reach(whole.times[sampled], options.filter.span)
+            shown = filters.select_lively(shown, whole.times, threshold, span)
         rows, encoded = [], []
         for row, frame in shown:
             rows.append(row)
             encoded.append(self._encoded(frame))
         return rows, encoded
 
+    def _followed(self, shown: Iterator[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
+        return shown if self._markers is None else self._markers.follow(shown)
+
     def _read(
         self, fetch: Fetch, rows: Sequence[int], tick: Callable[[int], None]
     ) -> Iterator[tuple[int, Any]]:
-        """Frames with their numbers, a chunk at a time; a few may be unreadable."""
+        """Read frames with their numbers, a chunk at a time; skips a few unreadable ones."""
         for start in range(0, len(rows), _CHUNK):
             chunk = rows[start : start + _CHUNK]
             try:
                 frames = fetch(chunk)
-            except DataError:
+            except DataError:  # one by one, to lose the damaged frames alone
                 for row in chunk:
                     yield from self._one(fetch, row)
             else:
@@ -105,7 +121,7 @@ class Packer:
         yield row, frames[0]
 
     def _all(self, frames: Frames | None) -> list[bytes]:
-        """All images of a group, as they are kept."""
+        """Encode all images of a group."""
         if frames is None:
             return []
         fetch = self._fetch(frames)
@@ -114,7 +130,7 @@ class Packer:
         return [self._encoded(picture) for chunk in chunks for picture in fetch(chunk)]
 
     def _fetch(self, frames: Frames) -> Fetch:
-        """Reads frames; those of a shard that need not be encoded anew as they lie there."""
+        """Function to read frames: decoded, or encoded if those of a shard fit the options."""
         is_same = isinstance(frames, shards.PackedFrames) and frames.codec == self.options.codec
         if not is_same or self.options.quality or _smaller(frames.shape, self.options.size):
             return frames.read
@@ -132,12 +148,12 @@ class Packer:
 
 
 def _lossless(frames: Frames) -> list[bytes]:
-    """All images of a group that is never shrunk."""
+    """Encode all images of a lossless group, without resizing."""
     return [shards.encode_image(image, "png") for image in frames.read(range(len(frames)))]
 
 
 def _smaller(shape: Sequence[int], size: int | None) -> tuple[int, int] | None:
-    """Height and width after shrinking; None where an image stays as it is."""
+    """Height and width after shrinking; None for an unchanged size."""
     shorter = min(shape)
     if size is None or shorter <= size:
         return None
@@ -145,7 +161,7 @@ def _smaller(shape: Sequence[int], size: int | None) -> tuple[int, int] | None:
 
 
 def _with_rows(whole: Recording, rows: Sequence[int]) -> Recording:
-    """A recording of which some frames are left, with their labels; all camera views stay."""
+    """Select frames of a recording with their labels; all camera views stay."""
     if len(rows) == len(whole.frames):
         return whole
     seen = whole.image_times
@@ -155,7 +171,7 @@ def _with_rows(whole: Recording, rows: Sequence[int]) -> Recording:
 
 
 def _view_times(times: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Times of views that are spread evenly: each is in the middle of the frames it belongs to."""
+    """Times of evenly spread views, each in the middle of its frames."""
     frames = len(times)
     middle = (np.arange(count) + 0.5) * frames / count - 0.5
     return np.interp(middle, np.arange(frames), times)

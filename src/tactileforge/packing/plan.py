@@ -31,11 +31,11 @@ class PackPlan:
     """The jobs of a run of packing.
 
     Attributes:
-        jobs: One a shard.
-        skipped: Recordings that the reader could not open, a line each, by split.
+        jobs: Job of each shard.
+        skipped: Line for each recording the reader could not open, by split.
         recordings: Number of recordings to pack.
-        digest: Names all recordings and what is done with them.
-        notes: Doubts about the recordings, a line each kind.
+        digest: Hash of all recordings and options.
+        notes: Line for each kind of doubt about the recordings.
     """
 
     jobs: list[ShardJob]
@@ -46,29 +46,29 @@ class PackPlan:
 
     @property
     def frames(self) -> int:
-        """Their frames, before filtering."""
+        """Number of frames before filtering."""
         return sum(job.frames for job in self.jobs)
 
 
 def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
-    """Sorts the recordings of a data set, and deals them to shards.
+    """Sort the recordings of a data set, and deal them to shards.
 
     Args:
-        dataset: The data set.
+        dataset: Data set to pack.
         out: Folder of the shards.
-        options: How.
+        options: Options of packing.
 
     Raises:
-        DataNotFoundError: Something is missing; see `contracts.Dataset.recordings`.
-        DataError: There is nothing to train on, two recordings have one key, or times are not those
-            of the frames.
+        DataNotFoundError: Data is missing; see `contracts.Dataset.recordings`.
+        DataError: There is no training data, two recordings have one key, or times do not fit the
+            frames.
     """
     by_split: dict[str, list[Recording]] = {}
     skipped: dict[str, list[str]] = {}
     for split in SPLITS:
         before = Counter(dataset.skipped)
         by_split[split] = list(dataset.recordings(split))
-        # of several data sets, lines of this split are not the last ones
+        # as a difference of counts: a mixture of data sets orders its lines by data set
         skipped[split] = list((Counter(dataset.skipped) - before).elements())
     if not by_split["train"]:
         held_out = len(by_split["val"])
@@ -96,13 +96,13 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
 
 
 def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recording]]:
-    """Groups recordings into shards of about ``frames`` frames.
+    """Deal recordings to shards of at most ``frames`` frames.
 
-    Touches of one object stay together, unless they alone are more.
+    Touches of one object stay together, unless they alone have more frames.
 
     Args:
-        recordings: In the order of `sort_recordings`.
-        frames: Largest number in a shard; a longer recording has a shard of its own.
+        recordings: Recordings in the order of `sort_recordings`.
+        frames: Largest number of frames of a shard; a longer recording has its own shard.
     """
     shard: list[Recording] = []
     count = 0
@@ -152,11 +152,11 @@ def _digest(recordings: Sequence[Recording], file: str, options: PackOptions) ->
     digest = hashlib.sha256(json.dumps([file, options.content()], sort_keys=True).encode())
     for recording in recordings:
         pictures = recording.frames, recording.no_contact, recording.image, recording.surface
-        facts = [
+        content = [
             shards.describe_recording(recording),
             recording.frames.shape,
             [len(frames or ()) for frames in pictures],
             [stamp_of(frames) for frames in pictures],
         ]
-        digest.update(json.dumps(facts, sort_keys=True).encode())
+        digest.update(json.dumps(content, sort_keys=True).encode())
     return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""``tactileforge data filter``: what a filter would keep, as a page, before anything is packed."""
+"""Preview of a filter as a page, for ``tactileforge data filter``."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ from tactileforge.pages.page import (
     table,
 )
 
-#: Shares of the frames for which a threshold is suggested.
+#: Shares of kept frames for suggested thresholds.
 _SHARES = (0.75, 0.5, 0.25)
-#: Recordings that are shown, and frames of a strip.
+#: Recordings to show, and frames of a strip.
 _SHOWN, _STRIP = 12, 6
 _CHUNK = 16
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A recording with a score for each frame.
+    """Recording with a score for each frame.
 
     Attributes:
-        recording: As it was judged: a part of a long one.
-        rows: int64 (n,), frames that sampling leaves.
-        scores: float64 (n,), of each; NaN for the first.
+        recording: Scored recording, a part of a long one.
+        rows: int64 (n,), frame numbers after sampling.
+        scores: float64 (n,), score of each frame; NaN for the first.
         peaks: float64 (n,), see `filters.peaks`.
     """
 
@@ -61,12 +61,12 @@ class Judged:
 
     @property
     def times(self) -> NDArray[np.float64]:
-        """Seconds since the recording began, of the frames with a score."""
+        """Times of the scored frames since the start of the recording, float64 (n,), s."""
         times: NDArray[np.float64] = self.recording.times[self.rows] - self.recording.times[0]
         return times
 
     def keeps(self, threshold: float | None) -> NDArray[np.bool_]:
-        """Mask of the frames that a threshold keeps."""
+        """Mask of the frames kept by a threshold, bool (n,)."""
         return self.peaks >= (-np.inf if threshold is None else threshold)
 
 
@@ -78,25 +78,26 @@ def preview(
     recordings: int = 24,
     frames: int = 300,
 ) -> Path:
-    """Writes a page that shows what a filter would keep; nothing is packed.
+    """Write a page with the effect of a filter; packs nothing.
 
     Args:
-        dataset: The data set to pack.
-        name: Its name.
-        path: The page.
-        options: Their filter is shown; without a threshold the page suggests some.
+        dataset: Data set to pack.
+        name: Name of the data set.
+        path: Path of the page.
+        options: Options with the filter; without a threshold, the page suggests some.
         recordings: Number of recordings to decode, spread evenly over the data of each sensor.
-        frames: Frames of each that are looked at, from its middle.
+        frames: Largest number of frames of each, from its middle.
 
     Returns:
-        The page.
+        Path of the page.
 
     Raises:
-        DataError: There is no recording that can be read.
+        DataError: No recording can be read.
     """
     chosen = (options or PackOptions()).filter
     everything = sort_recordings(item for split in SPLITS for item in dataset.recordings(split))
     skipped = list(dataset.skipped)
+    # sorted by a hash, as for packing: a choice at even distances is a random one
     judged = []
     for recording in Bar(_spread(everything, recordings), desc="look", unit="recording"):
         try:
@@ -110,13 +111,13 @@ def preview(
     sections = [_scores(judged, chosen), _pictures(judged, chosen)]
     if skipped:
         sections.append(Section("skipped", "Not readable", items(skipped)))
-    top = _facts(judged, len(everything), chosen)
+    top = _overview(judged, len(everything), chosen)
     write_text(path, page(f"What is kept of {name}", top, sections))
     return path
 
 
 def judge(recording: Recording, chosen: Filter) -> Judged:
-    """Scores the frames of a recording.
+    """Score the frames of a recording.
 
     Raises:
         DataError: A frame cannot be read.
@@ -129,7 +130,7 @@ def judge(recording: Recording, chosen: Filter) -> Judged:
 
 
 def threshold_for(judged: Sequence[Judged], share: float) -> float:
-    """The threshold that keeps a share of the frames; NaN where there are but stills."""
+    """Threshold to keep a share of the frames; NaN for stills alone."""
     peaks = np.concatenate([item.peaks for item in judged])
     peaks = peaks[np.isfinite(peaks)]
     return float(np.quantile(peaks, 1 - share, method="higher")) if len(peaks) else float("nan")
@@ -143,7 +144,7 @@ def _read(recording: Recording, rows: Sequence[int]) -> Iterator[filters.Numbere
 
 
 def _spread(everything: Sequence[Recording], count: int) -> list[Recording]:
-    """So many recordings, as many of each sensor, spread evenly; at least two of each."""
+    """Recordings spread evenly, as many of each sensor, and at least two of each."""
     sensors: dict[str, list[Recording]] = {}
     for recording in everything:
         sensors.setdefault(recording.sensor, []).append(recording)
@@ -162,7 +163,7 @@ def _middle(recording: Recording, frames: int) -> Recording:
     return recording.part(start, start + frames)
 
 
-def _facts(judged: Sequence[Judged], total: int, chosen: Filter) -> Markup:
+def _overview(judged: Sequence[Judged], total: int, chosen: Filter) -> Markup:
     laplacian = chosen.laplacian
     by_sensor = laplacian if isinstance(laplacian, Mapping) else {"": laplacian}
     thresholds = [f"{sensor} {value:g}".strip() for sensor, value in by_sensor.items() if value]
@@ -180,7 +181,7 @@ def _facts(judged: Sequence[Judged], total: int, chosen: Filter) -> Markup:
 
 
 def _scores(judged: Sequence[Judged], chosen: Filter) -> Section:
-    """Distribution of scores, and the share that each threshold would keep."""
+    """Section of the distribution of scores, with suggested thresholds."""
     sensors: dict[str, list[Judged]] = {}
     for item in judged:
         sensors.setdefault(item.recording.sensor, []).append(item)
@@ -233,6 +234,7 @@ def _card(judged: Judged, threshold: float | None) -> Markup:
     body = Markup()
     if len(kept) > 1:
         body += charts.score_curve(judged.times, judged.scores, kept, threshold)
+    # the square root of the largest score is a deviation in grey levels: it is shown as 40 of them
     gain = 40 / max(float(np.nanmax(judged.scores, initial=0)) ** 0.5, 1)
     for name, places in (("Kept", np.flatnonzero(kept)), ("Left out", np.flatnonzero(~kept))):
         if len(places):
@@ -242,7 +244,7 @@ def _card(judged: Judged, threshold: float | None) -> Markup:
 
 
 def _strip(judged: Judged, name: str, places: Sequence[int], gain: float) -> Markup:
-    """Frames side by side, above their differences to the frame before."""
+    """Frames side by side, above their differences from the previous frame."""
     top, bottom = [], []
     for place in places:
         before, row = judged.rows[max(place - 1, 0)], judged.rows[place]

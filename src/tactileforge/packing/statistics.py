@@ -1,4 +1,4 @@
-"""Statistics of packed recordings, which add up over shards."""
+"""Statistics of packed recordings, additive over shards."""
 
 from __future__ import annotations
 
@@ -13,9 +13,13 @@ from numpy.typing import NDArray
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.shards.summary import duration_seconds
 
-#: Edges of the bins of forces, N; the outermost bins also hold what is beyond.
+#: Edges of the bins of forces, N; the outermost bins also hold larger forces.
 FORCE_EDGES = np.linspace(-20.0, 20.0, 81)
 AXES = ("x", "y", "z")
+
+
+#: Counts of what was read, and of what is missing.
+COUNTS = ("read", "emptied", "damaged", "unmarked")
 
 
 def _no_forces() -> NDArray[np.int64]:
@@ -27,18 +31,19 @@ class PackStatistics:
     """Counts of a split, or of a part of one.
 
     Attributes:
-        recordings: Recordings that were packed.
-        frames: Frames that were packed.
-        seconds: Duration of the recordings.
+        recordings: Packed recordings.
+        frames: Packed frames.
+        seconds: Duration of the recordings, s.
         bytes: Size of the shards.
         sensors: Frames of each sensor.
-        actions: Frames of each action; ``unknown`` where the label is missing.
-        objects: Names of what is touched.
+        actions: Frames of each action; ``unknown`` for a missing label.
+        objects: Names of the touched objects.
         force: int64 (3, bins), frames by force along x, y and z, see `FORCE_EDGES`.
-        read: Frames that were read.
-        emptied: Recordings of which the filter left nothing.
-        damaged: Recordings that could not be read, whole or in part.
-        skipped: A line for each recording or frame that could not be read.
+        read: Frames read.
+        emptied: Recordings without a frame after the filter.
+        damaged: Unreadable recordings, whole or in part.
+        unmarked: Recordings without marker tracks, where these were asked for.
+        skipped: Line for each unreadable recording or frame.
     """
 
     recordings: int = 0
@@ -52,10 +57,11 @@ class PackStatistics:
     read: int = 0
     emptied: int = 0
     damaged: int = 0
+    unmarked: int = 0
     skipped: list[str] = field(default_factory=list)
 
     def add(self, recording: Recording) -> None:
-        """Counts a recording that is packed; its frames are not looked at."""
+        """Count a packed recording; decodes nothing."""
         count = len(recording.times)
         self.recordings += 1
         self.frames += count
@@ -72,8 +78,8 @@ class PackStatistics:
                 self.force[i] += np.histogram(inside, FORCE_EDGES)[0]
 
     def merge(self, other: PackStatistics) -> None:
-        """Adds the counts of another part."""
-        for name in ("recordings", "frames", "seconds", "bytes", "read", "emptied", "damaged"):
+        """Add the counts of another part."""
+        for name in ("recordings", "frames", "seconds", "bytes", *COUNTS):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.sensors.update(other.sensors)
         self.actions.update(other.actions)
@@ -82,7 +88,7 @@ class PackStatistics:
         self.skipped += other.skipped
 
     def to_json(self) -> dict[str, Any]:
-        """As plain data; see `from_json`."""
+        """The counts as plain data; see `from_json`."""
         return {
             "recordings": self.recordings,
             "frames": self.frames,
@@ -95,11 +101,12 @@ class PackStatistics:
             "read": self.read,
             "emptied": self.emptied,
             "damaged": self.damaged,
+            "unmarked": self.unmarked,
             "skipped": self.skipped,
         }
 
     def report(self) -> dict[str, Any]:
-        """As the index keeps it: with the edges of the bins, and how many objects, not which."""
+        """Counts for the index: with the edges of the bins, and the number of objects."""
         plain = self.to_json()
         plain["seconds"] = round(self.seconds, 6)
         plain["objects"] = len(self.objects)
@@ -108,7 +115,7 @@ class PackStatistics:
 
     @classmethod
     def from_json(cls, plain: Mapping[str, Any]) -> PackStatistics:
-        """The counts that `to_json` wrote.
+        """Build counts from plain data of `to_json`.
 
         Raises:
             KeyError: A value is missing.

@@ -1,6 +1,6 @@
-"""Makes one shard of its recordings, and notes what is in it.
+"""Work of packing: one shard from its recordings, with a note on it.
 
-Processes that do this import no torch.
+Nothing here imports torch, as each process would take seconds and memory for it.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from tactileforge.packing.options import PackOptions
 from tactileforge.packing.packer import Packer
 from tactileforge.packing.statistics import PackStatistics
 
-#: Folder, beside the shards, of what is known of each: a run that was stopped goes on from there.
+#: Folder of the notes, beside the shards: a stopped run continues from them.
 NOTES = ".pack"
 
 
 @dataclass(frozen=True)
 class ShardJob:
-    """The recordings and options of one shard.
+    """Recordings and options of one shard.
 
     Attributes:
         number: Number of the shard in the run.
-        path: The shard.
+        path: Path of the shard.
         split: ``train`` or ``val``.
-        recordings: Its recordings, in order.
-        frames: Number of their frames.
-        digest: Names the recordings and what is done with them.
+        recordings: Recordings, in order.
+        frames: Number of frames before filtering.
+        digest: Hash of recordings and options.
         options: Options of packing.
     """
 
@@ -52,8 +52,8 @@ class ShardNote:
     """Entry and statistics of a finished shard.
 
     Attributes:
-        digest: Of the job that made it.
-        entry: For the index; None where nothing was left to pack.
+        digest: Digest of the job.
+        entry: Row of the index; None for a shard without recordings.
         statistics: Statistics of its recordings.
     """
 
@@ -63,7 +63,7 @@ class ShardNote:
 
     @classmethod
     def of(cls, job: ShardJob) -> ShardNote | None:
-        """Reads the note of an earlier run; None where the shard must be made (again)."""
+        """Read the note of an earlier run; None if the shard has to be made (again)."""
         try:
             plain = unsealed(_note_path(job.path).read_bytes())
             row = plain["entry"]
@@ -75,7 +75,7 @@ class ShardNote:
         return note if is_there and note.digest == job.digest else None
 
     def save(self, path: Path) -> None:
-        """Writes it down for a shard."""
+        """Write the note of a shard."""
         plain = {
             "digest": self.digest,
             "entry": None if self.entry is None else self.entry.to_json(),
@@ -89,10 +89,10 @@ def _note_path(shard: Path) -> Path:
 
 
 def packed_job(job: ShardJob) -> bytes:
-    """A job as bytes, for another process.
+    """Pickle a job for another process.
 
     Raises:
-        DataError: Its frames cannot be pickled.
+        DataError: The frames of a recording cannot be pickled.
     """
     try:
         return pickle.dumps(job)
@@ -101,7 +101,7 @@ def packed_job(job: ShardJob) -> bytes:
 
 
 def run_packed(job: bytes, tick: Callable[[int, int], None]) -> ShardNote:
-    """`make_shard`, of a job that comes from another process."""
+    """Unpickle a job of the parent process, and make its shard."""
     try:
         unpickled: ShardJob = pickle.loads(job)
     except (pickle.UnpicklingError, AttributeError, ImportError, TypeError) as error:
@@ -118,11 +118,11 @@ _NO_PICKLE = (
 def make_shard(
     job: ShardJob, tick: Callable[[int, int], None] = lambda number, frames: None
 ) -> ShardNote:
-    """Makes a shard, and writes its note.
+    """Make a shard, and write its note.
 
     Args:
-        job: The shard to make.
-        tick: Is told the job's number, and how many frames of it are done.
+        job: Job of the shard.
+        tick: Callback with the number of the job and of its finished frames.
 
     Raises:
         OSError: The shard cannot be written.
@@ -135,6 +135,7 @@ def make_shard(
     else:
         entry = None
         job.path.unlink()
+    # after the shard: a note without its shard would be believed by the next run
     note = ShardNote(job.digest, entry, statistics)
     note.save(job.path)
     return note
@@ -151,7 +152,7 @@ def _packed(
         except (DataError, OSError) as error:
             made = None
             packer.bad.append(f"{recording.key}: {error}")
-        except Exception as error:
+        except Exception as error:  # a bug of a reader: names the recording, and stops the run
             error.add_note(f"while packing {recording.key} for {job.path}")
             raise
         done += len(recording.frames)
@@ -159,6 +160,9 @@ def _packed(
         statistics.read += packer.read
         statistics.damaged += bool(packer.bad)
         statistics.skipped += packer.bad
+        if packer.unmarked:
+            statistics.unmarked += 1
+            statistics.skipped.append(packer.unmarked)
         if made is not None:
             statistics.add(made[0])
             yield made[1]

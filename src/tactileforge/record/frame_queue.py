@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame
 from tactileforge.data.frames.image_codecs import encode_image
+from tactileforge.markers.track import MarkerTracker
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,14 @@ class PendingFrame:
         encoded: Encoded image, by codec.
         raw: Raw values of the frame, see `contracts.Frame`; None for an image.
         depth: Height map, int16 (h, w), micrometres into the gel; None if it is not measured.
+        markers: Displacement of markers, float32 (N, 2), pixels; None if they are not followed.
     """
 
     time: float
     encoded: Future[dict[str, bytes]]
     raw: NDArray[np.float32] | None
     depth: Future[NDArray[np.int16]] | None = None
+    markers: Future[NDArray[np.float32]] | None = None
 
 
 class FrameQueue:
@@ -49,6 +52,8 @@ class FrameQueue:
         waiting: Number of frames waiting for encoding.
         dropped: Number of frames dropped since `start`.
         measure: Function from an image to its height map; None for no height maps.
+        tracker: Tracker of the gel's markers; None for no markers.
+        in_order: Executor of one thread for the tracker, which needs frames in their order.
     """
 
     def __init__(
@@ -58,6 +63,8 @@ class FrameQueue:
         self.queue, self.hold = queue, hold
         self.waiting = self.dropped = 0
         self.measure: Callable[[NDArray[np.uint8]], NDArray[np.int16]] | None = None
+        self.tracker: MarkerTracker | None = None
+        self.in_order: Executor | None = None
         self._shots: deque[PendingFrame] = deque()
         self._lock = threading.Lock()
         self._from = self._end = math.inf
@@ -84,7 +91,10 @@ class FrameQueue:
         future = self.pool.submit(self.encode, frame.array)
         future.add_done_callback(self._encoded)
         depth = self.pool.submit(self.measure, frame.array) if self.measure else None
-        self._shots.append(PendingFrame(frame.time, future, frame.raw, depth))
+        markers = None
+        if self.tracker is not None and self.in_order is not None:
+            markers = self.in_order.submit(self.tracker.read, frame.array)
+        self._shots.append(PendingFrame(frame.time, future, frame.raw, depth, markers))
 
     def encode(self, picture: NDArray[np.uint8]) -> dict[str, bytes]:
         """Encodes an image with every codec."""

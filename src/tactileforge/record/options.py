@@ -36,6 +36,8 @@ class RecordOptions:
             {digit: digit.yaml}.
         depth: Optical calibrations, by sensor, for the track ``depth_um``: a shipped name or a
             file, as in {digit: digit}; needs a background.
+        markers: Sensors whose gels have printed dots, for the tracks ``markers``, ``marker_field``
+            and ``marker_motion``, as in [gelsight_mini]; needs a background.
         tare: Whether to subtract the wrench without contact.
         codec: Format of stored images: jpg, or without loss png or webp; those of arrays are always
             without loss.
@@ -64,6 +66,7 @@ class RecordOptions:
     axes: Sequence[str] | Mapping[str, Sequence[str]] = ("x", "y", "z")
     calibration: Mapping[str, str] = field(default_factory=dict)
     depth: Mapping[str, str] = field(default_factory=dict)
+    markers: Sequence[str] = ()
     tare: bool = True
     codec: str = "jpg"
     quality: int = 95
@@ -87,6 +90,8 @@ class RecordOptions:
             raise ConfigError(f"tier={self.tier}: give 1 to 5")
         if self.depth and not self.background.seconds:
             raise ConfigError("depth needs a background: give background.seconds above 0")
+        if self.markers and not self.background.seconds:
+            raise ConfigError("markers need a background: give background.seconds above 0")
         for name in ("takes", "seconds", "segment", "queue", "workers"):
             value = getattr(self, name)
             if value is not None and not value > 0:

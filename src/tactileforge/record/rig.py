@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.depth import depth_readers
 from tactileforge.errors import ConfigError, SensorError
+from tactileforge.markers.track import MarkerTracker
+from tactileforge.markers.tracks import check_marker_sensors
 from tactileforge.record.frame_queue import FrameQueue, SampleBuffer
 from tactileforge.record.options import RecordOptions
 from tactileforge.sensors import background
@@ -115,6 +117,7 @@ class Rig:
         self.robot = None if robot is None else RigSensor("robot", robot)
         if taken := sensors.keys() & {"force", "view", "robot"}:
             raise ConfigError(f"no sensor can be called {taken.pop()}: choose another name for it")
+        check_marker_sensors(options.markers, sensors)
         self._depth = depth_readers(options.depth, sensors, DEPTH_ROWS)
         self._stack = ExitStack()
 
@@ -142,6 +145,8 @@ class Rig:
             open_all({device.name: device.sensor for device in self.all}, stack)
             for device in self.all:
                 device.keeps = self._keeper(device, pool)
+                if device.name in options.markers and isinstance(device.keeps, FrameQueue):
+                    device.keeps.in_order = stack.enter_context(ThreadPoolExecutor(1, "markers"))
                 sink, wait = device.sink, options.reconnect
                 device.capture = Capture(device.name, device.sensor, sink, wait)
                 stack.callback(device.capture.stop)
@@ -198,8 +203,10 @@ class Rig:
                 assert isinstance(keeps, FrameQueue)
                 chosen = background.spread_frames(good, given.frames)
                 device.background = [keeps.encode(frame)[codec] for frame in chosen]
+                still = np.median(chosen, axis=0).astype(np.uint8)
+                if device.name in self.options.markers:
+                    keeps.tracker = MarkerTracker(still, f"the background of {device.name}")
                 if device.name in self._depth:
-                    still = np.median(chosen, axis=0).astype(np.uint8)
                     keeps.measure = partial(self._depth[device.name].micrometres, background=still)
         for other in (self.camera, self.robot):
             if other is not None:

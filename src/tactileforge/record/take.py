@@ -17,6 +17,8 @@ from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError, TactileForgeError
+from tactileforge.markers.find import MarkerGrid
+from tactileforge.markers.tracks import marker_labels, marker_tracks
 from tactileforge.record.frame_queue import FrameQueue, PendingFrame
 from tactileforge.record.raw import Raw
 from tactileforge.record.rig import Rig, RigSensor
@@ -175,6 +177,10 @@ class Take:
         force = tracks["wrench"][:, :3] if "wrench" in tracks else None
         if depths := [shot.depth.result() for shot in shots if shot.depth is not None]:
             tracks["depth_um"] = np.stack(depths)
+        grid = self._grid(device)
+        if grid is not None:
+            moved = [shot.markers.result() for shot in shots if shot.markers is not None]
+            tracks |= marker_tracks(grid, moved)
         action = None
         if options.action is not None:
             action = np.full(len(shots), ACTIONS.index(options.action), np.int64)
@@ -217,6 +223,11 @@ class Take:
             tracks |= robot_tracks(times, known[rig.robot.name], spec.states, 1 / spec.fps)
         return tracks
 
+    def _grid(self, device: RigSensor) -> MarkerGrid | None:
+        """Markers of a sensor at rest; None where they are not followed."""
+        tracker = device.keeps.tracker if isinstance(device.keeps, FrameQueue) else None
+        return None if tracker is None else tracker.grid
+
     def _episode(self, device: RigSensor) -> dict[str, str | float]:
         """Labels of a demonstration; none without a robot."""
         if self.rig.robot is None:
@@ -226,11 +237,13 @@ class Take:
 
     def _labels(self, device: RigSensor) -> dict[str, str | float]:
         counts, noticed = device.capture.counts, device.capture.noticed()
+        grid = self._grid(device)
         clock = {"clock_trouble": noticed["clock"]} if "clock" in noticed else {}
         return {
             **self.options.labels,
             **self.known.get(device.name, {}),
             **self._episode(device),
+            **({} if grid is None else marker_labels(grid)),
             "take": self.number,
             "segment": self.segments,
             "device": device.name,

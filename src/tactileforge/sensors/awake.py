@@ -1,6 +1,6 @@
-"""A clock that stands still while this process does: stopped (Ctrl-Z), or starved.
+"""Awake clock: it stands still while this process is stopped (Ctrl-Z) or starved.
 
-A driver that has not answered for a minute is to blame only if anybody waited for it meanwhile.
+A driver without an answer for a minute is to blame only if this process waited for it meanwhile.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-#: Seconds between two beats, and after which a beat that is missing means that nothing ran.
+#: Seconds between beats, and without a beat until the process counts as stopped. A busy machine
+#: delays a thread by tenths of a second.
 _BEAT, _GAP = 0.1, 1.0
 
 
 class Pause(NamedTuple):
-    """A time in which this process did not run.
+    """Pause of this process.
 
     Attributes:
         start: Monotonic seconds.
@@ -28,12 +29,12 @@ class Pause(NamedTuple):
 
 
 class AwakeClock:
-    """Counts the seconds in which this process ran, by a thread that beats.
+    """Clock of the running time of this process, kept by a thread with a regular beat.
 
-    It never goes back. Where the beat is missing for more than a second, it stands still.
+    It never goes back. After a second without a beat, it stands still.
 
     Args:
-        monotonic: Seconds that never go back; None for ``time.monotonic``.
+        monotonic: Function for monotonic seconds; None for ``time.monotonic``.
     """
 
     def __init__(self, monotonic: Callable[[], float] | None = None) -> None:
@@ -45,7 +46,7 @@ class AwakeClock:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Starts the beat, once a process."""
+        """Start the beat, once a process."""
         with self._lock:
             if self._thread is not None and self._thread.is_alive():  # a fork has no threads
                 return
@@ -59,7 +60,7 @@ class AwakeClock:
             self.beat()
 
     def beat(self) -> None:
-        """Notes that this process runs, and the pause before, if it did not."""
+        """Note a beat, and the pause before it if there was one."""
         with self._lock:
             now = self._monotonic()
             if now - self._beat > _GAP:
@@ -68,14 +69,14 @@ class AwakeClock:
             self._beat = now
 
     def now(self) -> float:
-        """Seconds, without those of pauses."""
+        """Seconds of the clock, without pauses."""
         return self.of(self._monotonic())
 
     def since(self, moment: float) -> float:
-        """Seconds since a moment, without those of pauses; negative for one to come.
+        """Seconds since a moment, without pauses; negative for a future one.
 
         Args:
-            moment: Monotonic seconds.
+            moment: Moment, monotonic seconds.
         """
         with self._lock:
             now = self._monotonic()
@@ -84,10 +85,10 @@ class AwakeClock:
         return now - moment - slept
 
     def of(self, now: float) -> float:
-        """This clock at a moment since the last beat, monotonic seconds."""
+        """Seconds of the clock at a moment after the last beat, monotonic seconds."""
         with self._lock:
             return min(now, self._beat + _GAP) - self._total
 
 
-#: That of this process.
+#: Clock of this process.
 CLOCK = AwakeClock()

@@ -1,4 +1,4 @@
-"""Background frames, and the check that nothing touches while they are taken."""
+"""Background frames, with a check for touch while they are taken."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from tactileforge.errors import SensorError
 from tactileforge.sensors.health import TROUBLES, exposure_trouble
 
-#: Pixels on the side of the squares that are averaged, so that noise does not count as touch.
+#: Side of the averaged squares, pixels: averaging 64 pixels divides independent noise by 8.
 _SQUARE = 8
-#: First frames that may be odd, as a camera that has just begun gives them, at most a third of all;
-#: and the share of the squares that is then another, which no touch changes from frame to frame.
+#: Largest number of odd first frames, as of a camera just opened (at most a third of all), and the
+#: share of changed squares of an odd frame: no touch changes half of the picture in one frame.
 _ODD, _ODD_SHARE = 10, 0.5
 
 
@@ -24,8 +24,8 @@ class Background:
     """Options of the background taken before each take.
 
     Attributes:
-        seconds: For how long; 0 takes none.
-        frames: How many of them are kept.
+        seconds: Duration, s; 0 for no background.
+        frames: Number of frames to keep.
         threshold: Largest change of the picture meanwhile, grey levels.
     """
 
@@ -35,11 +35,11 @@ class Background:
 
 
 def squares(image: NDArray[np.uint8], camera: bool) -> NDArray[np.float32]:
-    """Mean of every square of eight pixels, float32 (h, w, 3); of an array, its taxels.
+    """Mean of every square of 8 x 8 pixels, float32 (h, w, 3); of an array, its taxels.
 
     Args:
         image: uint8 (H, W, 3).
-        camera: Whether it is the picture of a camera.
+        camera: Whether the image is from a camera.
     """
     if not camera:
         return image.astype(np.float32)
@@ -52,12 +52,12 @@ def squares(image: NDArray[np.uint8], camera: bool) -> NDArray[np.float32]:
 def variation(frames: Sequence[NDArray[np.uint8]], camera: bool = True) -> float:
     """Variation of images over time, grey levels.
 
-    Of each picture, the mean of every square of eight pixels is compared with the median of all
-    pictures; a hundredth of the squares may change more than the result.
+    The mean of every square of 8 x 8 pixels is compared with its median over all pictures; a
+    hundredth of the squares may change more than the result.
 
     Args:
         frames: uint8 (H, W, 3) each, at least one.
-        camera: Whether they are of a camera; taxels are compared one by one.
+        camera: Whether the images are from a camera; taxels are compared one by one.
     """
     small = np.stack([squares(frame, camera) for frame in frames])
     change = np.abs(small - np.median(small, axis=0))
@@ -67,16 +67,16 @@ def variation(frames: Sequence[NDArray[np.uint8]], camera: bool = True) -> float
 def check_background(
     name: str, frames: Sequence[NDArray[np.uint8]], threshold: float, camera: bool = True
 ) -> Sequence[NDArray[np.uint8]]:
-    """Frames that can be a background: those given, without odd first ones of a camera.
+    """Check frames for use as a background, and drop odd first ones of a camera.
 
     Args:
-        name: Of the sensor.
+        name: Name of the sensor, for messages.
         frames: uint8 (H, W, 3) each, over a second or so.
         threshold: Largest `variation`, grey levels.
-        camera: See `variation`.
+        camera: Whether the frames are from a camera.
 
     Raises:
-        SensorError: There is no picture, it is black or saturated, or something moves on the gel.
+        SensorError: No picture, a black or saturated one, or motion on the gel.
     """
     if not frames:
         raise SensorError(f"{name}: no frame came for its background; does it still run?")
@@ -98,11 +98,11 @@ def check_background(
 def without_odd_first(
     frames: Sequence[NDArray[np.uint8]], threshold: float
 ) -> Sequence[NDArray[np.uint8]]:
-    """Frames without first ones that are another picture altogether: black, green, half read.
+    """Drop first frames with a different picture: black, green, half read.
 
     Args:
         frames: uint8 (H, W, 3) each, at least one.
-        threshold: Change of a square that counts, grey levels.
+        threshold: Smallest change of a changed square, grey levels.
     """
     most = min(_ODD, len(frames) // 3)
     if not most:
@@ -112,12 +112,13 @@ def without_odd_first(
     for number, frame in enumerate(frames[:most], 1):
         change = np.abs(squares(frame, True) - rest).max(-1)
         if np.mean(change > threshold) > _ODD_SHARE:
+            # up to the last odd one: between two of them, a frame of the old buffer may look right
             odd = number
     return frames[odd:]
 
 
 def spread_frames(frames: Sequence[NDArray[np.uint8]], count: int) -> list[NDArray[np.uint8]]:
-    """Selects frames, spread evenly."""
+    """Select ``count`` frames, spread evenly."""
     count = min(count, len(frames))
     step = (len(frames) - 1) / max(1, count - 1)
     return [frames[round(place * step)] for place in range(count)]

@@ -1,4 +1,4 @@
-"""Reads one sensor in a thread, reconnects when it is lost, and counts its frames."""
+"""Capture: reads one sensor in a thread, reconnects it, and counts its frames."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from tactileforge.sensors.frame_contract import BAD_VALUES, bad_values, check_fr
 from tactileforge.sensors.health import Health
 from tactileforge.sensors.picture_changes import CHANGES, PictureChanges
 
-#: Seconds by which the time of a frame may differ from the clock when it arrives.
+#: Largest lead and lag of the time of a frame on arrival, s. Tens of seconds are another clock.
 _AHEAD, _BEHIND = 1.0, 10.0
-#: Seconds that one read may wait, so that stopping is quick; and between two attempts to open.
+#: Longest wait of one read, s, so that stopping is quick; and pause between attempts to open, s.
 _WAIT, _RETRY = 0.25, 0.5
-#: Frames over which the rate is measured.
+#: Frames for the measurement of the rate.
 _RATE_OVER = 60
 
 
@@ -31,12 +31,12 @@ class Counts:
 
     Attributes:
         frames: Frames handed on.
-        backwards: Frames that were not later than the one before, and were dropped.
-        untimed: Frames whose time is no number, and were dropped.
-        frozen: Frames that repeated one picture for too long, and were dropped.
-        bad_values: Samples that were dropped for their values, by `frame_contract.BAD_VALUES`.
-        stalled: How often its driver did not return for longer than silence may last.
-        reopened: How often it was lost and came back.
+        backwards: Dropped frames with a time not after the previous one.
+        untimed: Dropped frames without a finite time.
+        frozen: Dropped frames of a picture repeated for too long.
+        bad_values: Dropped samples with bad values, by `frame_contract.BAD_VALUES`.
+        stalled: Calls of the driver longer than the allowed silence.
+        reopened: Losses of the sensor with a return.
     """
 
     frames: int = 0
@@ -49,25 +49,25 @@ class Counts:
 
 
 class Capture:
-    """Reads an open sensor in a thread until it is stopped.
+    """Reader of an open sensor, in a thread until stopped.
 
     Args:
-        name: What to call it in messages.
-        sensor: Open; its owner closes it.
-        sink: Takes each good frame, in that thread; must not block for long.
-        reconnect: Seconds for which a sensor that is lost is opened again and again.
-        silence: Seconds without a frame after which it counts as lost.
+        name: Name of the sensor, for messages.
+        sensor: Open sensor; its owner closes it.
+        sink: Function called with each good frame, in that thread; must not block for long.
+        reconnect: Seconds of attempts to open a lost sensor again.
+        silence: Seconds without a frame until the sensor counts as lost.
 
     Attributes:
-        counts: What it has given.
-        health: What its pictures look like.
-        changes: How its pictures have changed since the first.
-        lag: How its times go.
-        error: Why it has ended; None while all is well.
-        ended: Whether its source is over.
-        is_lost: Whether it is being opened again.
-        latest: Time of the last good frame.
-        cause: Why the last frame was no good one; "" after a good one.
+        counts: Counters of frames.
+        health: Checks of single pictures.
+        changes: Checks of pictures against the first.
+        lag: Checks of the times of frames.
+        error: Error that ended the capture; None for none.
+        ended: Whether the source has reached its end.
+        is_lost: Whether the sensor is being opened again.
+        latest: Time of the last good frame, monotonic seconds.
+        cause: Reason for the lack of a good frame; "" after a good one.
     """
 
     def __init__(
@@ -89,21 +89,21 @@ class Capture:
         self.is_lost = False
         self.latest = -math.inf
         self.cause = ""
-        self._good = self._opened = CLOCK.now()  # the last good frame, and open()
-        self._lost: float | None = None  # when it was; None while frames come
-        self._call: tuple[str, float] | None = None  # of the driver, that has not returned
+        self._good = self._opened = CLOCK.now()  # last good frame, and last open()
+        self._lost: float | None = None  # time of the loss; None while frames come
+        self._call: tuple[str, float] | None = None  # call of the driver that has not returned
         self._recent: deque[float] = deque(maxlen=_RATE_OVER)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"capture-{name}", daemon=True)
 
     def start(self) -> None:
-        """Starts the thread."""
+        """Start the thread."""
         CLOCK.start()
         self._good = self._opened = CLOCK.now()
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends the thread; a second call does nothing."""
+        """End the thread; a second call does nothing."""
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(5.0)
@@ -120,7 +120,7 @@ class Capture:
 
     @property
     def fps(self) -> float:
-        """Frames per second, over the latest; it sinks while none comes, and is 0 when lost."""
+        """Frames per second over the latest frames; sinks while none comes, and is 0 when lost."""
         times = list(self._recent)
         span = times[-1] - times[0] if len(times) > 1 else 0.0
         if span <= 0 or self.is_lost:
@@ -130,24 +130,24 @@ class Capture:
         return (len(times) - 1) / (span + quiet * is_late)
 
     def drops(self) -> dict[str, int]:
-        """Frames that were dropped, by reason; with those its driver counts (``sensor.drops``)."""
+        """Dropped frames by reason, with the counts of its driver (``sensor.drops``)."""
         counts = self.counts
         own = {key: getattr(counts, key) for key in ("backwards", "untimed", "frozen")}
         both = counts.bad_values + Counter(getattr(self.sensor, "drops", {}))
         return own | dict.fromkeys(getattr(self.sensor, "drops", {}), 0) | both
 
     def noticed(self) -> dict[str, str]:
-        """What is odd about frames that were kept, in words, by ``clock`` or a change."""
+        """Oddities of kept frames in words, by ``clock`` or the kind of change."""
         found = {key: CHANGES[key] for key in list(self.changes.counts)}
         clock = self.lag.trouble()
         return found | ({"clock": clock} if clock else {})
 
     def watch(self) -> None:
-        """Notices what the thread that reads cannot: that it hangs, or has ended.
+        """Check the reading thread for hanging, or an unexpected end.
 
-        Another thread calls it now and then.
+        Called by another thread now and then.
         """
-        call = self._call
+        call = self._call  # read once: the thread may set it to None meanwhile
         if self.is_done or self._stop.is_set():
             return
         if not self._thread.is_alive():
@@ -177,7 +177,7 @@ class Capture:
                     return
         except TactileForgeError as error:
             self.error = SensorError(f"{self.name}: {error}")
-        except BaseException as error:  # a driver may raise anything, and exit as well
+        except BaseException as error:  # a driver may raise anything, SystemExit included
             what = f"{self.name}: its driver fails with {type(error).__name__}: {error}"
             self.error = SensorError(what)
             self.error.__cause__ = error
@@ -207,7 +207,7 @@ class Capture:
             self._accept(frame)
 
     def _miss(self, cause: str) -> None:
-        """No good frame came: after a while the sensor is opened again, and then given up."""
+        """Note a missing frame: after a while, reopens the sensor, and then gives up."""
         now, self.cause = CLOCK.now(), cause
         if now - self._good > self.silence + self.reconnect:
             raise SensorError(f"{cause} (for {now - self._good:.1f} s)")
@@ -216,11 +216,11 @@ class Capture:
 
     def _reopen(self, cause: str) -> None:
         self.is_lost, self.cause = True, cause
-        with self._calls("close"), suppress(Exception):  # what is gone may not close either
+        with self._calls("close"), suppress(Exception):  # a lost device may fail to close
             self.sensor.close()
         if self._lost is None:
             self._lost = CLOCK.now()
-        # one without a zero to keep is opened as at first
+        # packet sensors have a reopen() that keeps their zero; others are opened as at first
         reopen = getattr(self.sensor, "reopen", self.sensor.open)
         while not self._stop.wait(_RETRY):
             if CLOCK.now() > self._lost + self.reconnect:
@@ -230,7 +230,7 @@ class Capture:
                     reopen()
             except ConfigError:
                 raise
-            except Exception:  # a driver has its own words for what is not there yet
+            except Exception:  # any error of a driver may mean a device that is not back yet
                 continue
             self.counts.reopened += 1
             self._opened = CLOCK.now()
@@ -246,6 +246,7 @@ class Capture:
         return True
 
     def _accept(self, frame: Frame) -> None:
+        # by the awake clock: after Ctrl-Z and fg, frames are old through no fault of the driver
         behind = CLOCK.since(frame.time)
         self.lag.add(frame.time, frame.time + behind)
         if not -_AHEAD < behind < _BEHIND:
@@ -267,14 +268,14 @@ class Capture:
 
 
 def check(captures: Sequence[Capture], at_end: bool = False) -> None:
-    """Looks after sensors that are read.
+    """Check running captures.
 
     Args:
-        captures: Of each.
-        at_end: Whether this was all; then a sensor that is lost will not come back.
+        captures: Captures of all sensors.
+        at_end: Whether the recording is over; then a lost sensor will not come back.
 
     Raises:
-        SensorError: One has ended with an error, hangs for too long, or is lost at the end.
+        SensorError: A capture has ended with an error, hangs for too long, or is lost at the end.
     """
     for capture in captures:
         capture.watch()

@@ -11,11 +11,11 @@ from operator import xor
 
 @dataclass(frozen=True)
 class Checksum:
-    """A checksum at the end of a packet.
+    """Checksum at the end of a packet.
 
     Attributes:
-        size: Bytes it takes.
-        of: Its bytes, of the bytes it covers.
+        size: Size of the checksum, bytes.
+        of: Function from the covered bytes to the bytes of the checksum.
     """
 
     size: int
@@ -26,6 +26,7 @@ def _crc8_table() -> list[int]:
     table = []
     for value in range(256):
         for _ in range(8):
+            # the polynomial x^8 + x^2 + x + 1 of CRC-8 (SMBus), high bit first
             value = (value << 1) ^ (0x07 if value & 0x80 else 0)
         table.append(value & 0xFF)
     return table
@@ -35,6 +36,7 @@ def _modbus_table() -> list[int]:
     table = []
     for value in range(256):
         for _ in range(8):
+            # 0x8005 with its bits reversed, low bit first (MODBUS over Serial Line, 6.2.2)
             value = (value >> 1) ^ (0xA001 if value & 1 else 0)
         table.append(value)
     return table

@@ -1,23 +1,24 @@
-"""Notices times of frames that are late, early, or of a clock that runs slow."""
+"""Detection of late or early times of frames, and of slow or fast clocks."""
 
 from __future__ import annotations
 
 import numpy as np
 
-#: Seconds over which the least lag is taken: frames wait for a busy machine, but not all of them.
+#: Window for the smallest lag, s: frames wait for a busy machine, but not all of them.
 _WINDOW = 0.5
-#: Windows that are kept; where there are more, two become one.
+#: Largest number of windows; beyond it, two become one.
 _MOST = 240
-#: Windows before anything is said.
+#: Smallest number of windows for a statement.
 _LEAST = 5
-#: Lag, s, that is said; and how far a frame may lie ahead of the clock.
+#: Smallest lag and smallest lead to report, s.
 _LATE, _EARLY = 1.0, 0.1
-#: Growth of the lag that is said, seconds a second and in all; and how near to a line it must lie.
+#: Smallest growth of the lag to report, seconds a second and s, and the share of its variance on a
+#: line. Quartz clocks are off by a ten-thousandth at most: 2 % is a wrong rate.
 _DRIFT, _GROWTH, _LINE = 0.02, 0.2, 0.95
 
 
 class ClockLag:
-    """Follows how long after its time a frame arrives.
+    """Monitor of the delay between the time of a frame and its arrival.
 
     Example:
         >>> lag = ClockLag()
@@ -34,11 +35,11 @@ class ClockLag:
         self._end = -np.inf
 
     def add(self, taken: float, now: float) -> None:
-        """Adds a frame.
+        """Add a frame.
 
         Args:
-            taken: Its time, monotonic seconds.
-            now: When it arrived, on the same clock.
+            taken: Time of the frame, monotonic seconds.
+            now: Time of its arrival, on the same clock.
         """
         if now >= self._end:
             if len(self._ends) == _MOST:
@@ -56,10 +57,11 @@ class ClockLag:
         self._window *= 2
 
     def trouble(self) -> str:
-        """What is wrong with the times so far; "" for nothing."""
+        """Problem of the times so far, in words; "" for none."""
         if len(self._ends) < _LEAST:
             return ""
-        ends, least = np.array(self._ends[:-1]), np.array(self._least[:-1])  # the last goes on
+        # without the last window, which is not over
+        ends, least = np.array(self._ends[:-1]), np.array(self._least[:-1])
         if drift := _drift(ends - ends[0], least):
             return (
                 f"its clock is {abs(100 * drift):.0f} % {'slow' if drift > 0 else 'fast'}: seconds "
@@ -72,7 +74,7 @@ class ClockLag:
 
 
 def _drift(times: np.ndarray, lags: np.ndarray) -> float:
-    """Growth of a lag that lies on a line, seconds a second; 0 for none."""
+    """Growth of a linear lag, seconds a second; 0 for none."""
     spread = times - times.mean()
     slope = float(spread @ lags / (spread @ spread))
     line = slope * spread

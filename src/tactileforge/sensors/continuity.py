@@ -1,4 +1,4 @@
-"""Holds back a packet that does not continue its stream, until the next says which is true."""
+"""Continuity of a stream: a packet out of line waits for the next one to confirm it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from tactileforge.contracts import Frame
 
 
 class Arrival(NamedTuple):
-    """A packet that has come.
+    """Received packet.
 
     Attributes:
-        payload: Its bytes, without header, checksum and footer.
-        frame: What they mean.
+        payload: Bytes of the packet, without header, checksum and footer.
+        frame: Decoded frame.
     """
 
     payload: bytes
@@ -30,14 +30,14 @@ def changes_by_at_most(
     fps: float,
     columns: Sequence[int] | slice = slice(None),
 ) -> bool:
-    """Whether values change by no more than they may, in the packets between two.
+    """Whether values change by at most a limit for each packet from one to another.
 
     Args:
         most: Largest change of a value from packet to packet.
-        before: The earlier packet.
-        after: The later one; packets may have been lost between them.
+        before: Earlier packet.
+        after: Later packet; packets may have been lost between the two.
         fps: Packets a second.
-        columns: Of ``Frame.raw``, along its last axis; all without.
+        columns: Columns of ``Frame.raw`` along its last axis; by default all.
     """
     old, new = before.frame, after.frame
     assert old.raw is not None
@@ -48,18 +48,19 @@ def changes_by_at_most(
 
 
 class Continuity:
-    """Lets through the packets that continue a stream.
+    """Filter of packets out of line with their stream.
 
-    One that does not is held back. If the next continues it, the stream has jumped: both are let
-    through, and nothing true is lost. Else it was false, and is dropped. So a single false packet
-    never passes, and never hides the true ones that come after it.
+    A packet that does not continue the stream waits. If the next one continues it, the stream has
+    jumped: both pass, and nothing true is lost. Else it was false, and is dropped. So a single
+    false packet never passes, and never hides the true ones after it.
 
     Args:
-        follows: Whether the second can come right after the first; None stands for nothing before.
+        follows: Function that tells whether its second packet can come right after its first; None
+            as the first stands for the start.
 
     Attributes:
-        last: The latest that was let through.
-        jumps: Packets that were dropped.
+        last: Latest packet passed.
+        jumps: Number of dropped packets.
 
     Example:
         >>> def near(a, b):
@@ -77,7 +78,7 @@ class Continuity:
         self._held: Arrival | None = None
 
     def take(self, new: Arrival) -> list[Arrival]:
-        """The packets that are let through now, oldest first."""
+        """Take a packet; returns the packets to pass now, oldest first."""
         held, self._held = self._held, None
         if self._follows(self.last, new):
             self.jumps += held is not None

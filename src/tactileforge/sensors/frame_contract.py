@@ -1,4 +1,4 @@
-"""Contract of live frames: what each must be before it is recorded, shown or handed on."""
+"""Contract of live frames, checked before they are recorded, shown or handed on."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.errors import SensorError
 from tactileforge.sensors.specs import SPECS
 
-#: Largest values that can be true: of a wrench, N and N m; of taxels and robots in their own units.
+#: Largest possible values: of a wrench, N and N m; of taxels and robots in their own units. No
+#: sensor of touch comes near; misread bytes do.
 MOST_WRENCH, MOST_VALUE = np.repeat([1e4, 1e3], 3), 1e12
-#: Why values are not taken, by the reason that they are counted with.
+#: Explanations of bad values, by the reason of their counter.
 BAD_VALUES = {
     "no_number": "its values are no numbers",
     "implausible": "its values are larger than any that can be true",
@@ -18,16 +19,16 @@ BAD_VALUES = {
 
 
 def check_frame(frame: Frame, spec: SensorSpec) -> None:
-    """Checks type, channels, size and orientation of a frame, and the shape of its values.
+    """Check type, channels, size and orientation of a frame, and the shape of its values.
 
     It looks at no pixel, so it costs nothing.
 
     Args:
-        frame: As the driver gave it.
-        spec: Of the open sensor.
+        frame: Frame of the driver.
+        spec: Spec of the open sensor.
 
     Raises:
-        SensorError: The frame is another thing than the spec says; names the fix.
+        SensorError: The frame differs from the spec; the message names the fix.
     """
     if spec.kind in ("image", "array"):
         _check_picture(frame.array, spec)
@@ -37,13 +38,13 @@ def check_frame(frame: Frame, spec: SensorSpec) -> None:
 
 
 def check_orientation(spec: SensorSpec) -> None:
-    """Checks that the frames of a published sensor stand upright.
+    """Check the frames of a published sensor for standing upright.
 
     Args:
-        spec: Of the open sensor, with the height and width of its frames.
+        spec: Spec of the open sensor, with the height and width of its frames.
 
     Raises:
-        SensorError: They lie on their side.
+        SensorError: The frames lie on their side.
 
     Example:
         >>> from dataclasses import replace
@@ -58,6 +59,7 @@ of the camera
     known = SPECS.get(spec.name)
     if known is None or spec.kind != "image":
         return
+    # by the longer side alone: sizes differ from driver to driver, and square crops say nothing
     if (known.height - known.width) * (spec.height - spec.width) < 0:
         raise SensorError(
             f"its frames of {spec.height} rows and {spec.width} columns lie on their side: those "
@@ -68,11 +70,11 @@ of the camera
 
 
 def bad_values(frame: Frame, spec: SensorSpec) -> str:
-    """Key of `BAD_VALUES` that keeps the values of a frame from being taken; "" for good ones.
+    """Reason to drop the values of a frame, a key of `BAD_VALUES`; "" for good values.
 
     Args:
-        frame: One that `check_frame` lets pass.
-        spec: Of the open sensor.
+        frame: Frame checked by `check_frame`.
+        spec: Spec of the open sensor.
     """
     if spec.kind == "image":
         return ""
@@ -101,7 +103,7 @@ def _check_picture(array: object, spec: SensorSpec) -> None:
         )
 
 
-#: What a driver has to do with frames of other channels.
+#: Fixes for frames of other numbers of channels.
 _RGB = {
     1: "read the camera in colour; grey is not what models of this sensor are trained on",
     4: "leave out the fourth",

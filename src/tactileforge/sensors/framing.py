@@ -1,7 +1,7 @@
-"""Finds packets in a byte stream by header, length, checksum and footer.
+"""Framing: packets in a byte stream, found by header, length, checksum and footer.
 
-Everything here is a pure function of the bytes so far: however a stream is cut into pieces, the
-same packets come out of it.
+Everything here is a pure function of the bytes so far: the same packets come out, however the
+stream is cut into pieces.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from tactileforge.sensors.checksums import CHECKSUMS
 
 
 class Parser(Protocol):
-    """Parses bytes to payloads. A protocol that `Framing` cannot describe brings its own.
+    """Parser of bytes to payloads; a protocol beyond `Framing` brings its own.
 
     Attributes:
-        good: Packets found.
-        bad: Places that looked like a packet and were none.
-        lost: Bytes that belong to no packet.
+        good: Number of packets.
+        bad: Number of false packets.
+        lost: Number of bytes outside packets.
     """
 
     good: int
@@ -29,7 +29,7 @@ class Parser(Protocol):
     lost: int
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Takes the next bytes and returns the completed payloads, oldest first."""
+        """Take the next bytes; returns the completed payloads, oldest first."""
         ...
 
 
@@ -37,24 +37,25 @@ class Parser(Protocol):
 class Framing:
     """Layout of packets: header, payload, checksum, footer, in this order.
 
-    Without a checksum, a packet counts only if something stands on both sides of it: its own header
-    and footer, the footer of the packet before, or the header of the next one (it then comes when
-    that one begins). So a packet that has lost bytes is not taken for a whole one.
+    Without a checksum, a packet counts only with a mark on both sides of it: its own header and
+    footer, the footer of the previous packet, or the header of the next one (it then comes when
+    that one begins). So a packet with lost bytes is not taken for a whole one.
 
     Attributes:
-        payload: Bytes of the payload, of all packets or, with ``length_at``, of the longest.
-        header: What a packet begins with.
-        footer: What it ends with.
-        checksum: One of `CHECKSUMS`, between payload and footer.
-        covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
-        length_at: Where in the payload its length stands, for packets of several lengths.
-        length_format: How, as `struct` writes it.
-        length_plus: Bytes of payload that the length does not count.
-        valid: Whether a payload can be true; None takes all. A protocol without header or checksum
-            needs it: its footer may stand in the middle of a payload as well.
+        payload: Size of the payload of all packets or, with ``length_at``, of the longest, bytes.
+        header: First bytes of a packet.
+        footer: Last bytes of a packet.
+        checksum: Name of the checksum between payload and footer, one of `CHECKSUMS`.
+        covers: Bytes covered by the checksum: ``packet`` (header and payload) or ``payload``.
+        length_at: Position of the length in the payload, for packets of several lengths; None for
+            packets of one length.
+        length_format: Format of the length, as for `struct`.
+        length_plus: Bytes of payload not counted by the length.
+        valid: Function that tells whether a payload is possible; None takes all. A protocol
+            without header or checksum needs it, as its footer may also stand inside a payload.
 
     Raises:
-        ConfigError: They contradict each other.
+        ConfigError: Contradicting options.
     """
 
     payload: int
@@ -87,10 +88,10 @@ def payload_size(payload: str) -> tuple[int, int]:
     """Number of bytes and of values of a payload.
 
     Args:
-        payload: As `struct` writes it.
+        payload: Format of the payload, as for `struct`.
 
     Raises:
-        ConfigError: It is not written so.
+        ConfigError: Invalid format.
     """
     try:
         size = struct.calcsize(payload)
@@ -100,10 +101,10 @@ def payload_size(payload: str) -> tuple[int, int]:
 
 
 def hex_bytes(what: str, text: str) -> bytes:
-    """Bytes that an option gives as hexadecimal text.
+    """Parse the hexadecimal bytes of an option.
 
     Raises:
-        ConfigError: It is none; says which option.
+        ConfigError: Invalid text; the message names the option.
     """
     try:
         return bytes.fromhex(text)
@@ -115,7 +116,7 @@ class PacketParser:
     r"""The `Parser` of a `Framing`.
 
     Args:
-        framing: How packets look.
+        framing: Layout of packets.
 
     Example:
         >>> parser = PacketParser(Framing(payload=2, header=b"\xaa", checksum="sum8"))
@@ -130,7 +131,7 @@ class PacketParser:
         #: Bytes around the payload.
         self._around = len(framing.header) + self._checksum.size + len(framing.footer)
         unproven = framing.checksum == "none"
-        #: What must stand behind, or before, a packet that has nothing else to prove it.
+        #: Bytes required behind, or before, a packet without any other proof.
         self._next = framing.header if unproven and not framing.footer else b""
         self._before = framing.footer if not framing.header else b""
         self._buffer = bytearray()
@@ -142,7 +143,7 @@ class PacketParser:
         return len(self._buffer)
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Takes the next bytes; see `Parser.feed`."""
+        """Take the next bytes; see `Parser.feed`."""
         self._buffer += data
         payloads: list[bytes] = []
         place = 0
@@ -155,7 +156,7 @@ class PacketParser:
         return payloads
 
     def _step(self, place: int) -> tuple[int, list[bytes] | None]:
-        """Advances from a position: the next one and the payload there; None to wait for more."""
+        """Step from a position: returns the next one and its payload; None to wait for bytes."""
         start = self._start(place)
         self.lost += start - place
         buffer = self._buffer
@@ -172,6 +173,8 @@ class PacketParser:
             self.good += 1
             return end, [payload]
         self.bad += 1
+        # after a false packet the search goes on inside it: a true one may begin at any of its
+        # bytes
         if self._before:
             self._anchored = False
             return start, []
@@ -193,11 +196,11 @@ class PacketParser:
         return found_at if found_at >= 0 else max(place, len(self._buffer) - len(mark) + 1)
 
     def _after(self) -> int:
-        """Bytes between the payload and the end of a packet."""
+        """Number of bytes between the payload and the end of a packet."""
         return self._checksum.size + len(self.framing.footer)
 
     def _size(self, start: int) -> int | None:
-        """Bytes of the packet that begins here; 0 where it cannot be, None where not yet known."""
+        """Size of the packet at a position, bytes; 0 for an impossible one, None if unknown yet."""
         framing = self.framing
         if framing.length_at is None:
             return framing.payload + self._around
@@ -228,10 +231,10 @@ class PacketParser:
 
 
 class Datagrams:
-    """The `Parser` of a link that keeps packets apart: each must have the right length.
+    """The `Parser` of a link with separate packets: each must have the right length.
 
     Args:
-        size: Bytes of a datagram.
+        size: Size of a datagram, bytes.
     """
 
     def __init__(self, size: int) -> None:
@@ -239,7 +242,7 @@ class Datagrams:
         self.good = self.bad = self.lost = 0
 
     def feed(self, data: bytes) -> list[bytes]:
-        """One datagram; see `Parser.feed`."""
+        """Take one datagram; see `Parser.feed`."""
         if not data:
             return []
         if len(data) != self.size:

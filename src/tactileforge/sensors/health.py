@@ -1,4 +1,4 @@
-"""Detects frozen, black and saturated images, for recording and live view."""
+"""Detection of frozen, black and saturated images, for recording and live view."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, SensorSpec
 
-#: What is wrong, and what to do about it.
+#: Problems with their fixes.
 TROUBLES = {
     "frozen": "the same picture again and again: plug the sensor out and in",
     "black": "pictures are black: is its light on, is exposure= too low?",
@@ -19,27 +19,27 @@ TROUBLES = {
     "out_of_range": "the force is beyond what the sensor's scale knows: press less, or take the "
     "background again",
 }
-#: Seconds of one and the same picture that count as frozen.
+#: Seconds of one picture until the sensor counts as frozen: noise makes any two frames differ.
 FROZEN_AFTER = 1.0
-#: A picture is black where all but a hundredth of its values are below the first, and saturated
-#: where half of them are above the second.
+#: Grey levels: a picture is black if all but a hundredth of its values are below the first, and
+#: saturated if half of them are above the second.
 _DARK, _BRIGHT = 8, 250
-#: Every which pixel is looked at; all are compared where these are equal.
+#: Step of the compared pixels; all are compared if these are equal.
 _STEP = 8
 
 
 class Health:
-    """Checks the images of one sensor, one after the other.
+    """Checks of the images of one sensor, one after the other.
 
-    A taxel array at rest may well repeat itself, and a wrench sensor has no picture: neither is
-    looked at.
+    Taxel arrays (they may repeat themselves at rest) and wrench sensors (without pictures) are not
+    checked.
 
     Args:
-        spec: Of the sensor.
-        frozen_after: Seconds of the same picture that count as frozen.
+        spec: Spec of the sensor.
+        frozen_after: Seconds of one picture until the sensor counts as frozen.
 
     Attributes:
-        counts: Pictures with each of `TROUBLES`.
+        counts: Number of pictures with each of `TROUBLES`.
     """
 
     def __init__(self, spec: SensorSpec, frozen_after: float = FROZEN_AFTER) -> None:
@@ -50,7 +50,7 @@ class Health:
         self._since = 0.0
 
     def look(self, frame: Frame) -> str:
-        """Problem of an image, one of `TROUBLES`; "" without one."""
+        """Check an image: returns its problem, one of `TROUBLES`; "" for none."""
         if self.spec.kind != "image":
             return ""
         trouble = self._frozen(frame) or exposure_trouble(frame.array)
@@ -67,9 +67,9 @@ class Health:
 
 
 def exposure_trouble(picture: NDArray[np.uint8]) -> str:
-    """``black``, ``saturated``, or "" for neither; of uint8 (H, W, 3)."""
+    """Exposure of a picture, uint8 (H, W, 3): ``black``, ``saturated``, or "" for neither."""
     seen = picture[::_STEP, ::_STEP]
-    # counting is ten times as fast as a percentile, which only dark pictures need
+    # counting is ten times as fast as a percentile, and only dark pictures need one
     lit = np.count_nonzero(seen >= _DARK)
     if lit <= 0.01 * seen.size + 1 and np.percentile(seen, 99) < _DARK:
         return "black"

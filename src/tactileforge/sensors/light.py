@@ -1,9 +1,9 @@
 """Detection of changed light, as opposed to touch.
 
-Light changes slowly over the picture: brighter all over, an exposure that is adjusted, an LED that
-dims, daylight from one side. A touch has edges. So a blur takes away little of the change that
-light makes, mostly less than a tenth of it. Of real touches it takes .18 or more, or 8 grey levels
-(public recordings: tests/sensors/test_light.py).
+Light changes slowly over the picture: brighter all over, another exposure, a dimmed LED, daylight
+from one side. A touch has edges. So a blur takes away little of a change of light, mostly less than
+a tenth of it. Of real touches it takes .18 or more, or 8 grey levels (public recordings:
+tests/sensors/test_light.py).
 
 Daylight that leaks in at an edge may be narrow, with an edge of its own. It makes every colour
 brighter, most at the border, and ever less inwards; a touch makes a colour brighter on one of its
@@ -21,29 +21,30 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from torch import Tensor
 
-#: Cells along the shorter side of a picture that is looked at, at least where it has so many
-#: pixels, and deviation of the blur, cells.
+#: Smallest number of cells along the shorter side of a picture, if it has so many pixels, and
+#: deviation of the blur, cells.
 _CELLS, _BLUR = 30, 1.5
-#: Least change of the picture that is looked at, grey levels: below, forces were within .2 N of 0.
+#: Smallest change of the picture to check, grey levels: below, forces were within .2 N of 0.
 _LEAST = 5.0
-#: Light has at most this share of its change in edges, and edges of at most so many grey levels.
+#: Largest share of the change in edges for light, and largest edge, grey levels; from the touches
+#: above.
 _SHARE, _EDGE = 0.18, 8.0
-#: Robust fit of gain and offset: share of the cells that agree, rounds, and variance (grey levels
-#: squared) that keeps a background of one colour from having a gain.
+#: Robust fit of gain and offset: percent of the cells in agreement, rounds, and a prior variance
+#: (grey levels squared): without it, a background of one colour would have any gain.
 _AGREE, _ROUNDS, _FLAT = 60, 3, 25.0
-#: Of a leak: how far a colour may get darker, or brighter inwards, grey levels and share of the
-#: change; least of the brightest colour that the others have; least of the change at the border,
-#: and most of it at the opposite one: a bar across the picture reaches both.
+#: Leak: tolerance for a colour darker, or brighter inwards, grey levels and share of the change;
+#: smallest ratio of the weakest colour to the strongest at the border; smallest share of the change
+#: at the border, and largest at the opposite one (a bar across the picture reaches both).
 _SLACK, _SLACK_SHARE, _WHITE, _BORDER, _OPPOSITE = 2.0, 0.1, 0.3, 0.6, 0.5
-#: Grey levels from which on a cell is too bright to tell how much daylight it has.
+#: Grey levels of a saturated cell: it hides the amount of daylight.
 _FULL = 250
 
 
 class LightCheck:
-    """Whether pictures differ from a background as light does, not as a touch.
+    """Check of pictures against a background for changed light without touch.
 
     Args:
-        background: uint8 (H, W, 3), without contact.
+        background: Picture without contact, uint8 (H, W, 3).
 
     Example:
         >>> rest = np.full((64, 48, 3), 100, np.uint8)
@@ -64,14 +65,14 @@ class LightCheck:
         """Whether the light has changed and nothing touches.
 
         Args:
-            picture: uint8 (H, W, 3), of the background's size.
+            picture: uint8 (H, W, 3), with the size of the background.
         """
         small = self._small(picture)
         change = small - self._still
         strongest = _nearly_largest(_over_colours(np.maximum, np.abs(change)))
         if strongest < _LEAST:
             return False
-        # with more edges than that it is no smooth light: the fit is not needed
+        # the fit can at best halve the edges, so with more than twice the limit it is not needed
         if _edges(change) < 2 * _EDGE:
             left = _edges(self._without_gain(change))
             if left < min(_EDGE, _SHARE * strongest):
@@ -79,14 +80,14 @@ class LightCheck:
         return _is_leak(change, small >= _FULL)
 
     def _small(self, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Means of whole cells, float32 (h, w, 3): less than a cell is left out at two sides."""
+        """Means of whole cells, float32 (h, w, 3), without incomplete ones at two sides."""
         rows, columns = (length // self._side for length in picture.shape[:2])
         whole = picture[: rows * self._side, : columns * self._side]
         small = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
         return np.asarray(small, np.float32)
 
     def _without_gain(self, change: NDArray[np.float32]) -> NDArray[np.float32]:
-        """What is left without the gain and offset of each colour that most cells agree on."""
+        """Remainder of a change after a robust fit of gain and offset to each colour."""
         still, shown = self._colours, _by_colour(change)
         use, left = np.ones_like(still), still
         for _ in range(_ROUNDS):
@@ -100,7 +101,7 @@ class LightCheck:
 
 
 def _by_colour(small: NDArray[np.float32]) -> NDArray[np.float32]:
-    """A small picture as a row for each colour, (3, h w)."""
+    """Small picture with a row for each colour, (3, h w)."""
     return np.ascontiguousarray(small.reshape(-1, 3).T)
 
 
@@ -111,24 +112,24 @@ def _sums(one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.fl
 
 
 def _over_colours(which: np.ufunc, levels: NDArray[Any]) -> NDArray[Any]:
-    """A ufunc over the colours, (..., 3) to (...): several times as fast as along an axis of 3."""
+    """Apply a ufunc over the colours, (..., 3) to (...); numpy is slow along an axis of 3."""
     out: NDArray[Any] = which(which(levels[..., 0], levels[..., 1]), levels[..., 2])
     return out
 
 
 def _ranked(levels: NDArray[np.float32], percent: int) -> NDArray[np.float32]:
-    """The level of a rank along the last axis: a percentile that is not interpolated."""
+    """Percentile along the last axis, without interpolation."""
     rank = levels.shape[-1] * percent // 100
     return np.partition(levels, rank, axis=-1)[..., rank]
 
 
 def _nearly_largest(levels: NDArray[np.float32]) -> float:
-    """The level that a hundredth of all exceed."""
+    """Percentile 99 of all levels."""
     return float(_ranked(levels.ravel(), 99))
 
 
 def _edges(change: NDArray[np.float32]) -> float:
-    """What a blur takes away from a change; a hundredth of the cells may have more, grey levels."""
+    """Size of the edges of a change, grey levels: percentile 99 of its difference from a blur."""
     blurred = cv2.GaussianBlur(change, (0, 0), _BLUR, borderType=cv2.BORDER_REFLECT_101)
     return _nearly_largest(_over_colours(np.maximum, np.abs(change - blurred)))
 
@@ -138,12 +139,13 @@ def _is_leak(change: NDArray[np.float32], full: NDArray[np.bool_]) -> bool:
 
     Args:
         change: float32 (h, w, 3), grey levels.
-        full: bool (h, w, 3), where the picture cannot get brighter.
+        full: bool (h, w, 3), mask of saturated cells.
     """
     strongest = _nearly_largest(_over_colours(np.maximum, change))
     slack = max(_SLACK, _SLACK_SHARE * strongest)
     if _nearly_largest(-_over_colours(np.minimum, change)) > slack:  # most touches end here
         return False
+    # a saturated cell shows less than its true change, and would look like a dip on the way inwards
     change = np.where(full, np.maximum(change, strongest), change)
     most = _ranked(_by_colour(change), 99)
     for side in range(4):
@@ -166,7 +168,7 @@ def changed_light(clips: Tensor, backgrounds: Tensor) -> NDArray[np.bool_]:
         clips: uint8 (B, T, 3, H, W).
         backgrounds: uint8 (B, 3, H, W).
     """
-    if min(clips.shape[-2:]) < _CELLS:  # taxels, or too few pixels to tell an edge
+    if min(clips.shape[-2:]) < _CELLS:  # taxels, or too few pixels for an edge
         return np.zeros(clips.shape[:2], bool)
     frames = clips.permute(0, 1, 3, 4, 2).cpu().contiguous().numpy()
     stills = backgrounds.permute(0, 2, 3, 1).cpu().contiguous().numpy()

@@ -16,7 +16,7 @@ class Link(Protocol):
     address: str
 
     def receive(self, timeout: float) -> bytes:
-        """Received bytes, at least one; b"" if none arrives within ``timeout`` seconds.
+        """Receive bytes, at least one; b"" if none arrives within ``timeout`` seconds.
 
         Raises:
             SensorError: The device is gone.
@@ -24,7 +24,7 @@ class Link(Protocol):
         ...
 
     def send(self, data: bytes) -> None:
-        """Sends bytes.
+        """Send bytes.
 
         Raises:
             SensorError: The device is gone.
@@ -32,7 +32,7 @@ class Link(Protocol):
         ...
 
     def close(self) -> None:
-        """Closes the connection; a second call does nothing."""
+        """Close the connection; a second call does nothing."""
         ...
 
 
@@ -40,7 +40,7 @@ class SerialLink:
     """A serial port.
 
     Args:
-        port: Its path, for example ``/dev/ttyUSB0``.
+        port: Path of the port, for example ``/dev/ttyUSB0``.
         baudrate: Bits a second.
 
     Raises:
@@ -54,18 +54,22 @@ class SerialLink:
         import serial
 
         self.address = os.path.realpath(port)
+        # TypeError: pyserial reads from a descriptor that is None once the port is closed meanwhile
         self._failed = (serial.SerialException, OSError, TypeError)
         try:
+            # exclusive: two readers of one port would each get a part of the bytes
             self._port: Any = serial.Serial(port, baudrate, timeout=0, exclusive=True)
         except (serial.SerialException, OSError, ValueError) as error:
-            raise SensorError(_why(port, error)) from error
+            raise SensorError(_explain_failure(port, error)) from error
+        # bytes from before the opening have no time
         self._port.reset_input_buffer()
         self.unit = serial_number_of(self.address)
 
     def receive(self, timeout: float) -> bytes:
-        """See `Link.receive`."""
+        """Receive bytes; see `Link.receive`."""
         try:
             self._port.timeout = timeout
+            # one byte to wait for, then all that came with it: read(n) would wait for n bytes
             first: bytes = self._port.read(1)
             waiting = self._port.in_waiting if first else 0
             return first + self._port.read(waiting) if waiting else first
@@ -73,18 +77,18 @@ class SerialLink:
             raise SensorError(f"{self.address}: unplugged ({error}); plug it in again") from error
 
     def send(self, data: bytes) -> None:
-        """See `Link.send`."""
+        """Send bytes; see `Link.send`."""
         try:
             self._port.write(data)
         except self._failed as error:
             raise SensorError(f"{self.address}: unplugged ({error}); plug it in again") from error
 
     def close(self) -> None:
-        """Releases the port."""
+        """Release the port."""
         self._port.close()
 
 
-def _why(port: str, error: Exception) -> str:
+def _explain_failure(port: str, error: Exception) -> str:
     if not os.path.exists(port):
         there = ", ".join(serial_ports()) or "none"
         return f"{port}: no such serial port; plug the sensor in, or set port= (found: {there})"
@@ -97,8 +101,8 @@ def serial_ports(usb: str = "", serial_number: str = "") -> list[str]:
     """Attached serial ports, sorted.
 
     Args:
-        usb: Only those of this vendor and product, for example ``2833:4001``.
-        serial_number: Only that of the device with this serial number.
+        usb: Vendor and product of the device, for example ``2833:4001``; "" for any.
+        serial_number: Serial number of the device; "" for any.
     """
     from serial.tools.list_ports import comports
 
@@ -111,7 +115,7 @@ def serial_ports(usb: str = "", serial_number: str = "") -> list[str]:
 
 
 def serial_number_of(path: str) -> str:
-    """Serial number of the device at a serial port, "" where it has none."""
+    """Serial number of the device at a serial port; "" for none."""
     from serial.tools.list_ports import comports
 
     known = (port.serial_number for port in comports() if os.path.realpath(port.device) == path)
@@ -119,12 +123,12 @@ def serial_number_of(path: str) -> str:
 
 
 def attached_ports(port: str, usb: str = "", serial_number: str = "") -> list[str]:
-    """Ports of the USB device, if one is named; else the port, if it exists.
+    """Ports of the USB device if one is named; else the port if it exists.
 
     Args:
         port: Path of the port.
-        usb: See `serial_ports`.
-        serial_number: See `serial_ports`.
+        usb: Vendor and product of the device, for example ``2833:4001``; "" for any.
+        serial_number: Serial number of the device; "" for any.
     """
     if usb or serial_number:
         return serial_ports(usb, serial_number)
@@ -132,11 +136,11 @@ def attached_ports(port: str, usb: str = "", serial_number: str = "") -> list[st
 
 
 class UdpLink:
-    """Datagrams to and from one device; `receive` gives them one by one.
+    """Datagrams to and from one device; `receive` returns them one by one.
 
     Args:
-        host: Name or number of the device; "" takes what anybody sends to ``listen``.
-        port: Its port.
+        host: Name or address of the device; "" takes datagrams to ``listen`` from anybody.
+        port: Port of the device.
         listen: Port of this machine; 0 takes a free one.
 
     Raises:
@@ -155,15 +159,15 @@ class UdpLink:
             raise SensorError(f"{self.address}: {error}; correct its host= and port=") from error
 
     def receive(self, timeout: float) -> bytes:
-        """See `Link.receive`."""
+        """Receive bytes; see `Link.receive`."""
         return _received(self._socket, self.address, timeout) or b""
 
     def send(self, data: bytes) -> None:
-        """See `Link.send`."""
+        """Send bytes; see `Link.send`."""
         _send(self._socket, self.address, data)
 
     def close(self) -> None:
-        """Closes the socket."""
+        """Close the socket."""
         self._socket.close()
 
 
@@ -171,12 +175,12 @@ class TcpLink:
     """A stream of bytes from a server.
 
     Args:
-        host: Name or number of the device.
-        port: Its port.
-        timeout: Seconds that connecting may take.
+        host: Name or address of the device.
+        port: Port of the device.
+        timeout: Longest wait for the connection, s.
 
     Raises:
-        SensorError: It does not answer.
+        SensorError: The device does not answer.
     """
 
     def __init__(self, host: str, port: int, timeout: float = 3.0) -> None:
@@ -190,25 +194,25 @@ class TcpLink:
             ) from error
 
     def receive(self, timeout: float) -> bytes:
-        """See `Link.receive`."""
+        """Receive bytes; see `Link.receive`."""
         data = _received(self._socket, self.address, timeout)
         if data == b"":
             raise SensorError(f"{self.address}: has ended the connection; is it still on?")
         return data or b""
 
     def send(self, data: bytes) -> None:
-        """See `Link.send`."""
+        """Send bytes; see `Link.send`."""
         _send(self._socket, self.address, data)
 
     def close(self) -> None:
-        """Closes the socket."""
+        """Close the socket."""
         self._socket.close()
 
 
 def _received(link: socket.socket, address: str, timeout: float) -> bytes | None:
-    """Received bytes; None if there are none, b"" at the end of a stream."""
+    """Receive bytes; None if none arrives, b"" at the end of a stream."""
     try:
-        link.settimeout(max(timeout, 1e-4))
+        link.settimeout(max(timeout, 1e-4))  # 0 would make the socket non-blocking
         return link.recv(65536)
     except TimeoutError:
         return None

@@ -10,13 +10,15 @@ from contextlib import contextmanager
 
 @contextmanager
 def low_latency_threads() -> Iterator[None]:
-    """Context with fast thread switches and short garbage collection, so that frames do not wait.
+    """Context with fast thread switches and short garbage collection, for frames without delay.
 
-    Everything that exists already is left out of garbage collection meanwhile: with torch
-    imported, one pass over it stops all threads for a tenth of a second.
+    Existing objects are left out of garbage collection meanwhile: with torch imported, one pass
+    over them stops all threads for a tenth of a second.
     """
     before = sys.getswitchinterval()
-    sys.setswitchinterval(0.0001)
+    sys.setswitchinterval(
+        0.0001
+    )  # 5 ms by default: a thread at work would delay each frame by that
     gc.freeze()
     try:
         yield

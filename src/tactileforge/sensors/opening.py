@@ -1,4 +1,4 @@
-"""Builds sensors from their configuration and opens them together."""
+"""Opening of sensors: built from their configuration, opened together."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from tactileforge.contracts import Sensor
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError, unknown
 from tactileforge.sensors.awake import CLOCK
 
-#: Seconds that a driver may take to open a device, and to close it.
+#: Longest time for a driver to open a device, and to close it, s.
 _OPEN, _CLOSE = 30.0, 5.0
-#: Seconds between two looks at a driver that is waited for.
+#: Seconds between looks at a running call of a driver.
 _LOOK = 0.5
-#: Start of the names of threads in which drivers run.
+#: Start of the names of threads for calls of drivers.
 _DRIVER = "driver-"
 
 
 class BuiltSensors(NamedTuple):
-    """Sensors that are not open.
+    """Sensors before opening.
 
     Attributes:
         touch: Cameras and arrays, by name.
-        force: A wrench sensor.
-        camera: A camera that looks on.
-        robot: Its state and actions.
+        force: Wrench sensor; None for none.
+        camera: Camera with a view of the scene; None for none.
+        robot: Source of state and actions; None for none.
     """
 
     touch: dict[str, Sensor]
@@ -37,7 +37,7 @@ class BuiltSensors(NamedTuple):
 
 
 def build_sensors(config: Mapping[str, Any]) -> BuiltSensors:
-    """Builds the sensors of a configuration, by its groups.
+    """Build the sensors of a configuration, by its groups.
 
     Raises:
         ConfigError: A node names no plugin, or a driver does not take its options.
@@ -58,7 +58,7 @@ def _built(key: str, node: Mapping[str, Any]) -> Sensor:
         sensor: Sensor = registry.build("sensors", node)
     except TactileForgeError:
         raise
-    except Exception as error:  # a driver that has no words of its own for it
+    except Exception as error:  # a driver without an error of its own for it
         raise ConfigError(
             f"{key}: {node['name']} does not take its options: {type(error).__name__}: {error}"
         ) from error
@@ -66,14 +66,15 @@ def _built(key: str, node: Mapping[str, Any]) -> Sensor:
 
 
 def open_all(sensors: Mapping[str, Sensor], stack: ExitStack) -> None:
-    """Opens sensors; the stack closes them.
+    """Open sensors; the stack closes them.
 
     Raises:
-        SensorError: One cannot be opened, or two are the same device.
-        ConfigError: An option of one is missing or wrong.
+        SensorError: A sensor cannot be opened, or two are the same device.
+        ConfigError: An option is missing or wrong.
     """
     owners: dict[str, str] = {}
     for name, sensor in sensors.items():
+        # before open(), which may fail halfway and leave a device to close
         stack.callback(close_sensor, name, sensor)
         open_sensor(name, sensor)
         address = str(getattr(sensor, "address", ""))
@@ -86,35 +87,35 @@ def open_all(sensors: Mapping[str, Sensor], stack: ExitStack) -> None:
 
 
 def open_sensor(name: str, sensor: Sensor) -> None:
-    """Opens a sensor, whatever its driver does.
+    """Open a sensor, whatever its driver does.
 
     Args:
-        name: Of the sensor, for messages.
-        sensor: The sensor.
+        name: Name of the sensor, for messages.
+        sensor: Sensor to open.
 
     Raises:
-        SensorError: It cannot be opened, or its driver does not return in time.
+        SensorError: The sensor cannot be opened, or its driver does not return in time.
         ConfigError: An option is missing or wrong.
     """
     try:
         within(_OPEN, f"{name}: open()", sensor.open)
     except TactileForgeError:
         raise
-    except OSError as error:  # a driver that has no words of its own for it
+    except OSError as error:  # a driver without an error of its own for it
         raise SensorError(f"{name}: cannot be opened: {error}") from error
     except Exception as error:
         raise SensorError(f"{name}: cannot be opened: {type(error).__name__}: {error}") from error
 
 
 def close_sensor(name: str, sensor: Sensor) -> None:
-    """Closes a sensor, whatever its driver does.
+    """Close a sensor, whatever its driver does.
 
     Args:
-        name: Of the sensor, for messages.
-        sensor: The sensor.
+        name: Name of the sensor, for messages.
+        sensor: Sensor to close.
 
     Raises:
-        SensorError: Its driver fails, or does not return in time.
+        SensorError: The driver fails, or does not return in time.
     """
     try:
         within(_CLOSE, f"{name}: close()", sensor.close)
@@ -128,30 +129,32 @@ def close_sensor(name: str, sensor: Sensor) -> None:
 
 
 def unit_of(sensor: Sensor) -> str:
-    """Serial number of an open sensor, or the address that names it; "" where neither does.
+    """Serial number of an open sensor, or else its address; "" for a mere path.
 
-    Paths such as ``/dev/video0`` do not: they change with the order of plugging in.
+    Paths such as ``/dev/video0`` name no unit: they change with the order of plugging in.
     """
     address = str(getattr(sensor, "address", ""))
     return str(getattr(sensor, "unit", "")) or ("" if address.startswith("/dev/") else address)
 
 
 def is_driver_left() -> bool:
-    """Whether a thread of a driver is still in a call left behind by `within`."""
+    """Whether a call left behind by `within` is still running."""
     return any(thread.name.startswith(_DRIVER) for thread in threading.enumerate())
 
 
 def within(seconds: float, what: str, call: Callable[[], object]) -> None:
-    """Calls a driver in a thread of its own, which is left behind if it does not return.
+    """Call a driver in a thread of its own; a call over time is left behind.
+
+    A thread, as a blocked call into a driver cannot be interrupted in any other way.
 
     Args:
-        seconds: How long it may take.
-        what: It does, for messages.
+        seconds: Longest time of the call, s.
+        what: Name of the call, for messages.
         call: The call.
 
     Raises:
-        SensorError: It has not returned in time, or has tried to end the program.
-        Exception: What it raises.
+        SensorError: The call has not returned in time, or has tried to end the program.
+        Exception: Error of the call.
     """
     ended: list[BaseException | None] = []
 
@@ -159,7 +162,7 @@ def within(seconds: float, what: str, call: Callable[[], object]) -> None:
         try:
             call()
             ended.append(None)
-        except BaseException as error:  # it may exit as well, and a thread would in silence
+        except BaseException as error:  # SystemExit would end a thread in silence
             ended.append(error)
 
     thread = threading.Thread(target=run, name=f"{_DRIVER}{what}", daemon=True)

@@ -1,4 +1,4 @@
-"""Notices pictures that roll, turn or change their colours in the middle of a stream."""
+"""Detection of rolled, turned or recoloured pictures in the middle of a stream."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, SensorSpec
 
-#: What is noticed, and what to do about it.
+#: Changes with their fixes.
 CHANGES = {
     "rolled": "its pictures have rolled: rows or columns begin elsewhere than at first; plug it "
     "out and in, and use a shorter cable",
@@ -19,35 +19,36 @@ CHANGES = {
     "recoloured": "its pictures have other colours than at first: are red and blue swapped, is a "
     "light out, does its white balance adjust itself?",
 }
-#: Seconds after the first frame until pictures are compared: the first ones may be odd.
+#: Seconds from the first frame to the reference picture: the first frames may be odd.
 _SETTLE = 0.5
-#: Rows or columns, whichever are fewer, that are compared.
+#: Shorter side of the compared pictures, pixels.
 _SIZE = 30
-#: Mean change from the first picture, grey levels, below which nothing is looked for; and seconds
-#: between two looks where the picture changes slowly.
+#: Smallest mean change from the reference to look into, grey levels; and seconds between looks at a
+#: slowly changing picture.
 _CALM, _EVERY = 6.0, 0.5
-#: Sudden change of the mean change, grey levels, that is looked at once.
+#: Smallest jump of the mean change to look into at once, grey levels.
 _SUDDEN = 3.0
-#: Share of the change that may remain once it is undone, and shift that is none, of the side.
+#: Largest share of the change left after undoing it, and smallest shift, as a share of the side.
 _REMAINS, _SHIFT = 0.4, 0.04
-#: Change of the colour of the whole picture, grey levels, that no touch makes.
+#: Smallest change of the median colour beyond any touch, grey levels.
 _COLOUR = 40.0
-#: Contrast of a channel, or between them, grey levels, that is none, and that is one.
+#: Contrast of a dead channel at most, and of a working one at least (also between channels), grey
+#: levels.
 _DEAD, _ALIVE = 1.0, 8.0
 
 
 class PictureChanges:
-    """Compares the pictures of one camera with its first.
+    """Comparison of the pictures of one camera with its first.
 
-    A change counts where undoing it (rolling back, turning back, swapping channels back) gives the
-    first picture again, but for what touches; or where the median colour is another.
+    A change counts if undoing it (rolling back, turning back, swapping channels back) gives the
+    first picture again, but for touch; or if the median colour differs.
 
     Args:
-        spec: Of the sensor; only pictures of cameras are looked at.
+        spec: Spec of the sensor; only pictures of cameras are compared.
 
     Attributes:
-        counts: Pictures with each of `CHANGES`.
-        first: Time of the first picture with each, monotonic seconds.
+        counts: Number of pictures with each of `CHANGES`.
+        first: Time of the first picture with each of `CHANGES`, monotonic seconds.
     """
 
     def __init__(self, spec: SensorSpec) -> None:
@@ -60,7 +61,7 @@ class PictureChanges:
         self._state, self._looked, self._change = "", 0.0, 0.0
 
     def look(self, frame: Frame) -> str:
-        """Change of a picture, one of `CHANGES`; "" without one."""
+        """Compare a picture: returns its change, one of `CHANGES`; "" for none."""
         if not self.is_camera:
             return ""
         reference = self._reference
@@ -88,12 +89,13 @@ class PictureChanges:
 
 
 def change_of(picture: NDArray[np.uint8], reference: NDArray[np.uint8]) -> str:
-    """Change from a picture to another, one of `CHANGES`; "" for none but touch.
+    """Change of a picture, one of `CHANGES`; "" for none but touch.
 
     Args:
         picture: uint8 (H, W, 3).
-        reference: The same, earlier.
+        reference: Earlier picture, uint8 (H, W, 3).
     """
+    # from cheap to dear; the median colour comes last, as the others change it, too
     small, want = _smaller(picture), _smaller(reference)
     most = _REMAINS * _difference(small, want)
     if min(_difference(small[..., list(order)], want) for order in _ORDERS) < most:
@@ -129,7 +131,7 @@ def _colour(small: NDArray[np.int16]) -> NDArray[np.float64]:
 
 
 def _has_lost_colour(small: NDArray[np.int16], want: NDArray[np.int16]) -> bool:
-    """Whether pictures have become grey, or a channel says nothing any more."""
+    """Whether a picture has become grey, or has lost a channel."""
     now, before = (np.ptp(one, axis=2).mean() for one in (small, want))
     contrasts = small.std(axis=(0, 1)), want.std(axis=(0, 1))
     dead = (contrasts[0] < _DEAD) & (contrasts[1] > _ALIVE)
@@ -137,23 +139,24 @@ def _has_lost_colour(small: NDArray[np.int16], want: NDArray[np.int16]) -> bool:
 
 
 def _turned(small: NDArray[np.int16]) -> list[NDArray[np.int16]]:
-    quarter = [np.rot90(small, 1), np.rot90(small, 3)]  # of another shape unless square
+    quarter = [np.rot90(small, 1), np.rot90(small, 3)]  # another shape, unless square
     return [small[::-1], small[:, ::-1], small[::-1, ::-1], *quarter]
 
 
 def _rolled(picture: NDArray[np.uint8], reference: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
-    """The picture rolled back by the shifts that its sums of rows and columns tell."""
+    """Picture rolled back by the shifts of its sums of rows, of columns, and of both."""
     shifts = [_shift(picture, reference, axis) for axis in (0, 1)]
-    told = [(shifts[0], 0), (0, shifts[1]), tuple(shifts)]
+    candidates = [(shifts[0], 0), (0, shifts[1]), tuple(shifts)]
     return [
         np.roll(picture, (-down, -right), (0, 1))
-        for down, right in dict.fromkeys(told)
+        for down, right in dict.fromkeys(candidates)
         if down or right
     ]
 
 
 def _shift(picture: NDArray[np.uint8], reference: NDArray[np.uint8], axis: int) -> int:
-    """By how much a picture is rolled along an axis; 0 for as good as nothing."""
+    """Roll of a picture along an axis, pixels; 0 for a negligible one."""
+    # circular cross-correlation of two profiles by the Fourier transform: a roll is circular
     sums = [one.sum(axis=(1 - axis, 2), dtype=np.float64) for one in (picture, reference)]
     waves = [np.fft.rfft(one - one.mean()) for one in sums]
     fits = np.fft.irfft(waves[0] * waves[1].conj(), len(sums[0]))

@@ -1,8 +1,8 @@
-"""Colours of a gel at rest: whether red and blue are swapped, and how a picture is turned.
+"""Colours of a gel at rest, to detect swapped red and blue, and turned pictures.
 
 A picture is reduced to its colours without brightness on a grid of four by four. Lights sit at
-fixed sides of a sensor, so the colours of two units agree in place though not in strength; swapped
-or turned ones agree once they are put right.
+fixed sides of a sensor, so the colours of two units agree in place though not in strength. Swapped
+or turned ones agree once corrected.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-#: Least agreement (a cosine) of colours that were put right, and by how much it exceeds that of the
-#: colours as they are. On real units the latter is lower by 0.4 or more where nothing is swapped.
+#: Smallest agreement (a cosine) of corrected colours, and its smallest lead over that of the
+#: original ones. On real units without a swap, the corrected ones are behind by 0.4 or more.
 SWAPPED, SWAPPED_BY = 0.5, 0.2
-#: The same for a quarter turn: a GelSight Mini looks alike on its side (0.7 where upright is 0.9).
+#: The same for a quarter turn: a GelSight Mini looks similar on its side (0.7, and 0.9 upright).
 TURNED, TURNED_BY = 0.7, 0.1
-#: Sensors whose gel is lit in colours.
+#: Sensors with coloured lights.
 COLOURED = frozenset({"digit", "gelsight", "gelsight_mini", "gelslim"})
-#: Spread of the channels up to which a picture is grey, and at which it has colours; grey levels.
+#: Largest spread of the channels of a grey picture, and smallest of a coloured one; grey levels.
 _GREY, _COLOURS = 1.5, 6.0
 
 #: Means over public units (10 DIGITs, 9 GelSight Minis), upright, in hundredths: rows of red, green
@@ -42,10 +42,10 @@ _KNOWN = {
 
 
 def colour_grid(picture: NDArray[Any]) -> NDArray[np.float64]:
-    """Colours of a picture without brightness, float64 (4, 4, 3), 0 where it is grey.
+    """Colours of a picture without brightness, float64 (4, 4, 3); 0 for grey.
 
     Args:
-        picture: (H, W, 3), RGB, grey levels of 255.
+        picture: Picture, (H, W, 3), RGB, grey levels of 255.
     """
     small = cv2.resize(picture.astype(np.float32), (4, 4), interpolation=cv2.INTER_AREA)
     levels = small.astype(np.float64)
@@ -54,7 +54,7 @@ def colour_grid(picture: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def known_colours(sensor: str) -> NDArray[np.float64] | None:
-    """The colour grid of a type of sensor; None where it is not known.
+    """Colour grid of a type of sensor; None for an unknown one.
 
     Args:
         sensor: Name of the type.
@@ -64,11 +64,11 @@ def known_colours(sensor: str) -> NDArray[np.float64] | None:
 
 
 def agreement(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    """How well two colour grids agree: 1 the same, 0 nothing in common, -1 the opposite.
+    """Agreement of two colour grids, a cosine: 1 for equal, 0 for unrelated, -1 for opposite.
 
     Args:
-        one: A `colour_grid`.
-        other: Another.
+        one: Result of `colour_grid`.
+        other: Another result of it.
     """
     size = float(np.sqrt((one * one).sum() * (other * other).sum()))
     return float((one * other).sum()) / size if size > 0 else 0.0
@@ -78,8 +78,8 @@ def is_swapped(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> boo
     """Whether colours fit a reference with red and blue exchanged, and not as they are.
 
     Args:
-        grid: A `colour_grid`, upright.
-        reference: That of another picture, or of the type of sensor.
+        grid: `colour_grid` of an upright picture.
+        reference: `colour_grid` of another picture, or of the type of sensor.
 
     Example:
         >>> digit = known_colours("digit")
@@ -91,11 +91,11 @@ def is_swapped(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> boo
 
 
 def turn_of(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> int | None:
-    """Degrees, clockwise, that put a picture upright; None where its colours do not tell.
+    """Degrees, clockwise, to put a picture upright; None if its colours are ambiguous.
 
     Args:
-        grid: A `colour_grid`, its channels in the order of the reference.
-        reference: That of an upright picture.
+        grid: `colour_grid` with the channels in the order of the reference.
+        reference: `colour_grid` of an upright picture.
 
     Example:
         >>> digit = known_colours("digit")
@@ -110,10 +110,10 @@ def turn_of(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> int | 
 
 
 def is_grey(picture: NDArray[Any]) -> bool:
-    """Whether the three channels of a picture are one.
+    """Whether the three channels of a picture are equal.
 
     Args:
-        picture: (H, W, 3), grey levels of 255.
+        picture: Picture, (H, W, 3), grey levels of 255.
     """
     spread = picture.astype(np.float32)
     return float(np.quantile(spread.max(-1) - spread.min(-1), 0.999)) <= _GREY
@@ -123,6 +123,6 @@ def has_colours(grid: NDArray[np.float64]) -> bool:
     """Whether a colour grid is more than the tint of a camera.
 
     Args:
-        grid: A `colour_grid`.
+        grid: Result of `colour_grid`.
     """
     return float(np.sqrt((grid * grid).mean())) >= _COLOURS

@@ -1,4 +1,4 @@
-"""How a type of sensor is simulated: its gel, its light and its markers, as data."""
+"""Simulation of types of sensors: gel, light and markers, as data."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ class Lamp:
     Attributes:
         azimuth: Direction, rad, clockwise from the right of the image.
         elevation: Angle of its light to the gel at rest, rad.
-        colour: Grey levels it adds to R, G, B of a surface that faces it.
-        fall: Share by which it is weaker at the centre than at its edge of the image.
-        shadow: Share of its light that is missing in its shadow.
+        colour: Grey levels added to R, G, B of a surface facing it.
+        fall: Loss of light from its edge of the image to the centre, as a share.
+        shadow: Loss of light in its shadow, as a share.
     """
 
     azimuth: float
@@ -32,9 +32,9 @@ class MarkerPattern:
     Attributes:
         columns: Number of dots from left to right.
         rows: Number of dots from top to bottom.
-        pitch: mm between dots, right and down.
-        radius: mm.
-        jitter: Standard deviation of the dots' places, mm.
+        pitch: Distance between dots, right and down, mm.
+        radius: Radius of the dots, mm.
+        jitter: Standard deviation of the positions of dots, mm.
     """
 
     columns: int
@@ -46,12 +46,13 @@ class MarkerPattern:
 
 @dataclass(frozen=True, kw_only=True)
 class Simulation:
-    """How a type of sensor is simulated. Without lamps or calibration, nothing lights its gel.
+    """Simulation of a type of sensor; without lamps or calibration, its gel is dark.
 
     Attributes:
         dome: Radius of curvature of the gel at rest, mm; None for a flat gel.
         thickness: Thickness of the gel, mm.
         modulus: Young's modulus of the gel, MPa.
+<<<<<<< HEAD
         friction: Least and largest coefficient between gel and objects.
         calibrations: Names of optical calibrations that ship; a unit has one of them.
         relief: Slope of the gel over the slope with the same picture in the calibration; above 1
@@ -59,14 +60,21 @@ class Simulation:
         lamps: Lights of a type that has no calibration.
         base: Its light from everywhere, R, G, B in grey levels.
         dim: Share by which light falls off towards the border, see
+=======
+        friction: Smallest and largest coefficient of friction between gel and objects.
+        calibrations: Names of shipped optical calibrations; a unit has one of them.
+        lamps: Lights of a type without calibration.
+        base: Ambient light of a type without calibration, R, G, B in grey levels.
+        dim: Loss of light towards the border, as a share, see
+>>>>>>> main
             `sim.optics.lighting.lamp_calibration`.
         height_mm: Height of the field of view, mm; None takes it from the sensing area.
-        level: Mean R, G, B of a background where the camera balances colours itself; None leaves
-            them to the lights.
+        level: Mean R, G, B of a background, for cameras with automatic colours; None leaves them
+            to the lights.
         clouds: Unevenness of the light, grey levels.
         wear: Mean number of scratches, and of specks of dust.
-        pattern: Printed markers of its marker gel; None where there is no such gel.
-        markers: Whether units have the marker gel, unless they are asked for with or without.
+        pattern: Printed markers of its marker gel; None without such a gel.
+        markers: Whether units have the marker gel by default.
     """
 
     dome: float | None = None
@@ -87,11 +95,13 @@ class Simulation:
 
 
 def _lamp(degrees: float, colour: tuple[float, float, float], fall: float = 0.5) -> Lamp:
+    # 35 degrees is our choice, as are these lamps: LEDs at the side of a gel shine flat over it
     return Lamp(math.radians(degrees), math.radians(35), colour, fall)
 
 
-#: Of the published sensors. Published are thickness, stiffness and curvature of the GelSight Mini's
-#: gel (FEATS), a curvature of DIGIT's (TACTO), and the thickness of a lab GelSight's; other gels
+#: Simulations of the published sensors. Published are thickness, stiffness and curvature of the gel
+#: of the GelSight Mini (FEATS), a curvature of DIGIT's (TACTO), and the thickness of a lab
+#: GelSight's; other gels
 #: take the Mini's thickness and stiffness. Ranges of friction are our choice; ToucHD's
 #: demonstrations show at least 1.2 on a Mini and 0.55 on a DIGIT. No calibration of DuraGel,
 #: GelSlim and DM-Tac may be shipped, so their lamps are our choice. GelSight's marker gel has
@@ -101,7 +111,7 @@ PUBLISHED = {
         calibrations=("gelsight", "gelsight_fots"),
         pattern=MarkerPattern(11, 9, (1.7, 1.55), 0.25),
     ),
-    # Mean levels of eight real units: their cameras balance colours, and differ by 4 grey levels.
+    # mean levels of eight real units: their cameras balance colours, and differ by 4 grey levels
     "digit": Simulation(
         dome=100.0,
         friction=(0.4, 1.1),

@@ -1,20 +1,23 @@
 """The published optical sensors, as data.
 
-Sizes, rates and areas are those of the frames in public data sets, None where nothing is published.
+Sizes, rates and areas are those of the frames in public data sets; None for unpublished ones.
 Force scales of ``digit``, ``gelsight_mini`` and ``duragel`` are those of ToucHD's benchmark
 (AnyTouch 2, its ``max_abs``); for the others none is published, and they take the Mini's.
 
-How each is simulated is in `simulation.PUBLISHED`; the row that some have in published weights is
-in `encoders.tactile_vit.PUBLISHED_SENSORS`.
+`simulation.PUBLISHED` has their simulations, and `encoders.tactile_vit.PUBLISHED_SENSORS` their
+rows in published weights.
 """
 
 from __future__ import annotations
 
+from inspect import signature
+
 from tactileforge import registry
 from tactileforge.contracts import SensorSpec
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.sensors.simulation import PUBLISHED, Simulation
 
+#: Largest force of a GelSight Mini in ToucHD's benchmark, N (AnyTouch 2, its ``max_abs``).
 _MINI_FORCE = (6.84, 9.87, 8.52)
 
 SPECS: dict[str, SensorSpec] = {
@@ -82,10 +85,10 @@ SPECS: dict[str, SensorSpec] = {
 
 
 def spec(name: str) -> SensorSpec:
-    """The spec of a sensor type: a published one, or that of an installed sensor plugin.
+    """Spec of a sensor type, published or of an installed sensor plugin.
 
     Raises:
-        ConfigError: Nothing is known by that name; lists what is.
+        ConfigError: Unknown name; the message lists the known ones.
     """
     if name in SPECS:
         return SPECS[name]
@@ -93,21 +96,30 @@ def spec(name: str) -> SensorSpec:
         known = getattr(registry.get("sensors", name), "spec", None)
         if isinstance(known, SensorSpec):
             return known
-    raise ConfigError(
-        unknown(
-            "sensor",
-            name,
-            {*SPECS, *registry.names("sensors")},
-            "Correct the name, or install the sensor's plugin.",
-        )
+    fix = (
+        "Correct the name, install the sensor's plugin, or describe yours: "
+        "tactileforge plugins new sensor NAME"
     )
+    types = filter(_is_type, registry.names("sensors"))
+    raise ConfigError(unknown("sensor", name, {*SPECS, *types}, fix))
+
+
+def _is_type(name: str) -> bool:
+    """Whether a plugin is a type of sensor, not a way to open one of any type, as ``replay`` is."""
+    try:
+        plugin = registry.get("sensors", name)
+        known = getattr(plugin, "spec", None)
+        is_seen = isinstance(known, SensorSpec) and known.kind in ("image", "array")
+        return is_seen and "type" not in signature(plugin).parameters
+    except PluginError:  # a broken package is no concern of this name
+        return False
 
 
 def simulation(name: str) -> Simulation:
-    """How a sensor type is simulated.
+    """Simulation of a sensor type.
 
     Raises:
-        ConfigError: Nothing is known by that name, or its spec has no simulation.
+        ConfigError: Unknown name, or a spec without simulation.
     """
     try:
         known = spec(name).simulation
@@ -119,5 +131,5 @@ def simulation(name: str) -> Simulation:
     return known
 
 
-#: Sensors of this package that can be simulated.
+#: Sensors of this package with a simulation.
 SIMULATED = tuple(name for name, known in SPECS.items() if known.simulation)

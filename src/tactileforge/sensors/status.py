@@ -1,4 +1,4 @@
-"""Status line that overwrites itself on a terminal."""
+"""Status line, overwritten on a terminal."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import TextIO
 
 
 class Status:
-    """Writes a status line, over the last one on a terminal.
+    """Writer of a status line, over the last one on a terminal.
 
     Args:
-        to: Where to; None for standard error.
+        to: Stream to write to; None for standard error.
     """
 
     def __init__(self, to: TextIO | None = None) -> None:
@@ -29,17 +29,17 @@ class Status:
         self.to.flush()
 
     def end(self) -> None:
-        """Ends the line."""
+        """End the line."""
         if self._length:
             self.to.write("\n")
             self._length = 0
 
 
 def of_drops(reasons: Mapping[str, Mapping[str, int]]) -> str:
-    """Dropped frames of each device by reason; ``none`` where there are none."""
-    told = [
+    """Format dropped frames of each device by reason; ``none`` for none."""
+    devices = [
         f"{name} {sum(counts.values())} ({', '.join(f'{k} {n}' for k, n in counts.items() if n)})"
         for name, counts in reasons.items()
         if any(counts.values())
     ]
-    return "; ".join(told) or "none"
+    return "; ".join(devices) or "none"

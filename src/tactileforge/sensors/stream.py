@@ -18,7 +18,7 @@ from tactileforge.sensors.links import Link
 
 
 class Stamper:
-    """Time stamps for packets that arrive together: the last one now, the others a period apart.
+    """Time stamps for packets received together: the last one now, the others a period apart.
 
     Args:
         period: Seconds between packets.
@@ -29,7 +29,7 @@ class Stamper:
         self._last = -np.inf
 
     def stamp(self, count: int, now: float) -> list[float]:
-        """Strictly increasing times of ``count`` packets that have arrived by ``now``."""
+        """Strictly increasing times of ``count`` packets received by ``now``, monotonic seconds."""
         times = []
         for behind in range(count - 1, -1, -1):
             earliest = float(np.nextafter(self._last, np.inf))
@@ -39,16 +39,16 @@ class Stamper:
 
 
 class StreamSensor(Sensor, ABC):
-    """A sensor that sends packets over a `Link`; a driver connects and decodes them.
+    """Base of sensors with packets over a `Link`; a driver connects and decodes them.
 
     Attributes:
-        spec: What it gives.
-        address: Which device is open; "" while none is.
-        unit: Its serial number; "" where it has none.
-        parser: Of the open connection, with its counters; None before the first.
-        continuity: Of the open connection, with the packets that jumped.
-        keeps_zero: Whether the open connection goes on from a lost one, so that no new zero is
-            taken: it may be under load.
+        spec: Spec of the sensor.
+        address: Address of the open device; "" for none.
+        unit: Serial number of the device; "" for none.
+        parser: Parser of the open connection, with its counters; None before the first.
+        continuity: Filter of the open connection, with the number of dropped packets.
+        keeps_zero: Whether the open connection replaces a lost one. Then no new zero is taken, as
+            the sensor may be under load.
     """
 
     spec: SensorSpec
@@ -58,14 +58,14 @@ class StreamSensor(Sensor, ABC):
         self.parser: Parser | None = None
         self.continuity = Continuity(self.follows)
         self.keeps_zero = False
-        self._before: dict[str, int] = {}  # drops of earlier connections
+        self._before: dict[str, int] = {}  # dropped packets of earlier connections
         self._link: Link | None = None
         self._frames: deque[Frame] = deque()
         self._stamper = Stamper(0.0)
 
     @abstractmethod
     def connect(self) -> Link:
-        """Opens the connection.
+        """Open the connection.
 
         Raises:
             SensorError: The device is absent or busy.
@@ -73,52 +73,52 @@ class StreamSensor(Sensor, ABC):
 
     @abstractmethod
     def new_parser(self) -> Parser:
-        """A parser for a connection that has just been opened."""
+        """Build a parser for a new connection."""
 
     @abstractmethod
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Image and raw values of one packet; see `contracts.Frame`.
+        """Decode one packet to image and raw values; see `contracts.Frame`.
 
         Raises:
-            ValueError: The packet cannot be true; it is counted as bad.
+            ValueError: Impossible packet; it is counted as bad.
         """
 
     def follows(self, before: Arrival | None, after: Arrival) -> bool:
         """Whether a packet can come right after another; see `Continuity`.
 
         Args:
-            before: The last one; None where there is none.
-            after: The new one.
+            before: Last packet; None at the start.
+            after: New packet.
         """
         return True
 
     def start(self, link: Link) -> None:
-        """Tells the device to send; most need no request."""
+        """Tell the device to send; most need no request."""
 
     def stop(self, link: Link) -> None:
-        """Tells the device to stop; it may be disconnected already."""
+        """Tell the device to stop; it may be disconnected already."""
 
     def ready(self) -> None:
         """Hook called once the device is open, for example to take a baseline."""
 
     @property
     def drops(self) -> dict[str, int]:
-        """Packets that were dropped, by reason, also before it was opened again."""
+        """Dropped packets by reason, those of earlier connections included."""
         bad = 0 if self.parser is None else self.parser.bad
         now = {"implausible": bad, "jumped": self.continuity.jumps}
         return {reason: count + self._before.get(reason, 0) for reason, count in now.items()}
 
     def set_rate(self, fps: float) -> None:
-        """Sets the measured packet rate, 1/s."""
+        """Set the measured packet rate, 1/s."""
         self.spec = replace(self.spec, fps=fps)
         self._stamper.period = 1 / fps
 
     def discover(self) -> list[str]:
-        """Addresses of the attached devices; a driver knows how to find its own."""
+        """Addresses of the attached devices; a driver overrides it to find its own."""
         return []
 
     def open(self) -> None:
-        """Connects.
+        """Connect.
 
         Raises:
             SensorError: The device is absent or busy.
@@ -127,7 +127,7 @@ class StreamSensor(Sensor, ABC):
         self._open(keeps_zero=False)
 
     def reopen(self) -> None:
-        """Connects again after it was lost, and keeps its zero; raises what `open` raises."""
+        """Connect again after a loss, and keep the zero; raises the errors of `open`."""
         self._open(keeps_zero=True)
 
     def _open(self, keeps_zero: bool) -> None:
@@ -136,7 +136,9 @@ class StreamSensor(Sensor, ABC):
         link = self.connect()
         self._link, self.address = link, link.address
         self.unit = getattr(link, "unit", "")
-        self._before = self.drops
+        self._before = (
+            self.drops
+        )  # before parser and continuity are replaced, as they hold the counts
         self.parser = self.new_parser()
         self.continuity = Continuity(self.follows)
         self._stamper = Stamper(1 / self.spec.fps)
@@ -148,10 +150,10 @@ class StreamSensor(Sensor, ABC):
             raise
 
     def read(self, timeout: float = 1.0) -> Frame:
-        """The next packet.
+        """Read the next packet.
 
         Raises:
-            TactileForgeError: It is not open.
+            TactileForgeError: The sensor is not open.
             SensorError: The device is gone.
             TimeoutError: No packet within ``timeout`` seconds.
         """
@@ -170,7 +172,7 @@ class StreamSensor(Sensor, ABC):
         return self._frames.popleft()
 
     def take(self, parser: Parser, data: bytes) -> None:
-        """Takes received bytes; `read` returns their packets next."""
+        """Take received bytes; `read` returns their packets next."""
         now = time.monotonic()
         payloads = parser.feed(data)
         for payload, taken in zip(payloads, self._stamper.stamp(len(payloads), now), strict=True):
@@ -193,7 +195,7 @@ class StreamSensor(Sensor, ABC):
         return f"{self.address}: no packet within {timeout:g} s; {fix}"
 
     def close(self) -> None:
-        """Closes the device; a second call does nothing."""
+        """Close the device; a second call does nothing."""
         link, self._link = self._link, None
         self.address = self.unit = ""
         self._frames.clear()
@@ -202,6 +204,6 @@ class StreamSensor(Sensor, ABC):
         try:
             self.stop(link)
         except SensorError:
-            pass  # it is gone: there is nobody to tell
+            pass  # the device is gone already
         finally:
             link.close()

@@ -1,4 +1,4 @@
-"""Pictures whose red and blue are exchanged, told from the picture of the same gel at rest."""
+"""Detection of pictures with swapped red and blue, by the resting picture of the same gel."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-#: Pixels along the shorter side that are looked at.
+#: Compared pixels along the shorter side.
 _LOOKED_AT = 32
-#: Least difference of red and blue from the background, grey levels together, that is looked at;
-#: and the share of it that remains at most when they are exchanged. Half of the pixels may touch.
+#: Smallest difference from the background to look into, grey levels of red and blue together; and
+#: its largest remainder after exchanging them, as a share. Half of the pixels may touch.
 _LEAST, _REMAINS = 12.0, 0.5
 
 
@@ -37,13 +37,13 @@ def are_swapped(pictures: NDArray[np.uint8], background: NDArray[np.uint8]) -> N
 def warn_of_swapped(
     what: str, pictures: NDArray[np.uint8], background: NDArray[np.uint8], stacklevel: int = 3
 ) -> None:
-    """Warns once of pictures whose red and blue are exchanged in comparison with the background.
+    """Warn once of pictures with red and blue exchanged in comparison with the background.
 
     Args:
         what: Name of the pictures, for the warning.
-        pictures: See `are_swapped`.
-        background: See `are_swapped`.
-        stacklevel: See `warnings.warn`.
+        pictures: uint8 (..., H, W, 3), RGB.
+        background: uint8 (..., H, W, 3), without contact; one for each, or one for all.
+        stacklevel: Level of the warning in the stack, as for `warnings.warn`.
     """
     swapped = are_swapped(pictures, background)
     if swapped.any():

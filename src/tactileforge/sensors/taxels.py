@@ -1,4 +1,4 @@
-"""Draws arrays of taxels as images."""
+"""Taxel layouts: drawing of arrays of taxels as images."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError
 
-#: The value of a pixel where nothing has changed.
+#: Value of a pixel without change.
 REST = 128
 
 
 class TaxelLayout:
     """Positions of taxels in an image, and the mapping of their values to colours.
 
-    Red, green and blue are x, y and z. A value at the baseline is `REST`; one that is ``span``
-    above or below it is 255 or 1, and so is what lies beyond. A pixel on a taxel shows that taxel;
-    others show the mean of all, by the inverse square of the distance.
+    Red, green and blue are x, y and z. A value at the baseline is `REST`; a value ``span`` or more
+    above or below it is 255 or 1. A pixel on a taxel shows that taxel; others show the mean of all,
+    weighted by the inverse square of the distance (Shepard, 1968).
 
     Args:
         shape: Rows and columns of the picture.
-        positions: Row and column of each taxel, which may lie between pixels; None for a grid that
-            fills the picture row by row.
-        channels: Which values of a taxel are x, y and z; one alone is z.
-        span: How far from the baseline is full colour, of all axes or of each.
+        positions: Row and column of each taxel, also between pixels; None for a grid filling the
+            picture row by row.
+        channels: Columns of the values x, y and z of a taxel; a single one is z.
+        span: Change from the baseline to full colour, for all axes or for each.
 
     Raises:
-        ConfigError: A number of axes, a position or a span that makes no sense.
+        ConfigError: Invalid number of axes, position or span.
 
     Example:
         >>> layout = TaxelLayout((1, 2), channels=[0], span=10.0)
@@ -61,11 +61,11 @@ class TaxelLayout:
     def draw(
         self, values: NDArray[np.floating], baseline: NDArray[np.floating]
     ) -> NDArray[np.uint8]:
-        """Draws values as an image.
+        """Draw values as an image.
 
         Args:
-            values: Float (taxels, values of each).
-            baseline: The same without contact.
+            values: float (taxels, values of each).
+            baseline: Values without contact, float (taxels, values of each).
 
         Returns:
             uint8 (rows, columns, 3).

@@ -63,18 +63,21 @@ class ClipBuffer:
 
     def push(self, frame: Frame) -> None:
         """Adds a frame and drops frames too old for the next clip."""
-        image = self.prepare(frame.array)
+        image = self.prepare(frame.array)  # here, once a frame, and not once for each clip with it
         horizon = frame.time - (self.frames - 1) * self.spacing - _BEYOND
         with self._lock:
             self.count += 1
             self._newest = frame
             self._items.append((frame.time, image))
+            # one frame more than a clip stays whatever its age: the period is measured on them
             while len(self._items) > self.frames + 1 and self._items[0][0] < horizon:
                 self._items.popleft()
 
     def newest(self) -> FrameWithClip | None:
         """The newest frame and its clip; None before the first."""
         with self._lock:
+            # copied under the lock, cut outside of it: the thread of the sensor must not wait for
+            # a cut
             frame, number, items = self._newest, self.count, list(self._items)
         if frame is None:
             return None

@@ -70,6 +70,7 @@ class BackgroundChange:
     def __init__(self, background: NDArray[np.uint8], camera: bool = True) -> None:
         self._camera = camera
         self._still = squares(background, camera)
+        # a camera has a hundred squares and more, some of them noisy; an array has few taxels
         self._percent = 99 if camera else 100
 
     def __call__(self, image: NDArray[np.uint8]) -> float:
@@ -129,6 +130,7 @@ class SlipEstimator:
     def _has_let_go(self, shear: float, normal: float) -> bool:
         """Whether shear of at least half the friction cone dropped at a steady normal force."""
         options = self.options
+        # a drop from a weak hold is noise, and one with the normal force is lifting, not slip
         return any(
             before >= 0.5 * options.friction * pressed
             and shear <= (1 - options.drop) * before

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -13,6 +14,7 @@ from tactileforge import registry
 from tactileforge.contracts import ACTIONS, LABELS, Batch, Column, ColumnSize
 from tactileforge.data.batches.columns import declared_columns
 from tactileforge.data.labels import displacement
+from tactileforge.data.labels.turns import STEPS
 from tactileforge.sensors.specs import spec
 
 _SENSORS = ("gelsight", "digit")
@@ -66,6 +68,8 @@ def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Bat
         "surface": _as_read(_surface(dent, rise)),
         "surface_valid": torch.ones(size, dtype=torch.bool),
         "group": pair.clone(),
+        "aspect": torch.ones(size),
+        "upright": torch.zeros(size, dtype=torch.bool),
     }
 
 
@@ -74,7 +78,7 @@ def _as_read(pixels: Tensor) -> Tensor:
     return pixels.movedim(-3, -1).contiguous().movedim(-1, -3)
 
 
-#: Width of one step of an extra column.
+#: Width of one step of an extra column that neither turns nor declares a shape.
 _STEP = 2
 
 
@@ -93,7 +97,9 @@ def with_columns(made: Batch, plugins: Iterable[type[Any]]) -> Batch:
     found: Batch = {}
     for column in _declared(plugins):
         steps = frames if column.window is None else column.window[1] - column.window[0]
-        values = pressed.view(-1, 1, 1).expand(size, steps, _STEP).clone()
+        step = _step_of(column)
+        values = pressed.view(-1, *(1 for _ in range(1 + len(step))))
+        values = values.expand(size, steps, *step).clone()
         is_whole = column.dtype == "int64"
         found[column.name] = (values > values.median()).long() if is_whole else values
         found[f"{column.name}_valid"] = torch.ones(size, steps, dtype=torch.bool)
@@ -105,12 +111,25 @@ def with_columns(made: Batch, plugins: Iterable[type[Any]]) -> Batch:
 def context_of(plugins: Iterable[type[Any]]) -> dict[str, Any]:
     """Sizes of the columns and facts for a batch of `with_columns`."""
     sizes = {
-        one.name: ColumnSize(shape=(_STEP,), mean=(0.5,) * _STEP, deviation=(0.25,) * _STEP)
+        one.name: ColumnSize(
+            shape=_step_of(one),
+            mean=(0.5,) * math.prod(_step_of(one)),
+            deviation=(0.25,) * math.prod(_step_of(one)),
+        )
         for one in _declared(plugins)
     }
     made = batch(2)
     facts = [one.example(made)[0] for one in plugins if hasattr(one, "example")]
     return {"column_sizes": sizes, "facts": {k: v for known in facts for k, v in known.items()}}
+
+
+def _step_of(column: Column) -> tuple[int, ...]:
+    """Shape of one step of an extra column."""
+    if column.shape is not None:
+        return column.shape
+    if column.turns == "field":
+        return (4, 4, 2)
+    return STEPS[column.turns][-1] if column.turns else (_STEP,)
 
 
 def _declared(plugins: Iterable[type[Any]]) -> tuple[Column, ...]:

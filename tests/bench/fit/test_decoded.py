@@ -1,4 +1,4 @@
-"""Clips that are decoded once are the clips that were read."""
+"""Clips decoded once equal the clips read."""
 
 from dataclasses import replace
 from pathlib import Path

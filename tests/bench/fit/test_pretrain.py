@@ -1,4 +1,4 @@
-"""Models that are trained for a bench: which, how, once, and what is said when it fails."""
+"""Models trained for a bench: kinds, names, reuse and failures."""
 
 import json
 import sys

@@ -213,7 +213,7 @@ def test_together_is_as_alone(kind: type[Probe], part: object, shape: tuple[int,
 
 
 def test_one_step_is_that_of_torch() -> None:
-    """A member's step is that of AdamW on an ordinary module."""
+    """A member's step equals that of AdamW on an ordinary module."""
     part = force(8)
     x = torch.randn(8, 5, 48)
     twin, other = (seeded_probe(lambda: Force(48, {"out": part}), 5) for _ in range(2))
@@ -251,7 +251,7 @@ def test_the_best_epoch_is_kept() -> None:
 
 
 def test_mirrored_examples_keep_their_truth() -> None:
-    """Each drawn row is a row of its mirror image, with the truth of that image."""
+    """Each drawn row is a row of its mirror image, with the label of that image."""
     rows = np.arange(6)
     arrays = {f: np.full((6, 1), i * 10, np.float16) + rows[:, None] for i, f in enumerate(FLIPS)}
     truth = {
@@ -272,7 +272,7 @@ def test_mirrored_examples_keep_their_truth() -> None:
 
 
 def test_linear_is_the_minimum_of_its_objective() -> None:
-    """The gradient of the penalised cross-entropy, written out, is zero at what is fitted."""
+    """The gradient of the penalised cross-entropy, written out, is zero at the fit."""
     torch.manual_seed(0)
     known = torch.randn(60, 5) * torch.tensor([1.0, 10.0, 0.1, 3.0, 0.0]) + 4
     part = classes(3, 60)
@@ -301,7 +301,7 @@ def test_linear_on_numbers_is_ridge_in_closed_form() -> None:
 
 
 def test_linear_chooses_the_penalty_on_validation() -> None:
-    """Labels that are noise want the strongest penalty; labels that are a feature do not."""
+    """Random labels want the strongest penalty; labels equal to a feature do not."""
     rng = torch.Generator().manual_seed(2)
     known, asked = torch.randn(80, 30, generator=rng), torch.randn(400, 30, generator=rng)
     part = TargetPart("numbers", torch.zeros(80, 1), torch.ones(80, 1), ("n",))

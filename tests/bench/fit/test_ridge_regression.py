@@ -1,4 +1,4 @@
-"""The probes ridge and logistic against brute force, and on data of which the answer is known."""
+"""The probes ridge and logistic against brute force, and on data with a known answer."""
 
 import numpy as np
 import pytest
@@ -116,7 +116,7 @@ def test_each_axis_has_a_penalty_of_its_own() -> None:
 
 
 def test_inner_folds_go_by_group() -> None:
-    """A feature that names the recording explains its own clips, and no others."""
+    """A feature with the name of the recording explains its own clips, and no others."""
     rng = torch.Generator().manual_seed(3)
     group = torch.arange(20).repeat_interleave(6)
     y = torch.randn(20, generator=rng)[group][:, None]
@@ -133,7 +133,7 @@ def test_inner_folds_go_by_group() -> None:
 
 
 def test_logistic_inner_folds_go_by_group() -> None:
-    """A feature that names the recording explains the class of its own clips, and no others'."""
+    """A feature with the name of the recording explains the class of its own clips alone."""
     rng = torch.Generator().manual_seed(3)
     group = torch.arange(20).repeat_interleave(6)
     y = torch.randint(2, (20,), generator=rng)[group][:, None].float()

@@ -1,4 +1,4 @@
-"""Training data of a model against the data that the gate holds out."""
+"""Training data of a model against the held-out data of the gate."""
 
 from dataclasses import replace
 from pathlib import Path

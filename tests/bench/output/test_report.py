@@ -1,4 +1,4 @@
-"""The page of a bench: one file, drawn from predictions, in words where there is no picture."""
+"""The page of a bench: one file, drawn from predictions, with words for missing pictures."""
 
 import json
 import re
@@ -185,7 +185,7 @@ def test_predictions_that_are_gone_or_not_finite_are_told(tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_fifteen_models_in_six_tasks_stay_below_five_megabytes(tmp_path: Path) -> None:
-    """By what one picture of each kind takes, with as many points as are ever drawn."""
+    """By the size of one picture of each kind, with the largest number of points."""
     _, html = page(tmp_path, bench(tmp_path, models=1, points=1000))
     pictures = re.findall(r"<svg role.*?</svg>", html, re.S)
     force, classes = sum(map(len, pictures[:3])), len(pictures[3])

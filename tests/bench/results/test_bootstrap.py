@@ -46,7 +46,7 @@ def test_the_interval_is_that_of_the_binomial_over_groups(tmp_path: Path) -> Non
 
 
 def test_pairs_narrow_the_difference(tmp_path: Path) -> None:
-    """Two models that err on the same recordings, but for a few."""
+    """Two models with errors on the same recordings, but for a few."""
     paths = [classes(tmp_path, name, 0.6, 1) for name in ("a", "b")]
     with np.load(paths[1]) as file:
         arrays = dict(file)

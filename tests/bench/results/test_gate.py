@@ -1,4 +1,4 @@
-"""The release gate: its rows, and what passes."""
+"""The release gate: its rows, and its conditions."""
 
 import json
 from dataclasses import replace
@@ -28,7 +28,7 @@ def task(name: str) -> ResultTask:
 
 
 def cells(folder: Path, task: ResultTask, model: str, share: float, seed: int) -> list[Cell]:
-    """Of three networks where they are random; baselines have one reading."""
+    """Values of three networks for random cells; baselines have one value."""
     score = []
     of_baseline = {"pixels": ("pooled",), "chance": ("pooled",), "imagenet": ("pooled", "summary")}
     for reading in of_baseline.get(model, ("pooled", "patches")):

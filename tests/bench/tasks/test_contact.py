@@ -1,4 +1,4 @@
-"""When contact is lost, on changes that are made by hand."""
+"""Loss of contact, on changes made by hand."""
 
 import numpy as np
 import pytest

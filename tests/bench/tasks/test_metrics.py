@@ -1,4 +1,4 @@
-"""Closed forms, and what is no number."""
+"""Closed forms, and values without a number."""
 
 import math
 

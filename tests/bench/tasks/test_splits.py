@@ -297,6 +297,32 @@ def test_mirrored_targets_follow_physics() -> None:
     assert action.flipped(False, True).truth[0] == 2
 
 
+def test_what_a_mirror_leaves_alone_is_the_same_and_places_are_refused() -> None:
+    of = source([recording("a", action=np.full(10, 2))], ["train"])
+    for name in ("normal_force", "time"):
+        (part,) = targets.build_target(task(name), of).parts.values()
+        assert torch.equal(part.flipped(True, False).truth, part.truth)
+    place = targets.TargetPart("place", torch.zeros(1, 2), torch.ones(1, 2), ("x", "y"))
+    with pytest.raises(ConfigError, match="set flips: false"):
+        place.flipped(True, False)
+
+
+@pytest.mark.parametrize("mirrored", [(True, False), (False, True), (True, True)])
+def test_a_mirrored_motion_is_that_of_the_mirrored_pose(mirrored: tuple[bool, bool]) -> None:
+    """Shifts of 3 and -0.7 mm and a turn of 0.7 degrees, in the classes of Sparsh."""
+    turn, sign = np.radians(0.7), np.where(mirrored, -1.0, 1.0)
+    pose = np.eye(4)
+    pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    pose[:2, 3] = 0.003, -0.0007
+    mirror = np.diag([*sign, 1.0, 1.0])
+    truths = []
+    for each in (pose, mirror @ pose @ mirror):
+        touch = recording("a", tracks={"relative_pose": np.repeat(each[None], 10, 0)})
+        truths.append(targets.build_target(task("pose"), source([touch], ["train"])).parts["pose"])
+    assert torch.equal(truths[0].flipped(*mirrored).truth, truths[1].truth)
+    assert not torch.equal(truths[0].truth, truths[1].truth)
+
+
 def test_slip_in_simulation_is_the_friction_cone() -> None:
     from tactileforge.sim.mechanics.sensor_gels import sensor_gel
 

@@ -1,4 +1,4 @@
-"""Every suite is read, names what exists, and agrees with what is published."""
+"""Every suite is read, names existing tasks, and agrees with the published one."""
 
 from pathlib import Path
 

@@ -10,7 +10,7 @@ from tactileforge.errors import ConfigError, DataError
 
 
 class Counted:
-    """Frames whose pixels are their number; remembers what was decoded."""
+    """Frames with their number as pixels; remembers the decoded ones."""
 
     def __init__(self, count: int, broken: bool = False, size: tuple[int, int] = (12, 16)) -> None:
         self.count, self.broken, self.size = count, broken, size
@@ -65,7 +65,7 @@ def test_neighbouring_clips_are_a_hop_apart() -> None:
 
 @pytest.mark.parametrize("rates", [(30, 30, 15), (15, 30, 15)])
 def test_clips_last_as_long_where_the_rate_varies(rates: tuple[int, ...]) -> None:
-    """As that of a camera that exposes for longer where it is darker."""
+    """As with a camera of automatic exposure in the dark."""
     steps = np.concatenate([np.full(5 * rate, 1 / rate) for rate in rates])
     times = np.concatenate([[0.0], np.cumsum(steps)])
     cut = clips(recording(len(times), times=times))

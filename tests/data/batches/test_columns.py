@@ -214,3 +214,22 @@ def test_the_conformance_suite_feeds_columns() -> None:
     assert [(r.name, r.detail) for r in results if r.status == "failed"] == []
     ran = {result.name for result in results if result.status == "ran"}
     assert {"unlabelled samples change nothing", "labels are counted"} <= ran
+
+
+def test_a_clip_says_its_aspect_and_whether_it_lies_as_it_must() -> None:
+    """Width over height as recorded, and the label ``upright``; another word is named."""
+    wide = replace(recording(), frames=ArrayFrames(np.zeros((10, 24, 32, 3), np.uint8)))
+    row = clips([wide])[0]
+    assert (row["aspect"], row["upright"]) == (pytest.approx(4 / 3), False)
+    for value, known in (("Yes", True), (1.0, True), ("no", False), (0.0, False)):
+        assert clips([replace(wide, labels={"upright": value})])[0]["upright"] is known
+    with pytest.raises(DataError, match="upright is 'perhaps': give yes or no"):
+        clips([replace(wide, labels={"upright": "perhaps"})])[0]
+
+
+def test_a_track_that_cannot_turn_is_named_before_the_first_step() -> None:
+    one = recording(gripper_width=width())
+    with pytest.raises(
+        DataError, match=r"'gripper_width' is \(1,\), and one that turns as a wrench"
+    ):
+        measure_columns([replace(WIDTH, turns="wrench")], [one])

@@ -8,7 +8,7 @@ from PIL import Image
 
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.data.batches.leaks import leak_warning, leaks
+from tactileforge.data.batches.leaks import find_leaks, leak_warning
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.mixture import Mixture
 
@@ -23,24 +23,24 @@ def recording(key: str, seed: int, count: int = 3) -> Recording:
 def test_the_same_pictures_in_two_sources_are_named() -> None:
     train = [[recording("a/x", 1), recording("a/y", 2)], [recording("b/z", 3)]]
     val = [[recording("a/w", 4)], [recording("b/other", 2), recording("b/new", 5)]]
-    assert leaks(train, val) == [("a/y", "b/other")]
-    assert "a/y and b/other show the same pictures" in leak_warning(leaks(train, val))
+    assert find_leaks(train, val) == [("a/y", "b/other")]
+    assert "a/y and b/other show the same pictures" in leak_warning(find_leaks(train, val))
 
 
 def test_what_is_no_leak() -> None:
     a, b = recording("a/x", 1), recording("b/x", 2)
-    assert leaks([[a], [b]], [[], []]) == []
-    assert leaks([[a], []], [[], [b]]) == [], "one key, other pictures"
-    assert leaks([[a], []], [[a], []]) == [], "a source splits itself as it likes"
+    assert find_leaks([[a], [b]], [[], []]) == []
+    assert find_leaks([[a], []], [[], [b]]) == [], "one key, other pictures"
+    assert find_leaks([[a], []], [[a], []]) == [], "a source splits itself as it likes"
     black, other = recording("a/x", 0), recording("b/x", 0)
-    assert leaks([[black], []], [[], [other]]) == [], "black pictures are all the same"
-    assert leaks([[a], []], [[], [recording("b/x", 1, count=2)]]) == []
+    assert find_leaks([[black], []], [[], [other]]) == [], "black pictures are all the same"
+    assert find_leaks([[a], []], [[], [recording("b/x", 1, count=2)]]) == []
 
 
 def test_many_recordings_are_found_by_their_key_first() -> None:
     train = [[recording(f"a/{i}", i + 1) for i in range(300)], []]
     val: list[list[Recording]] = [[], [recording("b/211", 212)]]
-    assert leaks(train, val) == [("a/211", "b/211")]
+    assert find_leaks(train, val) == [("a/211", "b/211")]
 
 
 @pytest.mark.parametrize("is_copy", [False, True])

@@ -1,4 +1,4 @@
-"""Training says once what data inspect would."""
+"""Training warns once of the doubts of data inspect."""
 
 import logging
 from collections.abc import Iterator

@@ -170,7 +170,7 @@ def test_the_length_of_an_epoch_is_a_multiple_of_the_accumulated_batches() -> No
 
 
 class Part:
-    """A part that counts how often it is opened."""
+    """A part with a counter of openings."""
 
     seconds = 0.0
 
@@ -281,7 +281,7 @@ def test_every_batch_holds_the_portions_and_the_force_it_was_asked_for() -> None
 
 
 class Mixed(Mixture):
-    """A mixture of data sets that are at hand."""
+    """A mixture of data sets in memory."""
 
     def __init__(self, **datasets: Memory) -> None:
         super().__init__({name: {} for name in datasets})
@@ -450,7 +450,7 @@ def test_shards_that_were_swapped_are_refused(tmp_path: Path, split: str) -> Non
 
 
 def test_every_flipped_bit_of_an_index_is_found(tmp_path: Path) -> None:
-    """Or changes nothing: a blank that became another blank."""
+    """Or changes nothing: a blank became another blank."""
     folder = pack(Memory(8), tmp_path, size=4)
     raw = (folder / "index.json").read_bytes()
     whole, found = index.parse_index(raw, "x"), 0
@@ -523,7 +523,7 @@ def test_a_run_may_lose_one_in_a_hundred_recordings_and_always_one() -> None:
 
 
 def test_a_force_that_cannot_be_true_is_left_out_and_named() -> None:
-    """Seventeen tons, or what is beyond float32."""
+    """Seventeen tons, or a number beyond float32."""
     force = np.zeros((20, 3), np.float32)
     good = recording(0, force=force.copy())
     force[2, 1] = 1.7e5

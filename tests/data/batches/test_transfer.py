@@ -14,7 +14,7 @@ CARD, META = torch.device("cuda", 0), torch.device("meta")
 
 
 class Stream:
-    """A stream that keeps what it is told to wait for."""
+    """A stream with a list of the streams it waited for."""
 
     def __init__(self, name: str, told: list[str]) -> None:
         self.name, self.told = name, told

@@ -18,7 +18,7 @@ SIZE = (48, 64)
 
 
 def picture(i: int) -> NDArray[np.uint8]:
-    """A picture that says its number in eight bars of green; red falls from left to right."""
+    """A picture with its number in eight bars of green; red falls from left to right."""
     frame = np.zeros((*SIZE, 3), np.uint8)
     frame[..., 0] = np.linspace(200, 40, SIZE[1])
     for bit in range(8):
@@ -27,7 +27,7 @@ def picture(i: int) -> NDArray[np.uint8]:
 
 
 def numbers(frames: NDArray[np.uint8]) -> list[int]:
-    """The numbers that pictures say."""
+    """Numbers in pictures."""
     bars = frames[:, 28:44, :, 1].reshape(len(frames), 16, 8, 8)[..., 2:6].mean(axis=(1, 3)) > 100
     return [int(sum(2**bit for bit in range(8) if row[bit])) for row in bars]
 
@@ -60,7 +60,7 @@ def read_in_turn(path: Path) -> NDArray[np.uint8]:
 
 @pytest.fixture
 def count_calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
-    """Counts what is asked of OpenCV once a capture has been told to decode."""
+    """Counts the calls of OpenCV after a capture was told to decode."""
     calls = {"open": 0, "grab": 0, "retrieve": 0, "set": 0}
     real = cv2.VideoCapture
 
@@ -379,7 +379,7 @@ def test_public_videos(realdata: Path, name: str, count: int, fps: float) -> Non
 
 
 def avi(width: int, height: int, announced: int) -> bytes:
-    """A motion JPEG of three pictures whose headers state what is given; they hold 64 x 48."""
+    """A motion JPEG of three pictures with the given sizes in their headers; they hold 64 x 48."""
 
     def chunk(kind: bytes, content: bytes) -> bytes:
         return kind + struct.pack("<I", len(content)) + content + b"\0" * (len(content) % 2)
@@ -441,7 +441,7 @@ def test_a_video_of_too_many_pixels_is_refused_before_one_is_decoded(
     ],
 )
 def test_a_time_that_is_there_twice_changes_no_other(given: list[float], want: list[float]) -> None:
-    np.testing.assert_allclose(video_index._apart(np.array(given), 30.0), want)
+    np.testing.assert_allclose(video_index._spread_times(np.array(given), 30.0), want)
 
 
 @pytest.mark.parametrize(

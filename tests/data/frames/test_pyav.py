@@ -1,4 +1,4 @@
-"""Videos that OpenCV cannot decode; and that PyAV sees what OpenCV sees where both can."""
+"""Videos of codecs unknown to OpenCV; and PyAV against OpenCV for the others."""
 
 import multiprocessing
 from pathlib import Path
@@ -18,7 +18,7 @@ COUNT, RATE = 60, 30
 
 
 def pictures() -> np.ndarray:
-    """Smooth pictures, uint8 (60, 48, 64, 3), whose brightness tells their number."""
+    """Smooth pictures, uint8 (60, 48, 64, 3), with their number as brightness."""
     rows, columns = np.mgrid[:48, :64]
     still = np.stack([20 + columns // 2, 20 + rows, 60 - columns // 2], -1)
     return (still + 3 * np.arange(COUNT)[:, None, None, None]).clip(0, 255).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""A rate that no camera has is an error; a header that contradicts the stamps is said."""
+"""An impossible rate is an error; a contradiction of header and stamps is said."""
 
 from fractions import Fraction
 from pathlib import Path

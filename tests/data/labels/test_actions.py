@@ -30,7 +30,7 @@ TRIAL = [
 
 
 def trial(fps: float = FPS) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Times, forces that follow `TRIAL` in straight lines, true actions."""
+    """Times, forces along `TRIAL` in straight lines, true actions."""
     ends = np.cumsum([seconds for seconds, _, _ in TRIAL])
     times = np.arange(0, ends[-1], 1 / fps)
     knots = np.array([(0, 0, 0), *(force for _, force, _ in TRIAL)], float)

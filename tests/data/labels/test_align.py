@@ -38,7 +38,7 @@ def pressing(times: np.ndarray) -> np.ndarray:
 
 
 def shifted(lag: float, fps: float, seconds: float = 5.0) -> tuple[np.ndarray, ...]:
-    """Times, forces, and pictures that show the force of ``lag`` seconds before."""
+    """Times, forces, and pictures of the force ``lag`` seconds before."""
     times = np.arange(0, seconds, 1 / fps)
     force = np.stack([0.3 * pressing(times), 0 * times, pressing(times)], axis=1)
     return times, force, 0.5 + 1.7 * pressing(times - lag)

@@ -6,9 +6,12 @@ import torch
 
 from tactileforge.contracts import ACTIONS, Batch
 from tactileforge.data.labels import displacement
-from tactileforge.data.labels.augment import PHRASES, Augment, fill_captions, flip_labels
+from tactileforge.data.labels.augment import PHRASES, Augment, fill_captions
+from tactileforge.data.labels.turns import flip_labels
 from tactileforge.sensors.taxels import TaxelLayout
 
+#: A clip without a partner, which may be mirrored.
+ALONE = {"group": torch.tensor([-1]), "upright": torch.tensor([False])}
 MIRRORED = {
     "horizontal": {
         "slide_left": "slide_right",
@@ -42,7 +45,7 @@ def test_labels_are_mirrored(axis: int) -> None:
 
 
 def moving_blob(shift: tuple[float, float]) -> torch.Tensor:
-    """A spot that moves by ``shift`` (x, y) pixels a frame: uint8 (4, 3, 33, 33)."""
+    """A spot moving by ``shift`` (x, y) pixels a frame: uint8 (4, 3, 33, 33)."""
     y, x = np.mgrid[:33, :33]
     frames = [
         200 * np.exp(-((x - 16 - shift[0] * t) ** 2 + (y - 16 - shift[1] * t) ** 2) / 8)
@@ -60,7 +63,7 @@ def test_pixels_move_the_way_the_labels_say(axis: int, shift: tuple[float, float
     augment = Augment(horizontal=float(axis == 0), vertical=float(axis == 1))
     frames = moving_blob(shift)[None]
     labels = {"action": torch.tensor([ACTIONS.index(name)]), "force": force, "sensor": ["digit"]}
-    batch = augment.labels(labels | {"group": torch.tensor([-1])})
+    batch = augment.labels(labels | ALONE)
     batch = augment(batch | {"frames": frames, "background": frames[:, 0]})
     away = moving_blob((-shift[0], -shift[1]))[None]
     torch.testing.assert_close(batch["frames"], away)
@@ -71,7 +74,7 @@ def test_pixels_move_the_way_the_labels_say(axis: int, shift: tuple[float, float
 def test_flipping_twice_changes_nothing() -> None:
     augment = Augment(1.0, 1.0)
     start = {"action": torch.arange(8), "force": torch.randn(8, 4, 3), "group": torch.arange(8)}
-    start["sensor"] = ["digit"] * 8
+    start |= {"sensor": ["digit"] * 8, "upright": torch.zeros(8, dtype=torch.bool)}
     frames = torch.randint(0, 256, (8, 4, 3, 16, 16), dtype=torch.uint8)
     batch = start | {"frames": frames, "background": frames[:, 0]}
     for _ in range(2):
@@ -83,7 +86,7 @@ def test_flipping_twice_changes_nothing() -> None:
 def test_flips_come_with_the_chance_asked_for() -> None:
     alone = torch.full((4000,), -1)
     batch = {"action": alone, "force": torch.zeros(4000, 4, 3), "group": alone}
-    batch["sensor"] = ["digit"] * 4000
+    batch |= {"sensor": ["digit"] * 4000, "upright": torch.zeros(4000, dtype=torch.bool)}
     flip = Augment(0.3, 0.0).labels(batch)["flip"]
     assert flip[:, 0].float().mean().item() == pytest.approx(0.3, abs=0.03)
     assert not flip[:, 1].any()
@@ -92,7 +95,7 @@ def test_flips_come_with_the_chance_asked_for() -> None:
 def test_a_group_is_flipped_alike() -> None:
     group = torch.tensor([0, 0, 1, 1] * 50) + torch.arange(50).repeat_interleave(4) * 2
     batch = {"action": torch.zeros(200, dtype=torch.long), "force": torch.zeros(200, 4, 3)}
-    batch["sensor"] = ["digit"] * 200
+    batch |= {"sensor": ["digit"] * 200, "upright": torch.zeros(200, dtype=torch.bool)}
     flip = Augment(0.5, 0.5).labels(batch | {"group": group})["flip"].view(100, 2, 2)
     assert torch.equal(flip[:, 0], flip[:, 1])
     assert 0.3 < flip.float().mean() < 0.7
@@ -124,6 +127,7 @@ def test_a_picture_of_taxels_stays_as_it_is() -> None:
         "force": torch.ones(3, 4, 3),
         "group": torch.tensor([5, 5, -1]),
         "sensor": ["serial_array", "digit", "digit"],
+        "upright": torch.zeros(3, dtype=torch.bool),
     }
     augment = Augment(1.0, 1.0, jitter=0.4)
     frames = drawn.expand(3, 4, -1, -1, -1)
@@ -159,6 +163,6 @@ def test_the_surface_is_mirrored_with_the_pixels(axis: int) -> None:
     chances[axis] = 1.0
     augment = Augment(*chances)
     labels = {"action": torch.tensor([0]), "force": torch.zeros(1, 4, 3), "sensor": ["digit"]}
-    batch = augment.labels(labels | {"group": torch.tensor([-1])})
+    batch = augment.labels(labels | ALONE)
     result = augment(batch | {"frames": frames, "background": frames[:, 0], "surface": given})
     assert torch.equal(result["surface"], want)

@@ -1,4 +1,4 @@
-"""Times that do not fit the frames are told by their unit, zero or rate; others pass."""
+"""Misfitting times are told by their unit, zero or rate; others pass."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Displacements as images: what is coded is decoded, and a mirrored touch is a mirrored image."""
+"""Displacements as images: decoding inverts coding, and a mirrored touch is a mirrored image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is told of labels without a pixel, once for each kind."""
+"""Doubts about labels without pixels, once for each kind."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Numbers that cannot be true are named by recording and row."""
+"""Impossible numbers are named by recording and row."""
 
 from dataclasses import replace
 from typing import Any

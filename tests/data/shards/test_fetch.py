@@ -17,7 +17,7 @@ from tactileforge.errors import DataError
 
 
 class Quiet(SimpleHTTPRequestHandler):
-    """Serves files and keeps what was asked for."""
+    """Serves files and keeps the requested names."""
 
     asked: list[str]
 
@@ -146,7 +146,7 @@ def test_paths_and_file_urls_are_read_in_place(packed: Path, tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_processes_that_make_room_take_nothing_from_each_other(tmp_path: Path) -> None:
-    """Four that each need one shard, of forty, and a cache with room for twelve."""
+    """Four processes with one shard each, of forty, and a cache with room for twelve."""
     code = """
 import hashlib, random, sys
 from pathlib import Path

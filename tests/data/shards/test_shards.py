@@ -335,7 +335,7 @@ def test_wrong_descriptions_are_named(
 def rewrite(
     path: Path, first: tarfile.TarInfo, about: dict[str, Any], kept: list[tuple[Any, bytes]]
 ) -> None:
-    """Writes a shard of one recording with another description, whose checksum is right."""
+    """Writes a shard of one recording with another description and its right checksum."""
     sealed = about | {"crc32": description.checksum(about)}
     text = json.dumps(sealed).encode()
     first.size = len(text)
@@ -345,7 +345,7 @@ def rewrite(
 
 
 def test_descriptions_that_are_bent_are_named_or_read(touch: Recording, tmp_path: Path) -> None:
-    """With the right checksum: what is opened has numbers that every reader takes."""
+    """With the right checksum: an opened shard has numbers for every reader."""
     path, named, read = tmp_path / "a.tar", 0, 0
     whole = packed(touch)
     shards.write_shard(path, [whole])
@@ -427,7 +427,7 @@ def tar_of(*members: tuple[bytes, bytes, bytes]) -> bytes:
 
 
 def described(touch: Recording, **change: Any) -> bytes:
-    """A description, its checksum right, of which something is changed."""
+    """A changed description with its right checksum."""
     about = shards.describe_recording(touch) | {"codec": "png"}
     about["pictures"] = {"frames": {"shape": [24, 32], "bytes": [9] * 5, "crc32": [0] * 5}}
     for key, value in change.items():

@@ -1,4 +1,4 @@
-"""Forces of a table of images: each row names the image that it is of."""
+"""Forces of a table of images: each row names its image."""
 
 from collections.abc import Callable
 from pathlib import Path

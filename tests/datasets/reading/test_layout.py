@@ -133,3 +133,16 @@ def test_images_say_what_each_is(change: dict[str, Any], message: str) -> None:
 def test_a_layout_is_a_mapping() -> None:
     with pytest.raises(ConfigError, match="layout 'x': expected names and values, found str"):
         parse_layout("x", "videos")
+
+
+def test_a_slip_in_action_names_the_words_that_are_no_actions() -> None:
+    with pytest.raises(ConfigError, match=r"'forces'; did you mean 'force'\? Known:.*none, press"):
+        parse_layout("x", VIDEO | {"action": "forces"})
+
+
+def test_an_unknown_sensor_names_types_alone_and_the_way_to_an_own_one() -> None:
+    with pytest.raises(ConfigError, match="tactileforge plugins new sensor NAME") as told:
+        parse_layout("x", VIDEO | {"sensor": "softpad"})
+    known = str(told.value).partition("Known: ")[2].partition(". ")[0].split(", ")
+    assert {"digit", "gelsight_mini"} <= set(known)
+    assert not {"replay", "camera", "sim"} & set(known), "they open sensors of any type"

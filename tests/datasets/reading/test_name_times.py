@@ -1,4 +1,4 @@
-"""Names that are stamps, dates or numbers with holes give times; others give none."""
+"""Names made of stamps, dates or numbers with holes give times; others give none."""
 
 from datetime import UTC, datetime, timedelta
 

@@ -70,6 +70,19 @@ def test_missing_data(name: str, reader: type[PublishedDataset], tmp_path: Path)
 
 
 @each_reader
+def test_foreign_folders_are_not_recognised(
+    name: str, reader: type[PublishedDataset], tmp_path: Path, make_images: Make, write: Make
+) -> None:
+    make_images("a/b/{}.png", range(2))
+    make_images("frames/{:04d}.jpg", range(2))
+    write("train.csv", "file,fx,fy,fz\n")
+    write("labels.json", "{}")
+    write("._all_data_direction.json", "")
+    for place in (tmp_path, tmp_path / "train.csv", tmp_path / "gone"):
+        assert reader.recognise(place) is None
+
+
+@each_reader
 def test_bad_arguments(name: str, reader: type[PublishedDataset]) -> None:
     with pytest.raises(ConfigError, match=f"{name}: unknown split 'al'.*Known: .*all"):
         reader(".", split="al")

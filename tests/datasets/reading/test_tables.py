@@ -192,3 +192,31 @@ def test_a_csv_that_is_none_is_named(tmp_path: Path, raw: bytes, reason: str) ->
     (tmp_path / "labels.csv").write_bytes(raw)
     with pytest.raises(DataError, match=rf"labels\.csv: {reason}"):
         read_labels(layout(), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("frame;fx;fy;fz\n0;1,5;0;0\n", "separated by semicolons"),
+        ("frame\tfx\tfy\tfz\n0\t1\t0\t0\n", "separated by tabs"),
+        ("# gamma, 100 Hz\nframe, fx, fy, fz\n0,1,0,0\n", "Line 2 names the columns: remove"),
+    ],
+)
+def test_a_header_that_is_not_one_is_told_how_to_mend(
+    text: str, words: str, tmp_path: Path, write: Write
+) -> None:
+    path = write("f.csv", text)
+    with pytest.raises(ConfigError, match=words):
+        read_force(FORCE, path, TIMES, "digit")
+    path = write("f.csv", "frame,fx,fy\n0,1,0\n")
+    with pytest.raises(ConfigError, match=r"'fz'.*Known: frame, fx, fy$"):
+        read_force(FORCE, path, TIMES, "digit")
+
+
+def test_a_lag_in_milliseconds_is_no_loss_of_all_forces(tmp_path: Path, write: Write) -> None:
+    path = write("f.csv", "frame,fx,fy,fz\n" + "".join(f"{i},0,0,1\n" for i in range(5)))
+    with pytest.raises(DataError, match=r"lag_s is 70, longer than the recording of 0\.4 s"):
+        read_force(replace(FORCE, lag_s=70.0), path, TIMES, "digit")
+    assert np.isfinite(read_force(replace(FORCE, lag_s=0.1), path, TIMES, "digit")[1:, 2]).all()
+    still = write("f.csv", "frame,fx,fy,fz\n0,0,0,1\n")
+    assert read_force(replace(FORCE, lag_s=0.1), still, TIMES[:1], "digit").shape == (1, 3)

@@ -1,4 +1,4 @@
-"""Cameras, against real video read by OpenCV itself, and against a capture that misbehaves."""
+"""Cameras, against real video read by OpenCV itself, and against a misbehaving capture."""
 
 import errno
 import time
@@ -47,7 +47,7 @@ def read_all(sensor):
 
 @pytest.fixture
 def clock(monkeypatch):
-    """The time of cameras, which passes where somebody sleeps."""
+    """The time of cameras; it passes only in sleep."""
     made = FakeTime()
     monkeypatch.setattr(module, "time", made)
     return made
@@ -130,7 +130,7 @@ def test_conformance_without_a_camera():
 
 @pytest.mark.realdata
 def test_the_real_video_of_a_sensor_is_read_as_opencv_reads_it(realdata, clock):
-    """Frame by frame, by the time that goes with it; none is taken for another."""
+    """Frame by frame, by its time; none is taken for another."""
     path = str(realdata / "gelsight_mini_marker_video" / "mini_example.avi")
     capture, true = cv2.VideoCapture(path), []
     while len(true) < 25:
@@ -148,7 +148,7 @@ def test_the_real_video_of_a_sensor_is_read_as_opencv_reads_it(realdata, clock):
 
 
 class Device:
-    """OpenCV's capture of a device that does what a test wants.
+    """OpenCV's capture of a scripted device.
 
     Args:
         grabs: What each grab gives: seconds that it takes, or False after no time.
@@ -294,7 +294,7 @@ def test_why_a_device_cannot_be_opened(tmp_path, monkeypatch):
             raise OSError(number, "refused")
 
         monkeypatch.setattr(v4l2.os, "open", refuse)
-        assert message in v4l2.why_not("/dev/null")
+        assert message in v4l2.explain_failure("/dev/null")
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def video(tmp_path):
 
 @pytest.fixture
 def images(tmp_path):
-    """Eleven numbered images of 6 x 8 whose red is their number, and a note beside them."""
+    """Eleven numbered images of 6 x 8 with their number as red, and a note beside them."""
     folder = tmp_path / "images"
     folder.mkdir()
     for i in range(11):
@@ -86,7 +86,7 @@ def test_without_real_time_it_does_not_wait(video, monkeypatch):
 
 @pytest.fixture
 def clock(monkeypatch):
-    """The time of replays, which passes where somebody sleeps."""
+    """The time of replays; it passes only in sleep."""
     made = FakeTime()
     monkeypatch.setattr("tactileforge.sensors.drivers.replay.time", made)
     return made

@@ -1,4 +1,4 @@
-"""Sensors that send packets, against devices that are not there and lines that are bad."""
+"""Packet sensors, against absent devices and bad lines."""
 
 import itertools
 import math
@@ -23,7 +23,7 @@ CRC = CHECKSUMS["crc16_modbus"]
 
 
 def wrench_packet(number):
-    """A packet whose forces are its number, and torques its negative hundredth."""
+    """A packet with its number as forces, and its negative hundredth as torques."""
     body = b"\x20\x4e" + struct.pack("<6h", *[number] * 3, *[-number] * 3)
     return body + CRC.of(body)
 

@@ -69,7 +69,7 @@ def test_bonded_layer_is_dimitriadis() -> None:
 
 
 def test_forces_measured_on_a_gelsight_mini() -> None:
-    """A sphere of 15 mm, with the friction of 1 that FEATS has (Helmut et al., 2024)."""
+    """A sphere of 15 mm, with FEATS' friction of 1 (Helmut et al., 2024)."""
     poses = torch.zeros(1, 13, 6)
     poses[0, :, 3] = torch.linspace(0, 2, 13)
     height = -sphere(7.5, torch.zeros(1), 64, 0.22)
@@ -120,7 +120,7 @@ def test_start_of_the_frame_before_changes_nothing_but_the_time() -> None:
 
 
 def test_a_start_that_leads_nowhere_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A corner that all but leaves the gel, from a start a thousand times too high."""
+    """A corner just on the gel, from a start a thousand times too high."""
     gel = Gel()
     x, y = plane(48, 0.2)
     corner = 0.0112 - 0.05 * (x + y + 2.2).abs() - 0.02 * (x - y).abs()

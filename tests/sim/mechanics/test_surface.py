@@ -157,7 +157,7 @@ def pressed(name: str, detail: int) -> tuple[GelSurface | None, ContactState]:
 
 
 def reference(moment: ContactState, there: Tensor) -> Tensor:
-    """The displacement of a gel that was solved at 0.05 mm, with nothing added or smoothed."""
+    """The displacement of a gel solved at 0.05 mm, with nothing added or smoothed."""
     n = moment.strain.shape[-1]
     layer = kernel(Gel(modulus=1.0), n, GRID / 4)
     spectra = [
@@ -219,7 +219,7 @@ def test_shear_tilts_the_surface_as_the_transform_says() -> None:
 
 
 def test_lift_is_the_transpose_of_spread() -> None:
-    """Betti: pressure works on what shear lifts as shear does on what pressure spreads."""
+    """Betti: pressure works on the lift by shear as shear does on the spread by pressure."""
     layer, chance = kernel(GEL, 32, 0.25), torch.Generator().manual_seed(0)
     pressure = torch.rand(1, 32, 32, generator=chance)
     shear = torch.randn(1, 2, 32, 32, generator=chance)
@@ -228,7 +228,7 @@ def test_lift_is_the_transpose_of_spread() -> None:
 
 
 def test_shear_shows_without_markers_at_the_same_force() -> None:
-    """The gel bulges ahead of what drags it; to the other side it bulges there."""
+    """The gel bulges ahead of the dragging object; to the other side it bulges there."""
     slides = [
         torch.stack([CLEAR, pose(0, 0, 0, 0.6), pose(0, 0, 0, 0.6), pose(x, 0, 0, 0.6)])
         for x in (-0.4, 0.4)
@@ -248,7 +248,7 @@ def test_shear_shows_without_markers_at_the_same_force() -> None:
 
 
 def test_friction_holds_the_gel_under_a_press() -> None:
-    """A gel that sticks is spread less under a punch than one that slips freely."""
+    """A sticking gel is spread less under a punch than a freely slipping one."""
     moved = []
     for friction in (0.01, 2.0):
         flat = 6 * (torch.hypot(*plane(N, SPACING)) - 3).clamp(min=0)
@@ -264,7 +264,7 @@ def test_friction_holds_the_gel_under_a_press() -> None:
 
 
 def test_a_soft_object_yields_by_its_pressure() -> None:
-    """Its surface lies where the rigid one's would, less softness times pressure."""
+    """Its surface lies at the rigid one's, less softness times pressure."""
     line = (torch.arange(N) - (N - 1) / 2) * SPACING
     y, x = torch.meshgrid(line, line, indexing="ij")
     poses = torch.stack([CLEAR, pose(0, 0, 0, 0.6)])[None]

@@ -26,7 +26,7 @@ CIRCLES = [
 
 
 def presses(name="gelsight", noise=0.0):
-    """Presses that the optics of a shipped calibration made."""
+    """Presses made by the optics of a shipped calibration."""
     how = lighting.load_optics(name)
     ground = lighting.polynomial_background(how.backgrounds[0], *SIZE)
     blank = torch.zeros(len(CIRCLES), 3, *SIZE, dtype=torch.uint8)

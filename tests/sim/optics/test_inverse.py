@@ -41,7 +41,7 @@ def test_poisson_integrates_the_slopes_of_a_polynomial_exactly():
 
 @pytest.mark.parametrize("name", ["gelsight", "gelsight_fots", "digit"])
 def test_surfaces_are_read_back_from_simulated_pictures(name):
-    """With the noise of the camera, and the light that scatters and is blocked."""
+    """With the noise of the camera, and scattered and blocked light."""
     calibration = load_optics(name)
     unit = SensorInstance("", 1, STILL, calibration, SPACING, calibration.noise)
     true = bumps()

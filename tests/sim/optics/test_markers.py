@@ -15,7 +15,7 @@ SPACING = 0.2
 
 
 def dark(markers, motion=None):
-    """Darkness that markers paint on a white image: (B, H, W)."""
+    """Darkness painted by markers on a white image: (B, H, W)."""
     batch = 1 if motion is None else len(motion)
     pictures = torch.full((batch, 3, *SIZE), 255.0)
     markers.paint(pictures, motion, SPACING)

@@ -34,7 +34,7 @@ def rendered(presses, calibration):
 
 
 def linear(train, test):
-    """Pictures by a model that is linear in the normal."""
+    """Pictures by a model linear in the normal."""
     weights = fit.fit_weights(train, [f[:2] for f in fit.press_features(train, ())], 0, 1e-6)
     maps = torch.einsum("kpc,phw->kchw", weights, places(*train.size, 0))
     seen = [f[:2] for f in fit.press_features(test, ())]

@@ -22,7 +22,7 @@ class Embed:
     """Keys of ``data embed``.
 
     Attributes:
-        model: NAME.TAG of the zoo or file:PATH; its weights stay frozen.
+        model: NAME.TAG of the zoo, file:PATH or run:FOLDER; its weights stay frozen.
         out: Folder of the data set; it must not exist.
         embed: Options of the vectors.
         device: Device of the model, for example cpu or cuda.

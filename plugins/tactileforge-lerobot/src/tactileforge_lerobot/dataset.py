@@ -1,4 +1,4 @@
-"""The data set ``lerobot``: touch in LeRobot's folder format, version 3."""
+"""The data set ``lerobot``: touch in LeRobot's folder format, versions 2.0, 2.1 and 3."""
 
 from __future__ import annotations
 
@@ -7,36 +7,68 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactileforge.plugin import ConfigError, DataError, Recording, is_held_out, unknown
+from tactileforge.plugin import (
+    ConfigError,
+    DataError,
+    Guess,
+    Recording,
+    is_held_out,
+    unknown,
+)
+from tactileforge_lerobot.drawn import Drawing
+from tactileforge_lerobot.features import Chosen, written_camera
+from tactileforge_lerobot.read import LeRobotFolder
+from tactileforge_lerobot.reading import Reading
+from tactileforge_lerobot.recognise import recognise
+from tactileforge_lerobot.sets import find_sets
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from tactileforge_lerobot.read import LeRobotFolder, TouchFeature
-
-_BACKGROUNDS = ("first", "none")
 
 
 class LeRobot:
     """Touch features of LeRobot episodes, one recording each (`docs/lerobot.md`).
 
     ``observation.state`` and ``action`` are the tracks ``state`` and ``robot_action`` of each
-    recording.
+    recording. A data set written by `tactileforge data lerobot` needs no option but ``root``.
 
-    A data set written by `tactileforge data lerobot` needs no option but ``root``.
+    A touch feature holds pictures, or numbers: taxels, pressures, depths, or a video of 16 bits a
+    channel. Numbers are drawn as pictures by ``span``; up to 4096 a frame are also the track
+    ``taxels``.
 
     Args:
-        root: Folder of the data set.
-        touch: Names of the touch features, for example ``observation.images.digit``; None for those
-            written by `tactileforge data lerobot`.
-        sensors: Type of the sensor of each touch feature.
+        root: Folder of the data set, or of several, up to four levels below it.
+        touch: Names of the touch features, for example ``observation.images.digit``; ``*`` in a
+            name stands for any characters, and ``/i`` behind it takes part i of the first axis.
+            None for those written by `tactileforge data lerobot`.
+        sensors: Type of the sensor of each touch feature, or one for all.
         force: Name of the force feature of each touch feature, "" for none; None where no touch
             feature has a force.
         force_columns: Columns x, y and z of the force features; three numbers for all, or three for
             each touch feature.
+        force_sign: Factors that turn x, y and z of the forces into newton along the axes of
+            `tactileforge.contracts`: signs and units.
+        turn_z: Whether z is turned so that its mean over a data set is positive, where the sign of
+            pressing is not known.
+        zero_rows: Number of first rows whose median force is subtracted from all; of each episode,
+            or with ``objects`` of each data set.
+        zero_most: Largest force along z in these rows, in units of the feature; where it is larger,
+            the recordings are left out. None for any.
         camera: Name of the feature with the camera's view of the scene; None for none.
+        tracks: Names of further numeric features, kept as tracks.
         background: ``first`` where episodes begin without contact, else ``none``.
-        val: Share of the episodes held out for validation.
+        span: Change of a number drawn as full color, in units of the feature: one for x, y and z,
+            or three.
+        rest: Number without contact where ``background`` is ``none``.
+        channels: Indices of x, y and z in the last axis of a numeric feature, or of z alone; []
+            where that axis holds taxels. None where the shape leaves no choice.
+        grid: Rows and columns of the picture of a numeric feature; None for its own.
+        positions: Row and column of each taxel in the picture; None for a grid, row by row.
+        missing: Numbers that stand for an unknown value in numeric features, which become NaN.
+        objects: Whether each data set is one recording of one object, cut into episodes. The object
+            has the name of its folder, the first frame of the first episode is the background of
+            all, and whole objects are held out.
+        val: Share of the episodes, or objects, held out for validation.
 
     Raises:
         ConfigError: An option is invalid, or options contradict each other.
@@ -49,59 +81,85 @@ class LeRobot:
         sensors: Sequence[str] = (),
         force: Sequence[str] | None = None,
         force_columns: Sequence[int] = (0, 1, 2),
+        force_sign: Sequence[float] = (1.0, 1.0, 1.0),
+        turn_z: bool = False,
+        zero_rows: int = 0,
+        zero_most: float | None = None,
         camera: str | None = None,
+        tracks: Sequence[str] = (),
         background: str = "first",
+        span: float | Sequence[float] | None = None,
+        rest: float = 0.0,
+        channels: Sequence[int] | None = None,
+        grid: Sequence[int] | None = None,
+        positions: Sequence[Sequence[float]] | None = None,
+        missing: Sequence[float] = (),
+        objects: bool = False,
         val: float = 0.1,
     ) -> None:
         if not 0 <= val < 1:
             raise ConfigError(f"val is {val}; give the share that is held out, 0 or more, below 1")
-        if background not in _BACKGROUNDS:
-            raise ConfigError(unknown("data.background", background, _BACKGROUNDS))
-        if touch is not None and len(sensors) != len(touch):
-            raise ConfigError(
-                f"data.touch names {len(touch)} features and data.sensors {len(sensors)} sensors: "
-                "give the type of each, e.g. data.sensors=[digit]"
-            )
-        if touch is not None and force is not None and len(force) != len(touch):
-            raise ConfigError(f"data.force names {len(force)} features, for {len(touch)} of touch")
-        if len(force_columns) not in (3, 3 * len(touch or ())) or min(force_columns) < 0:
-            raise ConfigError(
-                f"data.force_columns={list(force_columns)}: give x, y and z, for all or for each"
-            )
-        self.root = Path(root).expanduser()
-        self.given, self.sensors, self.force = touch, list(sensors), force
-        self.force_columns, self.camera = tuple(force_columns), camera
-        self.background, self.val = background, val
+        self.root, self.val = Path(root).expanduser(), val
+        self.chosen = Chosen(touch, tuple(sensors), force, tuple(force_columns))
+        self.camera = camera
+        self.reading = Reading(
+            background=background,
+            drawing=Drawing(
+                span=span, rest=rest, channels=channels, grid=grid, positions=positions
+            ),
+            sign=tuple(force_sign),
+            zero_rows=zero_rows,
+            zero_most=zero_most,
+            turn_z=turn_z,
+            tracks=tuple(tracks),
+            missing=tuple(missing),
+            objects=objects,
+        )
         self.skipped: list[str] = []
+        self.notes: list[str] = []
+
+    @staticmethod
+    def recognise(root: Path) -> Guess | None:
+        """Recognises LeRobot data sets by their info file; None for any other folder."""
+        return recognise(root)
 
     @cached_property
-    def folder(self) -> LeRobotFolder:
-        """The data set on disk."""
-        from tactileforge_lerobot.read import LeRobotFolder
-
-        return LeRobotFolder(self.root)
+    def folders(self) -> list[LeRobotFolder]:
+        """Data sets on disk, in order; the folder itself where none is found."""
+        found = find_sets(self.root) or {self.root.name: self.root}
+        return [LeRobotFolder(path, name, self.reading) for name, path in found.items()]
 
     @property
     def provides(self) -> frozenset[str]:
-        """Labels provided by the features; empty where the folder cannot be read."""
-        try:
-            touch, names = self._touch(), self.folder.info.features
-            written = [about for one in self.folder.touch for about in one.values()]
-        except (DataError, ConfigError):
-            return frozenset()
+        """Labels provided by the features; empty where no data set can be read."""
+        for folder in self.folders:
+            try:
+                return self._provides(folder)
+            except (DataError, ConfigError):
+                continue
+        return frozenset()
+
+    def _provides(self, folder: LeRobotFolder) -> frozenset[str]:
+        touch = self.chosen.of(folder)
+        written = [about for one in folder.touch for about in one.values()]
         provided = {
             "force": any(one.force for one in touch),
-            "action": any(name.startswith("observation.touch.") for name in names),
-            "object": any(about.get("object") for about in written),
+            "action": any(
+                folder.is_own(name, "action")
+                for name in folder.info.features
+                if name.startswith("observation.touch.")
+            ),
+            "object": self.reading.objects or any(about.get("object") for about in written),
             "text": not written or any(about.get("text") for about in written),
-            "image": bool(self.camera or self._written_camera()),
+            "image": bool(self.camera or written_camera(folder)),
         }
         return frozenset(name for name, is_given in provided.items() if is_given)
 
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split, episode by episode.
 
-        An unreadable recording is left out and listed in ``skipped``.
+        An unreadable recording, or one of several data sets, is left out and listed in
+        ``skipped``.
 
         Args:
             split: ``train`` or ``val``.
@@ -110,78 +168,52 @@ class LeRobot:
             DataNotFoundError: There is no data set.
             DataError: Its version is not supported, it lacks a feature, or no recording of the
                 split can be read.
-            ConfigError: An unknown split, or ``touch`` is missing.
+            ConfigError: An unknown split, or an option is missing or does not fit the features.
         """
         if split not in ("train", "val"):
             raise ConfigError(unknown("split", split, ("train", "val")))
-        folder = self.folder
-        features = self._touch()
-        camera = folder.known(self.camera, "data.camera") if self.camera else self._written_camera()
-        failed: DataError | None = None
+        failed: list[DataError] = []
+        broken: list[DataError] = []
         opened = 0
+        for folder in self.folders:
+            try:
+                for recording in self._recordings(folder, split, failed):
+                    opened += 1
+                    yield recording
+            except DataError as error:
+                if len(self.folders) == 1:
+                    raise
+                self._skip(error, broken)
+            self.notes += [note for note in folder.notes if note not in self.notes]
+        if not opened and (failed or len(broken) == len(self.folders)):
+            raise (failed or broken)[-1]
+
+    def _recordings(
+        self, folder: LeRobotFolder, split: str, failed: list[DataError]
+    ) -> Iterator[Recording]:
+        """Yields the recordings of a split of one data set."""
+        features = self.chosen.of(folder)
+        camera = folder.known(self.camera, "data.camera") if self.camera else written_camera(folder)
         for number in range(len(folder.episodes)):
-            if (split == "val") != is_held_out(f"{self.root.name}/{number}", self.val):
+            unit = folder.name if self.reading.objects else f"{folder.name}/{number}"
+            if (split == "val") != is_held_out(unit, self.val):
                 continue
             for touch in features:
                 try:
-                    recording = folder.recording(number, touch, camera, self.background)
+                    recording = folder.recording(number, touch, camera)
                 except DataError as error:
-                    failed = error
-                    if str(error) not in self.skipped:
-                        self.skipped.append(str(error))
+                    self._skip(error, failed)
                     continue
-                opened += recording is not None
                 if recording is not None:
                     yield recording
-        if failed is not None and not opened:
-            raise failed
+
+    def _skip(self, error: DataError, failed: list[DataError]) -> None:
+        failed.append(error)
+        if str(error) not in self.skipped:
+            self.skipped.append(str(error))
 
     def plot(self, recording: Recording) -> Figure:
         """Plots a recording."""
         from tactileforge.plugin import plot_recording
 
         return plot_recording(recording)
-
-    def _touch(self) -> list[TouchFeature]:
-        from tactileforge_lerobot.read import TouchFeature
-
-        folder = self.folder
-        if self.given is not None:
-            forces = self.force or [""] * len(self.given)
-            columns = self.force_columns * (len(self.given) if len(self.force_columns) == 3 else 1)
-            return [
-                TouchFeature(
-                    folder.known(images, "data.touch"),
-                    sensor,
-                    folder.known(force, "data.force") if force else "",
-                    columns[3 * i : 3 * i + 3],
-                )
-                for i, (images, sensor, force) in enumerate(
-                    zip(self.given, self.sensors, forces, strict=True)
-                )
-            ]
-        if not folder.touch:
-            pictures = ", ".join(folder.info.pictures()) or "none"
-            raise ConfigError(
-                f"{self.root}: which features are touch? Give data.touch=[...] and "
-                f"data.sensors=[...]; its videos and images are: {pictures}"
-            )
-        kinds = {
-            name: about["sensor"] for features in folder.touch for name, about in features.items()
-        }
-        if not any(f"observation.images.{name}" in folder.info.features for name in kinds):
-            raise ConfigError(
-                f"{self.root}: was written without frames of touch (images=camera), for LeRobot's "
-                "policies alone; read what it was made of"
-            )
-        out = []
-        for name, sensor in kinds.items():
-            folder.known(f"observation.images.{name}", "meta/tactileforge.json")
-            force = f"observation.force.{name}"
-            known = force if force in folder.info.features else ""
-            out.append(TouchFeature(f"observation.images.{name}", sensor, known))
-        return out
-
-    def _written_camera(self) -> str | None:
-        written = "observation.images.camera"
-        return written if self.folder.touch and written in self.folder.info.features else None

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any, overload
 
 from tactileforge.plugin import DataError
-from tactileforge_lerobot import folder
+from tactileforge_lerobot.folder import inside
+from tactileforge_lerobot.parquet import read_cell
 
 
 class ColumnImages(Sequence[bytes]):
@@ -40,7 +41,7 @@ class ColumnImages(Sequence[bytes]):
     def __getitem__(self, i: int | slice) -> bytes | list[bytes]:
         if isinstance(i, slice):
             return [self[j] for j in range(*i.indices(self.length))]
-        cell = folder.read_cell(self.path, self.feature, self.start + i)
+        cell = read_cell(self.path, self.feature, self.start + i)
         content = cell.get("bytes") if isinstance(cell, dict) else cell
         if isinstance(content, bytes):
             return content
@@ -51,6 +52,6 @@ class ColumnImages(Sequence[bytes]):
         if not isinstance(name, str) or not name:
             raise DataError(f"{where}: neither bytes nor the path of an image")
         try:
-            return folder.inside(self.root, name, where).read_bytes()
+            return inside(self.root, name, where).read_bytes()
         except OSError as error:
             raise DataError(f"{where}: {name} cannot be read ({error.strerror})") from error

@@ -20,6 +20,7 @@ from tactileforge_lerobot.episode import (
     number_rows,
 )
 from tactileforge_lerobot.options import LeRobotOptions, LeRobotSummary, Vectors
+from tactileforge_lerobot.parquet import import_arrow
 from tactileforge_lerobot.statistics import image_statistics, number_statistics, sample_frames
 from tactileforge_lerobot.tables import column, common, tasks
 from tactileforge_lerobot.touch import describe_touch
@@ -155,7 +156,7 @@ class Writer:
         return self.videos[name]
 
     def _rows(self, columns: dict[str, Any]) -> None:
-        arrow = folder.import_arrow()
+        arrow = import_arrow()
         table = arrow.Table.from_pydict(
             {
                 name: column(arrow, values, self.features.get(name) or folder.COMMON[name])
@@ -182,7 +183,7 @@ class Writer:
         if not self.episodes:
             raise DataError("there are no recordings to write; look at data= and devices=")
         self.__exit__()
-        arrow = folder.import_arrow()
+        arrow = import_arrow()
         self.found.episodes = len(self.episodes)
         self.found.features = [*self.features, *folder.COMMON]
         for name, video in self.videos.items():

@@ -14,10 +14,17 @@ from torch import Tensor
 
 from tactileforge import run_folder
 from tactileforge.checkpoint_file import read_checkpoint
-from tactileforge.encoders.given import GivenViews
+from tactileforge.encoders.views import views_of
 from tactileforge.hub.packed_linear import PackedLinears
 from tactileforge.parts import build_parts
-from tactileforge.plugin import NEUTRAL_BACKGROUND, Batch, ConfigError, DataError, resize_frame
+from tactileforge.plugin import (
+    NEUTRAL_BACKGROUND,
+    Batch,
+    ConfigError,
+    DataError,
+    Views,
+    resize_frame,
+)
 from tactileforge_policies.heads.base import PolicyHead
 from tactileforge_policies.robot import Robot
 
@@ -163,9 +170,9 @@ class Policy:
             batch["images"] = batch["images"].movedim(-1, -3)
         return batch
 
-    def _views(self) -> GivenViews:
+    def _views(self) -> Views:
         if not self.uses_touch:
-            return GivenViews(self._encoder, None)
+            return views_of(self._encoder, {})
         held = [self._touch[0]] * (self._span - len(self._touch)) + list(self._touch)
         held = held[:: self.robot.stride]
         clips = [np.stack([one[name] for one in held]) for name in self.fingers]
@@ -175,7 +182,7 @@ class Policy:
         with self._packed:  # not for the head: its layers are too many and too small to gain
             tokens: Tensor = self._encoder(frames, rest.movedim(-1, -3), sensor)[0]
         # Rounded to float16, as the stored tokens in training are (`EpisodeClips.remember`).
-        return GivenViews(self._encoder, tokens.half().float()[None])
+        return views_of(self._encoder, {"tokens": tokens.half()[None]})
 
     def _resized(self, frame: Image) -> Image:
         return resize_frame(frame, self._encoder.image_size)

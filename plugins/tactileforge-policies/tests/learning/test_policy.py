@@ -14,7 +14,7 @@ from tactileforge import run_folder
 from tactileforge.checkpoint_file import read_checkpoint
 from tactileforge.compose import compose
 from tactileforge.data.batches.clips import collate
-from tactileforge.encoders.given import views_of
+from tactileforge.encoders.views import views_of
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, TactileForgeError
 from tactileforge.pages.curves import read_metrics
 from tactileforge.report.run import report_of_run

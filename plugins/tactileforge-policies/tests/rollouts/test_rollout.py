@@ -8,7 +8,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from tactileforge_policies.rollouts.options import RolloutOptions, make_environment
+from tactileforge_policies.rollouts.options import (
+    RolloutOptions,
+    environment_id,
+    make_environment,
+)
 from tactileforge_policies.rollouts.page import chosen_episodes, rollout_page
 from tactileforge_policies.rollouts.results import EpisodeResult, wilson
 from tactileforge_policies.rollouts.rollout import roll_out
@@ -199,3 +203,12 @@ def test_the_verbs(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "runs/rollouts/reach-digit-expert/report.html").is_file()
     assert cli.run(["rollout", *words, "policy=nobody"]) == 1
     assert "policy=nobody: neither expert nor still" in capsys.readouterr().err
+
+
+def test_a_task_is_found_by_every_id_that_gymnasium_has():
+    ours = environment_id("chip")
+    assert environment_id(ours) == ours
+    assert environment_id(f"tactileforge_policies.envs:{ours}") == ours
+    assert environment_id("CartPole-v1") == "CartPole-v1"
+    with pytest.raises(ConfigError, match=r"unknown task 'other/Chip-v0'"):
+        environment_id("other/Chip-v0")

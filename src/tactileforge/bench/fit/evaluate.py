@@ -111,6 +111,7 @@ def evaluate_probe(
         select = split.test if select_on_test else split.validation
         score, uses = _scorer(prepared, select), (split.train, select, split.test)
         if features is None:
+            # the encoder changes in every step, so there are no features to keep
             fold = finetune.finetune_encoder(
                 prepared, choice, subject, store, uses, seeds, score, higher
             )
@@ -118,6 +119,7 @@ def evaluate_probe(
             continue
         taps = subject.taps(choice.kind)
         examples = [_examples(prepared, tap, features, subject) for tap in taps]
+        # trained probes first: the others are solved or counted, without epochs and seeds
         if choice.kind.trained:
             fold = train_probes(build, choice.training, examples[0], uses, seeds, score, higher)
         elif issubclass(choice.kind, Ridge):

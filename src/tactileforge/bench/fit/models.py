@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,7 +17,7 @@ from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sha256
 from tactileforge.hub import cards, files, store
 from tactileforge.hub.header import Header
-from tactileforge.hub.pack import pack_run
+from tactileforge.hub.runs import open_run
 
 #: Draws of random weights that are compared.
 UNTRAINED = 3
@@ -67,12 +66,14 @@ def model_entry(
     if word in BASELINES:
         title = BASELINES[word][1]
         return ModelEntry(name=word, title=title, open=[lambda: baseline_encoder(word, device)])
+    # prefixes first: behind one, a dot is part of a path, and not of NAME.TAG
     if word.startswith("untrained:"):
         of = word.removeprefix("untrained:")
         shape = f"run:{runs[of]}" if runs and of in runs else of
         return ModelEntry(
             name=word,
             title=f"untrained {of.rpartition('/')[2]}",
+            # several seeds: the spread of random networks is the interval of this baseline
             open=[
                 partial(
                     lambda seed: untrained_encoder(word, header_of(shape, composed), device, seed),
@@ -106,11 +107,9 @@ def model_entry(
 
 
 def encoder_of_run(name: str, folder: Path, device: str = "cpu") -> FrozenEncoder:
-    """The encoder of a run, packed into a temporary one-file checkpoint."""
-    with tempfile.TemporaryDirectory() as place:
-        subject = _of_file(name, pack_run(folder, Path(place) / "model.safetensors"), device)
-    subject.sha256 = subject.weights
-    return subject
+    """The encoder of a run, from its last checkpoint."""
+    encoder, _, header = open_run(folder)
+    return FrozenEncoder(name, encoder, header, device=device)
 
 
 def untrained_encoder(

@@ -234,6 +234,7 @@ def train_probes(
         for some, rng in _batches(train_on, training.batch, epoch):
             total += members.step(*examples.mirrored(some, rng)).cpu() * len(some) / len(train_on)
         losses, decoded = members.predict(examples, select_on)
+        # once an epoch: the sum of its losses is finite only if all of them are
         if not torch.isfinite(total).all():
             raise DataError(f"the loss of a probe is not finite in epoch {epoch}; lower probe.lr")
         for i, outcome in enumerate(outcomes):
@@ -242,6 +243,7 @@ def train_probes(
             value = score({name: values[i] for name, values in decoded.items()})
             if outcome.epoch < 0 or (value > outcome.score if higher else value < outcome.score):
                 outcome.score, outcome.epoch, best[i] = value, epoch, members.copies(i)
+    # the best epoch of each member, before the test clips are seen
     for i, kept in enumerate(best):
         if kept:
             members.restore(i, kept)

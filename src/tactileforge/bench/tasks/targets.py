@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -15,7 +16,7 @@ from tactileforge.bench.tasks.facts import label_text, matches_filter
 from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.suite import Task
 from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.data.labels.augment import flip_labels
+from tactileforge.data.labels.turns import flip_labels
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.sensors.specs import spec
 
@@ -37,12 +38,16 @@ class TargetPart:
         truth: float32 (n, columns); class indices where it is classes.
         scale: float32 (n, columns), what counts as 1; ones for classes.
         names: Classes, or axes.
+        mirror: Truth of a mirrored clip: ``same``; ``force`` or ``action``, as those labels;
+            ``motion`` for classes of shifts along x and y and of a turn, with edges symmetric about
+            0; "" where it is not known, as for a place or numbers of any kind.
     """
 
     kind: str
     truth: Tensor
     scale: Tensor
     names: tuple[str, ...]
+    mirror: Literal["", "same", "force", "action", "motion"] = ""
 
     @property
     def outputs(self) -> int:
@@ -56,23 +61,31 @@ class TargetPart:
         return self.truth / self.scale
 
     def flipped(self, horizontal: bool, vertical: bool) -> TargetPart:
-        """The truth for mirrored clips."""
-        if not (horizontal or vertical):
+        """The truth for mirrored clips.
+
+        Raises:
+            ConfigError: It is not known, see `mirror`.
+        """
+        if not (horizontal or vertical) or self.mirror == "same":
             return self
-        if self.kind in ("place", "numbers"):
-            raise ConfigError("flips: a place in the image is not mirrored; set flips: false")
+        if not self.mirror:
+            raise ConfigError(
+                "flips: what a place or a number is in a mirrored clip is not known; set flips: "
+                "false"
+            )
+        if self.mirror == "motion":
+            swapped = torch.tensor([horizontal, vertical, horizontal != vertical])
+            last = len(self.names) - 1
+            return replace(self, truth=torch.where(swapped, last - self.truth, self.truth))
         count = len(self.truth)
         batch = {"action": torch.full((count,), -1), "force": torch.zeros(count, 1, 3)}
-        if self.kind == "force":
+        if self.mirror == "force":
             batch["force"] = self.truth[:, None].clone()
-        elif self.names == ACTIONS:
+        else:
             batch["action"] = self.truth[:, 0].long()
         flip_labels(batch, torch.full((count,), horizontal), torch.full((count,), vertical))
-        if self.kind == "force":
-            return replace(self, truth=batch["force"][:, 0])
-        return (
-            replace(self, truth=batch["action"][:, None].float()) if self.names == ACTIONS else self
-        )
+        force, action = batch["force"][:, 0], batch["action"][:, None].float()
+        return replace(self, truth=force if self.mirror == "force" else action)
 
 
 @dataclass(frozen=True)
@@ -174,6 +187,7 @@ def _classes(
     source: TaskSource,
     value: Callable[[Recording, int, int], str | None],
     names: tuple[str, ...] = (),
+    mirror: Literal["same", "action"] = "same",
 ) -> TargetPart:
     values = _each(source, value)
     known = names or tuple(sorted({str(label) for label in values if label is not None}))
@@ -181,7 +195,7 @@ def _classes(
     truth = torch.tensor(
         [[place[str(label)] if label is not None else torch.nan] for label in values]
     )
-    return TargetPart("classes", truth.float(), torch.ones(len(values), 1), known)
+    return TargetPart("classes", truth.float(), torch.ones(len(values), 1), known, mirror)
 
 
 def _label(recording: Recording, name: str) -> str | None:
@@ -203,13 +217,14 @@ def _newton(task: Task, source: TaskSource, change: bool) -> TargetPart:
         return newton
 
     truth = np.array(_each(source, value), np.float32).reshape(-1, 3)
-    return TargetPart("force", torch.from_numpy(truth), _scale(task, source), ("x", "y", "z"))
+    axes = ("x", "y", "z")
+    return TargetPart("force", torch.from_numpy(truth), _scale(task, source), axes, "force")
 
 
 def _normal_force(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     """Force along z in newton, for data without the other axes."""
     force = _newton(task, source, change=False)
-    z = TargetPart("numbers", force.truth[:, 2:], force.scale[:, 2:], ("z",))
+    z = TargetPart("numbers", force.truth[:, 2:], force.scale[:, 2:], ("z",), "same")
     return {"normal_force": z}
 
 
@@ -247,7 +262,7 @@ def _pose(task: Task, source: TaskSource) -> dict[str, TargetPart]:
 
     truth = torch.tensor(np.array(_each(source, value), np.float32).reshape(-1, 3))
     names = tuple(map(str, range(len(_SHIFTS) + 1)))
-    return {"pose": TargetPart("classes", truth, torch.ones_like(truth), names)}
+    return {"pose": TargetPart("classes", truth, torch.ones_like(truth), names, "motion")}
 
 
 def _place(task: Task, source: TaskSource) -> dict[str, TargetPart]:
@@ -281,7 +296,7 @@ def _time(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     """Seconds since the first frame of the whole recording."""
     seconds = _each(source, lambda recording, first, last: recording.times[last])
     truth = torch.tensor(np.array(seconds, np.float32))[:, None]
-    return {"time": TargetPart("numbers", truth, torch.ones_like(truth), ("time",))}
+    return {"time": TargetPart("numbers", truth, torch.ones_like(truth), ("time",), "same")}
 
 
 def _losing(task: Task, source: TaskSource) -> dict[str, TargetPart]:
@@ -313,7 +328,7 @@ TARGETS: dict[str, Callable[[Task, TaskSource], dict[str, TargetPart]]] = {
     "delta_force": lambda task, source: {"delta_force": _newton(task, source, change=True)},
     "normal_force": _normal_force,
     "slip": _slip,
-    "action": lambda _, source: {"action": _classes(source, _action, ACTIONS)},
+    "action": lambda _, source: {"action": _classes(source, _action, ACTIONS, "action")},
     "object": lambda _, source: {"object": _classes(source, lambda r, *_: r.object)},
     "place": _place,
     "pose": _pose,

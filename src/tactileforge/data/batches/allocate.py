@@ -15,18 +15,18 @@ def allocate(
     sources: Sequence[tuple[str, float, frozenset[str]]],
     shares: Mapping[str, float],
 ) -> list[int]:
-    """Allocates the clips of every batch to the sources.
+    """Allocate the clips of a batch to sources.
 
     Args:
-        size: Clips to share out.
-        sources: Name, weight and labels of each.
-        shares: Least share of the clips that is from sources with a label, by label.
+        size: Number of clips to allocate.
+        sources: Name, weight above 0 and labels of each source.
+        shares: Smallest share of the clips from sources with a label, 0 to 1, by label.
 
     Returns:
-        One number a source, at least 1 each; they add up to ``size``.
+        Clips of each source, at least 1; they add up to ``size``.
 
     Raises:
-        ConfigError: More sources than clips, a share that is none, or that no source can serve.
+        ConfigError: More sources than clips, an invalid share, or a share without a source for it.
 
     Example:
         >>> allocate(8, [("a", 3, frozenset()), ("b", 1, frozenset({"force"}))], {"force": 0.5})
@@ -42,16 +42,18 @@ def allocate(
     counts = np.zeros(len(sources), int)
     left = size
     for label, share in shares.items():
-        wanted = round(share * size)
+        reserved = round(share * size)
         able = np.array([label in labels for *_, labels in sources])
-        if not 0 <= share <= 1 or wanted > left:
+        if not 0 <= share <= 1 or reserved > left:
             raise ConfigError(f"batch.shares.{label} is {share}; all shares add up to at most 1")
-        if wanted and not able.any():
+        if reserved and not able.any():
             raise ConfigError(f"batch.shares.{label} is {share}, but no source has {label}")
-        if wanted:
-            counts[able] += _apportion(wanted, weights[able])
-            left -= wanted
+        if reserved:
+            counts[able] += _apportion(reserved, weights[able])
+            left -= reserved
+    # shares come first: what they reserve is gone before the weights divide the rest
     counts += _apportion(left, weights)
+    # a small weight may round to 0 clips, and its source would never be seen: the largest lends one
     while not counts.all():
         counts[counts.argmin()] += 1
         counts[counts.argmax()] -= 1

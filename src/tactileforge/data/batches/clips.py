@@ -1,4 +1,4 @@
-"""Cuts recordings into clips: an index of the clips, and their decoding."""
+"""Clips of recordings: their index, and their decoding."""
 
 from __future__ import annotations
 
@@ -19,45 +19,46 @@ from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.data.labels import displacement
 from tactileforge.data.labels.align import nearest
 from tactileforge.data.labels.objects import object_id
+from tactileforge.data.labels.upright import is_upright
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.sensors.specs import spec
 
-#: What could not be read: by its name, a line that says why, and how many recordings it costs.
+#: Unreadable data by name: a line with the reason, and the number of recordings lost.
 Skipped: TypeAlias = dict[str, tuple[str, int]]
-#: Recordings that may fail one after another before reading gives up.
+#: Consecutive unreadable recordings before reading gives up.
 _MAX_FAILURES = 20
-#: Frames that shrink at least this much are averaged; below, bilinear interpolation sees all pixels
-#: and is six times as fast.
+#: Ratio of sizes from which frames are averaged. Below it, bilinear interpolation still reads every
+#: pixel, and is six times as fast.
 AVERAGED_FROM = 1.5
 
 
 class Clips(Dataset[dict[str, Any]]):
-    """All clips that can be cut from a set of recordings.
+    """All clips of a set of recordings.
 
     A clip is cut by time: ``frames`` frames, ``spacing`` seconds apart, rounded to whole frames of
-    the recording (every second frame at 30 Hz and every frame at 18 Hz for 1/15 s); where the rate
-    varies, those that are nearest to these times (see `data.frames.cut`). Clips that would span a
-    gap in time are left out. Where a recording is shorter than a clip, its first frame is repeated.
+    the recording (every second frame at 30 Hz and every frame at 18 Hz for 1/15 s). At a varying
+    rate, the frames nearest to these times are taken (see `data.frames.cut`). Clips across a gap in
+    time are left out. A recording shorter than a clip repeats its first frame.
 
     The index is two integers a clip; frames are read, resized to ``size`` and kept in a cache of
     bounded size, so memory does not grow with the number of recordings.
 
     Args:
-        recordings: What to cut.
+        recordings: Recordings to cut.
         frames: Frames of a clip.
-        spacing: Seconds between them.
+        spacing: Seconds between the frames of a clip.
         hop: Seconds between the ends of neighbouring clips; at least one frame.
-        size: Height and width the frames are resized to.
-        image_size: Height and width the camera image is resized to.
+        size: Height and width of the resized frames, pixels.
+        image_size: Height and width of the resized camera image, pixels.
         cache_mb: Megabytes of resized frames kept in each process.
         columns: Extra columns of the rows; None for none.
 
     Attributes:
-        recordings: What is cut.
-        scales: Newton along x, y and z that count as 1, by sensor.
-        strides: int32, of each recording: its frames from one frame of a clip to the next.
-        provides: Keys of a row beside those of every batch, where a data set cuts by itself.
-        facts: Plain data by name that heads are given.
+        recordings: The recordings.
+        scales: Force scale along x, y and z, N, by sensor.
+        strides: int32 (recordings,), frames from one frame of a clip to the next.
+        provides: Further keys of a row, for data sets with clips of their own.
+        facts: Plain data for heads, by name.
         is_touch: Whether a row is one touch, as the report shows them.
 
     Raises:
@@ -107,7 +108,7 @@ class Clips(Dataset[dict[str, Any]]):
         return len(self.index)
 
     def rows(self, clip: int) -> NDArray[np.int64]:
-        """Frame numbers of a clip, oldest first, within its recording."""
+        """Frame numbers of a clip within its recording, oldest first."""
         number, end = self.index[clip]
         if (period := float(self._periods[number])) == 0:
             rows = _strided(end, self.frames, self.strides[number])
@@ -132,16 +133,16 @@ class Clips(Dataset[dict[str, Any]]):
         return int(shown[-1]) if (shown == shown[-1]).all() else -1
 
     def __getitem__(self, item: int | tuple[int, int]) -> dict[str, Any]:
-        """One clip; where its recording cannot be read, one of the next recording that can.
+        """Read a clip, or one of the next readable recording.
 
         Args:
-            item: The clip, or the clip and its matching group.
+            item: Number of the clip, or that number and its matching group.
 
         Returns:
             One row of a batch (see `tactileforge.contracts`); for ``skipped`` see `Skipped`.
 
         Raises:
-            DataError: Many recordings in a row cannot be read.
+            DataError: Too many consecutive recordings are unreadable.
         """
         clip, group = item if isinstance(item, tuple) else (item, -1)
         skipped: Skipped = {}
@@ -151,6 +152,8 @@ class Clips(Dataset[dict[str, Any]]):
             except DataError as error:
                 broken = self.recordings[self.index[clip, 0]].key
                 skipped[broken] = str(error), 1
+                # a fixed substitute, not a random one: a resumed run reads the same clip; it has no
+                # group, since its partner in the pair shows another object
                 following = np.searchsorted(self.index[:, 0], self.index[clip, 0], side="right")
                 clip, group = int(following) % len(self), -1
         first, _ = next(iter(skipped.values()))
@@ -167,6 +170,8 @@ class Clips(Dataset[dict[str, Any]]):
         if recording.image is not None:
             row = view_of(recording, int(rows[-1]))
             image = self._frames(("image", number), recording.image, [row], (height, width))[0]
+        # unlabelled values are zeros with a mask: a batch has the same keys and shapes whatever its
+        # sources label, so compiled graphs stay and ranks agree
         surface = np.full((self.frames, *displacement.SHAPE, 3), displacement.NONE, np.uint8)
         if recording.surface is not None:
             size = displacement.SHAPE
@@ -188,6 +193,8 @@ class Clips(Dataset[dict[str, Any]]):
             "surface": _tensor(surface),
             "surface_valid": recording.surface is not None,
             "group": group,
+            "aspect": recording.frames.shape[1] / recording.frames.shape[0],
+            "upright": is_upright(recording),
             "clip": clip,
             **(self.columns.cut(recording, rows) if self.columns else {}),
         }
@@ -238,13 +245,14 @@ class _Cache:
         return None
 
     def clear(self, kind: str) -> None:
-        """Forgets the arrays of a kind, the first word of their keys."""
+        """Drop the arrays of a kind, the first word of their keys."""
         for key in [key for key in self.items if key[0] == kind]:
             self.size -= self.items.pop(key).nbytes
 
     def put(self, key: Any, array: NDArray[np.uint8]) -> None:
         self.items[key] = array
         self.size += array.nbytes
+        # also the array just put may go: one larger than the limit must not stay
         while self.size > self.limit and self.items:
             self.size -= self.items.popitem(last=False)[1].nbytes
 
@@ -252,7 +260,7 @@ class _Cache:
 def _cut(
     times: NDArray[np.float64], frames: int, spacing: float, hop: float
 ) -> tuple[int, float, NDArray[np.int64]]:
-    """Stride in frames; seconds between frames, 0 where all clips have it; their last frames."""
+    """Cut times into clips: stride (frames), period (s; 0 for evenly spaced clips), last rows."""
     if len(times) == 1:
         return 1, 0.0, np.zeros(1, np.int64)
     period = frame_period(times)
@@ -263,22 +271,23 @@ def _cut(
     ends = np.arange(first, len(times), max(1, round(hop / period)))
     rows = held_clips(times, ends, frames, spacing, period)
     reaches, together = whole_clips(times, rows, spacing, period)
-    if not reaches.any():  # of a recording that is shorter than a clip, the first frame is held
+    if not reaches.any():  # shorter than a clip: the one clip repeats the first frame
         reaches[-1] = True
     kept = reaches & together
     ends, rows = ends[kept], rows[kept]
+    # nearly all recordings are even: their rows follow from a stride, without a search by time
     is_even = np.array_equal(rows, _strided(ends[:, None], frames, stride))
     return stride, 0.0 if is_even else period, ends
 
 
 def _strided(ends: Any, frames: int, stride: int) -> NDArray[np.int64]:
-    """Rows of clips whose frames are as many apart each, int64 (..., T), oldest first."""
+    """Rows of clips with a constant stride, int64 (..., T), oldest first."""
     rows: NDArray[np.int64] = np.maximum(ends - np.arange(frames - 1, -1, -1) * stride, 0)
     return rows.astype(np.int64)
 
 
 def view_of(recording: Recording, row: int) -> int:
-    """Index of the camera image that belongs to a frame."""
+    """Index of the camera image of a frame."""
     assert recording.image is not None
     if recording.image_times is None:
         return row * len(recording.image) // len(recording.frames)
@@ -286,11 +295,13 @@ def view_of(recording: Recording, row: int) -> int:
 
 
 def resize_frame(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Resizes an image (H, W, 3) in the same way as in training."""
+    """Resize an image, uint8 (H, W, 3), as training does."""
     if frame.shape[:2] == size:
         return np.ascontiguousarray(frame)
     shrinks = min(frame.shape[0] / size[0], frame.shape[1] / size[1]) >= 1
     much = max(frame.shape[0] / size[0], frame.shape[1] / size[1]) >= AVERAGED_FROM
+    # INTER_AREA acts like nearest-neighbor interpolation on an enlarged axis (OpenCV's
+    # InterpolationFlags), so both axes have to shrink
     how = cv2.INTER_AREA if shrinks and much else cv2.INTER_LINEAR
     out: NDArray[np.uint8] = cv2.resize(frame, size[::-1], interpolation=how)
     return out
@@ -302,7 +313,7 @@ def _tensor(array: NDArray[np.uint8]) -> torch.Tensor:
 
 
 def collate(rows: Sequence[dict[str, Any]]) -> Batch:
-    """Collates rows of `Clips`: tensors are stacked, numbers become tensors, names stay lists.
+    """Collate rows of `Clips`: stack tensors, turn numbers into tensors, list names.
 
     A tuple holds several rows of the batch, one for each touch of a sample.
     """

@@ -1,4 +1,4 @@
-"""Extra columns of the batch, declared by heads and objectives, cut from tracks of recordings."""
+"""Extra columns of the batch: declared by heads and objectives, cut from tracks."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from tactileforge.contracts import BATCH_KEYS, Column, ColumnSize, Recording
+from tactileforge.data.labels.turns import check_turns
 from tactileforge.errors import ConfigError, DataError, PluginError
 
 
 @dataclass(frozen=True)
 class CutColumns:
-    """Declared columns with the size of a step each.
+    """Declared columns with the size of their steps.
 
     Attributes:
         columns: Declared columns.
@@ -28,14 +29,14 @@ class CutColumns:
     sizes: Mapping[str, ColumnSize]
 
     def cut(self, recording: Recording, rows: Sequence[int] | NDArray[np.int64]) -> dict[str, Any]:
-        """The columns of one clip, and ``NAME_valid`` of each, bool (steps,).
+        """Cut the columns of one clip, each with ``NAME_valid``, bool (steps,).
 
         Args:
-            recording: Which it is cut from; without the track, nothing is labelled.
+            recording: Recording of the clip; without the track, no step is valid.
             rows: Frame numbers of the clip, oldest first.
 
         Raises:
-            DataError: The track is not of the size of the others.
+            DataError: The size of a step differs from that of other recordings.
         """
         found: dict[str, Tensor] = {}
         for column in self.columns:
@@ -59,12 +60,13 @@ class CutColumns:
         values, inside = take_steps(track, steps)
         if np.issubdtype(values.dtype, np.floating):
             inside = inside & np.isfinite(values).reshape(len(values), -1).all(1)
+            # masked steps still enter the arithmetic of a loss, where 0 times NaN would be NaN
             values = np.nan_to_num(values, posinf=0.0, neginf=0.0)
         return values.astype(column.dtype), inside
 
 
 def steps_of(column: Column, rows: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
-    """Frame numbers of a column, which may lie before or after the recording.
+    """Frame numbers of a column, also before or after the recording.
 
     Args:
         column: Declared column.
@@ -78,11 +80,11 @@ def steps_of(column: Column, rows: Sequence[int] | NDArray[np.int64]) -> NDArray
 def take_steps(
     track: NDArray[Any], steps: NDArray[np.int64]
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Values at frame numbers, with the nearest value outside of the recording, and a mask.
+    """Values at frame numbers, held at both ends of the recording, and a mask.
 
     Args:
-        track: (T, ...).
-        steps: Frame numbers, also below 0 and above T - 1.
+        track: Values of a recording, (T, ...).
+        steps: Frame numbers, int64 (n,), also below 0 and above T - 1.
 
     Example:
         >>> values, inside = take_steps(np.array([5, 6, 7]), np.arange(1, 5))
@@ -94,11 +96,12 @@ def take_steps(
 
 
 def own_columns(plugin: type[Any], options: Mapping[str, Any]) -> Sequence[Column]:
-    """Columns declared by one head or objective: a sequence, or a function of its options.
+    """Columns declared by one head or objective.
 
     Args:
-        plugin: Class of the head or objective.
-        options: Its options.
+        plugin: Class of the head or objective; its ``columns`` are a sequence, or a function of its
+            options.
+        options: Options of the head or objective.
     """
     declared = getattr(plugin, "columns", ())
     found: Sequence[Column] = declared(options) if callable(declared) else declared
@@ -111,11 +114,11 @@ def declared_columns(
     """Columns declared by heads and objectives, each once.
 
     Args:
-        parts: In words, such as ``head 'grip'``; its class; its options.
+        parts: Words for messages (such as ``head 'grip'``), class and options of each part.
 
     Raises:
-        PluginError: A column has the name of a key that every batch has, or two parts declare
-            others by one name.
+        PluginError: A column has the name of a batch key, or two parts declare different columns
+            by one name.
     """
     found: dict[str, tuple[str, Column]] = {}
     for what, plugin, options in parts:
@@ -135,15 +138,16 @@ def declared_columns(
 
 
 def measure_columns(columns: Sequence[Column], recordings: Sequence[Recording]) -> CutColumns:
-    """Finds the size of a step of each column, and its statistics if declared.
+    """Measure the size of a step of each column, and its statistics if declared.
 
     Args:
         columns: Declared columns.
         recordings: Recordings to train on.
 
     Raises:
-        ConfigError: No recording has the track; names those that there are.
-        DataError: Steps of other sizes.
+        ConfigError: No recording has the track; the message lists the existing tracks.
+        DataError: The sizes of steps differ, or a shape cannot turn as declared.
+        PluginError: A column turns in an unknown way.
     """
     return CutColumns(tuple(columns), {one.name: _size(one, recordings) for one in columns})
 
@@ -158,12 +162,18 @@ def _size(column: Column, recordings: Sequence[Recording]) -> ColumnSize:
             f"have (it has: {', '.join(known) or 'no tracks'}); use data that has it"
         )
     first, shape = next((key, track.shape[1:]) for key, track in tracks.items())
+    if column.shape is not None and shape != column.shape:
+        raise DataError(
+            f"{first}: a step of the track {name!r} is {shape}, and the column needs "
+            f"{column.shape}; measure the track again"
+        )
     for key, track in tracks.items():
         if track.shape[1:] != shape:
             raise DataError(
                 f"{key}: a step of the track {name!r} is {track.shape[1:]}, and of {first} "
                 f"{shape}; give all the same"
             )
+    check_turns(column, tuple(shape))
     if not column.statistics:
         return ColumnSize(shape=tuple(shape))
     values = np.concatenate([*tracks.values()]).astype(np.float64).reshape(-1, *shape)
@@ -175,7 +185,7 @@ def _size(column: Column, recordings: Sequence[Recording]) -> ColumnSize:
 
 
 def plain_sizes(columns: CutColumns | None) -> dict[str, dict[str, Any]]:
-    """Sizes as a run keeps them in its configuration."""
+    """Sizes of columns as plain data, for the configuration of a run."""
     sizes = columns.sizes if columns else {}
     return {
         name: {k: v if v is None else list(v) for k, v in asdict(size).items()}

@@ -15,10 +15,10 @@ from tactileforge.contracts import Batch, Column, Dataset, Recording
 from tactileforge.data.batches.allocate import allocate
 from tactileforge.data.batches.clips import Clips, Skipped
 from tactileforge.data.batches.columns import CutColumns, measure_columns
-from tactileforge.data.batches.leaks import by_source, leak_warning, leaks
+from tactileforge.data.batches.leaks import find_leaks, group_by_source, leak_warning
 from tactileforge.data.batches.loader import Loader
+from tactileforge.data.batches.log_doubts import log_doubts
 from tactileforge.data.batches.pairs import Pairs
-from tactileforge.data.batches.say_doubts import say_doubts
 from tactileforge.data.batches.source_samplers import (
     FullSource,
     WindowedSource,
@@ -36,9 +36,9 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 
 log = logging.getLogger(__name__)
 
-#: Recordings of a large source that checks and the report look at.
+#: Recordings of a large source for checks and for the report.
 _SAMPLE = 256
-#: Recordings for validation of which each is looked at before.
+#: Largest number of validation recordings to test for readability beforehand.
 _FEW = 20
 
 
@@ -46,27 +46,26 @@ class TouchData(L.LightningDataModule):
     """Clips of a data set, in batches.
 
     Args:
-        dataset: A data set plugin.
+        dataset: Data set to read, a plugin of that kind.
         frames: Frames of a clip.
         size: Height and width of the encoder's input.
         batch_size: Clips of a batch, on one process.
         spacing: Seconds between the frames of a clip.
         hop: Seconds between the ends of neighbouring clips.
-        match: Share of a batch that is drawn in pairs for matching; 0 if no objective matches.
-        shares: Least share of the rest that is from sources with a label, by label.
-        window: Recordings of a source that a reader holds; a source of no more is sampled as a
-            whole.
-        workers: Processes that read.
+        match: Share of a batch drawn in pairs for matching; 0 without a matching objective.
+        shares: Smallest share of the rest from sources with a label, by label.
+        window: Recordings of a source held by one reader; a smaller source is sampled as a whole.
+        workers: Reading processes.
         cache_mb: Megabytes of frames kept in memory, over all readers.
-        max_bad: Share of the recordings that may be unreadable; one always may.
+        max_bad: Tolerated share of unreadable recordings; one is always tolerated.
         seed: Seed of the run.
-        augment: Changes clips and their labels, or None.
-        limit: Batches of an epoch, at most (a whole number), or the share of them (a fraction).
+        augment: Augmentation of clips and labels; None for none.
+        limit: Largest number of batches of an epoch (int), or their share (float).
         columns: Extra columns of the batch.
 
     Attributes:
-        columns: Those, with their sizes; None without any, and before `setup`.
-        observers: Called with each batch on the host, and whether it is one of training.
+        columns: The columns with their sizes; None without any, and before `setup`.
+        observers: Functions called with each batch on the host, and whether it is for training.
     """
 
     def __init__(
@@ -92,6 +91,7 @@ class TouchData(L.LightningDataModule):
         self._declared = columns
         self.columns: CutColumns | None = None
         self.dataset = dataset
+        # some data sets have a share of validation as an option: then messages name it
         self._has_share = "val" in signature(type(dataset)).parameters
         self.hop, self.spacing, self.frames = hop, spacing, frames
         cut: Callable[..., Clips] = getattr(dataset, "cut", Clips)
@@ -101,7 +101,7 @@ class TouchData(L.LightningDataModule):
         self.shares = {label: share for label, share in (shares or {}).items() if share}
         self.window = window
         self.workers = workers
-        self.cache_mb = cache_mb / max(1, workers)
+        self.cache_mb = cache_mb / max(1, workers)  # each worker process has a cache of its own
         self.max_bad = max_bad
         self.seed = seed
         self.augment = augment
@@ -117,12 +117,12 @@ class TouchData(L.LightningDataModule):
 
     @property
     def skipped(self) -> Skipped:
-        """Recordings that could not be indexed or read, with their counts."""
+        """Skipped recordings: unindexed or unreadable ones, with their counts."""
         return {line: (line, 1) for line in self.dataset.skipped} | self._bad
 
     @property
     def allowed(self) -> int:
-        """Number of recordings that may be unreadable before a run stops."""
+        """Largest number of unreadable recordings before a run stops."""
         total = sum(self.summary(split).recordings for split in self.sources)
         return max(1, int(self.max_bad * total))
 
@@ -134,12 +134,12 @@ class TouchData(L.LightningDataModule):
         return total
 
     def setup(self, stage: str = "fit") -> None:
-        """Indexes the recordings; decodes nothing but the ends of a few for validation.
+        """Index the recordings; decodes nothing but the ends of a few for validation.
 
         Raises:
             DataError: No training clip can be cut; see also `contracts.Dataset.recordings`.
-            ConfigError: Pairs are asked for, and the data has none; or no recording has the track
-                of a column.
+            ConfigError: Matching without pairs in the data, a column without its track, or
+                augmentation of clips that are not single touches.
         """
         if self.train is not None:
             return
@@ -157,12 +157,18 @@ class TouchData(L.LightningDataModule):
             opened.append(recordings)
             whole += [number] if is_whole else []
         sample = list(chain.from_iterable(opened))
+        # columns are measured before any clip is cut: the cut that follows is given their sizes
         if self._declared:
             self.columns = measure_columns(self._declared, sample)
             self._cut = partial(self._cut, columns=self.columns)
         self._whole = {number: self._clips(opened[number]) for number in whole}
         alone = len(self.sources["train"]) == 1 and self._whole
         self.train = self._whole[0] if alone else self._clips(sample)
+        if self.augment and not self.train.is_touch:
+            raise ConfigError(
+                "augment changes clips of one touch, and the data cuts samples of its own: give "
+                "augment=null"
+            )
         if self.match and not Pairs(*self.train.labels()):
             raise ConfigError(
                 "matching needs two objects, one of them touched by two sensors, or two actions, "
@@ -171,59 +177,64 @@ class TouchData(L.LightningDataModule):
         held_out = [
             source.open(_first(source, self.window), self._note) for source in self.sources["val"]
         ]
-        trained, validated = by_source(self.sources, opened, held_out)
-        if found := leaks(trained, validated):
+        trained, validated = group_by_source(self.sources, opened, held_out)
+        if found := find_leaks(trained, validated):
             log.warning(leak_warning(found))
-        kept = self._readable(list(chain.from_iterable(held_out)))
-        self._doubts = say_doubts(self.dataset, sample, kept, self.spacing, self.frames)
-        if kept:
-            self.val = self._clips(kept)
+        validation = self._readable(list(chain.from_iterable(held_out)))
+        self._doubts = log_doubts(self.dataset, sample, validation, self.spacing, self.frames)
+        if validation:
+            self.val = self._clips(validation)
         else:
-            share = " (data.val= is the share)" if self._has_share else ""
+            share = (
+                " (data.val= is the share; a hash of each name draws: of a few, none may be drawn)"
+                if self._has_share
+                else ""
+            )
             log.warning("no recording is held out: nothing is validated%s", share)
 
     def check(self, needs: Mapping[str, frozenset[str]]) -> None:
-        """Whether the training clips carry what objectives need.
+        """Check the training clips for the labels needed by objectives.
 
         Args:
-            needs: Labels, by the name of the objective; ``"a|b"`` asks for one of the two.
+            needs: Labels by the name of the objective; ``"a|b"`` asks for one of the two.
 
         Raises:
-            ConfigError: Names what is missing, what there is, and the objectives that are left.
-            DataNotFoundError: It is missing because the data is.
+            ConfigError: A label is missing; the message names the labels of the data and the
+                objectives without a missing one.
+            DataNotFoundError: The label is missing because the data is.
         """
         provides = self.summary("train").labels if self.sources else self.dataset.provides
         provides |= self.train.provides if self.train is not None else frozenset()
         missing = {
-            key: [need for need in sorted(wanted) if not provides & set(need.split("|"))]
-            for key, wanted in needs.items()
+            key: [need for need in sorted(required) if not provides & set(need.split("|"))]
+            for key, required in needs.items()
         }
-        lost = {key: wanted for key, wanted in missing.items() if wanted}
-        if not lost:
+        unmet = {key: labels for key, labels in missing.items() if labels}
+        if not unmet:
             labels = {label for need in chain(*needs.values()) for label in need.split("|")}
             for line in self._doubts.of_all(labels):
                 log.warning(line)
             return
         if not self.sources:
             next(iter(self.dataset.recordings("train")), None)  # a wrong folder has no labels
-        said = "; ".join(
-            f"objective {key!r} needs {' and '.join(wanted).replace('|', ' or ')}"
-            for key, wanted in lost.items()
+        problems = "; ".join(
+            f"objective {key!r} needs {' and '.join(required).replace('|', ' or ')}"
+            for key, required in unmet.items()
         )
-        left = f"'objective=[{','.join(key for key in needs if key not in lost)}]'"
+        left = f"'objective=[{','.join(key for key in needs if key not in unmet)}]'"
         raise ConfigError(
-            f"{said}, which the data does not have (it has: "
+            f"{problems}, which the data does not have (it has: "
             f"{', '.join(sorted(provides)) or 'frames only'}): train with {left}, or use data that "
             "has it"
         )
 
     def stream(self, rank: int = 0, world: int = 1, accumulate: int = 1) -> Stream:
-        """The training batches of one process.
+        """Training batches of one process.
 
         Args:
-            rank: The process.
+            rank: Rank of the process.
             world: Number of processes.
-            accumulate: An epoch is a multiple of so many batches.
+            accumulate: Batches of an optimizer step; the length of an epoch is a multiple of it.
 
         Raises:
             ConfigError: The batch cannot be shared out among the sources.
@@ -246,7 +257,8 @@ class TouchData(L.LightningDataModule):
         counts = allocate(plain, weighed, self.shares)
         tracks: list[FullSource | WindowedSource] = []
         for i, (source, count) in enumerate(zip(sources, counts, strict=True)):
-            # the only source takes the seed of the run, others have their own
+            # the only source takes the seed of the run, others have their own; 2 keeps these apart
+            # from the seeds of pairs ([seed, number, rank, 1] in `Stream`)
             seed = [self.seed] if len(sources) == 1 else [self.seed, 2, i]
             if i in self._whole:
                 tracks.append(FullSource(self._whole[i], count, seed))
@@ -266,7 +278,7 @@ class TouchData(L.LightningDataModule):
         return Stream(tracks, n_pairs, self.seed, reader, max(multiple, length))
 
     def train_dataloader(self) -> Loader:
-        """Batches from the run's present place to the end of the epoch."""
+        """Batches from the current step of the run to the end of the epoch."""
         trainer = self.trainer
         accumulate = trainer.accumulate_grad_batches if trainer else 1
         stream = self.stream(
@@ -274,11 +286,12 @@ class TouchData(L.LightningDataModule):
             world=trainer.world_size if trainer else 1,
             accumulate=accumulate,
         )
+        # a function: later epochs use the same loader, and begin at other steps
         position = lambda: trainer.global_step * accumulate if trainer else 0  # noqa: E731
         return Loader.of(stream, BatchIndexSampler(len(stream), position), self.workers)
 
     def val_dataloader(self) -> Loader | list[Loader]:
-        """The held-out clips, in the same batches each time; [] where the data holds none out."""
+        """Held-out clips, in the same batches each time; [] without any."""
         if self.val is None:
             return []
         paired = bool(self.match) and bool(Pairs(*self.val.labels()))
@@ -290,16 +303,19 @@ class TouchData(L.LightningDataModule):
         return Loader.of(stream, BatchIndexSampler(length), self.workers)
 
     def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
-        """Draws flips on the host, updates labels and captions; ``paired``: whether any are."""
+        """Draw changes of clips on the host, with their labels; adds ``paired`` (bool)."""
         assert self.trainer is not None
         training = self.trainer.training
         if training:
             number = self.trainer.fit_loop.total_batch_idx + 1
+            # by the number of the batch, not by a running generator: a resumed run draws the same
+            # flips as an undisturbed one
             seed_step(self.seed, number, self.trainer.global_rank + 1)
             if self.augment:
-                batch = self.augment.labels(batch)
+                batch = self.augment.labels(batch, self._declared)
         fill_captions(batch)
-        batch["paired"] = bool((batch["group"] >= 0).any())  # on a device it would be waited for
+        # decided on the host: on a device, the question would make every step wait for the card
+        batch["paired"] = bool((batch["group"] >= 0).any())
         for observe in self.observers:
             observe(batch, training)
         return batch
@@ -307,31 +323,31 @@ class TouchData(L.LightningDataModule):
     def transfer_batch_to_device(
         self, batch: Batch, device: torch.device, dataloader_idx: int
     ) -> Batch:
-        """See `Transfer`."""
+        """Copy a batch to a device; see `Transfer`."""
         return self._transfer(batch, device)
 
     def _clips(self, recordings: Sequence[Recording]) -> Clips:
         return self._cut(recordings, cache_mb=self.cache_mb)
 
     def _readable(self, recordings: list[Recording]) -> list[Recording]:
-        """Of a few recordings, those that can be read at both ends; of many, all."""
-        if len(recordings) > _FEW:  # others take the place of one that cannot
+        """Readable ones of a few recordings, tested at both ends; of many, all."""
+        if len(recordings) > _FEW:  # a clip of another recording replaces an unreadable one
             return recordings
-        kept = []
+        readable = []
         for one in recordings:
             try:
                 one.frames.read([0, len(one.frames) - 1])
-                kept.append(one)
+                readable.append(one)
             except DataError as error:
                 self._note(f"{one.key}: {error}", 1)
-        return kept
+        return readable
 
     def _note(self, line: str, count: int) -> None:
         self._bad[line] = line, count
 
 
 def _first(source: Source, limit: int | None) -> list[int]:
-    """Numbers of the first parts of a source that together have so many recordings, or all."""
+    """Numbers of the first parts of a source with so many recordings in all; None for all."""
     chosen: list[int] = []
     total = 0
     for number, part in enumerate(source.parts):

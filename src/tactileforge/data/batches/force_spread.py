@@ -1,4 +1,4 @@
-"""Spread of forces in the data that a run is trained on."""
+"""Spread of forces in the training data."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import TrainingClips
 
-#: Least deviation of an axis, as a share of that of the axis that varies most: noise is not blown
-#: up where nothing happens.
+#: Smallest deviation of an axis, as a share of the largest one. A data set of pure presses has
+#: nothing but noise along x and y; dividing by its deviation would make the model learn it.
 _LEAST = 0.05
 
 
 def force_spread(clips: TrainingClips) -> NDArray[np.float32]:
     """Standard deviations of force, and of its change between the frames of a clip.
 
-    One pass over the labels, in the order of the recordings, of sources that are read window by
-    window over the recordings that are at hand: it is the same on every rank.
+    One pass over the labels, in the order of the recordings (for sources read window by window,
+    over the recordings at hand), so that all ranks agree.
 
     Args:
-        clips: The clips of training; no image is read.
+        clips: Training clips; no image is read.
 
     Returns:
         float32 (2, 3): force and change along x, y and z, in units of the sensors' force scales; 1
-        where nothing is labelled.
+        without labels.
     """
     moments = np.zeros((2, 3, 3))  # count, sum and sum of squares along each axis
     for number, recording in enumerate(clips.recordings):

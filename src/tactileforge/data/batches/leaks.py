@@ -1,4 +1,4 @@
-"""Recordings that one source trains on and another validates on."""
+"""Leaks: recordings in the training split of one source and the validation split of another."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from tactileforge.contracts import Frames, Recording
 from tactileforge.data.batches.sources import Source
 from tactileforge.errors import DataError
 
-#: Recordings for validation that are looked at, and recordings for training that one is compared
-#: with: two frames each are decoded.
+#: Validation recordings to check, and training recordings to compare each with; two frames of each
+#: are decoded, so a check costs seconds at most.
 _LOOKED, _COMPARED = 32, 64
-#: Leaks that are named.
+#: Leaks named by the warning.
 _NAMED = 4
 
 
-def by_source(
+def group_by_source(
     sources: Mapping[str, Sequence[Source]],
     train: Sequence[list[Recording]],
     val: Sequence[list[Recording]],
 ) -> tuple[list[list[Recording]], list[list[Recording]]]:
-    """Recordings for training and for validation of each source, in one order.
+    """Group training and validation recordings by source, in one order.
 
     Args:
-        sources: Those of ``train`` and ``val``; one may be in one of them alone.
-        train: Recordings of each source for training, in that order.
-        val: The same for validation.
+        sources: Sources of ``train`` and ``val``; a source may be in one of them alone.
+        train: Training recordings of each source, in that order.
+        val: Validation recordings of each source, in that order.
     """
     found: dict[str, tuple[list[Recording], list[Recording]]] = {}
     for side, (split, opened) in enumerate((("train", train), ("val", val))):
@@ -36,17 +36,17 @@ def by_source(
     return [of[0] for of in found.values()], [of[1] for of in found.values()]
 
 
-def leaks(
+def find_leaks(
     train: Sequence[Sequence[Recording]], val: Sequence[Sequence[Recording]]
 ) -> list[tuple[str, str]]:
-    """Keys of recordings for training and for validation, of two sources, that show the same.
+    """Find training and validation recordings of two sources with the same pictures, by key.
 
-    A few recordings are looked at, at their first and last frame, bit by bit. Pictures of one level
-    count as nothing.
+    A few recordings are compared bit by bit, at their first and last frame. Pictures of a single
+    level are ignored.
 
     Args:
-        train: The recordings for training of each source.
-        val: Those for validation, of the same sources in the same order.
+        train: Training recordings of each source.
+        val: Validation recordings of the same sources, in the same order.
     """
     if len(train) < 2:
         return []
@@ -70,10 +70,10 @@ def leaks(
 
 
 def leak_warning(found: Sequence[tuple[str, str]]) -> str:
-    """A warning that names some leaks.
+    """Format a warning with the names of some leaks.
 
     Args:
-        found: Of `leaks`, at least one.
+        found: Result of `find_leaks`, at least one leak.
     """
     named = ", ".join(f"{ours} and {theirs}" for ours, theirs in found[:_NAMED])
     more = f", and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
@@ -90,21 +90,23 @@ def _size(one: Recording) -> tuple[int, tuple[int, int]]:
 def _candidates(
     one: Recording, source: int, alike: Sequence[tuple[int, Recording]]
 ) -> Iterator[Recording]:
-    """Recordings of other sources: first those of the same key within their source."""
+    """Recordings of other sources, first those with the same key within their source."""
     others = [other for number, other in alike if number != source]
     name = one.key.partition("/")[2]
     same = [other for other in others if other.key.partition("/")[2] == name]
     step = max(1, -(-len(others) // _COMPARED))
+    # one folder given to two sources is the usual mistake, and leaves the keys as they are
     yield from same[:_COMPARED]
     yield from others[::step]
 
 
 def _digest(frames: Frames) -> bytes | None:
-    """Of the pixels of the first and last frame; None where they cannot be read, or are blank."""
+    """Hash of the first and last frame; None for unreadable or blank ones."""
     try:
         pixels = frames.read([0, len(frames) - 1])
     except DataError:
         return None
+    # black frames of two broken recordings are equal without being a leak
     if int(pixels.max()) - int(pixels.min()) < 2:
         return None
     return hashlib.blake2b(pixels.tobytes(), digest_size=16).digest()

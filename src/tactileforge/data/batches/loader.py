@@ -30,30 +30,30 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-#: What a run that goes on elsewhere may have otherwise.
+#: Keys that may differ on another machine.
 _MACHINE = ("workers", "processes")
 
 
 class Loader(DataLoader[Batch]):
-    """Data loader that can be resumed at any step.
+    """Data loader, resumable at any step.
 
-    Its place is that of the run (see `stream.BatchIndexSampler`); what it keeps is what must not
-    change in between, and what changes the batches if it does.
+    Its position is that of the run (see `stream.BatchIndexSampler`). Its state holds the numbers
+    that decide the batches, so that a resumed run can check them.
 
     Attributes:
-        waited: Seconds that the process has waited for batches so far.
+        waited: Seconds spent waiting for batches so far.
     """
 
     waited = 0.0
 
     @classmethod
     def of(cls, stream: Stream, numbers: BatchIndexSampler, workers: int) -> Loader:
-        """A loader of the batches of a stream that a sampler names.
+        """Build a loader of the batches of a stream.
 
         Args:
-            stream: The batches.
-            numbers: Which of them.
-            workers: Processes that read; 0 reads here, as does a process that may start none.
+            stream: Batches by number.
+            numbers: Sampler of the numbers.
+            workers: Reading processes; 0 reads in this one, as does a daemon process.
         """
         if workers and current_process().daemon:
             log.warning("batch.workers=%d: this process may start no others, so it reads", workers)
@@ -62,7 +62,7 @@ class Loader(DataLoader[Batch]):
             stream,
             batch_size=None,
             sampler=numbers,
-            collate_fn=_as_it_is,
+            collate_fn=_identity,
             num_workers=workers,
             multiprocessing_context=_context(workers),
             persistent_workers=workers > 0,
@@ -72,7 +72,8 @@ class Loader(DataLoader[Batch]):
 
     def __iter__(self) -> Iterator[Batch]:  # type: ignore[override]
         """Batches, in order."""
-        with held():  # readers start now
+        # readers start now: a signal meanwhile would end one of them, and with it the run
+        with held():
             batches = super().__iter__()
         return self._timed(batches)
 
@@ -86,7 +87,7 @@ class Loader(DataLoader[Batch]):
             yield batch
 
     def state_dict(self) -> dict[str, Any]:
-        """Facts that the batches depend on."""
+        """State of the batches: clips, seed, processes and workers, as plain data."""
         stream = self.dataset
         assert isinstance(stream, Stream)
         state = {
@@ -100,10 +101,10 @@ class Loader(DataLoader[Batch]):
         return state
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Checks that nothing has changed; readers and processes may, and it is said.
+        """Compare with the state of an earlier run; warns of other workers and processes.
 
         Raises:
-            ConfigError: Names what has, and both values.
+            ConfigError: Anything else has changed; the message has both values.
         """
         for key, now in self.state_dict().items():
             if (before := state.get(key)) == now:
@@ -124,15 +125,17 @@ class Loader(DataLoader[Batch]):
 
 
 def _context(workers: int) -> BaseContext | None:
-    """Start method of workers: no fork of a process that talks to others.
+    """Start method of workers: no fork beside the threads of other libraries.
 
-    Gloo, NCCL and Ray have threads, whose locks a fork copies as they are (a warning of torch's
-    ``DistributedDataParallel``), so that some runs would hang. joblib's processes have a start
-    method of their own, which their children do not know.
+    Gloo, NCCL and Ray have threads. A fork copies their locks in whatever state they are (the
+    documentation of ``torch.nn.parallel.DistributedDataParallel`` warns of it), and some runs would
+    hang. Processes of joblib have a start method of their own, unknown to their children.
     """
     if not workers:
         return None
     known = get_start_method() in get_all_start_methods()
+    # a job of joblib (a sweep) names its start method "loky", which multiprocessing refuses in a
+    # child; removable once loky registers it there
     if not known:
         set_start_method("forkserver", force=True)
     ray = sys.modules.get("ray")
@@ -143,11 +146,12 @@ def _context(workers: int) -> BaseContext | None:
     return context
 
 
-def _as_it_is(batch: T) -> T:
+def _identity(batch: T) -> T:
     return batch
 
 
 def start_worker(_: int) -> None:
-    """Leaves signals to the run: they reach its readers, too."""
+    """Leave signals to the parent process, as they reach all processes of a terminal."""
     leave_to_parent()
+    # every worker would else start a thread a core for each resize
     cv2.setNumThreads(0)

@@ -12,12 +12,12 @@ Item: TypeAlias = tuple[int, int]
 
 
 class Pairs:
-    """Samples pairs of clips for matching: one object by two sensors, or one action.
+    """Sampler of pairs of clips: one object by two sensors, or one action.
 
     Args:
-        objects: int64 (n,), object of each clip; -1 unknown.
+        objects: int64 (n,), object of each clip; -1 for unknown.
         sensors: (n,), sensor of each clip.
-        actions: int64 (n,), action of each clip; -1 unknown.
+        actions: int64 (n,), action of each clip; -1 for unknown.
     """
 
     def __init__(
@@ -26,7 +26,7 @@ class Pairs:
         known = _groups(objects)
         _, sensor = np.unique(sensors, return_inverse=True)
         by_sensor = [[clips[group] for group in _groups(sensor[clips])] for clips in known]
-        # the only object has no negative
+        # the only object has no negative: its pairs would teach nothing
         self._by_sensor = [s for s in by_sensor if len(s) > 1 and len(known) > 1]
         groups = _groups(actions)
         self._by_action = [clips for clips in groups if len(clips) > 1 and len(groups) > 1]
@@ -35,7 +35,7 @@ class Pairs:
         return bool(self._by_sensor or self._by_action)
 
     def draw(self, count: int, rng: np.random.Generator) -> list[Item]:
-        """Draws ``count`` pairs, by object and by action in turn; each is one group."""
+        """Draw ``count`` pairs, by object and by action in turn; each is one group."""
         items: list[Item] = []
         for group in range(count):
             # in turn, so that neither kind of pair depends on how common the other is

@@ -1,8 +1,8 @@
-"""Samplers of the clips of one source: of all of it, or of a window that moves over it.
+"""Samplers of the clips of one source: all of them, or a moving window.
 
-A source that is small is sampled as a whole. Of a large one, every reader (one worker of one rank)
-holds a *window* of whole parts, takes clips from it in random order, and moves on; the parts come
-in an order shuffled anew each pass.
+A small source is sampled as a whole. Of a large one, every reader (one worker of one rank) holds a
+*window* of whole parts, takes clips from it in random order, and moves on; the order of the parts
+is shuffled anew each pass.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.sources import Bad, Source
 from tactileforge.errors import DataError
 
-#: Windows without a single clip that may come one after another before reading gives up.
+#: Consecutive windows without a single clip before reading gives up.
 _MAX_EMPTY = 20
 
 
@@ -27,7 +27,7 @@ class WorkerId:
     """One worker of one rank.
 
     Attributes:
-        rank: The process.
+        rank: Rank of the process.
         world: Number of processes.
         workers: Readers of each process.
     """
@@ -39,7 +39,7 @@ class WorkerId:
 
 @dataclass(frozen=True)
 class SourceDraw:
-    """Clips of one source in a batch: those at hand, and the rows drawn, in order."""
+    """Clips of one source in a batch: the clips at hand, and the drawn rows in order."""
 
     clips: Clips
     rows: NDArray[np.int64]
@@ -49,9 +49,9 @@ class FullSource:
     """Sampler of a whole source: an epoch is a permutation of its clips.
 
     Args:
-        clips: All of its clips.
-        count: Clips of it in a batch.
-        seed: Numbers that no other source of the run has.
+        clips: All clips of the source.
+        count: Clips of the source in a batch.
+        seed: Seed, unique within the run.
     """
 
     windowed = False
@@ -86,15 +86,16 @@ class FullSource:
 
 
 class WindowedSource:
-    """Sampler of a large source, of which each worker holds a window.
+    """Sampler of a large source: each worker holds a window of it.
 
     Args:
         source: The source.
-        cut: Makes clips of recordings.
-        count: Clips of it in a batch.
-        seed: Numbers that no other source of the run has.
-        window: Recordings of a window; it has at least one part.
-        hop: Seconds between clips: says how many batches a window lasts before it is opened.
+        cut: Function from recordings to clips.
+        count: Clips of the source in a batch.
+        seed: Seed, unique within the run.
+        window: Recordings of a window, at least one part.
+        hop: Seconds between clips; with it, the batches of a window are estimated before it is
+            opened.
     """
 
     windowed = True
@@ -138,7 +139,7 @@ class WindowedSource:
         return SourceDraw(clips, order[rows])
 
     def _place(self, turn: int, mine: tuple[int, int]) -> tuple[int, int, int]:
-        """Pass and window of a reader's batch, and batches that came before it from there."""
+        """Pass and window of a reader's batch, and its number within the window."""
         passed, rest = self._pass(turn, mine)
         ends = np.cumsum([lasts for lasts, _ in self._schedule(passed, *mine)])
         place = int(np.searchsorted(ends, rest, side="right"))
@@ -154,10 +155,10 @@ class WindowedSource:
         return passed, turn - starts[passed]
 
     def _schedule(self, passed: int, reader: int, readers: int) -> list[tuple[int, list[int]]]:
-        """The windows of one reader in one pass: batches that each lasts, and its parts."""
+        """Windows of one reader in one pass: the batches of each, and its parts."""
         key = (passed, reader, readers)
         if key not in self._schedules:
-            if len(self._schedules) > 4:
+            if len(self._schedules) > 4:  # one list of parts a pass: a long run has many passes
                 self._schedules.pop(next(iter(self._schedules)))
             # one order for all readers, dealt out: within a pass each part is read once
             order = np.random.default_rng([*self.seed, passed]).permutation(len(self.recordings))
@@ -174,17 +175,17 @@ class WindowedSource:
         return self._schedules[key]
 
     def _open(self, parts: Sequence[int], bad: Bad) -> Clips:
-        """Opens a window; where nothing in it can be read, the parts that follow by number."""
+        """Open a window, or the following parts if nothing in it is readable."""
         key = tuple(parts)
         if self._held is None or self._held[0] != key:
             self._held = None  # the old one is let go before the new one is opened
-            wanted = list(parts)
+            numbers = list(parts)
             for _ in range(_MAX_EMPTY):
-                recordings = self.source.open(wanted, bad)
+                recordings = self.source.open(numbers, bad)
                 if recordings:
                     self._held = key, self.cut(recordings)
                     break
-                wanted = [(wanted[-1] + 1) % len(self.source.parts)]
+                numbers = [(numbers[-1] + 1) % len(self.source.parts)]
             else:
                 raise DataError(
                     f"{_MAX_EMPTY} shards of {self.source.name or 'the data'} in a row have "
@@ -194,5 +195,5 @@ class WindowedSource:
 
 
 def estimate_clips(recordings: int, seconds: float, hop: float) -> float:
-    """Estimates the number of clips of some recordings."""
+    """Estimate the number of clips of some recordings."""
     return max(recordings, seconds / hop)

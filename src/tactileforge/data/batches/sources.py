@@ -1,4 +1,4 @@
-"""Sources of recordings, each in parts that are opened as a whole."""
+"""Sources of recordings, divided into parts."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from tactileforge.data.labels.plausible import impossible
 from tactileforge.data.shards.index import sort_recordings
 from tactileforge.data.shards.summary import Summary
 
-#: Is told of what cannot be read: a line that names it, and how many recordings it costs.
+#: Callback for unreadable data: a line with its name, and the number of recordings lost.
 Bad: TypeAlias = Callable[[str, int], None]
 
 
 class Part(Protocol):
-    """Some recordings that are opened together: a shard, or all of a small data set."""
+    """Recordings opened together: a shard, or all of a small data set."""
 
     @property
     def recordings(self) -> int:
@@ -29,7 +29,7 @@ class Part(Protocol):
         ...
 
     def open(self, bad: Bad) -> Iterable[Recording]:
-        """Opens the recordings without decoding; unreadable ones are reported to ``bad``."""
+        """Open the recordings without decoding; reports unreadable ones to ``bad``."""
         ...
 
 
@@ -38,11 +38,10 @@ class Source:
     """A source of recordings, in parts.
 
     Attributes:
-        name: For messages; "" where there is but one.
-        parts: All of it.
-        summary: What the parts hold together.
-        weight: Share of a batch, relative to the other sources; None for the share it has of all
-            clips.
+        name: Name for messages; "" for the only source.
+        parts: All parts.
+        summary: Counts of all parts together.
+        weight: Share of a batch, relative to the other sources; None for its share of all clips.
     """
 
     name: str
@@ -51,7 +50,7 @@ class Source:
     weight: float | None = None
 
     def open(self, which: Iterable[int], bad: Bad) -> list[Recording]:
-        """Opens recordings of some parts in the order of `index.sort_key`; one key comes once."""
+        """Open recordings of some parts in the order of `index.sort_key`, each key once."""
         by_key: dict[str, Recording] = {}
         for number in which:
             for recording in self.parts[number].open(bad):
@@ -70,10 +69,10 @@ class Source:
 
 @runtime_checkable
 class Sharded(Protocol):
-    """A data set that can be opened shard by shard (see `contracts.Dataset`)."""
+    """Data set with separate shards (see `contracts.Dataset`)."""
 
     def sources(self, split: str) -> list[Source]:
-        """Returns the sources of a split; only indices are read."""
+        """Sources of a split; only indices are read."""
         ...
 
 
@@ -95,7 +94,7 @@ class InMemory:
 
 
 def sources_of(dataset: Dataset, split: str) -> list[Source]:
-    """Returns the sources of a data set; one without parts is one source of one part.
+    """Sources of a data set; a data set without shards is one source of one part.
 
     Raises:
         DataNotFoundError: Something is missing; see `contracts.Dataset.recordings`.

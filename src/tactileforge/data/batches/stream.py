@@ -1,7 +1,7 @@
-"""Batches of a run, each a pure function of its number: nothing to remember, nothing to restore.
+"""Batches of a run, each a pure function of its number.
 
-Every batch holds the same number of clips of each source, and the same number of pairs for
-matching, so memory is constant, and ranks do equal work.
+So there is no state to save or restore. Every batch holds the same number of clips of each source,
+and the same number of pairs for matching: memory is constant, and ranks do equal work.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ class Stream(Dataset[Batch]):
     """Map-style data set of whole batches, each a pure function of its number.
 
     Args:
-        tracks: What each batch draws from; their counts and ``n_pairs`` make up a batch.
-        n_pairs: Pairs of a batch, drawn from all that is at hand.
+        tracks: Samplers of the sources; their counts and ``n_pairs`` make up a batch.
+        n_pairs: Pairs of a batch, drawn from all clips at hand.
         seed: Seed of the run.
-        reader: Who reads.
+        reader: Rank and worker of this reader.
         length: Batches of an epoch.
     """
 
@@ -54,7 +54,7 @@ class Stream(Dataset[Batch]):
         return self.length
 
     def __getitem__(self, number: int) -> Batch:
-        """Batch ``number`` of the run, counted from 0."""
+        """Read batch ``number`` of the run, counted from 0."""
         draws = [track.draw(number, self.reader, self._note) for track in self.tracks]
         rows = [
             draw.clips[(clip, group)]
@@ -79,7 +79,7 @@ class Stream(Dataset[Batch]):
             pairs = self._pairs_of([draw.clips for draw in draws])
             if pairs:
                 drawn = pairs.draw(self.n_pairs, rng)
-            else:  # this window has none: the batch keeps its size
+            else:  # no pairs in this window: single clips keep the size of the batch
                 drawn = [(int(i), -1) for i in rng.integers(bounds[-1], size=2 * self.n_pairs)]
             for clip, group in drawn:
                 track = int(np.searchsorted(bounds, clip, side="right")) - 1
@@ -94,6 +94,7 @@ class Stream(Dataset[Batch]):
             labels = zip(*(each.labels() for each in clips), strict=True)
             objects, sensors, actions = (np.concatenate(column) for column in labels)
             self._pairs = cached = list(clips), Pairs(objects, sensors, actions)
+        # compared by identity above: windows are swapped whole, so equal objects mean equal labels
         return cached[1]
 
     def _note(self, line: str, count: int) -> None:
@@ -101,11 +102,11 @@ class Stream(Dataset[Batch]):
 
 
 class BatchIndexSampler(Sampler[int]):
-    """Sampler of batch numbers, from the run's current step to the end of the epoch.
+    """Sampler of batch numbers, from the current step of the run to the end of the epoch.
 
     Args:
         length: Batches of an epoch.
-        position: Batches of the run that are already done.
+        position: Function that returns the number of finished batches of the run.
     """
 
     def __init__(self, length: int, position: Callable[[], int] = lambda: 0) -> None:

@@ -1,4 +1,4 @@
-"""Batches on their way to a device: pinned on the host, copied beside what the device computes."""
+"""Transfer of batches to a device: pinned memory, and copies beside the computation."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from tactileforge.contracts import Batch
 
 
 class Transfer:
-    """Copies batches to a card on a stream of its own.
+    """Copy of batches to a CUDA device on a stream of its own.
 
-    The host runs ahead of the card, so the copy of the next batch starts while the card still
-    computes; its step waits for the copy, on the card. Elsewhere than on a card a batch is copied
-    as it is.
+    The host runs ahead of the device, so the copy of the next batch starts while the device still
+    computes; the step of that batch waits for the copy, on the device. To other devices, a batch is
+    copied at once.
     """
 
     def __init__(self) -> None:
         self._stream: torch.cuda.Stream | None = None
 
     def __call__(self, batch: Batch, device: torch.device) -> Batch:
-        """The batch with its tensors on a device; the host does not wait."""
+        """Copy the tensors of a batch to a device; the host does not wait."""
         if device.type != "cuda":
             return _moved(batch, device)
         if self._stream is None:
@@ -31,12 +31,14 @@ class Transfer:
         consumer.wait_stream(self._stream)
         for value in batch.values():
             if isinstance(value, Tensor):
-                value.record_stream(consumer)  # its memory is not used again before the step ends
+                # the allocator knows only the stream of the copy: without this, it could hand the
+                # memory to the next copy while the step still reads it (torch.Tensor.record_stream)
+                value.record_stream(consumer)
         return batch
 
 
 def pin(batch: Batch) -> Batch:
-    """The batch in memory that a card reads by itself; what is there already stays."""
+    """Pin the tensors of a batch on the host."""
     return {
         key: value.pin_memory() if isinstance(value, Tensor) and _pageable(value) else value
         for key, value in batch.items()

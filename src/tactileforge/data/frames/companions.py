@@ -1,4 +1,4 @@
-"""Files that a computer puts beside pictures: they are no data."""
+"""Companion files: written beside pictures by operating systems, and no data."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _COMPANIONS = frozenset(
 
 
 def is_companion(path: PurePath) -> bool:
-    """Whether a file is hidden (``._0.png``), or one that a computer keeps for itself.
+    """Whether a file is hidden (``._0.png``) or written by an operating system for itself.
 
     Args:
-        path: From the folder on in which one looks: folders count as well.
+        path: Path relative to the searched folder; its folders count as well.
 
     Example:
         >>> is_companion(PurePath("a/._0.png")), is_companion(PurePath("a/Thumbs.db"))
@@ -29,5 +29,5 @@ def is_companion(path: PurePath) -> bool:
 
 
 def without_companions(paths: list[Path], folder: Path) -> list[Path]:
-    """The paths below a folder that are data."""
+    """Paths below a folder, without companion files."""
     return [path for path in paths if not is_companion(path.relative_to(folder))]

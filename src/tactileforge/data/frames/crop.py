@@ -1,4 +1,4 @@
-"""Crops: frames of which a part may be shown; shared by videos and images."""
+"""Crops of frames, shared by videos and images."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ Crop: TypeAlias = tuple[int, int, int, int]
 
 
 class Cropped:
-    """Frames of one size, of which a part may be shown.
+    """Base of frames of one size with a crop.
 
     Args:
-        name: The file, for messages.
-        size: Height and width of a full frame.
-        crop: What to show; None shows everything.
+        name: Name of the file, for messages.
+        size: Height and width of a full frame, pixels.
+        crop: Left, top, width and height, pixels; None shows everything.
 
     Attributes:
-        full_shape: Height and width of a full frame.
-        box: What is shown of it.
+        full_shape: Height and width of a full frame, pixels.
+        box: Left, top, width and height of the shown part, pixels.
 
     Raises:
         DataError: The crop lies outside the frame.
@@ -43,7 +43,7 @@ class Cropped:
         return height, width
 
     def crop(self, box: Crop) -> Self:
-        """The same frames, of which another part of the full frame is shown; nothing is read."""
+        """The same frames with another crop of the full frame; reads nothing."""
         other = copy.copy(self)
         other.box = _checked(box, self.full_shape, self._name)
         return other
@@ -65,12 +65,12 @@ def _checked(crop: Crop | None, size: tuple[int, int], name: str) -> Crop:
 
 
 def check_range(indices: Sequence[int], count: int, name: str) -> None:
-    """Raises an `IndexError` where a frame number is not in ``0..count - 1``."""
+    """Raise an `IndexError` for a frame number outside ``0..count - 1``."""
     for i in indices:
         if not 0 <= i < count:
             raise IndexError(f"{name}: frame {i} of {count}")
 
 
 def size_text(shape: Sequence[int]) -> str:
-    """Formats (height, width) as width x height."""
+    """Format (height, width) as width x height."""
     return f"{shape[1]}x{shape[0]}"

@@ -1,4 +1,4 @@
-"""Cuts clips by time: one rule for training, videos, calibration and live sensors."""
+"""Cutting of clips by time: one rule for training, videos, calibration and live sensors."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from numpy.typing import NDArray
 
 from tactileforge.data.labels.align import nearest
 
-#: Longest spacing, over the one that is asked for, that passes without a warning: a camera whose
-#: rate is no multiple of it is off by a third at most.
+#: Largest ratio of the actual spacing to the requested one without a warning. Rounding to whole
+#: periods is off by a third at most: at 1.5 periods, the worst case, 2 are taken.
 _STRETCH = 4 / 3
 
 
 def frame_period(times: NDArray[np.float64]) -> float:
-    """Seconds between frames: the median, which a lost or a late frame does not change.
+    """Seconds between frames: the median, robust against lost and late frames.
 
-    Of an even number the lower one: half way between two rates lies none.
+    Of an even number of steps, the lower of the two in the middle: their mean may be the period of
+    no frame.
 
     Args:
-        times: float64 (n,), at least two.
+        times: float64 (n,), seconds; at least two.
     """
     return float(np.quantile(np.diff(times), 0.5, method="lower"))
 
 
 def clip_step(period: float, spacing: float) -> float:
-    """Seconds between the frames of a clip: whole periods, as near to the spacing as that goes.
+    """Seconds between the frames of a clip: the whole number of periods nearest to the spacing.
 
     Example:
         >>> clip_step(0.03, 0.0667)
@@ -36,12 +37,12 @@ def clip_step(period: float, spacing: float) -> float:
 
 
 def is_slow(period: float, spacing: float, frames: int) -> bool:
-    """Whether frames come too seldom for clips of a spacing.
+    """Whether the frame rate is too low for the spacing of clips.
 
     Args:
-        period: Seconds between the frames that come.
+        period: Seconds between frames of the camera.
         spacing: Seconds between the frames of a clip.
-        frames: Of a clip.
+        frames: Frames of a clip.
 
     Example:
         >>> is_slow(0.5, 0.0667, 4), is_slow(0.0333, 0.0667, 4)
@@ -57,16 +58,16 @@ def held_clips(
     spacing: float,
     period: float | None = None,
 ) -> NDArray[np.int64]:
-    """Rows of the clips that end with some frames, int64 (N, T), oldest first.
+    """Rows of clips with given last frames, int64 (N, T), oldest first.
 
-    By time, also where the rate varies: of each frame the one that is nearest. Before the first
-    frame and in a gap a frame is held.
+    Each row is the frame nearest in time, so that the rate may vary. Before the first frame and
+    in a gap, a frame is repeated.
 
     Args:
         times: float64 (n,), seconds, increasing.
-        ends: The last row of each clip.
-        frames: Of a clip, T.
-        spacing: Seconds between them.
+        ends: Last row of each clip, int64 (N,).
+        frames: Frames of a clip, T.
+        spacing: Seconds between the frames of a clip.
         period: Seconds between the frames of the camera; None takes the median of ``times``.
 
     Example:
@@ -77,22 +78,22 @@ def held_clips(
     if frames == 1 or len(times) == 1:
         return np.repeat(last[:, None], frames, axis=1)
     period = frame_period(times) if period is None else period
-    wanted = _wanted(times[last], frames, clip_step(period, spacing))
-    return nearest(times, wanted.ravel()).reshape(wanted.shape)
+    due = _due_times(times[last], frames, clip_step(period, spacing))
+    return nearest(times, due.ravel()).reshape(due.shape)
 
 
 def whole_clips(
     times: NDArray[np.float64], rows: NDArray[np.int64], spacing: float, period: float | None = None
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Checks that clips reach as far back as they should, and have no gap; bool (N,) both.
+    """Check clips for their full length and for gaps; bool (N,) both.
 
-    A frame that was lost is replaced by its neighbour; a longer gap is one.
+    One lost frame is replaced by its neighbour; more are a gap.
 
     Args:
-        times: See `held_clips`.
-        rows: Of `held_clips`, int64 (N, T).
-        spacing: See `held_clips`.
-        period: See `held_clips`.
+        times: float64 (n,), seconds, increasing.
+        rows: Result of `held_clips`, int64 (N, T).
+        spacing: Seconds between the frames of a clip.
+        period: Seconds between the frames of the camera; None takes the median of ``times``.
     """
     frames = rows.shape[1]
     if frames == 1:
@@ -101,24 +102,25 @@ def whole_clips(
         return np.zeros(len(rows), np.bool_), np.ones(len(rows), np.bool_)
     period = frame_period(times) if period is None else period
     step = clip_step(period, spacing)
-    wanted = _wanted(times[rows[:, -1]], frames, step)
-    away = np.abs(times[rows] - wanted.clip(min=times[0]))
-    return wanted[:, 0] >= times[0] - period / 2, away.max(axis=1) <= 1.01 * step
+    due = _due_times(times[rows[:, -1]], frames, step)
+    away = np.abs(times[rows] - due.clip(min=times[0]))
+    # half a period and a hundredth of a step leave room for the jitter of time stamps
+    return due[:, 0] >= times[0] - period / 2, away.max(axis=1) <= 1.01 * step
 
 
 def clip_rows(
     times: NDArray[np.float64], frames: int, spacing: float, period: float | None = None
 ) -> list[int] | None:
-    """Rows of the clip that ends with the last frame.
+    """Rows of the clip of the last frame.
 
     Args:
-        times: See `held_clips`.
-        frames: See `held_clips`.
-        spacing: See `held_clips`.
-        period: See `held_clips`.
+        times: float64 (n,), seconds, increasing.
+        frames: Frames of the clip.
+        spacing: Seconds between the frames of the clip.
+        period: Seconds between the frames of the camera; None takes the median of ``times``.
 
     Returns:
-        Rows, oldest first; None where the frames do not reach back far enough, or have a gap.
+        Rows, oldest first; None for too few frames, or a gap.
 
     Example:
         >>> clip_rows(np.arange(8) / 30, 4, 1 / 15)
@@ -132,7 +134,7 @@ def clip_rows(
     return found if reaches[0] and together[0] else None
 
 
-def _wanted(ends: NDArray[np.float64], frames: int, step: float) -> NDArray[np.float64]:
-    """Times of the frames of clips that end at some times, (N, T)."""
-    wanted: NDArray[np.float64] = ends[:, None] - step * np.arange(frames - 1, -1, -1)
-    return wanted
+def _due_times(ends: NDArray[np.float64], frames: int, step: float) -> NDArray[np.float64]:
+    """Ideal times of the frames of clips, by the times of their last frames, (N, T)."""
+    due: NDArray[np.float64] = ends[:, None] - step * np.arange(frames - 1, -1, -1)
+    return due

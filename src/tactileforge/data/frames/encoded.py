@@ -16,16 +16,17 @@ from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import DataError
 from tactileforge.untrusted import open_picture
 
+#: Errors of Pillow for damaged files: its plugins raise SyntaxError for headers, too.
 _UNREADABLE = (OSError, SyntaxError, TypeError, ValueError)
 
 
 @dataclass(frozen=True, slots=True)
 class Blob:
-    """A byte string that has not been read from its file.
+    """A byte string in a file, read on demand.
 
     Attributes:
-        path: The file.
-        offset: Where it begins.
+        path: Path of the file.
+        offset: Position of its first byte.
         size: Number of bytes.
     """
 
@@ -34,7 +35,7 @@ class Blob:
     size: int
 
     def read(self) -> bytes:
-        """The bytes.
+        """Read the bytes.
 
         Raises:
             DataError: The file has become shorter, or is gone.
@@ -51,13 +52,13 @@ class Blob:
 
 
 class EncodedFrames:
-    """Encoded images, decoded when they are read.
+    """Encoded images, decoded on demand.
 
     Args:
-        name: Where they are from, for messages.
-        images: One a frame: a `Blob` or bytes of an image file, or uint8 (H, W, 3).
+        name: Name of their source, for messages.
+        images: Image of each frame: a `Blob` or bytes of an image file, or uint8 (H, W, 3).
         bgr: Whether the channels lie in the order blue, green, red.
-        turns: Quarter turns, counter-clockwise, that put a frame upright.
+        turns: Quarter turns, counter-clockwise, to put a frame upright.
 
     Raises:
         DataError: There is no frame.
@@ -82,12 +83,12 @@ class EncodedFrames:
 
     @cached_property
     def shape(self) -> tuple[int, int]:
-        """Height and width, those of the first frame."""
+        """Height and width of the first frame, pixels."""
         height, width = self._frame(0).shape[:2]
         return int(height), int(width)
 
     def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
-        """Decodes; see `contracts.Frames.read`."""
+        """Decode frames; see `contracts.Frames.read`."""
         check_range(indices, len(self), self.name)
         out = np.empty((len(indices), *self.shape, 3), np.uint8)
         for place, i in enumerate(indices):

@@ -1,4 +1,4 @@
-"""Image codecs of shards; images are read and verified in place."""
+"""Image codecs of shards, and lazy images verified in place."""
 
 from __future__ import annotations
 
@@ -17,32 +17,35 @@ from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.untrusted import open_picture
 
-#: Codecs by the ending of their files, and how OpenCV is told of them.
+#: Codecs by the ending of their files, with OpenCV's options. JPEG 95 is OpenCV's default; PNG 3
+#: keeps compression fast.
 CODECS: dict[str, list[int]] = {
     "jpg": [cv2.IMWRITE_JPEG_QUALITY, 95],
     "png": [cv2.IMWRITE_PNG_COMPRESSION, 3],
     "webp": [cv2.IMWRITE_WEBP_QUALITY, 101],  # above 100: lossless
 }
 
-#: What the groups of images are called in a member's name, in the order they are written.
+#: Groups of images and their part of a member's name, in the order of writing.
 GROUPS = {"background": "background.", "image": "image.", "surface": "surface.", "frames": ""}
-#: Codecs of groups that lossy compression would spoil; the others have the recording's.
+#: Codecs of groups without tolerance for loss (coded displacements); the others have the
+#: recording's.
 _LOSSLESS = {"surface": "png"}
 _PNG = b"\x89PNG"
-#: Bytes of a block of a tar file: a member is one with its name, and its content in whole ones.
+#: Bytes of a block of a tar file (POSIX ustar): a member is a header block and whole blocks of
+#: content.
 BLOCK = 512
 
 
 def encode_image(image: NDArray[np.uint8], codec: str = "jpg", quality: int | None = None) -> bytes:
-    """Encodes an image, uint8 (H, W, 3), RGB.
+    """Encode an image.
 
     Args:
-        image: The image.
+        image: uint8 (H, W, 3), RGB.
         codec: ``jpg``, or without loss ``png`` or ``webp``.
-        quality: Of JPEG, 1 to 100; 95 if not given.
+        quality: JPEG quality, 1 to 100; None for 95.
 
     Raises:
-        ConfigError: An unknown codec, or a quality that is none.
+        ConfigError: Unknown codec or invalid quality.
         DataError: The image is of another type or shape.
     """
     checked_pixels(image, "an image to store", 3)
@@ -60,18 +63,20 @@ def encode_image(image: NDArray[np.uint8], codec: str = "jpg", quality: int | No
 
 
 def member_name(group: str, number: int, codec: str) -> str:
-    """Name of an image's member, after the number of its recording."""
+    """Name of the member of an image, without the number of its recording."""
     return f"{GROUPS[group]}{number:04d}.{codec_of(group, codec)}"
 
 
 def codec_of(group: str, codec: str) -> str:
-    """The codec of a group in a recording of some codec."""
+    """Codec of a group of images, given the codec of the recording."""
     return _LOSSLESS.get(group, codec)
 
 
 def image_size(data: bytes) -> tuple[int, int]:
-    """Reads height and width from the header alone."""
-    if data[:2] == b"\xff\xd8":  # JPEG: go from segment to segment to the start of frame
+    """Read height and width from the header alone."""
+    # JPEG by hand, as it is read for every image of a shard: from segment to segment to the start
+    # of frame (SOF, ITU-T T.81, table B.1; C4, C8 and CC in that range are no frames)
+    if data[:2] == b"\xff\xd8":
         place = 2
         while len(segment := data[place : place + 9]) == 9:
             if 0xC0 <= segment[1] <= 0xCF and segment[1] not in (0xC4, 0xC8, 0xCC):
@@ -85,15 +90,15 @@ class PackedFrames:
     """Images of a shard, read and verified in place.
 
     Args:
-        name: Of the recording, for messages.
-        path: The shard.
-        stem: What the members' names begin with.
-        group: A key of `GROUPS`.
-        codec: One of `CODECS`, of the recording.
-        shape: Height and width.
-        starts: int64 (n,), where the header of each member begins.
+        name: Name of the recording, for messages.
+        path: Path of the shard.
+        stem: Start of the names of members.
+        group: Group of images, a key of `GROUPS`.
+        codec: Codec of the recording, one of `CODECS`.
+        shape: Height and width, pixels.
+        starts: int64 (n,), byte positions of the headers of members.
         sizes: int64 (n,), bytes of each image.
-        crcs: uint32 (n,), CRC-32 of each.
+        crcs: uint32 (n,), CRC-32 of each image.
     """
 
     def __init__(
@@ -122,10 +127,10 @@ class PackedFrames:
         return len(self.sizes)
 
     def encoded(self, i: int) -> bytes:
-        """The bytes of one image.
+        """Read the bytes of one image.
 
         Raises:
-            DataError: They are not where the JSON says, or are damaged.
+            DataError: The image is damaged, or not at the place stated by the JSON.
         """
         try:
             with self.path.open("rb") as file:
@@ -134,7 +139,7 @@ class PackedFrames:
             raise DataError(f"{self.path}: cannot be read ({error})") from error
 
     def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
-        """Decodes; see `contracts.Frames.read`."""
+        """Decode frames; see `contracts.Frames.read`."""
         check_range(indices, len(self), self.name)
         out = np.empty((len(indices), *self.shape, 3), np.uint8)
         try:
@@ -162,7 +167,7 @@ class PackedFrames:
     def _decoded(self, data: bytes, i: int) -> NDArray[np.uint8]:
         shape = self.shape
         try:
-            shape = image_size(data)  # before anything of that size is allocated
+            shape = image_size(data)  # checked before OpenCV allocates anything of that size
         except (OSError, ValueError, SyntaxError) as error:
             raise DataError(f"{self.name}, {self.group} {i}: not an image ({error})") from error
         if shape != self.shape:
@@ -170,7 +175,9 @@ class PackedFrames:
                 f"{self.name}, {self.group} {i}: {size_text(shape)} pixels, where "
                 f"{size_text(self.shape)} are stated; pack it again"
             )
-        if data.startswith(_PNG) and data[24] > 8:  # else cut to the upper byte
+        # byte 24 is the bit depth of a PNG (its specification, IHDR); OpenCV would silently keep
+        # the upper byte of 16 bits
+        if data.startswith(_PNG) and data[24] > 8:
             raise DataError(
                 f"{self.name}, {self.group} {i}: {data[24]} bits a channel; pack 8 bits a channel"
             )

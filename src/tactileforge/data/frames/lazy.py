@@ -1,4 +1,4 @@
-"""Lazy frames of image files and arrays, decoded only when they are read."""
+"""Lazy frames of image files and arrays, decoded on demand."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ __all__ = ["VIDEO_SUFFIXES", "ArrayFrames", "Crop", "ImageFrames", "VideoFrames"
 
 
 class ImageFrames(Cropped):
-    """Image files, one frame each, of one size.
+    """Image files of one size, one frame each.
 
     Opening reads the headers only.
 
     Args:
-        paths: The files, oldest first.
+        paths: Paths of the files, oldest first.
         crop: Left, top, width, height in pixels; None shows everything.
 
     Raises:
         DataNotFoundError: A file does not exist.
-        DataError: A file is no 8-bit image, or its size differs from that of the first; or, once
-            it is read, it has transparent pixels.
+        DataError: A file is no 8-bit image, or differs in size from the first; on reading, also a
+            file with transparent pixels.
     """
 
     def __init__(self, paths: Sequence[str | Path], crop: Crop | None = None) -> None:
@@ -50,7 +50,7 @@ class ImageFrames(Cropped):
         return len(self.paths)
 
     def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
-        """Decodes; see `contracts.Frames.read`."""
+        """Decode frames; see `contracts.Frames.read`."""
         check_range(indices, len(self), self.paths[0])
         out = np.empty((len(indices), *self.shape, 3), np.uint8)
         for place, i in enumerate(indices):
@@ -70,7 +70,7 @@ class ArrayFrames:
         array: uint8 (T, H, W, 3), RGB.
 
     Raises:
-        DataError: The array is not of that type and shape.
+        DataError: The array has another type or shape.
     """
 
     def __init__(self, array: NDArray[np.uint8]) -> None:
@@ -88,13 +88,13 @@ class ArrayFrames:
         return len(self.array)
 
     def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
-        """Copies; see `contracts.Frames.read`."""
+        """Copy frames; see `contracts.Frames.read`."""
         check_range(indices, len(self), "array")
         return self.array[list(indices)]
 
 
 def _image(path: str, decode: bool) -> tuple[tuple[int, int], NDArray[np.uint8]]:
-    """Height and width of an image file, and its pixels if asked for."""
+    """Height and width of an image file, and its pixels on request."""
     try:
         with open_picture(path) as image:
             check_depth(image, path)

@@ -1,4 +1,4 @@
-"""Picture files of 8 bits a channel as RGB; what cannot be shown so without loss is refused."""
+"""Picture files as RGB of 8 bits a channel; lossy conversions are refused."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from tactileforge.errors import DataError
 if TYPE_CHECKING:
     from PIL import Image
 
-#: Modes of Pillow with an alpha.
+#: Modes of Pillow with an alpha channel.
 _ALPHA = frozenset({"LA", "La", "PA", "RGBA", "RGBa"})
-#: Modes whose colours depend on the ink, or on a white point.
+#: Modes without a fixed RGB: colours depend on the ink, or on a white point.
 _PRINT = frozenset({"CMYK", "LAB"})
 
 
 def check_depth(image: Image.Image, where: str) -> None:
-    """Raises an error where a picture has more than 8 bits a channel, or colours of a printer.
+    """Check a picture for at most 8 bits a channel and colours of a screen.
 
     Args:
-        image: Open, not decoded: only its header is read.
-        where: What it is, for messages.
+        image: Open image; only its header is read.
+        where: Name of the picture, for messages.
 
     Raises:
-        DataError: It is such a picture; says which.
+        DataError: More bits, or colours of a printer.
     """
     if image.mode[0] in "IF":
         raise DataError(f"{where}: {image.mode} pixels; convert it to 8 bits a channel")
@@ -39,14 +39,14 @@ def check_depth(image: Image.Image, where: str) -> None:
 
 
 def rgb_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
-    """The pixels of a picture, uint8 (H, W, 3).
+    """Decode a picture to uint8 (H, W, 3).
 
     Args:
-        image: Open.
-        where: See `check_depth`.
+        image: Open image.
+        where: Name of the picture, for messages.
 
     Raises:
-        DataError: See `check_depth`; or a pixel is transparent, and so has no colour.
+        DataError: An error of `check_depth`, or a transparent pixel, as it has no colour.
         OSError: It cannot be decoded.
     """
     check_depth(image, where)
@@ -63,7 +63,11 @@ def rgb_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
 
 
 def _is_deep(image: Image.Image) -> bool:
-    """Whether Pillow would cut 16 bits to the upper 8; it names them in how it decodes alone."""
+    """Whether Pillow would cut 16 bits a channel to the upper 8.
+
+    Pillow has no mode for RGB of 16 bits (python-pillow/Pillow#1888) and opens such files as RGB:
+    only the arguments of its decoders tell. This can go once it has one.
+    """
     if any(bits > 8 for bits in _tiff_bits(image)):
         return True
     for tile in getattr(image, "tile", ()):
@@ -77,5 +81,6 @@ def _is_deep(image: Image.Image) -> bool:
 
 def _tiff_bits(image: Image.Image) -> tuple[int, ...]:
     tags = getattr(image, "tag_v2", None)
+    # 258 is BitsPerSample (TIFF 6.0, section 8)
     bits = tags.get(258, ()) if tags is not None else ()
     return bits if isinstance(bits, tuple) else (int(bits),)

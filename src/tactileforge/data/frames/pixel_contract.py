@@ -1,4 +1,4 @@
-"""Checks that an array is pictures as every reader and model takes them: uint8, 0 to 255, RGB."""
+"""Contract of pixels for readers and models: uint8, 0 to 255, RGB."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from numpy.typing import NDArray
 
 from tactileforge.errors import DataError
 
-#: Bits a channel of cameras that give more than 8, with the upper ones unused.
+#: Bits a channel of cameras with more than 8, in the lower bits of 16.
 _DEPTHS = (10, 12, 14, 16)
 
 
 def checked_pixels(array: Any, where: str, axes: int | None = None) -> NDArray[np.uint8]:
-    """The same array, where it is uint8 (..., H, W, 3).
+    """Check an array for uint8 (..., H, W, 3), and return it.
 
     Args:
         array: Pixels.
-        where: What they are of, for messages.
-        axes: Number of axes it must have; None takes 3 or more.
+        where: Name of the picture, for messages.
+        axes: Required number of axes; None takes 3 or more.
 
     Raises:
-        DataError: It is something else; says what was found, and how it is converted.
+        DataError: Another type or shape; the message says how to convert it.
 
     Example:
         >>> checked_pixels(np.zeros((2, 4, 4, 3), np.uint8), "take 1").shape
@@ -44,7 +44,7 @@ def checked_pixels(array: Any, where: str, axes: int | None = None) -> NDArray[n
 
 
 def channel_fix(shape: tuple[int, ...]) -> str:
-    """The fix of a number of channels that is not 3, as part of an error; "" without one."""
+    """Fix for a wrong number of channels, as part of an error; "" without one."""
     if shape and shape[-1] == 4:
         return "; leave out the alpha: [..., :3]"
     if len(shape) == 2 or (shape and shape[-1] == 1):
@@ -55,7 +55,7 @@ def channel_fix(shape: tuple[int, ...]) -> str:
 
 
 def value_fix(array: NDArray[Any]) -> str:
-    """The span of values that are not uint8, and their conversion, as part of an error.
+    """Range of pixels of another type than uint8, and their conversion, as part of an error.
 
     Args:
         array: Pixels of another type.

@@ -1,4 +1,4 @@
-"""Videos read by PyAV, for codecs unknown to OpenCV, such as AV1."""
+"""Videos read by PyAV, for codecs unknown to OpenCV such as AV1."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from tactileforge.data.frames.video_index import VideoIndex
 from tactileforge.errors import ConfigError
 
-#: Codecs that builds of OpenCV open and then cannot decode.
+#: Codecs opened but not decoded by builds of OpenCV: the FFmpeg in the wheels of opencv-python has
+#: only a hardware decoder for AV1.
 CODECS = frozenset({"av01"})
 
 
@@ -21,8 +22,8 @@ def is_missing() -> bool:
     return find_spec("av") is None
 
 
-def missing(path: str, codec: str) -> ConfigError:
-    """Error of a video that only PyAV could decode."""
+def missing_error(path: str, codec: str) -> ConfigError:
+    """Error for a video of a codec of PyAV without PyAV."""
     return ConfigError(
         f"{path}: its codec is {codec}, which this OpenCV does not decode: "
         "pip install 'tactileforge[av]' brings PyAV, which does"
@@ -33,17 +34,17 @@ class PyAvCursor:
     """A video open in PyAV with its current frame number.
 
     Args:
-        path: The file.
-        index: Its facts.
+        path: Path of the file.
+        index: Index of the video.
 
     Raises:
-        DataError: Its first frame cannot be decoded.
+        DataError: The first frame cannot be decoded.
         ConfigError: PyAV is not installed.
     """
 
     def __init__(self, path: str, index: VideoIndex) -> None:
         if is_missing():
-            raise missing(path, index.codec)
+            raise missing_error(path, index.codec)
         self.path, self.index = path, index
         self._rewind()
         self.seekable = len(index.keys) > 0
@@ -66,40 +67,40 @@ class PyAvCursor:
         """Time of the current frame in the file."""
         return float((self._frame.pts or 0) * self._stream.time_base)
 
-    def frame(self, wanted: int) -> NDArray[np.uint8]:
-        """Decodes a frame: uint8 (H, W, 3), BGR.
+    def frame(self, number: int) -> NDArray[np.uint8]:
+        """Decode a frame: uint8 (H, W, 3), BGR.
 
         Raises:
-            DataError: It cannot be decoded.
+            DataError: The frame cannot be decoded.
         """
         import av
 
-        behind = wanted < self.at
-        skips = self.seekable and self.index.skips(self.at, wanted)
+        behind = number < self.at
+        skips = self.seekable and self.index.skips(self.at, number)
         try:
-            if (behind or skips) and not self._seek(wanted):
+            if (behind or skips) and not self._seek(number):
                 self._rewind()
-            while self.at < wanted:
+            while self.at < number:
                 self._frame = next(self._frames)
                 self.at += 1
             frame = np.asarray(self._frame.to_ndarray(format="bgr24"), np.uint8)
         except (av.FFmpegError, StopIteration) as error:
-            raise self.index.damaged(self.path, wanted) from error
+            raise self.index.damaged(self.path, number) from error
         if frame.shape[:2] != self.index.shape:
-            raise self.index.damaged(self.path, wanted)
+            raise self.index.damaged(self.path, number)
         return frame
 
-    def _seek(self, wanted: int) -> bool:
-        """Seeks to the frame or before it; false where that cannot be verified."""
+    def _seek(self, number: int) -> bool:
+        """Seek to the frame or before it; false if the result cannot be verified."""
         if not self.seekable:
             return False
-        seconds = self._start + float(self.index.times[wanted])
+        seconds = self._start + float(self.index.times[number])
         place = round(seconds / self._stream.time_base)
         self._container.seek(place, stream=self._stream)
         self._frames = self._container.decode(self._stream)
         self._frame = next(self._frames)
         landed = self.index.number(self._seconds() - self._start + self.index.start)
-        if landed is None or landed > wanted:
+        if landed is None or landed > number:
             return False
         self.at = landed
         return True

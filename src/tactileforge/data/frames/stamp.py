@@ -1,4 +1,4 @@
-"""Stamps of frames on disk, which change when the files do."""
+"""Stamps of frames on disk, to notice changed files."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from tactileforge.data.frames.turned import TurnedFrames
 
 
 def stamp_of(frames: Frames | None) -> Any:
-    """Names of files, when they changed, what is shown of them and which frames; decodes nothing.
+    """Stamp of frames: names, sizes and times of change of files, crops and rows; decodes nothing.
 
     Returns:
-        As JSON; None of frames that do not tell.
+        Plain data for JSON; None for frames of unknown kind.
     """
     match frames:
         case FrameSubset():

@@ -1,4 +1,4 @@
-"""Frames whose colours are swapped, or that are turned upright."""
+"""Frames with swapped colours, or turned upright."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from tactileforge.contracts import Frames
 
 @dataclass(frozen=True)
 class TurnedFrames:
-    """Frames of a file as the sensor saw them, still lazy.
+    """Frames of a file as seen by the sensor, still lazy.
 
     Attributes:
-        base: The frames as the file has them.
+        base: Frames of the file.
         bgr: Whether the file has blue before green and red.
-        turns: Quarter turns, clockwise, that put a frame upright.
+        turns: Quarter turns, clockwise, to put a frame upright.
     """
 
     base: Frames
@@ -30,12 +30,12 @@ class TurnedFrames:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Height and width, upright."""
+        """Height and width of the upright frame, pixels."""
         height, width = self.base.shape
         return (width, height) if self.turns % 2 else (height, width)
 
     def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
-        """Decodes; see `contracts.Frames.read`."""
+        """Decode frames; see `contracts.Frames.read`."""
         frames = self.base.read(indices)
         if self.bgr:
             frames = frames[..., ::-1]
@@ -43,5 +43,5 @@ class TurnedFrames:
 
 
 def turned(frames: Frames, bgr: bool, turns: int) -> Frames:
-    """The frames with colours as red, green, blue, and upright; themselves where they are so."""
+    """Turn frames upright and their colours to RGB; returns the same frames without a change."""
     return TurnedFrames(frames, bgr, turns) if bgr or turns else frames

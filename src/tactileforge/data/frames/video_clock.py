@@ -1,4 +1,4 @@
-"""Times of a video, where its header and its time stamps can be believed."""
+"""Times of a video, checked for plausible rates in header and time stamps."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from numpy.typing import NDArray
 from tactileforge.data.frames.video import VideoFrames
 from tactileforge.errors import DataError
 
-#: Frames a second beyond which no camera of touch is: what says so has another rate.
+#: Largest plausible rate of a tactile camera, frames a second.
 FASTEST = 300.0
-#: Frames a second below which a header says nothing of a camera: one an hour.
+#: Smallest plausible rate, frames a second: one an hour.
 _SLOWEST = 1 / 3600
-#: How many times the rate of the header may be that of the time stamps.
+#: Largest plausible ratio of the rates of header and time stamps.
 _APART = 1.5
-#: Share by which steps of time may vary to have a rate at all.
+#: Largest relative variation of steps of time that still have one rate.
 _STEADY = 0.2
 
 
 def video_times(video: VideoFrames, fix: str) -> NDArray[np.float64]:
-    """The times of the frames of a video, s.
+    """Times of the frames of a video, float64 (T,), s.
 
     Args:
         video: The video.
         fix: A way to give another rate, for messages.
 
     Raises:
-        DataError: The file says a rate that no camera has.
+        DataError: Implausible rate.
     """
     times = video.times
     if len(times) < 2:
@@ -41,7 +41,7 @@ def video_times(video: VideoFrames, fix: str) -> NDArray[np.float64]:
 
 
 def rate_doubt(video: VideoFrames) -> str:
-    """Difference of the rates of header and time stamps, in words; "" where there is none."""
+    """Difference of the rates of header and time stamps, in words; "" for none."""
     steps = np.diff(video.times)
     if len(steps) < 2 or not video.rate > 0:
         return ""
@@ -49,8 +49,8 @@ def rate_doubt(video: VideoFrames) -> str:
     if usual <= 0 or high - low > _STEADY * usual:
         return ""
     stamps, mean = 1 / usual, len(video.times) / (video.times[-1] + usual)
-    said = [rate for rate in (stamps, mean) if 1 / _APART <= video.rate / rate <= _APART]
-    if said:  # many headers say the mean, which gaps make smaller
+    # many headers state the mean rate, which gaps make smaller
+    if any(1 / _APART <= video.rate / rate <= _APART for rate in (stamps, mean)):
         return ""
     return (
         f"its header says {video.rate:.4g} frames a second, its time stamps {stamps:.4g}; the "

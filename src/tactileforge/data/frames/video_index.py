@@ -1,4 +1,4 @@
-"""Facts of a video, read from its packets without decoding one."""
+"""Index of a video: size, rate and times of its frames, read without decoding one."""
 
 from __future__ import annotations
 
@@ -15,44 +15,47 @@ from numpy.typing import NDArray
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.untrusted import MAX_PIXELS
 
-# FFmpeg reads this once, when the process first opens a video. Its messages name no file.
+# OpenCV reads this once, when the process first opens a video. FFmpeg's messages name no file, and
+# would stand between those of a run.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
-#: Containers whose header counts frames; others estimate the count from a duration.
+#: Containers with a count of frames in their header; for others FFmpeg estimates it from a
+#: duration.
 _COUNTED = frozenset({".avi", ".m4v", ".mov", ".mp4"})
-#: Share of the announced frames that may be missing before a file counts as truncated.
+#: Largest share of missing frames of a file that does not count as truncated.
 _MISSING = 0.05
-#: OpenCV looks for a key frame at least this many frames before the one it seeks.
+#: OpenCV seeks to a key frame at least this many frames before the requested one (first ``delta``
+#: of ``CvCapture_FFMPEG::seek``), so nearer key frames save nothing.
 _SEEK_MARGIN = 16
-#: Frames per second of a video without times and without a rate: as no camera has it,
-#: `video_clock.video_times` asks for one.
+#: Frames per second of a video without times and without a rate: implausible on purpose, so that
+#: `video_clock.video_times` asks for a rate.
 _NO_RATE = 1e6
-#: Frames of a video: 38 hours at 30 a second.
+#: Largest number of frames of a video: 38 hours at 30 a second.
 MAX_FRAMES = 1 << 22
 
-#: Number that FFmpeg's letters of a pixel format of 16 bits begin or end with.
+#: First or last byte of FFmpeg's code of a pixel format of 16 bits (libavcodec, raw.c).
 _DEEP = 16
 
-#: How images are read as a video.
+#: Hint for images in place of a video.
 _IMAGES = (
     "open images as frames: tactileforge.data.frames.lazy.ImageFrames(sorted(Path(DIR)"
     '.glob("*.png"))), and give their times'
 )
-#: What is done about a damaged video.
+#: Hint for a damaged video.
 HINT = "download it again, or convert it: ffmpeg -i IN -c:v libx264 OUT.mp4"
 
 
 @dataclass(frozen=True)
 class VideoIndex:
-    """Facts of a video, read from its packets.
+    """Index of a video, read from its packets.
 
     Attributes:
-        shape: Height and width.
-        codec: Its four letters, in lower case.
-        rate: Frames per second, by which OpenCV turns frame numbers into times.
+        shape: Height and width, pixels.
+        codec: Four letters of the codec, in lower case.
+        rate: Frames per second, used by OpenCV to turn frame numbers into times.
         start: Time of the first frame in the file, s.
-        times: float64 (T,), seconds since then.
-        keys: Frame numbers of the key frames; none where seeking is not possible.
+        times: float64 (T,), seconds since the first frame.
+        keys: int64 (k,), frame numbers of the key frames; empty for a file without seeking.
         stamp: Size and time of change of the file.
     """
 
@@ -64,31 +67,32 @@ class VideoIndex:
     keys: NDArray[np.int64]
     stamp: tuple[int, int]
 
-    def skips(self, at: int, wanted: int) -> bool:
-        """Whether a key frame lies between the two, so that a seek saves decoding."""
-        before = int(np.searchsorted(self.keys, wanted - _SEEK_MARGIN, side="right")) - 1
+    def skips(self, at: int, number: int) -> bool:
+        """Whether a seek saves decoding: a key frame lies between two frames."""
+        before = int(np.searchsorted(self.keys, number - _SEEK_MARGIN, side="right")) - 1
         return before >= 0 and int(self.keys[before]) > at + 1
 
     def damaged(self, path: str, number: int) -> DataError:
-        """Error of a frame that cannot be decoded."""
+        """Error for an undecodable frame."""
         return DataError(
             f"{path}: frame {number} of {len(self.times)} cannot be decoded (damaged file); {HINT}"
         )
 
     def number(self, seconds: float) -> int | None:
-        """Number of the frame with this time in the file; None where there is none."""
+        """Number of the frame with a time in the file, s; None without one."""
         seconds -= self.start
+        # half a millisecond: OpenCV and some containers round times to milliseconds
         i = int(np.searchsorted(self.times, seconds - 5e-4))
         is_there = i < len(self.times) and abs(float(self.times[i]) - seconds) < 5e-4
         return i if is_there else None
 
 
 def open_video(path: str) -> Any:
-    """Opens a video silently: errors are raised, not printed by OpenCV.
+    """Open a video silently: errors are raised, not printed by OpenCV.
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: It is a folder, or no video.
+        DataError: The path is a folder, or no video.
     """
     _check_file(path)
     level = cv2.utils.logging.getLogLevel()
@@ -104,8 +108,8 @@ def open_video(path: str) -> Any:
 
 
 def _check_file(path: str) -> None:
-    """Raises an error where there is no file: OpenCV takes patterns of images and URLs as well."""
-    with suppress(OSError):  # a name that is too long is none
+    """Check for a file, as OpenCV takes patterns of images and URLs as well."""
+    with suppress(OSError):  # a name too long for the file system
         if Path(path).is_file():
             return
         if Path(path).is_dir():
@@ -116,7 +120,7 @@ def _check_file(path: str) -> None:
 
 
 def read_index(path: str) -> VideoIndex:
-    """Walks through the packets of a video; see `video.VideoFrames`."""
+    """Walk through the packets of a video; see `video.VideoFrames`."""
     capture = open_video(path)
     stat = Path(path).stat()
     shape = (
@@ -129,7 +133,7 @@ def read_index(path: str) -> VideoIndex:
     announced = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
     _check_size(path, shape, announced)
     _check_depth(path, int(capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)))
-    capture.set(cv2.CAP_PROP_FORMAT, -1)  # packets as they are, not decoded
+    capture.set(cv2.CAP_PROP_FORMAT, -1)  # raw packets, not decoded
     packets = []
     while capture.grab():
         is_key = capture.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME)
@@ -139,21 +143,23 @@ def read_index(path: str) -> VideoIndex:
     if not packets:
         raise DataError(f"{path}: a video without frames; {HINT}")
     _check_complete(Path(path), announced, len(packets))
+    # packets come in the order of decoding: with B frames, that is not the order of showing
     seconds, is_key = np.array(packets).T
     order = np.argsort(seconds, kind="stable")
     times, keys = seconds[order], np.flatnonzero(is_key[order])
     if (np.diff(times) <= 0).any():
-        times, keys = _apart(times, rate), keys[:0]
+        # without unique times a seek could not be verified: no keys, so none is tried
+        times, keys = _spread_times(times, rate), keys[:0]
     start = float(times[0])
     return VideoIndex(
         shape, codec, rate, start, times - start, keys, (stat.st_size, stat.st_mtime_ns)
     )
 
 
-def _apart(times: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
-    """Times of which some are there twice: such a frame is between its neighbours.
+def _spread_times(times: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
+    """Spread repeated times evenly between their neighbours.
 
-    Where most are, the file has no times, and the rate gives them.
+    If most are repeated, the file has no times, and the rate gives them.
     """
     rows = np.arange(len(times))
     new = np.diff(times, prepend=-np.inf) > 0
@@ -180,7 +186,7 @@ def _check_size(path: str, shape: tuple[int, int], frames: int) -> None:
 
 
 def _check_depth(path: str, pixel_format: int) -> None:
-    """Raises an error for 16 bits a channel: the codec would show the upper byte alone."""
+    """Check for at most 8 bits a channel: of 16, OpenCV would show the upper byte alone."""
     letters = pixel_format.to_bytes(4, "little", signed=pixel_format < 0)
     if _DEEP in (letters[0], letters[3]):
         raise DataError(
@@ -195,6 +201,7 @@ def _check_complete(path: Path, announced: int, counted: int) -> None:
         raise DataError(
             f"{path}: truncated: it announces {announced} frames and holds {counted}; {HINT}"
         )
+    # a GIF has no count of frames, but ends with a trailer, the byte 0x3B (GIF89a, section 27)
     if suffix == ".gif":
         with path.open("rb") as file:
             file.seek(-min(64, path.stat().st_size), os.SEEK_END)

@@ -1,6 +1,7 @@
-"""Actions from forces: segments in which the forces change smoothly, named by their direction.
+"""Actions from forces: segments of smooth change, named by its direction.
 
-After AnyTouch 2, appendix "Force Data". Rotations are not among them: torque is not known.
+After AnyTouch 2, appendix "Force Data". Rotations are not among them: torque is not known. The
+paper gives no numbers; the thresholds below are ours.
 """
 
 from __future__ import annotations
@@ -10,16 +11,16 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
 
-#: Half the window in which a rate of change is fitted, s.
+#: Half the window of the fit of a rate of change, s.
 _HALF_WINDOW = 0.15
-#: Normal force that counts as contact, as a share of the largest.
+#: Smallest normal force of a contact, as a share of the largest.
 _CONTACT = 0.05
-#: Rate of change that counts as an action, as a share of the largest force, 1/s.
+#: Smallest rate of change of an action, as a share of the largest force, 1/s.
 _RATE = 0.15
-#: The same, as a multiple of what the noise alone would give.
+#: The same, as a multiple of the rate from noise alone (its standard error).
 _NOISE = 4.0
-#: Share of the rate that lies on one axis (a cosine), so that the direction is clear.
-_CLEAR = 0.8
+#: Smallest share of the rate along one axis (a cosine), for a clear direction.
+CLEAR = 0.8
 #: Shortest segment, s.
 _SHORTEST = 0.15
 
@@ -29,13 +30,13 @@ _LABELS = np.array([[ACTIONS.index(name) for name in pair] for pair in _NAMES])
 
 
 def label_actions(times: NDArray[np.float64], force: NDArray[np.floating]) -> NDArray[np.int64]:
-    """Labels each frame by the change of the forces around it.
+    """Label each frame by the change of the forces around it.
 
     A rate of change is fitted to 0.3 s of each component. A frame is labelled if there is contact
     (5 % of the largest normal force), if the rate is clear (15 % of the largest force in a second,
-    and four times what the noise gives) and if it lies on one axis (within 37 degrees). Normal
-    force that rises is ``press``, that falls ``leave``; shear that changes is a slide in the
-    direction of the change. Segments shorter than 0.15 s are dropped.
+    and four times its standard error) and if it lies on one axis (within 37 degrees). Rising normal
+    force is ``press``, falling one ``leave``; changing shear is a slide in the direction of the
+    change. Segments shorter than 0.15 s are dropped.
 
     Args:
         times: float64 (T,), seconds, strictly increasing.
@@ -68,7 +69,7 @@ def _label(
     along = np.take_along_axis(rate, axis[:, None], axis=1)[:, 0]
     noise = np.take_along_axis(error, axis[:, None], axis=1)[:, 0]
     clear = (np.abs(along) > np.maximum(_RATE * largest, _NOISE * noise)) & (
-        np.abs(along) >= _CLEAR * speed
+        np.abs(along) >= CLEAR * speed
     )
     touching = level[:, 2] > max(contact, 0.0)
     return np.where(clear & touching, _LABELS[axis, (along < 0).astype(int)], -1)
@@ -77,15 +78,16 @@ def _label(
 def _fit(
     times: NDArray[np.float64], force: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Level, slope and standard error of the slope of a line around each frame, (T, 3) each."""
+    """Fit a line around each frame: level, slope and its standard error, (T, 3) each."""
     first = np.searchsorted(times, times - _HALF_WINDOW - 1e-9)
     last = np.searchsorted(times, times + _HALF_WINDOW + 1e-9)
-    # At least three frames, where the rate of the recording is low.
+    # at least three frames: at a low rate, the window may hold fewer
     row = np.arange(len(times))
     first = np.clip(np.minimum(first, row - 1), 0, len(times) - 3)
     last = np.clip(np.maximum(last, row + 2), 3, len(times))
 
     def window(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        # by cumulative sums: each window costs the same, however many frames it holds
         total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
         out: NDArray[np.float64] = total[last] - total[first]
         return out
@@ -96,15 +98,15 @@ def _fit(
     spread = window(clock**2) - count * mean_time**2
     slope = (window(clock * force) - count * mean_time * mean) / spread
     level = mean + slope * (clock - mean_time)
-    # Second differences see the noise, not the motion: their variance is 1 + 4 + 1 times its
-    # variance, and 0.6745 is the median of |x| of a standard normal.
+    # second differences see the noise, not the motion: their variance is 1 + 4 + 1 times that of
+    # the noise, and 0.6745 is the median of |x| of a standard normal
     bends = np.abs(np.diff(force, n=2, axis=0))
     sigma = np.median(bends, axis=0) / (0.6745 * np.sqrt(6.0))
     return level, slope, sigma / np.sqrt(spread)
 
 
 def _runs(values: NDArray[np.bool_] | NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Rows of each stretch of one value that is labelled or true."""
+    """Rows of each stretch of one value, labelled or true."""
     stretches = np.split(np.arange(len(values)), np.flatnonzero(np.diff(values)) + 1)
     unset = False if values.dtype == bool else -1
     return [rows for rows in stretches if len(rows) and values[rows[0]] != unset]

@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from tactileforge.errors import DataError
 
-#: Frames that both signals must share at a lag for their correlation there to count.
+#: Smallest number of frames shared by both signals at a lag: fewer correlate by chance.
 _LEAST_SHARED = 8
-#: Step in time, as a multiple of the usual one, that is a gap.
+#: Smallest gap in time, as a multiple of the usual step; the same as `doubts.GAP`.
 _GAP = 2.5
-#: A signal whose spread is below this share of its size does not move (rounding, not touch).
+#: Smallest spread of a moving signal, as a share of its size; below it is rounding.
 _STILL = 1e-6
 
 
@@ -22,23 +22,25 @@ class Lag:
     """Lag of images behind forces, with its confidence.
 
     Attributes:
-        seconds: Positive where images are late; NaN where nothing moves.
-        correlation: Of the two signals at that lag, -1 to 1; NaN where nothing moves.
-        prominence: How far the correlation falls on both sides of that lag within the search. Near
-            0 other lags explain the signals as well (a ramp, or a peak at the end of the search).
+        seconds: Lag, s, positive for late images; NaN for signals without motion.
+        correlation: Correlation of the signals at that lag, -1 to 1; NaN without motion.
+        prominence: Smallest drop of the correlation on both sides of that lag within the search.
+            Near 0, other lags explain the signals as well (a ramp, or a peak at the end).
+        unshifted: Correlation of the two signals without a shift.
     """
 
     seconds: float
     correlation: float
     prominence: float
+    unshifted: float
 
 
 def nearest(times: ArrayLike, at: ArrayLike) -> NDArray[np.int64]:
-    """Index of the nearest of ``times`` for each time in ``at``; the earlier of two equally near.
+    """Indices of the nearest times; of two equally near, the earlier one.
 
     Args:
-        times: (n,), seconds, ascending; at least one.
-        at: (m,), seconds.
+        times: Times to choose from, (n,), seconds, ascending; at least one.
+        at: Times to find, (m,), seconds.
 
     Returns:
         int64 (m,), indices into ``times``.
@@ -50,12 +52,12 @@ def nearest(times: ArrayLike, at: ArrayLike) -> NDArray[np.int64]:
         >>> nearest([0.0, 0.1, 0.2], [0.04, 0.05, 0.06, 9.0]).tolist()
         [0, 0, 1, 2]
     """
-    known, wanted = np.asarray(times, np.float64), np.asarray(at, np.float64)
+    known, sought = np.asarray(times, np.float64), np.asarray(at, np.float64)
     if not len(known):
         raise DataError("no frames to pair with: their times are empty")
-    after = np.searchsorted(known, wanted).clip(max=len(known) - 1)
+    after = np.searchsorted(known, sought).clip(max=len(known) - 1)
     before = np.maximum(after - 1, 0)
-    earlier = wanted - known[before] <= known[after] - wanted
+    earlier = sought - known[before] <= known[after] - sought
     return np.where(earlier, before, after).astype(np.int64)
 
 
@@ -65,22 +67,22 @@ def estimate_lag(
     change: NDArray[np.floating],
     reach: float = 0.5,
 ) -> Lag:
-    """Estimates the lag of images behind forces, s, by cross-correlation.
+    """Estimate the lag of images behind forces, s, by cross-correlation.
 
-    The size of the normal force, which makes the imprint, is correlated with how much the image
-    differs from the background, at every shift of whole frames within ``reach``; a parabola through
-    the best three gives the fraction of a frame. (Measured on two recordings of known lag: shear
-    added to the normal force, or rates of change, are off by 20 ms to 100 ms.) Of a recording with
-    gaps in time, the longest stretch without one is used.
+    The size of the normal force, the cause of the imprint, is correlated with the difference of the
+    image from the background, at every shift of whole frames within ``reach``. A parabola through
+    the best three shifts gives the fraction of a frame. (Measured on two recordings of known lag:
+    shear added to the normal force, or rates of change, are off by 20 ms to 100 ms.) Of a recording
+    with gaps in time, the longest stretch without one is used.
 
     Args:
         times: float64 (T,), seconds, ascending; the rate may vary.
-        force: float (T, 3), newton, the third is normal; a row of NaN is a frame without a label.
+        force: float (T, 3), N, the third is normal; a row of NaN is a frame without a label.
         change: float (T,), mean absolute difference of each frame from the background.
-        reach: Largest lag that is looked for, s, either way.
+        reach: Largest lag to try, s, either way.
 
     Returns:
-        The lag; all NaN where force or image do not move, labels are too few, or times do not
+        The lag; all NaN for constant forces or images, too few labels, or times that do not
         increase.
 
     Raises:
@@ -99,64 +101,66 @@ def estimate_lag(
     longest = max(stretches, key=len)
     times, force, change = times[longest], force[longest], change[longest]
     clock = np.arange(times[0], times[-1] + period / 2, period)
-    pressed = _resampled(clock, times, np.abs(force[:, 2]))
-    seen = _resampled(clock, times, np.asarray(change, np.float64))
+    pressed = _interpolate(clock, times, np.abs(force[:, 2]))
+    seen = _interpolate(clock, times, np.asarray(change, np.float64))
     most = min(round(reach / period), len(clock) - _LEAST_SHARED)
     shifts = np.arange(-most, most + 1)
     correlations = np.array([_correlation(pressed, seen, shift) for shift in shifts.tolist()])
     if not np.isfinite(correlations).any():
         return _NO_LAG
     best = int(np.nanargmax(correlations))
-    # prominence: a ramp correlates at every shift, so the peak has to fall off on both sides
+    # a ramp correlates at every shift: only a peak with lower values on both sides tells a lag
     sides = correlations[: best + 1], correlations[best:]
     fall = correlations[best] - max(float(np.nanmin(side)) for side in sides)
     seconds = (shifts[best] + _vertex(correlations, best)) * period
-    return Lag(float(seconds), float(correlations[best]), float(fall))
+    return Lag(float(seconds), float(correlations[best]), float(fall), float(correlations[most]))
 
 
-_NO_LAG = Lag(np.nan, np.nan, np.nan)
+_NO_LAG = Lag(np.nan, np.nan, np.nan, np.nan)
 
 
-def resampled(
+def resample(
     clock: NDArray[np.float64], times: NDArray[np.float64], values: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """Values at other times, between two measured ones in proportion.
+    """Interpolate values linearly at other times.
 
     Args:
-        clock: float64 (m,), seconds.
-        times: float64 (n,), seconds, ascending.
-        values: float (n, C), measured at these.
+        clock: New times, float64 (m,), seconds.
+        times: Measured times, float64 (n,), seconds, ascending.
+        values: Measured values, float (n, C).
 
     Returns:
         float64 (m, C); NaN before the first time, after the last, in gaps and beside a NaN.
 
     Example:
         >>> force = np.array([[0.0], [1.0]])
-        >>> resampled(np.array([0.05, 0.3]), np.array([0.0, 0.1]), force).tolist()
+        >>> resample(np.array([0.05, 0.3]), np.array([0.0, 0.1]), force).tolist()
         [[0.5], [nan]]
     """
-    out = np.stack([_resampled(clock, times, column) for column in values.T], axis=1)
+    out = np.stack([_interpolate(clock, times, column) for column in values.T], axis=1)
     steps = np.diff(times)
     after = np.searchsorted(times, clock).clip(1, max(1, len(times) - 1))
     outside = (clock < times[0]) | (clock > times[-1])
     if len(steps):
+        # a time of the clock that was measured keeps its value, also at the edge of a gap
         outside |= (steps[after - 1] > _GAP * np.median(steps)) & ~np.isin(clock, times)
     out[outside] = np.nan
     return out
 
 
-def _resampled(
+def _interpolate(
     clock: NDArray[np.float64], times: NDArray[np.float64], values: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """Interpolates values at the ticks of a clock; NaN beside a NaN."""
+    """Interpolate values at the ticks of a clock; NaN beside a NaN."""
     known = np.isfinite(values)
     out = np.interp(clock, times, np.where(known, values, 0.0))
+    # the mask is interpolated like the values: below 1, a neighbour was unknown
     out[np.interp(clock, times, known.astype(float)) < 1 - 1e-9] = np.nan
     return out
 
 
 def _correlation(pressed: NDArray[np.float64], seen: NDArray[np.float64], shift: int) -> float:
-    """Correlation of force and images ``shift`` ticks later; NaN where either is constant."""
+    """Correlation of force and images ``shift`` ticks later; NaN if either is constant."""
     count = len(pressed) - abs(shift)
     a = pressed[max(0, -shift) :][:count]
     b = seen[max(0, shift) :][:count]

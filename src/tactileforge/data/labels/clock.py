@@ -1,4 +1,4 @@
-"""Whether two clocks fit: the times of labels, and those of the frames that they belong to."""
+"""Comparison of two clocks: the times of labels, and those of their frames."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 #: makes it one.
 _DATES = 1e9, 4.2e9
 _NAMES = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
-#: Rows that are so many times further apart than frames are in another unit, or of no use.
+#: Ratio of the steps of labels and frames above which the labels are in another unit, or useless.
 _SPARSE = 5.0
-#: Seconds between labels beyond which a clock is too slow to be one.
+#: Largest plausible seconds between labels.
 _SLOW = 0.5
-#: Times that labels may be longer or shorter than the frames, to tell the unit.
+#: Largest ratio of the durations of labels and frames for a unit to be told.
 _AS_LONG = 2.5
-#: How many times as long or short labels of a wrong rate are, and how closely.
+#: Usual ratios of durations for a wrong rate (60: minutes for seconds), and their tolerance.
 _RATES = (2, 3, 4, 5, 10, 60)
 _CLOSE = 0.04
-#: Shares of the recording: labels that start as late as this, and are as long, are shifted; less
-#: is where two recorders were started by hand.
+#: Shares of the recording: labels of its length that start later than the first are shifted; up to
+#: the second, two recorders were started by hand.
 _SHIFT = 0.3
 _START = 0.1
-#: Labels so much shorter than the recording are in another unit.
+#: Ratio of durations below which labels are in another unit.
 _SHORT = 0.05
-#: Steps of as many rows as frames that differ by this share are of another rate.
+#: Relative difference of steps, with as many rows as frames, from which the rate is another one.
 _STEP = 0.15
-#: Share of the frames that has labels where a word is due.
+#: Share of labelled frames below which a warning is due.
 _HALF = 0.5
-#: Frames and rows by which rates and spans can be told.
+#: Smallest number of frames and rows to compare rates and durations.
 _LEAST = 4
 
 
@@ -43,12 +43,12 @@ class Misfit:
     """A contradiction between the times of labels and those of frames.
 
     Attributes:
-        words: The problem, to be read after the name of the column.
-        fix: A way out, as a phrase.
-        unit: The unit that would fit; "" where another one would not help.
-        plain: Whether that unit is all that it takes.
-        certain: Whether labels would be wrong. Where they are only few, a word is enough.
-        doubtful: Whether it may be right all the same, so that `misfit` may be told so.
+        words: Problem, as words to follow the name of the column.
+        fix: Fix, as a phrase.
+        unit: Fitting unit; "" if another unit would not help.
+        plain: Whether that unit alone is the fix.
+        certain: Whether labels would be wrong; false for labels that are only few.
+        doubtful: Whether the times may be right all the same; ``partial`` of `misfit` says so.
     """
 
     words: str
@@ -60,7 +60,7 @@ class Misfit:
 
 
 def date_unit(values: NDArray[np.float64]) -> str:
-    """The unit in which all values are seconds since 1970; "" where there is none.
+    """Unit of time of values since 1970; "" for none.
 
     Example:
         >>> date_unit(np.array([1.7e12, 1.8e12])), date_unit(np.array([0.0, 2.0]))
@@ -74,10 +74,10 @@ def date_unit(values: NDArray[np.float64]) -> str:
 
 
 def seconds_of(unit: str, where: str) -> float:
-    """The seconds of a unit of time.
+    """Seconds of a unit of time.
 
     Raises:
-        ConfigError: It is none.
+        ConfigError: Unknown unit.
     """
     if unit not in UNITS:
         raise ConfigError(f"{where}: {unknown('unit', unit, UNITS)}")
@@ -87,15 +87,15 @@ def seconds_of(unit: str, where: str) -> float:
 def misfit(
     rows: NDArray[np.float64], frames: NDArray[np.float64], partial: bool = False
 ) -> Misfit | None:
-    """Says how times of labels contradict those of frames; None where they fit.
+    """Find a contradiction between the times of labels and frames; None without one.
 
     Labels may start late, end early, go on after the last frame, and have a rate of their own. They
     may not be in another unit, begin at another zero, or last twice or half as long from the same
-    start, which is another rate.
+    start, as with a wrong rate.
 
     Args:
-        rows: float64 (n,), ascending; seconds, as far as is known.
-        frames: float64 (T,), seconds, ascending.
+        rows: Times of labels, float64 (n,), ascending; presumably seconds.
+        frames: Times of frames, float64 (T,), seconds, ascending.
         partial: Whether labels are known to last longer or shorter than the frames.
 
     Example:
@@ -104,6 +104,7 @@ def misfit(
     """
     if not len(rows) or not len(frames):
         return None
+    # the unit first: in a wrong one, zero and rate look wrong as well
     found = _unit(rows, frames) or _apart(rows, frames)
     if found is None and not partial:
         found = _rate(rows, frames) or _few(rows, frames)
@@ -111,7 +112,7 @@ def misfit(
 
 
 def _unit(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | None:
-    """Rows that are so sparse that they are in another unit, or numbers of frames."""
+    """Labels in another unit, or numbers of frames: too sparse for seconds."""
     span = float(frames[-1] - frames[0])
     if len(rows) < 2 or len(frames) < 2 or span <= 0:
         return None
@@ -143,9 +144,9 @@ def _unit(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | No
 
 
 def _apart(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | None:
-    """Rows of another epoch."""
+    """Labels without overlap: they count from another zero."""
     if len(frames) < 2 and not date_unit(rows):
-        return None  # a still, of which any row may be meant
+        return None  # a still: any row may be its label
     if rows[-1] >= frames[0] and rows[0] <= frames[-1]:
         return None
     return Misfit(
@@ -156,13 +157,13 @@ def _apart(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | N
 
 
 def _rate(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | None:
-    """Rows that last too long or too short, or are shifted."""
+    """Labels of another duration, or shifted ones."""
     span, length = float(frames[-1] - frames[0]), float(rows[-1] - rows[0])
     if len(frames) < _LEAST or len(rows) < _LEAST or span <= 0 or length <= 0:
         return None
     late = float(rows[0] - frames[0])
-    said = f"goes from {_number(rows[0])} to {_number(rows[-1])}, the frames from "
-    said += f"{frames[0]:.3g} to {frames[-1]:.3g} s"
+    spans = f"goes from {_number(rows[0])} to {_number(rows[-1])}, the frames from "
+    spans += f"{frames[0]:.3g} to {frames[-1]:.3g} s"
     if abs(late) <= _START * span:
         times = _times(length / span)
         if length < _SHORT * span:
@@ -174,13 +175,13 @@ def _rate(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | No
         if times:
             rate = (len(rows) - 1) / span
             return Misfit(
-                f"{said}, {times} as long: is the rate or unit another one?",
+                f"{spans}, {times} as long: is the rate or unit another one?",
                 f"{rate:.3g} rows a second would fit",
                 doubtful=True,
             )
     elif abs(length / span - 1) <= _START and late > _SHIFT * span:
         return Misfit(
-            f"{said}, as long but {late:.3g} s late: is it another zero?",
+            f"{spans}, as long but {late:.3g} s late: is it another zero?",
             "give seconds since the first frame",
             doubtful=True,
         )
@@ -188,7 +189,7 @@ def _rate(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | No
 
 
 def _few(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | None:
-    """Rows that leave most frames without a label."""
+    """Labels of less than half of the frames."""
     share = float(((frames >= rows[0]) & (frames <= rows[-1])).mean())
     if share >= _HALF or len(frames) < _LEAST:
         return None
@@ -214,5 +215,5 @@ def _ends(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> str:
 
 
 def _number(value: float) -> str:
-    """A time as it stands in the file."""
+    """Format a time as it stands in the file."""
     return f"{value:.10g}" if abs(value) >= 1e6 else f"{value:.4g}"

@@ -1,6 +1,6 @@
-"""Doubts about labels and times, told without decoding a frame: one place for all that say them.
+"""Doubts about labels and times, found without decoding a frame.
 
-`data inspect` counts them on its page; training and packing say each kind once (`Doubts`).
+`data inspect` counts them on its page; training and packing warn of each kind once (`Doubts`).
 """
 
 from __future__ import annotations
@@ -16,24 +16,22 @@ from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.specs import spec
 
-#: Step in time, as a multiple of the usual one, that counts as a gap: a clip across it is not cut.
+#: Smallest gap in time, as a multiple of the usual step; no clip is cut across it.
 GAP = 2.5
-#: Force, as a multiple of the sensor's scale, that is out of its range. Strong touches are within
-#: twice (simulated ones too); pounds, kilograms and grams taken for newtons are 4 times or more.
+#: Largest plausible force, as a multiple of the sensor's scale. Strong touches are within twice
+#: (simulated ones too); pounds, kilograms and grams taken for newtons are 4 times or more.
 RANGE = 3.0
-#: Share of the scale of the normal force, and of the largest one here, that counts as pulling.
+#: Smallest pulling force, as a share of the scale of the normal force and of the largest one here.
 PULL = 0.05
-#: Pixels along a side below which a picture shows no contact.
+#: Smallest side of a picture in which a contact has a shape, pixels.
 TINY = 8
-#: Labelled frames from which forces that never change are no chance.
+#: Labelled frames from which constant forces are no coincidence.
 _FRAMES = 10
-#: Labels that are looked at over a whole set.
-_ALL = frozenset(("force", "object", "action"))
-#: Names that are kept to tell one from several.
+#: Names kept to tell one from several.
 _NAMES = 2
 
-#: Reasons that training and packing repeat, and what is done about each. The others are choices
-#: (no background), or change nothing that is learnt (gaps, over which no clip is cut).
+#: Reasons repeated by training and packing, with their fixes. The others are choices (no
+#: background), or do not affect learning (gaps: no clip is cut across one).
 FIXES = {
     "force_out_of_range": "is it grams (x 0.00981) or mN (x 0.001)? sign: of a layout multiplies",
     "pulling_force": "pressing is positive: does z point out of the gel (sign: [1, 1, -1]), or was "
@@ -45,12 +43,12 @@ FIXES = {
 
 @dataclass(frozen=True)
 class Suspicion:
-    """A reason a recording looks suspicious.
+    """A reason to distrust a recording.
 
     Attributes:
-        reason: Its name; `inspection.checks.REASONS` explains it.
-        value: The measured number, in the unit of the reason.
-        words: The same in words.
+        reason: Name of the reason; `inspection.checks.REASONS` explains it.
+        value: Measured number, in the unit of the reason.
+        words: Measured number in words.
     """
 
     reason: str
@@ -59,19 +57,19 @@ class Suspicion:
 
 
 def check_labels(recording: Recording) -> Iterator[Suspicion]:
-    """Checks of labels, times and sizes; decodes nothing."""
+    """Check labels, times and sizes; decodes nothing."""
     if recording.no_contact is None:
         yield Suspicion("no_background", 0.0, "no frame without contact")
     yield from _times(recording)
     yield from _force(recording)
     yield from _views(recording)
     height, width = recording.frames.shape
-    if min(height, width) < _least(recording.sensor):
+    if min(height, width) < _smallest_side(recording.sensor):
         yield Suspicion("tiny_pictures", min(height, width), f"{width} x {height} pixels")
 
 
-def _least(sensor: str) -> int:
-    """Pixels along a side that a sensor has at least: some have a few taxels, and no picture."""
+def _smallest_side(sensor: str) -> int:
+    """Smallest plausible side of a picture of a sensor, pixels: arrays have a few taxels."""
     with suppress(ConfigError):
         own = spec(sensor)
         return min([TINY, *(side for side in (own.height, own.width) if side > 0)])
@@ -79,18 +77,18 @@ def _least(sensor: str) -> int:
 
 
 class Doubts:
-    """Doubts about the recordings of a set; each kind is said once."""
+    """Doubts about the recordings of a set, each kind once."""
 
     def __init__(self) -> None:
         self.total = 0
         self._worst: dict[str, tuple[float, int, str]] = {}
-        self._felt = 0
+        self._force_frames = 0
         self._range = np.array([[np.inf] * 3, [-np.inf] * 3])
         self._objects: dict[str, set[str]] = {"object": set(), "action": set()}
         self._named = {"object": 0, "action": 0}
 
     def add(self, recording: Recording) -> None:
-        """Checks a recording."""
+        """Check a recording."""
         self.total += 1
         for flag in check_labels(recording):
             if flag.reason in FIXES:
@@ -102,7 +100,7 @@ class Doubts:
         force = recording.force
         if force is not None and np.isfinite(force).any():
             known = force[np.isfinite(force).any(axis=1)]
-            self._felt += len(known)
+            self._force_frames += len(known)
             self._range[0] = np.fmin(self._range[0], np.fmin.reduce(known))
             self._range[1] = np.fmax(self._range[1], np.fmax.reduce(known))
 
@@ -129,20 +127,21 @@ class Doubts:
     def of_all(
         self, labels: AbstractSet[str] = frozenset(("force", "object", "action"))
     ) -> list[str]:
-        """One line for each kind of doubt that no recording raises alone.
+        """One line for each kind of doubt about the set as a whole.
 
         Args:
-            labels: Those that have to differ for anything to be learnt from them.
+            labels: Labels to check for more than one value, as learning needs.
         """
         out = []
         low, high = self._range
         known = np.isfinite(low)
-        if "force" in labels and self._felt >= _FRAMES and (low[known] == high[known]).all():
-            said = ", ".join(f"{axis:g}" for axis in low[known])
-            what = "are all 0 N" if not low[known].any() else f"are all the same ({said} N)"
+        constant = (low[known] == high[known]).all()
+        if "force" in labels and self._force_frames >= _FRAMES and constant:
+            values = ", ".join(f"{axis:g}" for axis in low[known])
+            what = "are all 0 N" if not low[known].any() else f"are all the same ({values} N)"
             out.append(
-                f"the forces of all {self._felt} frames {what}: was the sensor of force connected, "
-                "and are its columns the right ones?"
+                f"the forces of all {self._force_frames} frames {what}: was the sensor of force "
+                "connected, and are its columns the right ones?"
             )
         for label, names in self._objects.items():
             if label in labels and len(names) == 1 and self._named[label] > 1:
@@ -172,9 +171,10 @@ def _force(recording: Recording) -> Iterator[Suspicion]:
     force = recording.force
     if force is None or not np.isfinite(force).any():
         return
-    force = np.where(np.isfinite(force).any(axis=0), force, 0.0)  # an axis that nobody measured
+    # an axis without any value was not measured; as NaN, it would be the largest of all
+    force = np.where(np.isfinite(force).any(axis=0), force, 0.0)
     scale = np.ones(3)
-    with suppress(ConfigError):  # a sensor that is not installed here
+    with suppress(ConfigError):  # the sensor is not installed here
         scale = np.array(spec(recording.sensor).force_scale)
         largest = np.nanmax(np.abs(force), axis=0)
         axis = int((largest / scale).argmax())

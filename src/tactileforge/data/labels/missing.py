@@ -1,18 +1,18 @@
-"""Words by which programs write that there is no value."""
+"""Words of programs for a missing value."""
 
 from __future__ import annotations
 
-#: In lower case: those of pandas, R, spreadsheets, JSON and people.
+#: Words for no value, in lower case: of pandas, R, spreadsheets, JSON and people.
 NO_VALUE = frozenset(
     ("nan", "-nan", "<na>", "nat", "na", "n/a", "n.a.", "#n/a", "#na", "null", "nil", "none")
 ) | {"?", "??", "-", "--", "\u2013", "\u2014"}
 
 
 def stated(text: object) -> str:
-    """The text of a cell, trimmed; "" where it is empty or says that there is no value.
+    """Text of a cell, trimmed; "" for an empty cell or a word for a missing value.
 
     Args:
-        text: A cell; None is one without a value.
+        text: Content of a cell; None for no value.
 
     Example:
         >>> stated(" bolt "), stated("NaN"), stated("N/A"), stated(None)

@@ -1,4 +1,4 @@
-"""Labels that cannot be true: slips of units, of columns and of exponents."""
+"""Implausible labels: slips of units, of columns and of exponents."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.specs import spec
 
-#: How many times the scale of a sensor a force may be: its gel would be long torn.
+#: Largest possible force, as a multiple of the sensor's scale: its gel would be long torn.
 _TIMES = 100.0
-#: Scale where a sensor is not known, N.
+#: Scale of an unknown sensor, N.
 _SCALE = (10.0, 10.0, 10.0)
-#: The largest number of float32, in which all is trained.
+#: Largest number of float32, the type of training.
 _LARGEST = float(np.finfo(np.float32).max)
 
 
 def limits(sensor: str) -> tuple[float, float, float]:
-    """The largest forces that a sensor can have felt, N by axis.
+    """Largest possible forces of a sensor, N by axis.
 
     Example:
         >>> limits("digit")
@@ -33,9 +33,9 @@ def limits(sensor: str) -> tuple[float, float, float]:
 
 
 def impossible_row(force: ArrayLike, sensor: str) -> int | None:
-    """The first row of forces, (T, 3), that cannot be true; None where all can.
+    """First row of impossible forces, (T, 3); None without one.
 
-    NaN says that there is no label, and is none of them.
+    NaN stands for a missing label, and is not impossible.
     """
     beyond = np.abs(np.asarray(force, np.float64)) > np.array(limits(sensor))
     rows = np.flatnonzero(beyond.any(axis=-1))
@@ -43,9 +43,9 @@ def impossible_row(force: ArrayLike, sensor: str) -> int | None:
 
 
 def impossible(recording: Recording) -> str:
-    """Names an impossible label of a recording in one line; "" where there is none.
+    """Describe an impossible label of a recording in one line; "" without one.
 
-    That is a force that its sensor cannot have felt, or any number that float32 has no place for.
+    An impossible label is a force beyond `limits`, or any number beyond float32.
     """
     if recording.force is not None:
         row = impossible_row(recording.force, recording.sensor)
@@ -66,9 +66,9 @@ def impossible(recording: Recording) -> str:
 
 
 def _force(recording: Recording, force: NDArray[np.floating], row: int) -> str:
-    said = ", ".join(f"{axis:g}" for axis in force[row])
+    values = ", ".join(f"{axis:g}" for axis in force[row])
     most = ", ".join(f"{axis:g}" for axis in limits(recording.sensor))
     return (
-        f"{recording.key}, row {row}: a force of ({said}) N, where {recording.sensor} can feel "
+        f"{recording.key}, row {row}: a force of ({values}) N, where {recording.sensor} can feel "
         f"({most}) N at most; correct its units"
     )

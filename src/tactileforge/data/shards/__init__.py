@@ -1,1 +1,1 @@
-"""Shards, their index, and how they are fetched."""
+"""Shards, their index, and their download."""

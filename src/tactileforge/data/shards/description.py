@@ -15,18 +15,18 @@ from tactileforge.data.frames.image_codecs import PackedFrames
 from tactileforge.errors import DataError
 from tactileforge.untrusted import load_json
 
-#: Version of the layout; a reader refuses another.
+#: Version of the layout; readers refuse other versions.
 VERSION = 3
 
-#: Types that a track may have.
+#: Types of tracks: numbers alone, as numpy would build objects and strings from a foreign file.
 _DTYPES = frozenset({"bool", *(f"{kind}{8 * n}" for kind in ("int", "uint") for n in (1, 2, 4, 8))})
 _DTYPES |= {"float16", "float32", "float64"}
-#: Errors that foreign plain data may raise where it is read.
+#: Errors of reading foreign plain data.
 WRONG = (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 
 
 def describe_recording(recording: Recording) -> dict[str, Any]:
-    """All of a recording but its images, as plain data."""
+    """Describe a recording without its images as plain data."""
     force = None
     if recording.force is not None:
         rows = _plain(recording.force.astype(float))
@@ -57,7 +57,7 @@ def describe_recording(recording: Recording) -> dict[str, Any]:
 
 
 def _plain(values: NDArray[Any]) -> list[Any]:
-    """Numbers as lists, NaN as None: there is no NaN in JSON."""
+    """Numbers as lists, NaN as None: JSON has no NaN (RFC 8259, section 6)."""
     if values.dtype.kind == "f" and np.isnan(values).any():
         unknown = np.isnan(values)
         values = values.astype(object)
@@ -67,19 +67,19 @@ def _plain(values: NDArray[Any]) -> list[Any]:
 
 
 def checksum(about: dict[str, Any]) -> int:
-    """Checksum of a description, whatever the order of its keys."""
+    """Checksum of a description, independent of the order of its keys."""
     return zlib.crc32(json.dumps(about, sort_keys=True).encode())
 
 
 def parse_description(text: bytes, where: str) -> dict[str, Any]:
-    """The description of a recording, whose version and checksum are right.
+    """Parse the description of a recording; checks its version and checksum.
 
     Args:
-        text: JSON.
-        where: Named by errors.
+        text: Text of the description, JSON.
+        where: Name of the text, for messages.
 
     Raises:
-        DataError: It is damaged, of another version, or no description.
+        DataError: The text is damaged, of another version, or no description.
     """
     try:
         about = load_json(text)
@@ -88,6 +88,7 @@ def parse_description(text: bytes, where: str) -> dict[str, Any]:
         actual = checksum(about)
     except WRONG as error:
         raise DataError(f"{where}: no description of a recording ({error!r})") from error
+    # before the checksum: of another version, a pack again is the fix, not a download
     if version != VERSION:
         raise DataError(
             f"{where}: shard version {version}, but this tactileforge reads {VERSION}; pack the "
@@ -101,10 +102,10 @@ def parse_description(text: bytes, where: str) -> dict[str, Any]:
 
 
 def build_recording(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Recording:
-    """The recording of a description.
+    """Build the recording of a description.
 
     Args:
-        about: As `describe_recording` gives it, from others.
+        about: Plain data of the form of `describe_recording`, not trusted.
         lazy: Frames of each group of images.
 
     Raises:
@@ -128,6 +129,7 @@ def build_recording(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Rec
     for name in ("object", "text"):
         if not isinstance(about[name], str | None):
             raise TypeError(f"{name} is {about[name]!r}, neither a string nor null")
+    # type(), not isinstance: JSON's true is a bool, and so an int
     if type(about["tier"]) is not int or not 1 <= about["tier"] <= 5:
         raise ValueError(f"tier is {about['tier']!r}, not 1 to 5")
     none = [math.nan] * 3
@@ -159,7 +161,7 @@ def build_recording(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Rec
 def _track(track: Any) -> NDArray[Any]:
     if track["dtype"] not in _DTYPES:
         raise TypeError(f"a track of {track['dtype']!r}")
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore"):  # the check below names the track
         values = np.array(track["values"], track["dtype"])
     if values.dtype.kind == "f" and np.isinf(values).any():
         raise ValueError(f"a track has a number that no {track['dtype']} holds")
@@ -176,7 +178,7 @@ def _actions(rows: Any) -> NDArray[np.int64] | None:
 
 
 def _views(rows: Any, image: PackedFrames | None) -> NDArray[np.float64] | None:
-    """Times of the views of a camera."""
+    """Parse the times of camera views."""
     if rows is None:
         return None
     times = np.array(rows, np.float64)
@@ -187,7 +189,7 @@ def _views(rows: Any, image: PackedFrames | None) -> NDArray[np.float64] | None:
 
 
 def _labels(labels: Any) -> dict[str, str | float]:
-    """Labels by name; one that is null is no number."""
+    """Parse labels by name; null is NaN."""
     labels = dict(labels)
     for name, value in labels.items():
         if not isinstance(value, str | int | float | None):

@@ -1,4 +1,4 @@
-"""Fetches files of a folder: on this machine, or behind any URL that webdataset opens."""
+"""Files of a folder of shards: on this machine, or behind any URL for webdataset."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from tactileforge import downloads, files
 from tactileforge.errors import DataError
 from tactileforge.files import new_part, sweep_parts
 
-#: Bytes of an index, and seconds that it may take; more are none of ours.
+#: Largest size of an index, bytes, and longest download of it, seconds.
 _MAX_TEXT, _TEXT_SECONDS = 1 << 28, 1800.0
-#: Files of this process whose checksum is known, in the state in which it was read.
+#: Files verified by this process, in the state in which they were read.
 _CHECKED: set[tuple[str, int, int, int, str]] = set()
 
 
-#: Times that a file may vanish from the cache while it is checked.
-_GONE = 10
+#: Attempts to get a file before another process removes it from the cache.
+_ATTEMPTS = 10
 
 
 class ShardFolder:
     """A folder of shards.
 
     Args:
-        root: A path, or a URL (``https://...``, ``hf://...``, ``gs://...``).
-        cache: Where files of a URL are kept.
-        cache_gb: What they may take together, GB; None for no limit. Files used longest ago go
-            first.
+        root: Path, or URL (``https://...``, ``hf://...``, ``gs://...``).
+        cache: Folder for downloaded files.
+        cache_gb: Largest size of the cache, GB; None for no limit. The least recently used files
+            are removed first.
     """
 
     def __init__(self, root: str, cache: Path, cache_gb: float | None = None) -> None:
@@ -40,7 +40,7 @@ class ShardFolder:
         self.remote = (
             bool(re.fullmatch(r"[a-z][a-z0-9+]+", parts.scheme)) and parts.scheme != "file"
         )
-        if parts.scheme == "pipe":
+        if parts.scheme == "pipe":  # webdataset would run it in a shell
             raise DataError(f"{root}: a command is never run to get data; give a path or a URL")
         self.root = root.rstrip("/")
         self.path = Path(unquote(parts.path) if parts.scheme == "file" else root).expanduser()
@@ -49,10 +49,10 @@ class ShardFolder:
             self.path = cache / hashlib.sha256(self.root.encode()).hexdigest()[:16]
 
     def text(self, name: str) -> bytes:
-        """A small file of JSON, as it is now.
+        """Read a small file of JSON in its current state.
 
         Raises:
-            DataError: It cannot be read.
+            DataError: The file cannot be read.
         """
         try:
             if not self.remote:
@@ -70,44 +70,45 @@ class ShardFolder:
             raise DataError(f"{self.root}/{name}: cannot be read ({error})") from error
 
     def get(self, name: str, size: int, sha256: str) -> Path:
-        """A file on this machine, checked; what has to be fetched is kept.
+        """Verified file on this machine; downloads it to the cache if needed.
 
         Args:
-            name: Its name in the folder.
-            size: Its size in bytes.
-            sha256: Its checksum.
+            name: Name of the file in the folder.
+            size: Size of the file, bytes.
+            sha256: SHA-256 of the file, hexadecimal.
 
         Raises:
-            DataError: It is not there, or is another file than was asked for.
+            DataError: The file is missing, or differs in size or checksum.
         """
         path = self.path / name
-        for _ in range(_GONE if self.remote else 1):
+        for _ in range(_ATTEMPTS if self.remote else 1):
             with suppress(FileNotFoundError):
-                return self._got(path, size, sha256)
+                return self._verified(path, size, sha256)
         why = (
-            f"removed {_GONE} times as soon as it was fetched; give more than "
+            f"removed {_ATTEMPTS} times as soon as it was fetched; give more than "
             f"data.cache_gb={self.cache_gb}"
             if self.remote
             else "listed in the index, but not there"
         )
         raise DataError(f"{path}: {why}")
 
-    def _got(self, path: Path, size: int, sha256: str) -> Path:
-        """The file; other processes may remove it from the cache at any time."""
-        if self.remote and not (path.exists() and self._is(path, sha256)):
-            self._fetch(path, size, sha256)  # in place of what was damaged since it was kept
-        elif not self._is(path, sha256):
+    def _verified(self, path: Path, size: int, sha256: str) -> Path:
+        """Path of the file; other processes may remove it from the cache at any time."""
+        if self.remote and not (path.exists() and self._has_checksum(path, sha256)):
+            self._fetch(path, size, sha256)  # also in place of a file damaged in the cache
+        elif not self._has_checksum(path, sha256):
             raise DataError(
                 f"{path}: {path.stat().st_size} bytes that are not the {size} of the index (their "
                 "SHA-256 is another): damaged, or another shard; download or pack it again"
             )
         if self.remote:
             with suppress(OSError):
-                os.utime(path, (time.time(), path.stat().st_mtime))  # used now
+                # marks it as used: mounts with noatime or relatime do not record every read
+                os.utime(path, (time.time(), path.stat().st_mtime))
         return path
 
-    def _is(self, path: Path, sha256: str) -> bool:
-        """Whether a file has a checksum; each state of a file is read once in a process."""
+    def _has_checksum(self, path: Path, sha256: str) -> bool:
+        """Whether a file has a checksum; reads each state of a file once in a process."""
         try:
             state = _state(path, sha256)
             if state not in _CHECKED:

@@ -9,25 +9,26 @@ from pathlib import Path
 from tactileforge.data.frames.image_codecs import CODECS, GROUPS
 from tactileforge.errors import DataError
 
-#: Members that are looked at.
+#: Members to look at.
 _LOOKED = 64
 _GROUP = "|".join(re.escape(prefix) for prefix in GROUPS.values() if prefix)
-#: Names of images of a shard; those of descriptions are what others use as well.
+#: Names of images of a shard. Names of descriptions (``000000.json``) are common elsewhere, too.
 _OURS = re.compile(rf"\d{{6,}}\.({_GROUP})?\d{{4,}}\.({'|'.join(CODECS)})")
 
 
 class ForeignShardError(DataError):
-    """A tar file is not one of tactileforge's."""
+    """Error for a tar file of another program."""
 
 
 def check_foreign(path: Path) -> None:
-    """Raises an error where a tar file is that of another program.
+    """Check for a tar file of another program.
 
     Args:
-        path: A file of which no recording could be read.
+        path: File without a readable recording.
 
     Raises:
-        ForeignShardError: None of its first members is an image of a shard; says what they are.
+        ForeignShardError: None of its first members is an image of a shard; the message lists
+            their endings.
     """
     names = _member_names(path)
     endings = sorted({Path(name).suffix.removeprefix(".") for name in names})
@@ -42,7 +43,7 @@ def check_foreign(path: Path) -> None:
 
 
 def _member_names(path: Path) -> list[str]:
-    """Names of the first files of a tar file; [] where it is none."""
+    """Names of the first files of a tar file; [] for another file."""
     names: list[str] = []
     try:
         with tarfile.open(path, "r:") as tar:

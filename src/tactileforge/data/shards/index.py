@@ -19,23 +19,23 @@ from tactileforge.untrusted import load_json
 
 #: Name of the file.
 NAME = "index.json"
-#: Version of its layout; a reader refuses another.
+#: Version of its layout; readers refuse other versions.
 VERSION = 4
-#: What a shard may be called: never a path, so that an index cannot point elsewhere.
+#: Names of shards: never a path, so that an index cannot point elsewhere.
 _FILE = re.compile(r"[A-Za-z0-9_][\w.\-]*\.tar")
 
 
 @dataclass(frozen=True)
 class IndexEntry:
-    """One shard.
+    """Row of one shard.
 
     Attributes:
-        file: Its name in the folder.
-        bytes: Its size.
-        sha256: Its checksum.
+        file: Name of the shard in the folder.
+        bytes: Size of the shard.
+        sha256: SHA-256 of the shard, hexadecimal.
         first: Smallest `sort_key` of its recordings.
         last: Largest `sort_key` of its recordings.
-        summary: What it holds.
+        summary: Counts of its recordings.
     """
 
     file: str
@@ -47,10 +47,10 @@ class IndexEntry:
 
     @classmethod
     def of(cls, path: Path) -> IndexEntry:
-        """Reads a shard and sums it up.
+        """Read a shard and build its row.
 
         Raises:
-            DataError: It is damaged, or two of its recordings have one key.
+            DataError: The shard is damaged, or two of its recordings have one key.
         """
         summary, places = Summary(), []
         for recording in shards.read_shard(path):
@@ -65,7 +65,7 @@ class IndexEntry:
         return cls(path.name, path.stat().st_size, sha256(path), first, last, summary)
 
     def to_json(self) -> dict[str, Any]:
-        """As plain data; see `from_json`."""
+        """The row as plain data; see `from_json`."""
         return {
             "file": self.file,
             "bytes": self.bytes,
@@ -77,7 +77,7 @@ class IndexEntry:
 
     @classmethod
     def from_json(cls, row: Mapping[str, Any]) -> IndexEntry:
-        """The entry that `to_json` wrote.
+        """Build a row from plain data of `to_json`.
 
         Raises:
             KeyError: A value is missing.
@@ -95,11 +95,11 @@ class Index:
     """All shards of a folder.
 
     Attributes:
-        name: Of the data set.
+        name: Name of the data set.
         splits: Shards of ``train`` and ``val``.
-        sorted: Whether recordings lie in the order of `sort_key`, so that shards do not overlap.
-        made: How they were made, as plain data.
-        statistics: Of each split, as plain data; what `data pack` found while it read.
+        sorted: Whether recordings lie in the order of `sort_key`, without overlapping shards.
+        made: Provenance of the shards, as plain data.
+        statistics: Statistics of each split by `data pack`, as plain data.
     """
 
     name: str
@@ -109,7 +109,7 @@ class Index:
     statistics: dict[str, Any] = field(default_factory=dict)
 
     def save(self, folder: Path) -> None:
-        """Writes ``index.json``: beside its place, then renamed."""
+        """Write ``index.json``: beside its place, then renamed."""
         text = {
             "version": VERSION,
             "name": self.name,
@@ -125,17 +125,18 @@ class Index:
 
 
 def parse_index(text: str | bytes, where: str) -> Index:
-    """Reads the text of an ``index.json``.
+    """Parse the text of an ``index.json``.
 
     Args:
-        text: The text.
-        where: Where it comes from, for messages.
+        text: Text of the file.
+        where: Name of the text, for messages.
 
     Raises:
-        DataError: It is no index, is damaged or of another version, or two shards hold the same
-            recordings.
+        DataError: The text is no index, is damaged or of another version, or two shards hold the
+            same recordings.
     """
     try:
+        # the version before the seal, which other versions may write in another way
         version = load_json(text)["version"]
         if version != VERSION:
             raise DataError(
@@ -173,17 +174,17 @@ def _check_apart(index: Index, where: str) -> None:
 
 
 def sort_key(object: str | None, key: str) -> str:
-    """Key by which recordings are ordered, 32 hexadecimal digits.
+    """Sort key of recordings, 32 hexadecimal digits.
 
-    What one object felt stands together, and objects stand in an order that says nothing about
-    them: a part of the whole is a fair sample of it, and pairs lie in one shard.
+    Touches of one object stand together, and the order of objects is random: a part of the whole is
+    a fair sample of it, and pairs lie in one shard.
     """
     whole = object if object is not None else key
     return _digest(whole) + _digest(key)
 
 
 def sort_recordings(recordings: Iterable[Recording]) -> list[Recording]:
-    """Recordings in the order of `sort_key`."""
+    """Sort recordings by `sort_key`."""
     return sorted(recordings, key=lambda recording: sort_key(recording.object, recording.key))
 
 

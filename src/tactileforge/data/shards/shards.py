@@ -1,9 +1,9 @@
-"""Shards: plain tar files of recordings, that any tool can read (`docs/shards.md`).
+"""Shards: plain tar files of recordings, readable by any tool (`docs/shards.md`).
 
 A recording is ``KEY.json`` (all but the images), ``KEY.background.0000.jpg`` and on,
 ``KEY.image.0000.jpg`` and on, ``KEY.surface.0000.png`` and on, and ``KEY.0000.jpg`` and on. The
-JSON says how large each image is and its checksum, so a shard is opened by reading its JSON
-alone, and images are read, and checked, where they lie.
+JSON states the size and checksum of each image. So a shard is opened by reading its JSON alone, and
+images are read and checked in place.
 """
 
 from __future__ import annotations
@@ -59,23 +59,23 @@ __all__ = [
 ]
 
 _JSON = re.compile(r"\d{6,}\.json")
-#: Largest JSON that is read, bytes.
+#: Largest JSON to read, bytes.
 _MAX_JSON = 1 << 26
-#: Largest image that is read, bytes.
+#: Largest image to read, bytes.
 _MAX_PICTURE = 1 << 28
 
 
 @dataclass(frozen=True)
 class Packed:
-    """A recording whose images are encoded.
+    """A recording with encoded images.
 
     Attributes:
-        head: All else, as plain data.
-        codec: One of `CODECS`.
+        head: Description of the recording, as plain data.
+        codec: Codec of the images, one of `CODECS`.
         frames: Encoded frames.
-        background: Encoded frames without contact; [] where there are none.
-        image: Encoded camera images; [] where there are none.
-        surface: Encoded displacements of the surface, PNG; [] where there are none.
+        background: Encoded frames without contact; [] for none.
+        image: Encoded camera images; [] for none.
+        surface: Encoded displacements of the surface, PNG; [] for none.
     """
 
     head: dict[str, Any]
@@ -87,10 +87,10 @@ class Packed:
 
 
 def write_shard(path: Path, recordings: Iterable[Packed]) -> None:
-    """Writes a shard: beside its place, then renamed. The same content gives the same bytes.
+    """Write a shard: beside its place, then renamed. The same content gives the same bytes.
 
     Raises:
-        DataError: A recording has a number that is infinite, or a time that is NaN; names it.
+        DataError: A recording has an infinite number, or a NaN among its times.
     """
     with new_part(path) as part:
         with tarfile.open(part, "w", format=tarfile.USTAR_FORMAT) as tar:
@@ -101,6 +101,7 @@ def write_shard(path: Path, recordings: Iterable[Packed]) -> None:
 
 def _add(tar: tarfile.TarFile, stem: str, packed: Packed) -> None:
     def member(name: str, content: bytes) -> None:
+        # TarInfo's defaults have no time and no owner, so equal content gives equal bytes
         info = tarfile.TarInfo(f"{stem}.{name}")
         info.size = len(content)
         tar.addfile(info, io.BytesIO(content))
@@ -135,15 +136,15 @@ def _raise(error: DataError) -> None:
 
 
 def read_shard(path: Path, bad: Callable[[DataError], None] = _raise) -> Iterator[Recording]:
-    """The recordings of a shard; no image is read.
+    """Read the recordings of a shard; reads no image.
 
     Args:
-        path: The file.
-        bad: Is told of each recording that is damaged, and of a file that is cut off; the others
-            are yielded all the same. Raises unless something else is given.
+        path: Path of the shard.
+        bad: Callback for a damaged recording or a truncated file; the others are yielded all the
+            same. The default raises the error.
 
     Raises:
-        DataError: The file is no shard, or is of another version or program; names it.
+        DataError: The file is no shard, or one of another version or program.
     """
     try:
         with path.open("rb") as file:
@@ -153,6 +154,8 @@ def read_shard(path: Path, bad: Callable[[DataError], None] = _raise) -> Iterato
 
 
 def _scan(file: BinaryIO, path: Path, bad: Callable[[DataError], None]) -> Iterator[Recording]:
+    # Two positions: `place` trusts the sizes of the JSON and jumps over the images; `pictures` is
+    # the first image, to go on member by member if nothing lies where the JSON says.
     size = os.fstat(file.fileno()).st_size
     place = pictures = found = 0
     while True:
@@ -161,14 +164,14 @@ def _scan(file: BinaryIO, path: Path, bad: Callable[[DataError], None]) -> Itera
         except DataError:
             if place == pictures:
                 raise
-            place = pictures  # the images are not what was stated: go from member to member
+            place = pictures  # the sizes were wrong: go from member to member
             continue
         if member is None:
             break
         name, length = member
         start, place = place + BLOCK, place + BLOCK + _padded(length)
         pictures = place
-        if not _JSON.fullmatch(name):  # after a damaged description, its images follow
+        if not _JSON.fullmatch(name):  # an image, after a damaged description
             if ".." in name or name.startswith("/"):
                 text = f"{path}: a member is called {name!r}; this is not a tactileforge shard"
                 bad(DataError(text))
@@ -192,12 +195,12 @@ def _scan(file: BinaryIO, path: Path, bad: Callable[[DataError], None]) -> Itera
         yield recording
     if not found:
         check_foreign(path)
-    if place + BLOCK > size:  # a whole tar ends with blocks of zeros
+    if place + BLOCK > size:  # a whole tar ends with two blocks of zeros (POSIX ustar)
         bad(DataError(f"{path}: cut off at byte {size}; download or pack it again"))
 
 
 def _member(file: BinaryIO, path: Path, place: int) -> tuple[str, int] | None:
-    """Name and size of the member at a place; None at the end."""
+    """Name and size of the member at a position; None at the end."""
     file.seek(place)
     block = file.read(BLOCK)
     if len(block) < BLOCK or not block.strip(b"\0"):
@@ -206,13 +209,13 @@ def _member(file: BinaryIO, path: Path, place: int) -> tuple[str, int] | None:
         info = tarfile.TarInfo.frombuf(block, "utf-8", "surrogateescape")
     except tarfile.HeaderError as error:
         raise DataError(f"{path}: no tar at byte {place} ({error}); pack it again") from error
-    if not 0 <= info.size < 1 << 60:
+    if not 0 <= info.size < 1 << 60:  # base-256 sizes may be negative or beyond a seek
         raise DataError(f"{path}: a member of {info.size} bytes at byte {place}; pack it again")
     return info.name, info.size
 
 
 def is_whole(path: Path) -> bool:
-    """Whether a shard is there, and every description and picture of it is what was written."""
+    """Whether a shard exists with undamaged descriptions and pictures."""
     if not path.is_file():
         return False
     try:
@@ -226,7 +229,7 @@ def is_whole(path: Path) -> bool:
 
 
 def keep_whole(paths: Iterable[Path]) -> list[str]:
-    """Removes shards that are damaged, so that they are made anew; returns their names."""
+    """Remove damaged shards, to be made anew; returns their names."""
     damaged = [path for path in paths if path.exists() and not is_whole(path)]
     for path in damaged:
         log.warning("%s: damaged, so it is made anew", path)
@@ -235,10 +238,10 @@ def keep_whole(paths: Iterable[Path]) -> list[str]:
 
 
 def members(path: Path) -> Iterator[tuple[str, bytes]]:
-    """Names of the members of a tar file, and what they hold.
+    """Yield the names and contents of the members of a tar file.
 
     Raises:
-        DataError: It is no tar file, or cut off; names it.
+        DataError: The file is no tar file, or truncated.
     """
     with path.open("rb") as file:
         place, size = 0, os.fstat(file.fileno()).st_size
@@ -255,7 +258,7 @@ def _padded(size: int) -> int:
 
 
 def _recording(path: Path, stem: str, about: Any, place: int) -> tuple[Recording, int]:
-    """A recording whose JSON ends at a place, and where the next one begins."""
+    """Recording of a description with its JSON up to a position, and the end of its images."""
     where = f"{path}:{about.get('key', stem)}"
     place = _padded(place)
     try:

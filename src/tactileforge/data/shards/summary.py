@@ -11,17 +11,17 @@ import numpy as np
 
 from tactileforge.contracts import AXES, LABELS, Recording
 
-#: Labels that are fields of a recording, less force, which may lack axes.
+#: Labels with a field of a recording, without force (it may lack axes).
 _FIELDS = frozenset({"action", "object", "text", "image", "surface"})
 
-#: What is counted: labels, and the axes along which there is force.
+#: Counted labels, and axes of force.
 COUNTED = (*LABELS, *(f"force.{axis}" for axis in AXES))
 
 
 def labels_of(recording: Recording) -> list[str]:
-    """Labels of `COUNTED` that a recording has.
+    """Labels of a recording, of `COUNTED`.
 
-    A force that is NaN throughout is none, nor is an action that is unknown in every frame.
+    A force of NaN in every frame does not count, nor does an action unknown in every frame.
     """
     there = [key for key in LABELS if key in _FIELDS and getattr(recording, key) is not None]
     acted = recording.action is not None and (recording.action >= 0).any()
@@ -35,7 +35,7 @@ def labels_of(recording: Recording) -> list[str]:
 
 
 def counted(labels: Mapping[str, int], label: str) -> str:
-    """A count for a table; of forces by axis, where not all are known alike."""
+    """Format a count for a table; of forces by axis, if the axes differ."""
     count = labels.get(label, 0)
     axes = {axis: labels.get(f"{label}.{axis}", 0) for axis in AXES}
     partial = label == "force" and any(axes.values()) and set(axes.values()) != {count}
@@ -49,13 +49,13 @@ def counted(labels: Mapping[str, int], label: str) -> str:
 
 @dataclass(frozen=True, order=True)
 class RecordingKind:
-    """Recordings that are counted together.
+    """Key of recordings counted together.
 
     Attributes:
         sensor: Name of the sensor.
-        source: Where they come from.
-        licence: As `contracts.Recording` says it.
-        tier: 1 to 5.
+        source: Source of the recordings.
+        licence: Licence, see `contracts.Recording`.
+        tier: Tier of tactile dynamics, 1 to 5.
     """
 
     sensor: str
@@ -69,10 +69,10 @@ class Count:
     """Counts of one kind.
 
     Attributes:
-        recordings: Recordings.
-        frames: Frames.
-        seconds: How long the frames last, without gaps between them; a still lasts no time.
-        labels: Recordings that carry each of `COUNTED`, whole or in part.
+        recordings: Number of recordings.
+        frames: Number of frames.
+        seconds: Duration of the frames without gaps, s; 0 for a still.
+        labels: Recordings with each label of `COUNTED`, whole or in part.
     """
 
     recordings: int = 0
@@ -91,14 +91,14 @@ class Summary(dict[RecordingKind, Count]):
 
     @classmethod
     def of(cls, recordings: Iterable[Recording]) -> Summary:
-        """Counts recordings; decodes nothing."""
+        """Count recordings; decodes nothing."""
         summary = cls()
         for recording in recordings:
             summary.add(recording)
         return summary
 
     def add(self, recording: Recording) -> None:
-        """Counts one more."""
+        """Count one more recording."""
         kind = RecordingKind(recording.sensor, recording.source, recording.licence, recording.tier)
         count = self.setdefault(kind, Count())
         count.recordings += 1
@@ -107,7 +107,7 @@ class Summary(dict[RecordingKind, Count]):
         count.labels.update(labels_of(recording))
 
     def merge(self, other: Mapping[RecordingKind, Count]) -> None:
-        """Adds the counts of another summary."""
+        """Add the counts of another summary."""
         for kind, theirs in other.items():
             count = self.setdefault(kind, Count())
             count.recordings += theirs.recordings
@@ -117,17 +117,17 @@ class Summary(dict[RecordingKind, Count]):
 
     @property
     def recordings(self) -> int:
-        """Their number."""
+        """Number of recordings of all kinds."""
         return sum(count.recordings for count in self.values())
 
     @property
     def frames(self) -> int:
-        """Number of frames of all."""
+        """Number of frames of all kinds."""
         return sum(count.frames for count in self.values())
 
     @property
     def seconds(self) -> float:
-        """Duration of all."""
+        """Duration of all kinds, s."""
         return sum(count.seconds for count in self.values())
 
     @property
@@ -137,12 +137,12 @@ class Summary(dict[RecordingKind, Count]):
 
     @property
     def labels(self) -> frozenset[str]:
-        """The labels that at least one recording carries."""
+        """Labels of at least one recording."""
         present = {key for count in self.values() for key, n in count.labels.items() if n}
         return frozenset(present & set(LABELS))
 
     def to_json(self) -> list[dict[str, Any]]:
-        """As plain data; see `from_json`."""
+        """The summary as plain data; see `from_json`."""
         return [
             {
                 "sensor": kind.sensor,
@@ -159,7 +159,7 @@ class Summary(dict[RecordingKind, Count]):
 
     @classmethod
     def from_json(cls, rows: Iterable[Mapping[str, Any]]) -> Summary:
-        """The summary that `to_json` wrote.
+        """Build a summary from plain data of `to_json`.
 
         Raises:
             KeyError: A row lacks a value.

@@ -105,6 +105,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
     force = _force(keys.force, f"{where}: force")
     action = _action(keys, f"{where}: action")
     _check(keys, each, where)
+    # labels of the layout: objectives with others are refused before any file is read
     provided = {
         "force": force is not None,
         "action": action is not None,
@@ -267,8 +268,9 @@ def _action(keys: LayoutKeys, where: str) -> str | FrameTable | tuple[ActionRang
         return None
     if action == "force" and not keys.force:
         raise ConfigError(f"{where}: force is not given; add force: {{file: ..., columns: ...}}")
-    if action != "force" and not template_columns(action):
-        check_action(action, where)
+    if action not in ("force", *ACTIONS) and not template_columns(action):
+        known = (*ACTIONS, "force", "none", "{column}")
+        raise ConfigError(f"{where}: {unknown('action', action, known)}")
     return action
 
 

@@ -11,7 +11,7 @@ import pickletools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -26,9 +26,44 @@ def load_pickle(path: str | Path) -> Any:
         DataNotFoundError: There is no such file.
         DataError: The file is damaged, or holds more than plain data; names the file.
     """
+    return _run(path, lambda file: None)
+
+
+def load_pickled_array(path: str | Path) -> Any:
+    """Content of a ``.npy`` file of objects, as from `load_pickle`; an array of them is a list.
+
+    Args:
+        path: File written by ``numpy.save`` for an object, such as a dict, or an array of them.
+
+    Raises:
+        DataNotFoundError: There is no such file.
+        DataError: The file is damaged, holds numbers alone, or more than plain data; names the
+            file.
+    """
+    content = _run(path, _skip_header)
+    # an array without axes holds one object
+    return content[0] if isinstance(content, list) and len(content) == 1 else content
+
+
+def _skip_header(file: BinaryIO) -> None:
+    """Reads the header of a ``.npy`` file up to its pickle."""
+    version = np.lib.format.read_magic(file)
+    read = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }.get(version)
+    if read is None:
+        raise ValueError(f"a .npy file of version {version}")
+    if read(file)[2].kind != "O":
+        raise ValueError("a .npy file of numbers, where one of objects belongs")
+
+
+def _run(path: str | Path, start: Callable[[BinaryIO], None]) -> Any:
+    """Content of the pickle in a file, after ``start`` has read what is before it."""
     machine = _Machine(str(path))
     try:
         with open(path, "rb") as file:
+            start(file)
             for opcode, argument, position in pickletools.genops(file):
                 machine.run(opcode.name, argument, position or 0)
         return machine.result()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.contracts import Frames, FrameSubset, Guess, Recording
 from tactileforge.data.frames.companions import is_companion
 from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.lazy import ImageFrames
@@ -67,6 +67,10 @@ class PublishedDataset(ABC):
         splits: Available splits.
         chosen: Selected split.
         provides: Labels of its recordings.
+        marks: Glob patterns below the root by which a download is recognised; any of them is
+            enough, and () recognises nothing.
+        certainty: Score of such a guess: .5 for names that other data may have, 1 for its own.
+        doubts: What a user of it has to check, one line each.
         skipped: One line for each unreadable recording.
 
     Raises:
@@ -82,6 +86,9 @@ class PublishedDataset(ABC):
     tree: ClassVar[str]
     splits: tuple[OfficialSplit, ...] = (ALL,)
     provides: frozenset[str] = frozenset()
+    marks: ClassVar[tuple[str, ...]] = ()
+    certainty: ClassVar[float] = 0.5
+    doubts: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, root: str, split: str = "all", val: float = 0.1) -> None:
         named = {one.name: one for one in self.splits}
@@ -178,6 +185,26 @@ class PublishedDataset(ABC):
         )
 
     @classmethod
+    def recognise(cls, root: Path) -> Guess | None:
+        """Guesses from names of files and folders whether this reader reads a folder.
+
+        Args:
+            root: A folder, or anything else.
+
+        Returns:
+            The options of the reader; None for a folder of something else.
+        """
+        if not any(_has(root, mark) for mark in cls.marks):
+            return None
+        first = cls.citation.split(",")[0]
+        return Guess(
+            options={"root": str(root)},
+            format=f"{cls.name} ({first})",
+            score=cls.certainty,
+            doubts=cls.doubts,
+        )
+
+    @classmethod
     def row(cls) -> str:
         """The data set as a row of the table in ``docs/datasets.md``."""
         cells = (
@@ -190,6 +217,15 @@ class PublishedDataset(ABC):
             ", ".join(f"`{split.name}`" for split in cls.splits),
         )
         return f"| {' | '.join(cells)} |"
+
+
+def _has(root: Path, pattern: str) -> bool:
+    """Whether a folder has a match of a glob pattern, other than a companion file."""
+    try:
+        found = (path for path in root.glob(pattern) if not is_companion(path.relative_to(root)))
+        return next(found, None) is not None
+    except OSError:
+        return False
 
 
 class NumberedImages:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Recording
+from tactileforge.contracts import Guess, Recording
 from tactileforge.data.frames.encoded import EncodedFrames
 from tactileforge.datasets.reading.official import OfficialSplit
 from tactileforge.datasets.reading.pickles import load_pickle
@@ -107,6 +107,12 @@ class SparshTrajectories(PublishedDataset):
     dataset_digit_00.pkl ...   (dataset_gelsight_00.pkl ...)
     dataset_slip_forces.pkl"""
     provides = frozenset({"force", "object"})
+    marks = (f"*/*/{_LABELS}",)
+    certainty = 1.0
+    doubts = (
+        "the same files are read by sparsh_force and sparsh_slip",
+        "directions of x and y in the picture are not published",
+    )
     by_sensor: ClassVar[Mapping[str, tuple[OfficialSplit, ...]]]
 
     def __init__(
@@ -123,6 +129,16 @@ class SparshTrajectories(PublishedDataset):
         super().__init__(root, split, val)
         self.sensor = sensor
         self.fps = fps
+
+    @classmethod
+    def recognise(cls, root: Path) -> Guess | None:
+        """See `PublishedDataset.recognise`; names of the files tell the sensor."""
+        guess = super().recognise(root)
+        if guess is None:
+            return None
+        has = {name: any(root.glob(f"*/*/dataset_{file}_*.pkl")) for name, file in _FILES.items()}
+        sensor = next((name for name, found in has.items() if found), "digit")
+        return replace(guess, options={**guess.options, "sensor": sensor})
 
     def _items(self) -> Iterator[RecordingItem]:
         files = sorted(self._folder(".").glob(f"*/*/{_LABELS}"))

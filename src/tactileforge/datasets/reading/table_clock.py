@@ -37,13 +37,14 @@ def on_frames(
     assert table.time is not None
     date = date_unit(rows)
     seconds = rows * UNITS[table.unit or "s"]
+    # rows with dates can be compared with the frames only by the date of the first frame
     if date and start is not None:
         seconds = rows * UNITS[table.unit or date] - start
     found = misfit(seconds, times, table.partial)
     if found is None:
         return seconds
     where = f"{path}: the column {table.time!r} {found.words}"
-    if not found.certain:
+    if not found.certain:  # few labels are no wrong labels: say it, and go on
         note(f"{where}; {found.fix}, and say partial: true if they do")
         return seconds
     fix = found.fix

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
-from tactileforge.data.labels.align import resampled
+from tactileforge.data.labels.align import resample
 from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.plausible import impossible_row, limits
 from tactileforge.datasets.reading.files import read_text
@@ -24,6 +24,8 @@ from tactileforge.datasets.reading.layout_keys import FrameTable
 from tactileforge.datasets.reading.table_clock import on_frames
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 
+#: Lines of a CSV among which a header that is not the first is looked for.
+_HEAD = 30
 #: Place and cells of a row.
 Row: TypeAlias = tuple[str, dict[str, str]]
 #: Function from a table, its path, its row times and the frames' times to row times on the frames'
@@ -60,10 +62,15 @@ def read_force(
         DataError: A cell is not a finite number, or a force beyond the sensor's range; or a row
             has an invalid frame, or is not later than the one before.
     """
+    if abs(table.lag_s) > times[-1] - times[0] > 0:
+        raise DataError(
+            f"{path}: lag_s is {table.lag_s:g}, longer than the recording of "
+            f"{times[-1] - times[0]:.3g} s; give seconds, such as 0.07"
+        )
     if table.time is not None:
         clock, measured = _on_a_clock(table, path, sensor)
         clock = fit(table, path, clock, times)
-        return resampled(times - table.lag_s, clock, measured).astype(np.float32)
+        return resample(times - table.lag_s, clock, measured).astype(np.float32)
     force = np.full((len(times), 3), np.nan)
     for frame, where, cells in _per_frame(table, path, len(times), images):
         force[frame] = _force(table, where, cells, sensor)
@@ -187,6 +194,20 @@ def read_cells(
         raise DataError(f"{path}: not a CSV ({error}); save it as one") from error
 
 
+def _odd_header(header: Sequence[str], lines: Sequence[str], name: str) -> str:
+    """The way to mend a header whose columns are not found: another separator, or lines above."""
+    for mark, word in ((";", "semicolons"), ("\t", "tabs")):
+        if any(mark in cell for cell in header):
+            return (
+                f"Columns are separated by {word} here: save the file as CSV with commas, and "
+                "decimals with points."
+            )
+    for number, line in enumerate(lines[1:_HEAD], 2):
+        if name in (cell.strip() for cell in line.split(",")):
+            return f"Line {number} names the columns: remove the lines above it."
+    return ""
+
+
 def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[tuple[str, dict[str, str]]]:
     with StringIO(read_text(path), newline="") as file:
         reader = csv.DictReader(file, restval="", skipinitialspace=True)
@@ -195,7 +216,8 @@ def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[tuple[str, dic
             raise DataError(f"{path}: two columns are called {twice[0]!r}; rename one")
         for name in needed:
             if name not in header:
-                raise ConfigError(f"{path}: {unknown('column', name, header)}")
+                fix = _odd_header(header, file.getvalue().splitlines(), name)
+                raise ConfigError(f"{path}: {unknown('column', name, header, fix)}")
         rows = []
         line = reader.line_num
         for cells in reader:

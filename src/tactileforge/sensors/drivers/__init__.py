@@ -1,1 +1,1 @@
-"""Sensor plugins that come with the package."""
+"""Sensor plugins of the package."""

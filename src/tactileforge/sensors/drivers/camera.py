@@ -19,54 +19,55 @@ from tactileforge.errors import ConfigError, SensorError, TactileForgeError
 from tactileforge.sensors.drivers.v4l2 import (
     VideoDevice,
     attached_cameras,
-    choices,
+    describe_choices,
+    explain_failure,
     matching,
     video_devices,
-    why_not,
 )
 from tactileforge.sensors.frame_contract import check_orientation
 from tactileforge.sensors.specs import spec
 
-# Seconds that OpenCV waits for a frame of a device; it reads them once.
+# OpenCV's wait for a frame of a device, s; its default of 10 s would hide a lost camera for as
+# long. OpenCV reads this once, when its V4L backend is first used.
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "2")
 
-#: A frame that does not come sooner than this is late, and the device is still there.
+#: Shortest failed wait for a frame of an attached device, s: a lost one fails at once.
 _AT_ONCE = 1.0
-#: Manual exposure, as Video4Linux numbers it.
+#: Manual exposure, V4L2_EXPOSURE_MANUAL of Video4Linux.
 _MANUAL = 1
 
 
 class Camera(Sensor):
     """A camera read by OpenCV.
 
-    What is asked for is checked: a camera that gives another resolution, or does not know a
-    control, is an error. A driver of a known sensor subclasses it, gives what is known to
-    ``super().__init__``, and overrides `adjust` or `prepare` where it needs more.
+    Requested options are checked: another resolution, or an unknown control, is an error. A driver
+    of a known sensor subclasses it, gives the known options to ``super().__init__``, and overrides
+    `adjust` or `prepare` if it needs more.
 
-    A video file is played in real time: a frame comes when it is due, and one that nobody read in
-    time is lost.
+    A video file is played in real time: a frame comes when it is due, and a frame not read in time
+    is lost.
 
     Args:
         device: Number, path, URL, ``usb:VENDOR:PRODUCT``, ``serial:NUMBER`` or ``name:PART`` of
             its name; or a video file.
         type: Name of the type of sensor, in recordings; see `tactileforge.sensors.specs`.
-        width: Columns to ask for; None for what it gives.
-        height: Rows to ask for.
-        fps: Frames a second to ask for.
-        fourcc: Pixel format to ask for, for example ``MJPG``.
+        width: Requested columns; None for the default of the camera.
+        height: Requested rows; None for the default of the camera.
+        fps: Requested frames a second; None for the default of the camera.
+        fourcc: Requested pixel format, for example ``MJPG``.
         exposure: Exposure in the units of the camera; None for automatic.
         white_balance: Colour temperature, K; None for automatic.
         border: Share of height and width to cut off at each side.
-        crop: Left, top, width and height of what is shown then, in pixels; None for all.
-        rotation: Degrees to turn it counter-clockwise then: 0, 90, 180 or 270.
-        resize: Height and width at last; None to leave it.
-        warmup: Frames to throw away when it is opened.
+        crop: Left, top, width and height to show after that, pixels; None for all.
+        rotation: Degrees to turn it counter-clockwise after that: 0, 90, 180 or 270.
+        resize: Final height and width, pixels; None for no resizing.
+        warmup: Frames to throw away after opening.
 
     Attributes:
-        spec: That of the type; once open with height, width and rate of the frames.
-        address: Path of the open device; "" while none is open, and of a file.
-        unit: Its serial number; "" where it has none.
-        damaged: Frames that could not be decoded.
+        spec: Spec of the type; once open, with height, width and rate of the frames.
+        address: Path of the open device; "" for none, and for a file.
+        unit: Serial number of the device; "" for none.
+        damaged: Number of undecodable frames.
     """
 
     spec = SensorSpec(
@@ -115,7 +116,7 @@ class Camera(Sensor):
         self._next = 0
 
     def discover(self) -> list[str]:
-        """Paths of the cameras that are attached and fit ``device``; a file or URL itself."""
+        """Paths of the attached cameras for ``device``; a file or URL itself."""
         device, there = self.device, video_devices()
         if "://" in device or Path(device).is_file():
             return [device]
@@ -125,12 +126,12 @@ class Camera(Sensor):
         return [camera.path for camera in chosen or matching(device, there)]
 
     def open(self) -> None:
-        """Opens the camera, and sets the requested controls.
+        """Open the camera, and set the requested controls.
 
         Raises:
-            SensorError: It is absent, busy, several fit, it does not do what is asked for, or its
-                frames lie on their side.
-            ConfigError: The crop lies outside its frames.
+            SensorError: The camera is absent, busy or ambiguous, refuses an option, or its frames
+                lie on their side.
+            ConfigError: The crop lies outside the frames.
         """
         self.close()
         source = self._locate()
@@ -140,7 +141,7 @@ class Camera(Sensor):
         self._capture = capture
         try:
             if not capture.isOpened():
-                raise SensorError(why_not(source))
+                raise SensorError(explain_failure(source))
             self._set_up(capture, source)
             self.address = os.path.realpath(source) if is_device else ""
             there = (self.number(c) for c in video_devices() if c.path == self.address)
@@ -153,11 +154,11 @@ class Camera(Sensor):
         self._start, self._next = time.monotonic(), 0
 
     def number(self, camera: VideoDevice) -> str:
-        """Serial number of an attached camera, "" where it has none."""
+        """Serial number of an attached camera; "" for none."""
         return camera.serial
 
     def _locate(self) -> str:
-        """The device, file or URL to open."""
+        """Device, file or URL to open."""
         if self.device.isdigit():
             return f"/dev/video{self.device}" if sys.platform == "linux" else self.device
         if not self.device.startswith(("usb:", "serial:", "name:")):
@@ -167,11 +168,11 @@ class Camera(Sensor):
             others = attached_cameras(video_devices())
             raise SensorError(f"no camera {self.device} is attached{others}; plug it in")
         if len(paths) > 1:
-            raise SensorError(f"{self.device} fits {choices(paths)}")
+            raise SensorError(f"{self.device} fits {describe_choices(paths)}")
         return paths[0]
 
     def _set_up(self, capture: Any, source: str) -> None:
-        if self.fourcc:
+        if self.fourcc:  # first: it decides which resolutions and rates there are
             capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*self.fourcc))
         asked = {
             "width": (cv2.CAP_PROP_FRAME_WIDTH, self.width),
@@ -181,6 +182,7 @@ class Camera(Sensor):
         for control, value in asked.values():
             if value is not None:
                 capture.set(control, value)
+        # read back: set() of V4L cameras succeeds with the nearest mode they have
         got = {name: float(capture.get(control)) for name, (control, _) in asked.items()}
         for name, (_, value) in asked.items():
             if value is not None and got[name] > 0 and abs(got[name] - value) > 0.01 * value:
@@ -195,14 +197,15 @@ class Camera(Sensor):
             self.adjust(capture)
 
     def adjust(self, capture: Any) -> None:
-        """Sets the controls of a device that has just been opened.
+        """Set the controls of a device just opened.
 
         Args:
-            capture: OpenCV's capture; see `control`.
+            capture: Capture of OpenCV; see `control`.
 
         Raises:
-            SensorError: It does not know a control.
+            SensorError: Unknown control.
         """
+        # automatic modes off first: cameras ignore or refuse values under their automatic control
         if self.exposure is not None:
             capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL)
             self.control(capture, "exposure", cv2.CAP_PROP_EXPOSURE, self.exposure)
@@ -211,16 +214,16 @@ class Camera(Sensor):
             self.control(capture, "white_balance", cv2.CAP_PROP_WB_TEMPERATURE, self.white_balance)
 
     def control(self, capture: Any, name: str, control: int, value: float) -> None:
-        """Sets a control of the device.
+        """Set a control of the device.
 
         Args:
-            capture: OpenCV's capture.
-            name: What to call it in an error.
-            control: OpenCV's number of it.
-            value: In the units of the camera.
+            capture: Capture of OpenCV.
+            name: Name of the control, for messages.
+            control: OpenCV's number of the control.
+            value: Value in the units of the camera.
 
         Raises:
-            SensorError: It does not know the control.
+            SensorError: Unknown control.
         """
         if not capture.set(control, value):
             raise SensorError(
@@ -229,18 +232,18 @@ class Camera(Sensor):
             )
 
     def _specified(self, size: tuple[int, int], fps: float | None) -> SensorSpec:
-        """Spec of the prepared frames, from their size as captured."""
+        """Spec of the prepared frames, given the size of captured ones."""
         height, width = self.prepare(np.zeros((*size, 3), np.uint8)).shape[:2]
         return replace(self.spec, height=height, width=width, fps=fps or self.spec.fps)
 
     def read(self, timeout: float = 1.0) -> Frame:
-        """The next frame, with the time of the driver if it has one.
+        """Read the next frame, with the time of the driver if it has one.
 
         Raises:
-            TactileForgeError: It is not open.
-            SensorError: It is gone, or its frames have another size than before.
+            TactileForgeError: The camera is not open.
+            SensorError: The camera is gone, or the size of its frames has changed.
             TimeoutError: No frame within ``timeout`` seconds; a device may take two.
-            EOFError: A file is over.
+            EOFError: The end of a file.
         """
         end = time.monotonic() + timeout
         while True:
@@ -263,7 +266,7 @@ class Camera(Sensor):
         return Frame(array=self.prepare(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)), time=taken)
 
     def _grab(self, capture: Any) -> float:
-        """Waits for the next frame of a device; returns its time."""
+        """Wait for the next frame of a device; returns its time, monotonic seconds."""
         start = time.monotonic()
         good = capture.grab()
         now = time.monotonic()
@@ -272,11 +275,12 @@ class Camera(Sensor):
                 raise SensorError(f"{self.device}: gives no frame any more; is it plugged in?")
             raise TimeoutError(f"{self.device}: no frame within {now - start:.1f} s")
         driver = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000
-        # Drivers of UVC cameras stamp frames on the same clock; others give nothing of use.
+        # drivers of UVC cameras stamp frames by CLOCK_MONOTONIC, the clock of time.monotonic();
+        # times of other drivers are of another clock, or 0
         return driver if self._last < driver <= now < driver + _AT_ONCE else now
 
     def _play(self, capture: Any, end: float) -> float:
-        """Waits until a frame of a file is due, and skips late ones."""
+        """Wait for the due time of a frame of a file, and skip late frames."""
         period = 1 / self.spec.fps
         if self._start + self._next * period > end:
             time.sleep(max(0.0, end - time.monotonic()))
@@ -292,13 +296,13 @@ class Camera(Sensor):
                 return due
 
     def prepare(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Cuts, turns and resizes a frame.
+        """Cut, turn and resize a frame.
 
         Args:
-            frame: uint8 (H, W, 3), RGB, as the camera gives it.
+            frame: Captured frame, uint8 (H, W, 3), RGB.
 
         Returns:
-            uint8, as the spec says.
+            uint8 (height, width, 3), with the size of the spec.
         """
         high, wide = int(self.border * frame.shape[0]), int(self.border * frame.shape[1])
         frame = frame[high : frame.shape[0] - high, wide : frame.shape[1] - wide]
@@ -311,7 +315,7 @@ class Camera(Sensor):
         return np.ascontiguousarray(frame)
 
     def close(self) -> None:
-        """Releases the camera; a second call does nothing."""
+        """Release the camera; a second call does nothing."""
         capture, self._capture = self._capture, None
         self.address = self.unit = ""
         if capture is not None:
@@ -319,11 +323,11 @@ class Camera(Sensor):
 
 
 def open_capture(source: str, backend: int) -> Any:
-    """OpenCV's capture of a device, file or URL, without OpenCV's log messages."""
+    """Open a device, file or URL by OpenCV, without its log messages."""
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(0)
     try:
-        if source.isdigit():  # not on Linux: cameras have numbers only
+        if source.isdigit():  # not on Linux: cameras have only numbers there
             return cv2.VideoCapture(int(source))
         return cv2.VideoCapture(source, backend)
     finally:

@@ -11,33 +11,34 @@ from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.drivers.packet_sensor import NO_PICTURE, Line, Marks, PacketSensor
 
-#: The least size that is told from 0, and the largest change from packet to packet, of ``most``.
+#: Smallest value distinct from 0, and largest change from packet to packet, as shares of ``most``.
+#: Bytes of a misread packet often decode to floats far below any resolution of a sensor.
 _LEAST, _CHANGE = 1e-14, 0.1
 
 
 class ForceTorque(PacketSensor):
     """A wrench sensor: forces and torques.
 
-    A driver of a known device subclasses it, gives what is known to ``super().__init__``, and
-    overrides `start`, `wrench` or `new_parser` where its protocol asks for more.
+    A driver of a known device subclasses it, gives the known options to ``super().__init__``, and
+    overrides `start`, `wrench` or `new_parser` if its protocol needs more.
 
     Args:
         port: Path of the serial port, or ``HOST:PORT``; see `Line`.
-        link: ``serial``, ``udp`` or ``tcp``.
-        payload: What a packet carries, as `struct` writes it; its last six values are forces x, y,
-            z and torques x, y, z.
-        scale: What each of the six is multiplied by to be in N and N m.
-        header: What a packet begins with, hexadecimal.
-        footer: What it ends with, hexadecimal.
-        checksum: See `checksums.CHECKSUMS`.
-        covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
-        request: What makes the device send, hexadecimal; "" for one that sends by itself.
-        farewell: What makes it stop, hexadecimal.
-        most: Largest force (N) and torque (N m) that can be true. Where there is no checksum, a
-            packet that changes by more than a tenth of it must be borne out by the next.
+        link: Kind of connection: ``serial``, ``udp`` or ``tcp``.
+        payload: Format of the payload, as for `struct`; its last six values are forces x, y, z and
+            torques x, y, z.
+        scale: Factors of the six values to N and N m.
+        header: First bytes of a packet, hexadecimal.
+        footer: Last bytes of a packet, hexadecimal.
+        checksum: Name of the checksum, one of `checksums.CHECKSUMS`.
+        covers: Bytes covered by the checksum: ``packet`` (header and payload) or ``payload``.
+        request: Bytes to make the device send, hexadecimal; "" for none.
+        farewell: Bytes to make the device stop, hexadecimal; "" for none.
+        most: Largest possible force (N) and torque (N m). Without a checksum, a change by more than
+            a tenth of it must be confirmed by the next packet.
         fps: Samples a second.
         baudrate: Bits a second.
-        usb: Vendor and product of the USB device that the serial port belongs to.
+        usb: Vendor and product of the USB device of the serial port; "" for any.
     """
 
     spec = SensorSpec(
@@ -79,24 +80,24 @@ class ForceTorque(PacketSensor):
         self.scale = np.array(scale, np.float64)
 
     def wrench(self, payload: bytes) -> NDArray[np.float64]:
-        """Forces and torques of a packet.
+        """Decode forces and torques of a packet.
 
         Args:
-            payload: Without header, checksum and footer.
+            payload: Payload, without header, checksum and footer.
 
         Returns:
             float64 (6,), N and N m.
 
         Raises:
-            ValueError: The packet says that it does not count; it is counted as bad.
+            ValueError: The packet declares itself invalid; it is counted as bad.
         """
         return self.numbers(payload)[-6:] * self.scale
 
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """An empty image, and the wrench."""
+        """Decode a packet to an empty image and the wrench, float32 (6,)."""
         wrench = self.wrench(payload)
         sizes = np.abs(wrench)
-        if not (sizes <= self.most).all():  # nor where it is no number
+        if not (sizes <= self.most).all():  # also true for NaN
             raise ValueError("a wrench that cannot be")
         if ((sizes > 0) & (sizes < _LEAST * self.most)).any():
             raise ValueError("a wrench of parts that are too small to be measured")

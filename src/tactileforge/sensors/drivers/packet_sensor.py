@@ -1,4 +1,4 @@
-"""Base of drivers whose packets carry numbers, over a serial port or the network."""
+"""Base of drivers for packets of numbers, over a serial port or the network."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from tactileforge.sensors.framing import (
 from tactileforge.sensors.links import Link, SerialLink, TcpLink, UdpLink, attached_ports
 from tactileforge.sensors.stream import StreamSensor
 
-#: What a device without pictures has for one.
+#: Picture of a device without pictures.
 NO_PICTURE: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
 _LINKS = ("serial", "udp", "tcp")
-#: Largest number of a port of the network.
+#: Largest number of a network port.
 _LAST_PORT = 65535
 
 
@@ -34,11 +34,10 @@ class Line:
     """Connection to a device.
 
     Attributes:
-        port: Path of the serial port, or ``HOST:PORT``; ``:PORT`` takes datagrams that
-            anybody sends to this machine.
-        link: ``serial``, ``udp`` or ``tcp``.
+        port: Path of the serial port, or ``HOST:PORT``; ``:PORT`` takes datagrams from anybody.
+        link: Kind of connection: ``serial``, ``udp`` or ``tcp``.
         baudrate: Bits a second.
-        usb: Vendor and product of the USB device that the serial port belongs to.
+        usb: Vendor and product of the USB device of the serial port; "" for any.
     """
 
     port: str = ""
@@ -49,15 +48,15 @@ class Line:
 
 @dataclass(frozen=True)
 class Marks:
-    """Framing of the numbers of a packet; all but the checksum hexadecimal.
+    """Framing of the numbers of a packet; bytes are hexadecimal.
 
     Attributes:
-        header: What a packet begins with.
-        footer: What it ends with.
-        checksum: See `checksums.CHECKSUMS`.
-        covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
-        request: What makes the device send; "" for one that sends by itself.
-        farewell: What makes it stop.
+        header: First bytes of a packet.
+        footer: Last bytes of a packet.
+        checksum: Name of the checksum, one of `checksums.CHECKSUMS`.
+        covers: Bytes covered by the checksum: ``packet`` (header and payload) or ``payload``.
+        request: Bytes to make the device send; "" for none.
+        farewell: Bytes to make the device stop; "" for none.
     """
 
     header: str = "aa55"
@@ -69,21 +68,21 @@ class Marks:
 
 
 class PacketSensor(StreamSensor):
-    """A device that sends packets of numbers.
+    """Base of devices with packets of numbers.
 
     Args:
-        line: How it is reached.
-        payload: What a packet carries, as `struct` writes it.
-        least: How many numbers that must be.
-        marks: What is around them.
+        line: Connection to the device.
+        payload: Format of the payload, as for `struct`.
+        least: Smallest number of values in the payload.
+        marks: Framing of the payload.
         fps: Packets a second.
 
     Attributes:
         most_change: Largest change of each value of ``Frame.raw`` from packet to packet, set by the
-            subclass. Where there is no checksum, a larger one must be borne out by the next packet.
+            subclass. Without a checksum, a larger one must be confirmed by the next packet.
 
     Raises:
-        ConfigError: An option makes no sense.
+        ConfigError: Invalid option.
     """
 
     most_change: NDArray[np.float64]
@@ -114,13 +113,13 @@ class PacketSensor(StreamSensor):
         )
 
     def discover(self) -> list[str]:
-        """Ports of the USB device, if one is named; else the port, if it exists."""
+        """Ports of the USB device if one is named; else the port if it exists."""
         if self.link != "serial":
             return []  # a network is not searched
         return attached_ports(self.port, self.usb)
 
     def connect(self) -> Link:
-        """Opens the serial port, or connects."""
+        """Open the serial port, or connect."""
         if self.link == "serial":
             return SerialLink(self.port or next(iter(self.discover()), ""), self.baudrate)
         host, colon, number = self.port.rpartition(":")
@@ -133,35 +132,35 @@ class PacketSensor(StreamSensor):
         return TcpLink(host, int(number))
 
     def new_parser(self) -> Parser:
-        """Whole datagrams of UDP; else packets."""
+        """Build a parser: of whole datagrams for UDP, else of packets."""
         if self.link == "udp":
             return Datagrams(self.framing.payload)
         return PacketParser(self.framing)
 
     def start(self, link: Link) -> None:
-        """Sends the request, if there is one."""
+        """Send the request, if there is one."""
         if self.request:
             link.send(self.request)
 
     def stop(self, link: Link) -> None:
-        """Sends the farewell, if there is one."""
+        """Send the farewell, if there is one."""
         if self.farewell:
             link.send(self.farewell)
 
     def follows(self, before: Arrival | None, after: Arrival) -> bool:
-        """Whether it has changed by no more than can be; a checksum says it as well."""
+        """Whether a packet is proven by a checksum, or by a plausible change of its values."""
         if self.framing.checksum != "none":
             return True
         return before is not None and self.is_smooth(before, after)
 
     def is_smooth(self, before: Arrival, after: Arrival) -> bool:
-        """Whether it has changed by no more than can be from packet to packet."""
+        """Whether the values change by at most `most_change` a packet."""
         return changes_by_at_most(self.most_change, before, after, self.spec.fps)
 
     def numbers(self, payload: bytes) -> NDArray[np.float64]:
-        """The numbers of a packet, float64 (count,)."""
+        """Unpack the numbers of a packet, float64 (count,)."""
         return np.array(struct.unpack(self.payload, payload), np.float64)
 
     @abstractmethod
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """See `StreamSensor.decode`."""
+        """Decode a packet; see `StreamSensor.decode`."""

@@ -1,4 +1,4 @@
-"""A sensor that replays a file, for live use without hardware."""
+"""Replay of a file as a sensor, for live use without hardware."""
 
 from __future__ import annotations
 
@@ -23,30 +23,30 @@ _IMAGES = {".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"}
 
 
 class Replay(Sensor):
-    """Replays a video, a folder of images in the order of their numbers, or a recording of a shard.
+    """Replay of a video, a folder of numbered images, or a recording of a shard.
 
-    In real time it behaves like a camera: a frame comes when it is due, and one that nobody read in
-    time is lost. Otherwise all come, as fast as they are read, with the times they would have had.
+    In real time it behaves like a camera: a frame comes when it is due, and a frame not read in
+    time is lost. Otherwise all come, as fast as they are read, with their due times.
 
     Args:
-        path: A video file, a folder of images, or a shard (``.tar``).
-        type: Type of sensor that made it; see `tactileforge.sensors.specs`. A shard says it itself.
-        key: Which recording of a shard; "" for the first.
-        realtime: Whether to wait until a frame is due.
+        path: Path of a video file, a folder of images, or a shard (``.tar``).
+        type: Type of the recorded sensor, see `tactileforge.sensors.specs`; not needed for a shard.
+        key: Key of the recording in a shard; "" for the first.
+        realtime: Whether to wait for the due time of a frame.
         loop: Whether to start again at the end.
         fps: Frames per second; None takes the times of the video or recording, and for images the
             rate of the type.
 
     Attributes:
-        spec: That of the type, and always of kind ``image``. Once open, height and width are those
-            of the frames.
+        spec: Spec of the type, always of kind ``image``; once open, with height and width of the
+            frames.
 
     Example:
         >>> with Replay("press.mp4", type="digit", realtime=False) as sensor:  # doctest: +SKIP
         ...     frame = sensor.read()
     """
 
-    #: Until it is open, of a shard.
+    #: Spec of a shard before it is open.
     spec = SensorSpec(
         name="replay", height=0, width=0, fps=30.0, area_mm=None, force_scale=(1.0, 1.0, 1.0)
     )
@@ -73,17 +73,17 @@ class Replay(Sensor):
         self._next = 0
 
     def discover(self) -> list[str]:
-        """The path, if it exists."""
+        """Path of the file, if it exists."""
         return [self.path] if self.path and Path(self.path).exists() else []
 
     def open(self) -> None:
-        """Opens the file and starts the clock.
+        """Open the file and start the clock.
 
         Raises:
             ConfigError: No path or type is given, or the shard has no such recording.
             DataNotFoundError: There is nothing at the path.
-            DataError: It is no video, or an image cannot be read.
-            SensorError: Its frames lie on their side.
+            DataError: The file is no video, or an image cannot be read.
+            SensorError: The frames lie on their side.
         """
         frames, times = self._source()
         if times is None or self.fps is not None:
@@ -97,7 +97,7 @@ class Replay(Sensor):
         self._start = time.monotonic()
 
     def _source(self) -> tuple[Frames, NDArray[np.float64] | None]:
-        """Frames of the file, and their times if it has any."""
+        """Frames of the file, and their times if there are any."""
         path = Path(self.path)
         if not self.path:
             raise ConfigError(
@@ -130,12 +130,12 @@ class Replay(Sensor):
         raise ConfigError(unknown(f"recording of {path}", self.key, keys))
 
     def read(self, timeout: float = 1.0) -> Frame:
-        """The next unseen frame.
+        """Read the next unseen frame.
 
         Raises:
-            TactileForgeError: It is not open.
+            TactileForgeError: The sensor is not open.
             TimeoutError: The next frame is due in more than ``timeout`` seconds.
-            EOFError: The end is reached, and ``loop`` is off.
+            EOFError: The end is reached without ``loop``.
         """
         if self._frames is None:
             raise TactileForgeError(
@@ -158,7 +158,7 @@ class Replay(Sensor):
         return self._start + rounds * (float(self._times[-1]) + step) + float(self._times[place])
 
     def _wait(self, timeout: float) -> None:
-        """Skips late frames, and waits for the next."""
+        """Skip late frames, and wait for the next."""
         now = time.monotonic()
         last = None if self.loop else len(self._times) - 1
         while (last is None or self._next < last) and self._due(self._next + 1) <= now:
@@ -170,11 +170,11 @@ class Replay(Sensor):
         time.sleep(max(0.0, wait))
 
     def close(self) -> None:
-        """Closes the file; a second call does nothing."""
+        """Close the file; a second call does nothing."""
         self._frames = None
 
 
 def _by_number(file: Path) -> list[tuple[bool, int, str]]:
-    """Sort key that puts ``2.png`` before ``10.png``."""
+    """Sort key of file names by their numbers: ``2.png`` before ``10.png``."""
     parts = re.findall(r"\d+|\D+", file.name)
     return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in parts]

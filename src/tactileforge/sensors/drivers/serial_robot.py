@@ -12,36 +12,36 @@ from tactileforge.contracts import SensorSpec
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.drivers.packet_sensor import NO_PICTURE, Line, Marks, PacketSensor
 
-#: Largest change of a state from packet to packet, of the range of the limits.
+#: Largest change of a state from packet to packet, as a share of the range of the limits.
 _CHANGE = 0.1
 
 
 class SerialRobot(PacketSensor):
-    """A robot, or its controller, that sends its state and the command that it follows.
+    """A robot, or its controller: sends its state and its present command.
 
     Each packet carries the state (joint angles, opening of the gripper) before a step, and then the
-    command of that step. Angles must go on without jumps of a turn: they are interpolated.
+    command of that step. Angles must not jump by a turn, as they are interpolated.
 
     Args:
         port: Path of the serial port, or ``HOST:PORT``; see `Line`.
-        link: ``serial``, ``udp`` or ``tcp``.
-        payload: What a packet carries, as `struct` writes it.
-        states: How many of its values are the state; the others are the action.
-        scale: What each value is multiplied by; one number for all, or one each.
-        header: What a packet begins with, hexadecimal.
-        footer: What it ends with, hexadecimal.
-        checksum: See `checksums.CHECKSUMS`.
-        covers: What the checksum is of: ``packet`` (header and payload) or ``payload``.
-        request: What makes it send, hexadecimal; "" for one that sends by itself.
-        farewell: What makes it stop, hexadecimal.
-        limits: Least and largest value that can be true, after scaling. Where there is no checksum,
-            a packet whose state changes by more than a tenth of that must be borne out by the next.
+        link: Kind of connection: ``serial``, ``udp`` or ``tcp``.
+        payload: Format of the payload, as for `struct`.
+        states: Number of values of the state; the others are the action.
+        scale: Factors of the values; one number for all, or one each.
+        header: First bytes of a packet, hexadecimal.
+        footer: Last bytes of a packet, hexadecimal.
+        checksum: Name of the checksum, one of `checksums.CHECKSUMS`.
+        covers: Bytes covered by the checksum: ``packet`` (header and payload) or ``payload``.
+        request: Bytes to make the device send, hexadecimal; "" for none.
+        farewell: Bytes to make the device stop, hexadecimal; "" for none.
+        limits: Smallest and largest possible value, after scaling. Without a checksum, a change of
+            the state by more than a tenth of their range must be confirmed by the next packet.
         fps: Packets a second.
         baudrate: Bits a second.
-        usb: Vendor and product of the USB device that the serial port belongs to.
+        usb: Vendor and product of the USB device of the serial port; "" for any.
 
     Raises:
-        ConfigError: An option makes no sense.
+        ConfigError: Invalid option.
     """
 
     spec = SensorSpec(
@@ -90,13 +90,13 @@ class SerialRobot(PacketSensor):
         self.most_change[:states] = _CHANGE * (self.limits[1] - self.limits[0])
 
     def decode(self, payload: bytes) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """An empty image, and state and action.
+        """Decode a packet to an empty image, and state and action.
 
         Raises:
             ValueError: A value is outside the limits.
         """
         values = self.numbers(payload) * self.scale
         least, most = self.limits
-        if not ((values >= least) & (values <= most)).all():  # nor where one is no number
+        if not ((values >= least) & (values <= most)).all():  # also true for NaN
             raise ValueError("a value that cannot be")
         return NO_PICTURE, values.astype(np.float32)

@@ -1,4 +1,4 @@
-"""A simulated tactile sensor in continual contact, for live use without hardware."""
+"""Simulated tactile sensor in continual contact, for live use without hardware."""
 
 from __future__ import annotations
 
@@ -16,36 +16,36 @@ from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import TactileForgeError
 from tactileforge.sensors.specs import spec
 
-#: A picture, and the force in it.
+#: A picture and its force.
 _Shown: TypeAlias = tuple[NDArray[np.uint8], NDArray[np.float32]]
 
 if TYPE_CHECKING:
     from tactileforge.sim.config import SimConfig
 
-#: Seconds by which the clock may be ahead of the frames before frames are left out.
+#: Largest lag of the frames behind the clock before frames are left out, s.
 _LATE = 0.1
 
 
 class SimSensor(Sensor):
     """An endless sequence of simulated touches from a seed.
 
-    In real time a frame comes when it is due; where nobody reads in time, or the machine is too
+    In real time a frame comes when it is due. If it is not read in time, or the machine is too
     slow, none comes meanwhile, and the touch goes on later. Otherwise frames come as fast as they
-    are simulated, with the times they would have had.
+    are simulated, with their due times.
 
     Args:
-        type: Type of the sensor, see `sensors.specs.SIMULATED`.
-        indenters: What touches: ``pretrain``, ``bench``, ``textures``, ``all``, or the name of a
-            shape.
-        motions: How: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or a motion.
-        size: Rows or columns of a frame, whichever are fewer.
-        realtime: Whether to wait until a frame is due.
-        seed: Another seed, other touches.
-        rest: Seconds without contact after it is opened, for a background.
+        type: Type of the sensor, one of `sensors.specs.SIMULATED`.
+        indenters: Touching objects: ``pretrain``, ``bench``, ``textures``, ``all``, or the name of
+            a shape.
+        motions: Motions: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or one motion.
+        size: Shorter side of a frame, pixels.
+        realtime: Whether to wait for the due time of a frame.
+        seed: Seed of the touches.
+        rest: Seconds without contact after opening, for a background.
 
     Attributes:
-        spec: That of the type, with the height, width and rate of the frames.
-        force: float32 (3,), of the object on the gel in the last frame that was read, N; x and y of
+        spec: Spec of the type, with height, width and rate of the frames.
+        force: float32 (3,), force of the object on the gel in the last frame read, N; x and y of
             the picture, z into the gel.
 
     Example:
@@ -76,14 +76,14 @@ class SimSensor(Sensor):
         self._fps, self._start, self._next = known.fps, 0.0, 0
 
     def discover(self) -> list[str]:
-        """Its only address: a simulated sensor is always attached."""
+        """Address of the sensor; a simulated one is always attached."""
         return [f"sim:{self.spec.name}"]
 
     def open(self) -> None:
-        """Starts the first touch and the clock.
+        """Start the first touch and the clock.
 
         Raises:
-            ConfigError: An unknown sensor, indenter or motion.
+            ConfigError: Unknown sensor, indenter or motion.
         """
         from tactileforge.sim.config import SimConfig
         from tactileforge.sim.scene import simulated_rate
@@ -103,15 +103,16 @@ class SimSensor(Sensor):
         self._fps = simulated_rate(self.spec.name)
         self.spec = replace(self.spec, fps=self._fps)
         frames = _rested(_frames(config), round(self.rest * self._fps))
-        self._frames = chain([next(frames)], frames)  # the first takes long
+        # the first frame is simulated before the clock starts, as it takes long
+        self._frames = chain([next(frames)], frames)
         self._next = 0
         self._start = time.monotonic()
 
     def read(self, timeout: float = 1.0) -> Frame:
-        """The next unseen frame.
+        """Read the next unseen frame.
 
         Raises:
-            TactileForgeError: It is not open.
+            TactileForgeError: The sensor is not open.
             TimeoutError: The next frame is due in more than ``timeout`` seconds.
         """
         if self._frames is None:
@@ -121,7 +122,7 @@ class SimSensor(Sensor):
         if self.realtime:
             self._wait(timeout)
         array, self.force = next(self._frames)
-        if self.realtime:  # the next touch may take long: its first frame is of now
+        if self.realtime:  # a new touch may take long to simulate: its first frame is due now
             late = time.monotonic() - self._start - self._next / self._fps
             self._next += max(0, int((late - _LATE) * self._fps))
         due = self._start + self._next / self._fps
@@ -139,24 +140,25 @@ class SimSensor(Sensor):
         time.sleep(max(0.0, wait))
 
     def close(self) -> None:
-        """Ends the touch; a second call does nothing."""
+        """End the touch; a second call does nothing."""
         self._frames = None
 
 
 def _rested(frames: Iterator[_Shown], number: int) -> Iterator[_Shown]:
-    """Prepends frames without contact."""
+    """Prepend frames without contact."""
     clear: list[_Shown] = []
     for shown in frames:
         clear.append(shown)
         if shown[1].any():
             break
-    yield from islice(cycle(clear[:-1] or clear), number)  # each has noise of its own
+    # the frames before the first contact, again and again; each has noise of its own
+    yield from islice(cycle(clear[:-1] or clear), number)
     yield from clear
     yield from frames
 
 
 def _frames(config: SimConfig) -> Iterator[_Shown]:
-    """Frames and forces of one touch after the other, on one unit of the sensor."""
+    """Yield frames and forces of one touch after the other, on one unit of the sensor."""
     from tactileforge.sim.play import play_scenes
 
     for number in count():

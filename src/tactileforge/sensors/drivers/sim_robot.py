@@ -1,4 +1,4 @@
-"""A simulated robot, for recording demonstrations without hardware."""
+"""Simulated robot, for recording demonstrations without hardware."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from tactileforge.sensors.drivers.sim_samples import SimSamples
 
 
 class SimRobot(SimSamples):
-    """Joints that swing; each is commanded where it will be a sample later.
+    """Swinging joints; the command of each is its state one sample later.
 
     It runs in real time. Joint i is at ``sin(2 pi t / period + i)``.
 
     Args:
-        joints: How many; as many states as actions.
+        joints: Number of joints, states and actions.
         fps: Samples a second.
         period: Seconds of a swing.
 
     Attributes:
-        spec: Kind ``robot``.
+        spec: Spec of kind ``robot``.
     """
 
     spec = replace(SerialRobot.spec, name="sim_robot", states=4, actions=4)
@@ -36,12 +36,12 @@ class SimRobot(SimSamples):
         self.spec = replace(self.spec, fps=fps, states=joints, actions=joints)
 
     def sample(self, seconds: float) -> NDArray[np.float32]:
-        """State and command at a time in seconds after opening, float32 (2 joints,)."""
+        """State and command at a time after opening, s; float32 (2 joints,)."""
         later = seconds + 1 / self.spec.fps
         return np.concatenate([self.state(seconds), self.state(later)])
 
     def state(self, seconds: float) -> NDArray[np.float32]:
-        """The joints at a time in seconds after opening, float32 (joints,)."""
+        """State of the joints at a time after opening, s; float32 (joints,)."""
         phase = 2 * np.pi * seconds / self.period + np.arange(self.joints)
         state: NDArray[np.float32] = np.sin(phase).astype(np.float32)
         return state

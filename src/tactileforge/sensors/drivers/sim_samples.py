@@ -14,13 +14,12 @@ from tactileforge.sensors.drivers.packet_sensor import NO_PICTURE
 
 
 class SimSamples(Sensor):
-    """Samples that fall due at the rate of the spec; a subclass says what they carry.
+    """Base of sensors with samples at the rate of the spec, computed by a subclass.
 
-    Samples that nobody has read yet come late and are not lost, as they wait in the buffer of a
-    serial port.
+    Unread samples come late and are not lost, as with the buffer of a serial port.
 
     Attributes:
-        start: Monotonic seconds at which it was opened; None while it is closed.
+        start: Time of opening, monotonic seconds; None while closed.
     """
 
     def __init__(self) -> None:
@@ -28,19 +27,19 @@ class SimSamples(Sensor):
         self._next = 0
 
     def discover(self) -> list[str]:
-        """Its only address: a simulated sensor is always attached."""
+        """Address of the sensor; a simulated one is always attached."""
         return [self.spec.name]
 
     def open(self) -> None:
-        """Starts the clock."""
+        """Start the clock."""
         self.start, self._next = time.monotonic(), 0
 
     def read(self, timeout: float = 1.0) -> Frame:
-        """The next sample.
+        """Read the next sample.
 
         Raises:
-            TactileForgeError: It is not open.
-            TimeoutError: It is due in more than ``timeout`` seconds.
+            TactileForgeError: The sensor is not open.
+            TimeoutError: The sample is due in more than ``timeout`` seconds.
         """
         if self.start is None:
             raise TactileForgeError(f"the {self.spec.name} is not open: use it in a with block")
@@ -55,8 +54,8 @@ class SimSamples(Sensor):
 
     @abstractmethod
     def sample(self, seconds: float) -> NDArray[np.float32]:
-        """The values at a time in seconds after opening; see `contracts.Frame.raw`."""
+        """Values at a time after opening, s; see `contracts.Frame.raw`."""
 
     def close(self) -> None:
-        """Stops; a second call does nothing."""
+        """Stop; a second call does nothing."""
         self.start = None

@@ -1,4 +1,4 @@
-"""A simulated wrench sensor, for recording forces without hardware."""
+"""Simulated wrench sensor, for recording forces without hardware."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tactileforge.sensors.drivers.sim_samples import SimSamples
 
 
 class SimWrench(SimSamples):
-    """One press per ``period``: normal force ``newton`` (1 - cos) / 2, and shear of a fifth.
+    """One press per ``period``: normal force ``newton`` (1 - cos) / 2, and a fifth of it as shear.
 
     It runs in real time.
 
@@ -22,11 +22,11 @@ class SimWrench(SimSamples):
         fps: Samples a second.
         newton: Largest normal force, N.
         period: Seconds from press to press.
-        bias: What it shows without load, N on every axis.
-        rest: Seconds without load after it is opened, for its tare.
+        bias: Reading without load, N on every axis.
+        rest: Seconds without load after opening, for its tare.
 
     Attributes:
-        spec: Kind ``wrench``, at that rate.
+        spec: Spec of kind ``wrench``, at that rate.
     """
 
     spec = replace(ForceTorque.spec, name="sim_wrench")
@@ -46,7 +46,7 @@ class SimWrench(SimSamples):
         self.spec = replace(self.spec, fps=fps)
 
     def sample(self, seconds: float) -> NDArray[np.float32]:
-        """The wrench at a time in seconds after opening, float32 (6,), N and N m."""
+        """Wrench at a time after opening, s; float32 (6,), N and N m."""
         phase = 2 * math.pi * max(0.0, seconds - self.rest) / self.period
         normal = self.newton * (1 - math.cos(phase)) / 2
         shear = 0.2 * normal

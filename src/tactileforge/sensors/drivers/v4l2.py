@@ -1,4 +1,4 @@
-"""Attached cameras, as listed by Linux, without opening them."""
+"""Cameras attached to a Linux machine, listed without opening them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-#: Where Linux lists them, and where they have names that tell their sockets.
+#: Folder of the list of cameras, and folder of links named by their sockets.
 SYSTEM, BY_PATH = Path("/sys/class/video4linux"), Path("/dev/v4l/by-path")
 
 
@@ -18,10 +18,10 @@ class VideoDevice:
     """An attached camera.
 
     Attributes:
-        path: For example ``/dev/video0``.
-        name: What it calls itself.
-        usb: Vendor and product, for example ``2833:0209``; "" where it is not on USB.
-        serial: Its serial number; "" where it has none.
+        path: Path of the device, for example ``/dev/video0``.
+        name: Name of the device.
+        usb: Vendor and product, for example ``2833:0209``; "" for a device not on USB.
+        serial: Serial number; "" for none.
     """
 
     path: str
@@ -31,13 +31,14 @@ class VideoDevice:
 
 
 def video_devices(system: Path | None = None) -> list[VideoDevice]:
-    """Attached cameras by number, without metadata-only nodes.
+    """Attached cameras by number.
 
     Args:
-        system: Folder that lists them; None for that of this machine.
+        system: Folder of the list; None for that of this machine.
     """
     folder = system or SYSTEM
     nodes = sorted(folder.glob("video*"), key=lambda node: int(re.sub(r"\D", "", node.name) or 0))
+    # index 0 alone: uvcvideo makes a second node a camera, for metadata without pictures
     return [_device(node) for node in nodes if _text(node / "index") in ("", "0")]
 
 
@@ -57,11 +58,11 @@ def _text(path: Path) -> str:
 
 
 def matching(words: str, devices: list[VideoDevice]) -> list[VideoDevice]:
-    """Cameras that match ``usb:VENDOR:PRODUCT``, ``serial:NUMBER`` or ``name:PART``.
+    """Select cameras by ``usb:VENDOR:PRODUCT``, ``serial:NUMBER`` or ``name:PART``.
 
     Args:
-        words: The description; what it does not begin with is matched with nothing.
-        devices: Those to choose from.
+        words: Description in one of these forms; others match nothing.
+        devices: Cameras to choose from.
     """
     what, _, value = words.partition(":")
     match what:
@@ -75,35 +76,35 @@ def matching(words: str, devices: list[VideoDevice]) -> list[VideoDevice]:
 
 
 def attached_cameras(devices: list[VideoDevice]) -> str:
-    """Lists cameras with their serial numbers, for an error.
+    """List cameras with their serial numbers, for an error.
 
     Args:
-        devices: The attached ones, see `video_devices`.
+        devices: Attached cameras, see `video_devices`.
     """
-    told = [f"{c.path} {c.name} {c.serial}".strip() for c in devices]
-    return f" (attached: {', '.join(told) or 'none'})"
+    listed = [f"{c.path} {c.name} {c.serial}".strip() for c in devices]
+    return f" (attached: {', '.join(listed) or 'none'})"
 
 
-def choices(paths: Sequence[str], by_path: Path | None = None) -> str:
-    """Lists cameras with their serial numbers, and says how one is chosen, for an error.
+def describe_choices(paths: Sequence[str], by_path: Path | None = None) -> str:
+    """List cameras with their serial numbers and ways to choose one, for an error.
 
     Args:
-        paths: Of the cameras, more than one.
-        by_path: Folder of links that are named by socket; None for that of this machine.
+        paths: Paths of more than one camera.
+        by_path: Folder of links named by socket; None for that of this machine.
     """
     serials = {camera.path: camera.serial for camera in video_devices()}
-    told = ", ".join(f"{path} {serials.get(path, '')}".strip() for path in paths)
+    listed = ", ".join(f"{path} {serials.get(path, '')}".strip() for path in paths)
     numbers = [serials.get(path, "") for path in paths]
     if all(numbers) and len(set(numbers)) == len(numbers):
-        return f"{told}; choose with device=serial:{numbers[0]}"
+        return f"{listed}; choose with device=serial:{numbers[0]}"
     folder = by_path or BY_PATH
     links = sorted(link for link in folder.glob("*") if os.path.realpath(link) in paths)
     names = " or ".join(f"device={link}" for link in links) or f"device={folder}/..."
-    return f"{told}; serial numbers do not tell them apart: choose by socket, with {names}"
+    return f"{listed}; serial numbers do not tell them apart: choose by socket, with {names}"
 
 
-def why_not(source: str) -> str:
-    """Explains why OpenCV cannot open a device, file or URL, with the fix."""
+def explain_failure(source: str) -> str:
+    """Explain a failure of OpenCV to open a device, file or URL, with the fix."""
     path = Path(source)
     if path.is_file():
         return f"{source}: not a video that can be read"
@@ -113,6 +114,7 @@ def why_not(source: str) -> str:
         others = attached_cameras(video_devices())
         return f"{source}: no such camera{others}; plug it in, or set device="
     try:
+        # OpenCV only says that it failed: opening the node once more gives the reason of the system
         os.close(os.open(source, os.O_RDWR | os.O_NONBLOCK))
     except OSError as error:
         if error.errno == errno.EACCES:

@@ -16,7 +16,8 @@ from torch import Tensor
 
 #: Exponents of nx and ny in the features at full resolution.
 POWERS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
-#: Size of a cell of the coarse grid, and standard deviations of its blurs, mm.
+#: Size of a cell of the coarse grid, and standard deviations of its blurs, mm. Light in a gel
+#: scatters over several distances; the fit of a calibration weighs the three.
 CELL = 0.25
 BLURS = (0.3, 1.0, 2.0)
 #: Distances at which a shadow searches for an obstacle to the light, mm; slope of the light's path;

@@ -77,6 +77,7 @@ def draw_instance(
     scale = pixel_spacing(sensor, height) * row["scale"]
     how = _calibration(style, row)
     mixing = _mixing(row)
+    # a blend of the measured backgrounds; 4 makes most units resemble one or two of them
     shares = torch.softmax(
         4 * row["specimen"] * _randn(row, "backgrounds", len(how.backgrounds)), 0
     )
@@ -91,6 +92,7 @@ def draw_instance(
     return SensorInstance(
         sensor=sensor,
         seed=seed,
+        # inside 0..255, so that noise is not cut off on one side and the background not saturated
         background=still.clamp(4, 251),
         calibration=how.coloured(mixing),
         spacing=scale,

@@ -175,7 +175,8 @@ def environment_id(task: str) -> str:
     """Gymnasium id of a task.
 
     Args:
-        task: Name of a task of this package, or an id, ``module:Name-v0``.
+        task: Name of a task of this package, or an id: ``tactileforge/Chip-v0``,
+            ``module:Name-v0``, ``module:namespace/Name-v0``, or one that is registered.
 
     Raises:
         ConfigError: There is no such task; the message names the nearest.
@@ -187,7 +188,7 @@ def environment_id(task: str) -> str:
         importlib.import_module(
             module or "tactileforge_policies.envs"
         )  # registers its environments
-        if module:
+        if module or name in gymnasium.registry:
             gymnasium.spec(name)
             return name
     except (ImportError, gymnasium.error.Error) as error:

@@ -26,7 +26,8 @@ class ProbeTraining:
         lr: Learning rates; each is a setting of its own.
         optimiser: ``adamw`` or ``adam``.
         betas: Decay rates of the optimiser's two running means.
-        weight_decay: Weight decay of all parameters, as the optimiser applies it.
+        weight_decay: Weight decay of all parameters; ``adamw`` shrinks weights by it, ``adam`` adds
+            it to the gradient (L2), which weakens it where gradients are large.
         schedule: ``cosine`` to 0, a step at a time, or ``constant``.
     """
 

@@ -1,4 +1,4 @@
-"""Views of a batch with tokens computed in advance by a frozen encoder."""
+"""Views of touches whose tokens are known: a finished pass, or tokens computed in advance."""
 
 from __future__ import annotations
 
@@ -12,26 +12,32 @@ from tactileforge.errors import TactileForgeError
 
 
 @dataclass(frozen=True)
-class GivenViews:
+class ComputedViews:
     """The full view of touches with known tokens. There are no pixels to mask.
 
     Attributes:
-        encoder: Encoder of the tokens.
-        tokens: float (B, F, L, width), tokens of F touches per sample; None for a batch without
-            touch.
+        features: Features with every patch visible; None for a batch without touch.
     """
 
-    encoder: Any
-    tokens: Tensor | None
+    features: Features | None
+
+    @classmethod
+    def of(cls, encoder: Any, tokens: Tensor, projected: Tensor) -> ComputedViews:
+        """Views of the outputs of an encoder's pass.
+
+        Args:
+            encoder: The touch encoder.
+            tokens: Float (B, L, width).
+            projected: Float (B, projected).
+        """
+        return cls(Features(tokens, projected, encoder.prefix, encoder.grid))
 
     @property
     def full(self) -> Features:
         """Features with every patch visible, one row per touch."""
-        if self.tokens is None:
+        if self.features is None:
             raise TactileForgeError("the batch has neither frames nor tokens of touch")
-        tokens = self.tokens.flatten(0, 1).float()
-        cls = self.encoder.pool_tokens(tokens)
-        return Features(tokens, cls, self.encoder.prefix, self.encoder.grid)
+        return self.features
 
     @property
     def patches(self) -> Tensor:
@@ -49,11 +55,14 @@ def views_of(encoder: Any, batch: Batch, universal: float = 0.0) -> Views:
 
     Args:
         encoder: Touch encoder.
-        batch: Batch, see `tactileforge.contracts`; a batch without touch has neither frames nor
-            tokens.
+        batch: Batch, see `tactileforge.contracts`; ``tokens`` are float (B, F, L, width), of F
+            touches per sample. A batch without touch has neither frames nor tokens.
         universal: Chance of the universal sensor tokens for a sample, 0 to 1.
     """
     if "frames" in batch:
         views: Views = encoder.views(batch, universal)
         return views
-    return GivenViews(encoder, batch.get("tokens"))
+    if "tokens" not in batch:
+        return ComputedViews(None)
+    tokens = batch["tokens"].flatten(0, 1).float()
+    return ComputedViews.of(encoder, tokens, encoder.pool_tokens(tokens))

@@ -1,4 +1,4 @@
-"""What training says of the data that it is given, once, before the first step."""
+"""Warnings about the data before the first training step."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from tactileforge.data.labels.doubts import Doubts
 log = logging.getLogger(__name__)
 
 
-def say_doubts(
+def log_doubts(
     dataset: Dataset,
     train: Sequence[Recording],
     val: Sequence[Recording],
     spacing: float,
     frames: int,
 ) -> Doubts:
-    """Logs what `data inspect` would say without a pixel, and whether frames come too seldom.
+    """Log doubts about labels and times, and frames too far apart for the clips.
 
     Args:
-        dataset: The data set, for what its reader has noticed.
-        train: Recordings to train on, or a sample of them.
-        val: Recordings that are held out.
+        dataset: Data set, for the notes of its reader.
+        train: Training recordings, or a sample of them.
+        val: Held-out recordings.
         spacing: Seconds between the frames of a clip.
-        frames: Of a clip.
+        frames: Frames of a clip.
 
     Returns:
-        The doubts, for those that depend on what is learnt.
+        The doubts; `Doubts.of_all` has those about the labels of an objective.
     """
     doubts = Doubts()
     for recording in chain(train, val):

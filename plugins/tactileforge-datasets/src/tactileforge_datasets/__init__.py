@@ -1,0 +1,1 @@
+"""Readers of published touch data sets, one a module; see ``docs/datasets.md``."""

@@ -1,0 +1,106 @@
+"""Episodes of a file, and the times of their rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.plugin import ConfigError, DataError
+from tactileforge_episodes.map_keys import EpisodeMap, ReadKeys, TimeKeys
+from tactileforge_episodes.values import EpisodeArrays
+
+#: Seconds of each unit.
+_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+#: Highest plausible rate, rows a second.
+_FASTEST = 1e5
+
+
+def episodes_of(arrays: EpisodeArrays, keys: EpisodeMap, rows: int) -> list[tuple[int, int]]:
+    """First row of each episode, and the row after its last.
+
+    Args:
+        arrays: Arrays of the file.
+        keys: The map.
+        rows: Number of rows of the file.
+
+    Raises:
+        DataError: The ends fall, or are not those of the rows.
+    """
+    if not keys.ends:
+        return [(0, rows)]
+    ref = arrays.find(keys.ends, {})
+    if ref is None:
+        return [(0, rows)]
+    ends = ref.whole().reshape(-1)
+    if ends.dtype.kind not in "iu" or not len(ends):
+        raise DataError(f"{ref}: {ends.dtype} {ends.shape}, no ends of episodes; correct the file")
+    plain = [int(end) for end in ends]
+    if plain[0] < 0 or (np.diff(np.asarray(plain, np.int64)) < 0).any():
+        raise DataError(f"{ref}: ends of episodes fall; they are counted from the first row on")
+    if plain[-1] != rows:
+        raise DataError(f"{ref}: the last episode ends at row {plain[-1]}, but touch has {rows}")
+    return list(zip([0, *plain], plain, strict=False))
+
+
+def rate_of(
+    arrays: EpisodeArrays, keys: EpisodeMap, values: Mapping[str, str], given: float | None
+) -> float | None:
+    """Rows per second: as given, or as the map or the file says; None for unknown.
+
+    Raises:
+        DataError: It is no rate.
+    """
+    rate = given if given is not None else keys.fps
+    if isinstance(rate, ReadKeys):
+        rate = arrays.value(rate, values)
+    if rate is None:
+        return None
+    if isinstance(rate, str | list) or not 0 < rate <= _FASTEST:
+        raise DataError(f"{arrays.place}: its rate is {rate!r}; give data.fps=... (Hz)")
+    return float(rate)
+
+
+def times_of(
+    arrays: EpisodeArrays,
+    time: TimeKeys | None,
+    values: Mapping[str, str],
+    rate: float | None,
+    rows: tuple[int, int],
+) -> NDArray[np.float64]:
+    """Times of the rows of an episode, s, from 0.
+
+    Raises:
+        ConfigError: The rate is needed, and not known.
+        DataError: Times are no numbers, or do not rise.
+    """
+    ref = None if time is None else arrays.find(time.key, values)
+    if time is None or ref is None:
+        return np.arange(rows[1] - rows[0]) / _needed(rate, arrays, "has no times")
+    found = ref.rows(range(*rows), ahead=True).reshape(rows[1] - rows[0], -1)
+    if found.dtype.kind not in "iuf" or found.shape[1] != 1:
+        raise DataError(f"{ref}: {found.dtype} {ref.facts.shape} are no times; correct the map")
+    whole = found.dtype.kind in "iu"
+    first = found[0, 0]
+    seconds: NDArray[np.float64] = (found[:, 0] - first).astype(np.float64)
+    if time.unit == "frames" or (time.unit == "numbers_or_s" and whole):
+        seconds /= _needed(rate, arrays, f"counts frames in {ref.key}")
+    else:
+        seconds *= _UNITS.get(time.unit, 1.0)
+    steps = np.diff(seconds)
+    if not np.isfinite(seconds).all() or (steps <= 0).any():
+        row = int(np.flatnonzero(~(steps > 0))[0]) + 1 if len(steps) else 0
+        single = found.dtype.itemsize < 8 and not whole and abs(float(first)) > 1e6
+        why = "; float32 has no place for such times" if single else ""
+        raise DataError(
+            f"{ref}: times do not rise at row {rows[0] + row} ({found[max(0, row - 1), 0]}, then "
+            f"{found[row, 0]}){why}; leave `time` out of the map and give data.fps, or correct them"
+        )
+    return seconds
+
+
+def _needed(rate: float | None, arrays: EpisodeArrays, why: str) -> float:
+    if rate is None:
+        raise ConfigError(f"{arrays.place}: {why}; give its rate: data.fps=... (Hz)")
+    return rate

@@ -1,0 +1,1 @@
+"""YAML options of this package: ``GROUP/NAME.yaml`` is ``GROUP=NAME`` on the command line."""

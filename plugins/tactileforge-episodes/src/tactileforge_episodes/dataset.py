@@ -1,0 +1,250 @@
+"""The data set ``episodes``: arrays of episodes in zarr, HDF5 and npz, read by a map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from tactileforge.plugin import (
+    ConfigError,
+    DataError,
+    DataNotFoundError,
+    Guess,
+    Recording,
+    is_held_out,
+    unknown,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from tactileforge_episodes.map_keys import EpisodeMap
+    from tactileforge_episodes.reader import EpisodeFile
+    from tactileforge_episodes.reading import Reading
+
+#: Files looked at for the labels of the data set, and for the signs of its forces.
+_FIRST = 16
+_LABELS = ("force", "action", "object", "text", "image")
+
+
+class Episodes:
+    """Arrays of episodes, one recording a sensor and episode (`docs/episodes.md`).
+
+    Files are read where they lie, in folders, zip and tar: zarr (versions 2 and 3), HDF5 and npz.
+    A map says which arrays are touch, camera, state and so on.
+
+    Args:
+        root: Folder of the files, or a single file.
+        preset: Name of a map of the package, such as ``open_x_tactile``; "" to recognise the format
+            by the keys of its files, unless ``map`` is given.
+        map: YAML file with a map of your own; "" for none.
+        fps: Rows a second, where the files have no times; null for what the map says.
+        sensors: Types of sensors by their name in the files, for those that the map does not know;
+            ``any`` stands for every name.
+        span: Change of taxels drawn as full colour, in their unit; null for that of the map.
+        draw: Which numbers are drawn as touch: ``none``, ``grids`` of taxels, or ``all``; null for
+            what the map says. Others are tracks, where the map names them.
+        background: ``first`` where episodes begin without contact, or ``none``; null for what the
+            map says.
+        colours: Order of the channels of all pictures; null for what the map says.
+        large: Names of large tracks of the map that are read too, such as ``depth``.
+        hold_out: Unit held out together, with placeholders of the map's paths such as ``{task}``;
+            null for that of the map.
+        licence: Licence of the recordings, where the map knows none.
+        val: Share of the units held out for validation.
+
+    Raises:
+        ConfigError: An option is invalid, or options contradict each other.
+    """
+
+    def __init__(
+        self,
+        root: str,
+        preset: str = "",
+        map: str = "",
+        fps: float | None = None,
+        sensors: Mapping[str, str] | None = None,
+        span: float | None = None,
+        draw: Literal["none", "grids", "all"] | None = None,
+        background: Literal["first", "none"] | None = None,
+        colours: Literal["rgb", "bgr"] | None = None,
+        large: Sequence[str] = (),
+        hold_out: str | None = None,
+        licence: str = "",
+        val: float = 0.1,
+    ) -> None:
+        if not 0 <= val < 1:
+            raise ConfigError(f"data.val={val}; give the held-out share, 0 or more, below 1")
+        if preset and map:
+            raise ConfigError(
+                "give data.preset=NAME, a known format, or data.map=FILE.yaml, not both"
+            )
+        if (fps is not None and fps <= 0) or (span is not None and span <= 0):
+            raise ConfigError(f"data.fps={fps}, data.span={span}: give values above 0")
+        self.root = Path(root).expanduser()
+        self.preset, self.map, self.val, self.hold_out = preset, map, val, hold_out
+        self.fps, self.sensors, self.span, self.draw = fps, dict(sensors or {}), span, draw
+        self.background, self.colours = background, colours
+        self.large, self.licence = tuple(large), licence
+        self.skipped: list[str] = []
+        self._notes: list[str] = []
+        self._failed: DataError | None = None
+
+    @cached_property
+    def keys(self) -> EpisodeMap:
+        """The map.
+
+        Raises:
+            ConfigError: There is no such preset or file, or a key of it is invalid.
+            DataNotFoundError: No format is recognised.
+        """
+        from tactileforge_episodes.map_files import read_map, read_preset
+
+        if self.map:
+            keys = read_map(Path(self.map).expanduser())
+        else:
+            keys = read_preset(self.preset or self._recognised())
+        for name in self.large:
+            if name not in keys.large:
+                raise ConfigError(unknown("data.large", name, keys.large))
+        return keys
+
+    def _recognised(self) -> str:
+        found = self.recognise(self.root)
+        if found is None:
+            raise DataNotFoundError(
+                f"{self.root}: no format is recognised there; set data.root to the folder of the "
+                "files, and give data.preset=NAME, or a map of your own: data.map=FILE.yaml "
+                "(docs/episodes.md)"
+            )
+        self._notes.append(f"{self.root}: recognised as {found.format}; data.preset says another")
+        return str(found.options["preset"])
+
+    @property
+    def notes(self) -> list[str]:
+        """What is inferred, or was read with doubt, a line each."""
+        return list(dict.fromkeys(self._notes))
+
+    @cached_property
+    def provides(self) -> frozenset[str]:
+        """Labels of the first recordings; empty where nothing can be read."""
+        found: set[str] = set()
+        try:
+            for number, file in enumerate(self._files(None)):
+                if number == _FIRST:
+                    break
+                try:
+                    for recording in file.recordings(0, lambda _: None):
+                        found |= {name for name in _LABELS if getattr(recording, name) is not None}
+                except DataError:
+                    continue
+        except (DataError, ConfigError):
+            return frozenset()
+        return frozenset(found)
+
+    def recordings(self, split: str) -> Iterator[Recording]:
+        """Yields the recordings of a split, file by file and episode by episode.
+
+        A file or episode that cannot be read is left out and listed in ``skipped``.
+
+        Args:
+            split: ``train`` or ``val``.
+
+        Raises:
+            DataNotFoundError: There is no file of the map.
+            DataError: No recording of the split can be read.
+            ConfigError: An unknown split, or an option is missing.
+        """
+        if split not in ("train", "val"):
+            raise ConfigError(unknown("split", split, ("train", "val")))
+        opened = 0
+        for file in self._files(split):
+            try:
+                for number in range(len(file.episodes)):
+                    if self._split(file, number) != split:
+                        continue
+                    try:
+                        for recording in file.recordings(number, self._skip):
+                            opened += 1
+                            yield recording
+                    except DataError as error:
+                        self._skip(error)
+            except DataError as error:
+                self._skip(error)
+        if self._failed is not None and not opened:
+            raise self._failed
+
+    def _skip(self, error: DataError) -> None:
+        self._failed = error
+        if str(error) not in self.skipped:
+            self.skipped.append(str(error))
+
+    def _files(self, split: str | None) -> Iterator[EpisodeFile]:
+        """Yields the files of a split; None for both."""
+        from tactileforge_episodes.find import find_files
+
+        reading, count = self.reading, 0
+        for file in find_files(self.root, self.keys, reading, self.skipped, self._notes):
+            count += 1
+            whole = not self.keys.ends
+            if split is None or not whole or self._split(file, 0) == split:
+                yield file
+        if not count:
+            ends = ", ".join(self.keys.files) or "*.zarr, *.hdf5, *.npz, *.zip, *.tar"
+            bad = f" ({self.skipped[0]})" if self.skipped else ""
+            raise DataNotFoundError(
+                f"{self.root}: no file that ends like {ends}{bad}; set data.root to the folder of "
+                "the data set, or correct `files` of the map"
+            )
+
+    @cached_property
+    def reading(self) -> Reading:
+        """What the options say, and the signs that are measured.
+
+        Raises:
+            ConfigError: The map cannot be read.
+        """
+        from tactileforge_episodes.find import measure_signs
+        from tactileforge_episodes.reading import Reading
+
+        said = Reading(
+            fps=self.fps,
+            sensors=self.sensors,
+            span=self.span,
+            draw=self.draw,
+            background=self.background,
+            colours=self.colours,
+            large=self.large,
+            licence=self.licence,
+        )
+        self._notes += [f"{self.keys.about}: {line}" for line in self.keys.doubts]
+        return measure_signs(self.root, self.keys, said, _FIRST, self._notes)
+
+    def _split(self, file: EpisodeFile, number: int) -> str:
+        from tactileforge_episodes.names import fill, placeholders
+
+        template = self.keys.hold_out if self.hold_out is None else self.hold_out
+        for name in placeholders(template):
+            if name not in file.values:
+                raise ConfigError(unknown("placeholder of data.hold_out", name, file.values))
+        unit = fill(template, file.values) if template else file.key(number)
+        return "val" if is_held_out(unit, self.val) else "train"
+
+    def plot(self, recording: Recording) -> Figure:
+        """Plots a recording."""
+        from tactileforge.plugin import plot_recording
+
+        return plot_recording(recording)
+
+    @staticmethod
+    def recognise(root: Path) -> Guess | None:
+        """Recognises the format of a folder or file by the keys of its first files.
+
+        Args:
+            root: Folder or file.
+        """
+        from tactileforge_episodes.guess import guess
+
+        return guess(root)

@@ -1,0 +1,197 @@
+"""Lazy frames of arrays of pictures and of encoded images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.plugin import DataError, EncodedFrames, Frames
+from tactileforge_episodes.map_keys import PictureKeys
+from tactileforge_episodes.refs import ArrayRef
+
+#: Largest excess of a fraction over white, as a share, that is taken for rounding.
+_ROUNDING = 0.01
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Rows of an array of pictures.
+
+    Attributes:
+        ref: The array.
+        start: First row.
+        stop: Row after the last.
+        keys: Order of its channels and axes, and its white.
+        pad: Index along the second axis; None where there is none.
+        columns: First column, and the one after the last; None for all.
+    """
+
+    ref: ArrayRef
+    start: int
+    stop: int
+    keys: PictureKeys
+    pad: int | None = None
+    columns: tuple[int, int] | None = None
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        sizes = self.ref.facts.shape[1 if self.pad is None else 2 :]
+        height, width = sizes[:2] if self.keys.axes == "hwc" else sizes[1:]
+        return height, width if self.columns is None else self.columns[1] - self.columns[0]
+
+    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
+        """Reads pictures; see `contracts.Frames.read`."""
+        check_frames(indices, len(self), self.ref)
+        values = self.ref.rows([self.start + i for i in indices])
+        values = values if self.pad is None else values[:, self.pad]
+        values = values if self.keys.axes == "hwc" else np.moveaxis(values, 1, -1)
+        if self.columns is not None:
+            values = values[:, :, slice(*self.columns)]
+        pixels = to_pixels(values, self.keys.white, self.ref)
+        return np.ascontiguousarray(pixels[..., ::-1] if self.keys.colours == "bgr" else pixels)
+
+
+def to_pixels(values: NDArray[Any], white: float | None, where: object) -> NDArray[np.uint8]:
+    """Pixels of fractions.
+
+    Args:
+        values: Pictures; uint8 stays as it is.
+        white: Value of white.
+        where: Name of the array, for messages.
+
+    Raises:
+        DataError: A value is not finite, or not between 0 and white.
+    """
+    if values.dtype == np.uint8 or white is None:
+        return values
+    low, high = float(np.min(values)), float(np.max(values))  # NaN where there is one
+    if not -_ROUNDING * white <= low <= high <= (1 + _ROUNDING) * white:
+        raise DataError(
+            f"{where}: values from {low:.4g} to {high:.4g}, where 0 to {white:g} is expected; "
+            "correct `white` in the map, or the file"
+        )
+    pixels: NDArray[np.uint8] = np.rint(values * (255 / white)).clip(0, 255).astype(np.uint8)
+    return pixels
+
+
+class EncodedRows(Sequence[bytes]):
+    """Encoded images, one a row, read on demand.
+
+    Args:
+        ref: The array: bytes, or uint8 with zeros after the end.
+        start: First row.
+        stop: Row after the last.
+    """
+
+    def __init__(self, ref: ArrayRef, start: int, stop: int) -> None:
+        self.ref, self.start, self.stop = ref, start, stop
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+    def __iter__(self) -> Iterator[bytes]:
+        return (self[i] for i in range(len(self)))
+
+    @overload
+    def __getitem__(self, i: int) -> bytes: ...
+    @overload
+    def __getitem__(self, i: slice) -> list[bytes]: ...
+    def __getitem__(self, i: int | slice) -> bytes | list[bytes]:
+        if isinstance(i, slice):
+            return [self[j] for j in range(*i.indices(len(self)))]
+        cell = self.ref.rows([self.start + i])[0]
+        if isinstance(cell, str):
+            raise DataError(f"{self.ref}, row {self.start + i}: text, no encoded image")
+        return cell.tobytes() if isinstance(cell, np.ndarray) else bytes(cell)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A single picture without contact, uint8 or with fractions from 0 to 255.
+
+    Attributes:
+        ref: The array, (H, W, 3), or (pads, H, W, 3).
+        pad: Index along the first axis; None where there is none.
+        colours: Order of the channels.
+    """
+
+    ref: ArrayRef
+    pad: int | None
+    colours: str
+
+    def __len__(self) -> int:
+        return 1
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        height, width = self.ref.facts.shape[-3:-1]
+        return height, width
+
+    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
+        """Reads the picture; see `contracts.Frames.read`."""
+        check_frames(indices, 1, self.ref)
+        values = self.ref.whole()
+        values = values if self.pad is None or values.ndim < 4 else values[self.pad]
+        pixels = to_pixels(values.reshape(values.shape[-3:]), 255.0, self.ref)
+        return np.stack([pixels[..., ::-1] if self.colours == "bgr" else pixels] * len(indices))
+
+
+def open_pictures(
+    ref: ArrayRef,
+    rows: range,
+    keys: PictureKeys,
+    pad: int | None = None,
+    columns: tuple[int, int] | None = None,
+) -> Frames:
+    """Frames of an array of pictures or of encoded images.
+
+    Args:
+        ref: The array.
+        rows: Its rows.
+        keys: Order of its channels and axes, and its white.
+        pad: Index along the second axis; None where there is none.
+        columns: First column, and the one after the last; None for all.
+
+    Raises:
+        DataError: The array holds no pictures.
+    """
+    facts = ref.facts
+    if is_encoded(ref):
+        is_bgr = (keys.encoded or keys.colours) == "bgr"
+        return EncodedFrames(str(ref), EncodedRows(ref, rows.start, rows.stop), bgr=is_bgr)
+    sizes = facts.shape[1 if pad is None else 2 :]
+    channel = 2 if keys.axes == "hwc" else 0
+    good_type = facts.dtype == np.uint8 or (facts.dtype.kind == "f" and keys.white is not None)
+    if len(sizes) != 3 or sizes[channel] != 3 or not good_type or 0 in sizes:
+        wanted = "(T, H, W, 3)" if keys.axes == "hwc" else "(T, 3, H, W)"
+        wanted = wanted if pad is None else wanted.replace("(T", "(T, pads")
+        fix = "; for fractions give `white`" if facts.dtype.kind == "f" and not good_type else ""
+        raise DataError(
+            f"{ref}: {facts.dtype} {facts.shape}, where uint8 {wanted} is expected{fix}; correct "
+            "the map, or the file"
+        )
+    if columns is not None and not 0 <= columns[0] < columns[1] <= sizes[1 if channel else 2]:
+        raise DataError(f"{ref}: {facts.shape} has no columns {columns[0]} to {columns[1] - 1}")
+    return Pictures(ref, rows.start, rows.stop, keys, pad, columns)
+
+
+def is_encoded(ref: ArrayRef) -> bool:
+    """Whether an array holds encoded images, one a row."""
+    facts = ref.facts
+    flat = facts.dtype == np.uint8 and len(facts.shape) == 2
+    return flat or (facts.dtype.kind in "SO" and len(facts.shape) == 1)
+
+
+def check_frames(indices: Sequence[int], count: int, where: object) -> None:
+    """Raises a `DataError` for a frame number out of range."""
+    if len(indices) and not 0 <= min(indices) <= max(indices) < count:
+        raise DataError(f"{where}: frame {max(indices)} of {count} is not there")

@@ -1,0 +1,214 @@
+"""Keys of a map, which says what the arrays of a format are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+#: One key, or several of which the first that is there counts.
+Keys = str | tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadKeys:
+    """A value that is read from a file.
+
+    Attributes:
+        key: Path of an array, of which the first row of the episode is taken; or, with ``attr``, of
+            an array or group.
+        attr: Name of an attribute; "" for the values of the array.
+        json: Name in a JSON text; "" where the value is none.
+        default: Value without the key; null for none.
+        names: Words of the file, and what they mean.
+        whole: Whether the array has no time axis, and all its values are taken.
+    """
+
+    key: Keys
+    attr: str = ""
+    json: str = ""
+    default: str | float | None = None
+    names: Mapping[str, str] = field(default_factory=dict)
+    whole: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeKeys:
+    """Times of the rows.
+
+    Attributes:
+        key: Path of the array.
+        unit: ``s``, ``ms``, ``us``, ``ns``; ``frames`` for numbers of frames, which need ``fps``;
+            or ``numbers_or_s``, frames if they are whole numbers by type, else seconds.
+    """
+
+    key: Keys
+    unit: Literal["s", "ms", "us", "ns", "frames", "numbers_or_s"] = "s"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureKeys:
+    """Pictures: uint8, fractions, or encoded images, one a row.
+
+    Attributes:
+        key: Path of the array.
+        colours: Order of the channels: ``rgb`` or ``bgr``.
+        encoded: Order of the channels of decoded images; null for ``colours``.
+        axes: ``hwc``, or ``chw`` with channels first.
+        white: Value of white in pictures of fractions; null where there are none.
+    """
+
+    key: Keys
+    colours: Literal["rgb", "bgr"] = "rgb"
+    encoded: Literal["rgb", "bgr"] | None = None
+    axes: Literal["hwc", "chw"] = "hwc"
+    white: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartKeys:
+    """Parts of a row of values by attributes of its array.
+
+    Attributes:
+        names: Attribute with the names of the parts.
+        lengths: Attribute with the number of values of each.
+    """
+
+    names: str
+    lengths: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaxelKeys:
+    """Numbers of taxels, which are drawn as pictures.
+
+    Attributes:
+        form: ``grid``: (rows, columns) or (rows, columns, values); ``points``: (taxels, values);
+            ``flat``: all values of a row one after another.
+        values: Values of each taxel in a ``flat`` row.
+        channels: Which values are x, y and z; one alone is z. Null for all of one or three.
+        span: Change that is drawn as full colour; null where the option ``data.span`` is needed.
+        baseline: ``zero``, or ``first`` for the first row of the episode.
+        sensor: Type of the sensor in recordings, unless ``data.sensors`` knows its name.
+    """
+
+    form: Literal["grid", "points", "flat"] = "grid"
+    values: int = 1
+    channels: tuple[int, ...] | None = None
+    span: float | None = None
+    baseline: Literal["zero", "first"] = "zero"
+    sensor: str = "serial_array"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceKeys:
+    """Force on a touch.
+
+    Attributes:
+        key: Path of the array.
+        columns: Columns x, y and z; null where an axis is not measured.
+        unit: Unit of the values.
+        sign: Factor of each axis that gives the axes of the gel: x right, y down, z into it, with
+            pressing positive; ``mean`` turns z so that its mean is positive.
+        frame: ``gel`` for the force on the gel; anything else is of another frame, and makes no
+            label but the track ``wrench``.
+    """
+
+    key: Keys
+    columns: tuple[int | None, int | None, int | None] = (0, 1, 2)
+    unit: Literal["N", "mN", "kgf", "gf"] = "N"
+    sign: tuple[float, float, float | Literal["mean"]] = (1.0, 1.0, 1.0)
+    frame: str = "gel"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TouchKeys(PictureKeys):
+    """Touch of one sensor, or of several by placeholders in the key.
+
+    Attributes:
+        finger: Name of the finger; placeholders of the key, ``pad`` and ``part`` may be in it.
+        sensor: Type of the sensor, or where it is read.
+        pads: Whether the second axis counts pads of one kind.
+        parts: Columns of a picture or grid that are a sensor of their own, by name; or attributes
+            with names and lengths of parts of a flat row.
+        taxels: How numbers are drawn; null where touch is pictures.
+        draw: Which numbers are touch: ``all``, or ``grids`` alone.
+        reference: Key of the picture without contact; "" for none.
+        force: Force; null for none.
+        tracks: Further values by name; placeholders that the key of the touch has not stand for
+            every array that fits, and is no touch itself.
+        labels: Further labels of the recording.
+    """
+
+    sensor: str | ReadKeys = field(metadata={"example": "gelsight_mini"})
+    finger: str = ""
+    pads: bool = False
+    parts: Mapping[str, tuple[int, int]] | PartKeys | None = None
+    taxels: TaxelKeys | None = None
+    draw: Literal["all", "grids"] = "all"
+    reference: str = ""
+    force: ForceKeys | None = None
+    tracks: Mapping[str, Keys] = field(default_factory=dict)
+    labels: Mapping[str, str | ReadKeys] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeMap:
+    """Map of the names of a format. Keys that end with ``?`` may be absent.
+
+    Attributes:
+        about: The format, in a line.
+        touch: Arrays of touch.
+        source: Origin of the recordings.
+        licence: Licence of the recordings, "" where each set has its own.
+        citation: Publication to cite.
+        tier: Tier of the tactile dynamic pyramid, 1 to 5.
+        files: Ends of the paths that are read, with placeholders; ``/`` separates folders.
+        within: Group that may hold all arrays; keys start below it.
+        beside: Further files of an episode, by a word: their keys are ``WORD:KEY``. Each is a path
+            with the placeholders of ``files``, from the folder where their match begins.
+        ends: Key of the row after the last of each episode; "" where a file is one episode.
+        time: Times; null for regular rows at ``fps``.
+        fps: Rows per second, or where it is read; null where the option ``data.fps`` is needed.
+        camera: View of the scene; null for none.
+        state: Keys of the robot's state, side by side: the track ``state``.
+        action: Keys of its command, side by side: the track ``robot_action``. A last one
+            ``next_state`` is the state of the row after, where no other is there.
+        tracks: Further values by name; placeholders stand for every array that fits.
+        large: Values like ``tracks``, also with the placeholders of touch, that are read only if
+            ``data.large`` names them.
+        text: Caption, or where it is read.
+        object: Name of the touched object, or where it is read.
+        labels: Further labels.
+        limit: Numbers of a larger magnitude mean that there is no value.
+        background: ``first`` where episodes begin without contact, else ``none``.
+        hold_out: Unit held out together, with placeholders; "" for an episode.
+        signature: Keys by which the format is recognised.
+        doubts: What is inferred, a line each.
+    """
+
+    about: str
+    touch: tuple[TouchKeys, ...]
+    source: str = ""
+    licence: str = ""
+    citation: str = ""
+    tier: int = 2
+    files: tuple[str, ...] = ()
+    within: str = ""
+    beside: Mapping[str, str] = field(default_factory=dict)
+    ends: str = ""
+    time: TimeKeys | None = None
+    fps: float | ReadKeys | None = None
+    camera: PictureKeys | None = None
+    state: tuple[str, ...] = ()
+    action: tuple[str, ...] = ()
+    tracks: Mapping[str, Keys] = field(default_factory=dict)
+    large: Mapping[str, Keys] = field(default_factory=dict)
+    text: str | ReadKeys = ""
+    object: str | ReadKeys = ""
+    labels: Mapping[str, str | ReadKeys] = field(default_factory=dict)
+    limit: float | None = None
+    background: Literal["none", "first"] = "none"
+    hold_out: str = ""
+    signature: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()

@@ -1,0 +1,1 @@
+"""Maps of published formats: ``NAME.yaml`` is ``data.preset=NAME``."""

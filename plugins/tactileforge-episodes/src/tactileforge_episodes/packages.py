@@ -1,0 +1,24 @@
+"""Packages that read files, imported where they are used."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from tactileforge.plugin import ConfigError
+
+
+def need(name: str, where: str) -> Any:
+    """Imports a package.
+
+    Args:
+        name: Name of the package.
+        where: File that needs it, for messages.
+
+    Raises:
+        ConfigError: It is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ConfigError(f"{where}: is read by {name}: pip install {name} ({error})") from error

@@ -1,0 +1,284 @@
+"""Episode files as recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.plugin import ConfigError, DataError, Frames, FrameSubset, Recording, spec
+from tactileforge_episodes.clock import episodes_of, rate_of, times_of
+from tactileforge_episodes.forces import read_force
+from tactileforge_episodes.frames import Reference, open_pictures
+from tactileforge_episodes.map_keys import EpisodeMap, Keys, PictureKeys
+from tactileforge_episodes.names import fill, placeholders
+from tactileforge_episodes.reading import Reading
+from tactileforge_episodes.refs import ArrayRef, Readable, Track, Tracks
+from tactileforge_episodes.taxels import TaxelFrames, Taxels, TaxelTrack
+from tactileforge_episodes.touches import Touch, find_touches
+from tactileforge_episodes.values import EpisodeArrays, labels_of
+
+
+class EpisodeFile:
+    """One file or group, and its episodes.
+
+    Args:
+        arrays: Its arrays.
+        name: Its name in the data set.
+        keys: The map.
+        values: Values of the placeholders of its path.
+        reading: What the user says.
+    """
+
+    def __init__(
+        self,
+        arrays: EpisodeArrays,
+        name: str,
+        keys: EpisodeMap,
+        values: Mapping[str, str],
+        reading: Reading,
+    ) -> None:
+        self.arrays, self.name, self.keys = arrays, name, keys
+        self.values, self.reading = dict(values), reading
+
+    @cached_property
+    def touches(self) -> list[Touch]:
+        """Its sensors; see `find_touches`."""
+        return find_touches(self.arrays, self.keys, self.values, self.reading.draw)
+
+    @cached_property
+    def rows(self) -> int:
+        """Number of rows, that of all arrays with a time axis.
+
+        Raises:
+            DataError: Arrays of touch differ in their rows.
+        """
+        first = self.touches[0].ref
+        for touch in self.touches:
+            self._same_rows(touch.ref, first.facts.rows)
+        return first.facts.rows
+
+    @cached_property
+    def episodes(self) -> list[tuple[int, int]]:
+        """Rows of each episode; see `episodes_of`."""
+        return episodes_of(self.arrays, self.keys, self.rows)
+
+    @cached_property
+    def rate(self) -> float | None:
+        """Rows per second; None for unknown."""
+        return rate_of(self.arrays, self.keys, self.values, self.reading.fps)
+
+    def key(self, number: int) -> str:
+        """Name of an episode in the data set."""
+        return f"{self.name}/{number:06d}" if self.keys.ends else self.name
+
+    def recordings(self, number: int, bad: Callable[[DataError], object]) -> Iterator[Recording]:
+        """Yields the recordings of an episode, one a sensor.
+
+        Args:
+            number: Index of the episode.
+            bad: Is told of sensors that cannot be read.
+
+        Raises:
+            DataError: A file is damaged, lacks a key, or contradicts itself.
+            ConfigError: An option is missing.
+        """
+        start, stop = self.episodes[number]
+        if start == stop:
+            raise DataError(f"{self.arrays.place}: episode {number} has no frames")
+        times = times_of(self.arrays, self.keys.time, self.values, self.rate, (start, stop))
+        shared = self._shared(number, start, stop)
+        for touch in self.touches:
+            try:
+                yield self._recording(touch, number, times, range(start, stop), shared)
+            except DataError as error:
+                bad(error)
+
+    def _shared(self, number: int, start: int, stop: int) -> dict[str, Any]:
+        """Fields that the recordings of an episode have in common."""
+        keys, rows = self.keys, range(start, stop)
+        camera = None
+        if keys.camera is not None:
+            found = self.arrays.find(keys.camera.key, self.values)
+            if found is not None:
+                self._same_rows(found, self.rows)
+                camera = open_pictures(found, rows, self._coloured(keys.camera))
+        tracks: dict[str, Readable] = {}
+        for name, key in keys.tracks.items():
+            tracks |= self._tracks(name, key, self.values, rows, None)
+        if state := self._side_by_side(keys.state, rows):
+            tracks["state"] = state
+        if action := self._side_by_side(keys.action, rows):
+            tracks["robot_action"] = action
+        elif state and "next_state" in keys.action:
+            tracks["robot_action"] = replace(state, ahead=1)
+        return {
+            "image": camera,
+            "tracks": tracks,
+            "object": self.arrays.text(keys.object, self.values, start),
+            "text": self.arrays.text(keys.text, self.values, start),
+        }
+
+    def _recording(
+        self,
+        touch: Touch,
+        number: int,
+        times: NDArray[np.float64],
+        rows: range,
+        shared: Mapping[str, Any],
+    ) -> Recording:
+        keys, entry = self.keys, touch.keys
+        frames, tracks = self._frames(touch, rows), dict(shared["tracks"])
+        force, wrench = self._force(touch, rows)
+        if wrench is not None:
+            tracks["wrench"] = wrench
+        large = {name: key for name, key in keys.large.items() if name in self.reading.large}
+        for name, key in (*entry.tracks.items(), *large.items()):
+            tracks |= self._tracks(name, key, touch.values, rows, touch.pad)
+        if isinstance(frames, TaxelFrames):
+            tracks["taxels"] = TaxelTrack(frames.taxels, rows.start, rows.stop)
+        labels: dict[str, str | float] = {
+            "episode": self.key(number).replace("/", "_"),
+            "finger": touch.finger,
+            **labels_of(
+                (name, self._label(value, touch, rows.start))
+                for name, value in (*keys.labels.items(), *entry.labels.items())
+            ),
+        }
+        return Recording(
+            key=f"{self.key(number)}/{touch.finger}",
+            sensor=self._sensor(touch, rows.start),
+            frames=frames,
+            times=times,
+            no_contact=self._still(touch, frames),
+            force=force,
+            object=shared["object"],
+            text=shared["text"],
+            image=shared["image"],
+            image_times=None if shared["image"] is None else times,
+            labels=labels,
+            tracks=Tracks(tracks),
+            source=keys.source or f"episodes {self.name}",
+            tier=1 if force is not None else keys.tier,
+            licence=self.reading.licence or keys.licence,
+        )
+
+    def _frames(self, touch: Touch, rows: range) -> Frames:
+        if touch.taxels is None:
+            keys = self._coloured(touch.keys)
+            return open_pictures(touch.ref, rows, keys, touch.pad, touch.part)
+        about = touch.taxels
+        taxels = Taxels(touch.ref, about.form, about.values, touch.pad, touch.part, self.keys.limit)
+        width = taxels.sizes[-1]
+        channels = about.channels or ((0, 1, 2) if width == 3 else (0,))
+        if max(channels) >= width:
+            raise DataError(f"{touch.ref}: {width} values a taxel, but channels {list(channels)}")
+        span = about.span if self.reading.span is None else self.reading.span
+        if span is None:
+            seen = np.abs(taxels.read([rows.start, rows[len(rows) // 2], rows[-1]]))
+            raise ConfigError(
+                f"{touch.ref}: drawn as a picture, and its unit is not known; give the value of "
+                f"full colour: data.span=... (it has values up to {np.nanmax(seen):.4g}), or leave "
+                "numbers out with data.draw=none"
+            )
+        first = about.baseline == "first"
+        return TaxelFrames(taxels, rows.start, rows.stop, channels, span, first)
+
+    def _coloured(self, keys: PictureKeys) -> PictureKeys:
+        """Keys of pictures with the channels that the user says, if any."""
+        colours = self.reading.colours
+        return keys if colours is None else replace(keys, colours=colours, encoded=colours)
+
+    def _still(self, touch: Touch, frames: Frames) -> Frames | None:
+        if touch.taxels is not None:
+            return None  # what does not change is grey already
+        if touch.keys.reference:
+            ref = self.arrays.find(touch.keys.reference, touch.values)
+            if ref is not None:
+                still = Reference(ref, touch.pad, self._coloured(touch.keys).colours)
+                if still.shape != frames.shape:
+                    raise DataError(
+                        f"{ref}: {still.shape[0]} x {still.shape[1]} pixels, where touch has "
+                        f"{frames.shape[0]} x {frames.shape[1]}"
+                    )
+                return still
+        background = self.reading.background or self.keys.background
+        return FrameSubset(frames, [0]) if background == "first" else None
+
+    def _sensor(self, touch: Touch, row: int) -> str:
+        about, given = touch.keys.sensor, self.reading.sensors
+        name = str(about if isinstance(about, str) else self._label(about, touch, row))
+        known = name if touch.taxels is None else touch.taxels.sensor
+        sensor = given.get(name, given.get("any", known))
+        try:
+            return spec(sensor).name
+        except ConfigError as error:
+            raise DataError(
+                f"{touch.finger}: its sensor {name!r} is no known type; say which it is: "
+                f"'data.sensors={{{name}: NAME}}', or any: NAME for all ({error})"
+            ) from error
+
+    def _label(self, value: Any, touch: Touch, row: int) -> Any:
+        if isinstance(value, str):
+            return fill(value, touch.values)
+        return self.arrays.value(value, touch.values, row, -1 if touch.pad is None else touch.pad)
+
+    def _force(self, touch: Touch, rows: range) -> tuple[NDArray[np.float32] | None, Track | None]:
+        """Force as a label, or, of another frame than the gel's, as a track."""
+        about = touch.keys.force
+        ref = None if about is None else self.arrays.find(about.key, touch.values)
+        if about is None or ref is None or ref == touch.ref:
+            return None, None
+        shape = self._same_rows(ref, self.rows)
+        if touch.pad is not None and len(shape) == 3 and shape[1] != touch.ref.facts.shape[1]:
+            return None, None  # of other pads
+        if about.frame != "gel":
+            return None, self._track_of(ref, rows, touch.pad)
+        force = read_force(ref, about, rows, touch.pad, self.keys.limit)
+        if about.sign[2] == "mean":
+            force[:, 2] *= self.reading.signs.get(touch.entry, 1.0)
+        return force, None
+
+    def _tracks(
+        self, name: str, key: Keys, values: Mapping[str, str], rows: range, pad: int | None
+    ) -> dict[str, Readable]:
+        """Tracks of a key: one, or one for each array that fits a placeholder."""
+        found = self.arrays.match(key, values)
+        if not found:
+            self.arrays.find(key, values)
+        refs = {fill(name, its): self.arrays.ref(one) for one, its in found}
+        several = any(word not in values for word in placeholders(str(key)))
+        taken = self._taken if several else set()
+        wanted = {one: ref for one, ref in refs.items() if ref not in taken}
+        return {one: self._track_of(ref, rows, pad) for one, ref in wanted.items()}
+
+    @cached_property
+    def _taken(self) -> set[ArrayRef]:
+        """Arrays of touch and force, which are no tracks of a placeholder."""
+        forces = [(one.keys.force, one.values) for one in self.touches if one.keys.force]
+        found = {self.arrays.find(about.key, values) for about, values in forces}
+        return {one.ref for one in self.touches} | {ref for ref in found if ref is not None}
+
+    def _track_of(self, ref: ArrayRef, rows: range, pad: int | None) -> Track:
+        shape = self._same_rows(ref, self.rows)
+        pads = {touch.ref.facts.shape[1] for touch in self.touches if touch.keys.pads}
+        inner = pad is not None and len(shape) > 1 and shape[1] in pads
+        return Track((ref,), rows.start, rows.stop, pad if inner else None, 0, self.keys.limit)
+
+    def _side_by_side(self, keys: Sequence[str], rows: range) -> Track | None:
+        names = [key for key in keys if key != "next_state"]
+        found = [self.arrays.find(key, self.values) for key in names]
+        refs = tuple(ref for ref in found if ref is not None)
+        for ref in refs:
+            self._same_rows(ref, self.rows)
+        return Track(refs, rows.start, rows.stop, None, 0, self.keys.limit) if refs else None
+
+    def _same_rows(self, ref: ArrayRef, rows: int) -> tuple[int, ...]:
+        shape = ref.facts.shape
+        if ref.facts.rows != rows or not shape:
+            raise DataError(f"{ref}: {shape}, where touch has {rows} rows; correct the file")
+        return shape

@@ -1,0 +1,166 @@
+"""Keys of a map found in a file, and single values read from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from tactileforge.plugin import DataError, load_json, stated, unknown
+from tactileforge_episodes.map_keys import Keys, ReadKeys
+from tactileforge_episodes.names import fill, match
+from tactileforge_episodes.places import Place, open_place
+from tactileforge_episodes.refs import ArrayRef
+
+#: Most numbers of a label that is a row of numbers.
+_NUMBERS = 32
+
+
+class EpisodeArrays:
+    """Arrays of one episode file, and of those beside it.
+
+    Args:
+        place: The file or group.
+        beside: Further files by word; their keys are ``WORD:KEY``.
+        within: Group that may hold all arrays; keys start below it.
+    """
+
+    def __init__(self, place: Place, beside: Mapping[str, Place], within: str = "") -> None:
+        self.place, self.beside, self._within = place, dict(beside), within
+        self._matches: dict[str, list[tuple[str, dict[str, str]]]] = {}
+
+    @cached_property
+    def top(self) -> str:
+        """Start of all keys, left out of them."""
+        start = f"{self._within}/"
+        keys = open_place(self.place).keys()
+        return start if self._within and keys and all(k.startswith(start) for k in keys) else ""
+
+    @cached_property
+    def keys(self) -> list[str]:
+        """Paths of all arrays, in order."""
+        found = [key.removeprefix(self.top) for key in open_place(self.place).keys()]  # noqa: SIM118
+        for word, place in self.beside.items():
+            found += [f"{word}:{key}" for key in open_place(place).keys()]  # noqa: SIM118
+        return found
+
+    def ref(self, key: str) -> ArrayRef:
+        """The array of a key."""
+        word, _, rest = key.partition(":")
+        if rest and word in self.beside:
+            return ArrayRef(self.beside[word], rest)
+        return ArrayRef(self.place, self.top + key)
+
+    def match(self, keys: Keys, values: Mapping[str, str]) -> list[tuple[str, dict[str, str]]]:
+        """Arrays of the first template that fits any, with the values of its placeholders."""
+        for template in _several(keys):
+            filled = fill(template.removesuffix("?"), values)
+            if filled not in self._matches:
+                self._matches[filled] = match(filled, self.keys)
+            if found := self._matches[filled]:
+                return [(key, {**values, **its}) for key, its in found]
+        return []
+
+    def find(self, keys: Keys, values: Mapping[str, str]) -> ArrayRef | None:
+        """The array of a key of the map; None where the key may be absent, and is.
+
+        Raises:
+            DataError: There is no such array; the message names the nearest.
+        """
+        if found := self.match(keys, values):
+            return self.ref(found[0][0])
+        if any(key.endswith("?") for key in _several(keys)):
+            return None
+        raise self.missing(keys, values)
+
+    def missing(self, keys: Keys, values: Mapping[str, str]) -> DataError:
+        """Error of a missing key, with the nearest name."""
+        name = fill(_several(keys)[0].removesuffix("?"), values)
+        return DataError(f"{self.place}: {unknown('key', name, self.keys)}")
+
+    def text(self, value: str | ReadKeys, values: Mapping[str, str], row: int = 0) -> str | None:
+        """A text of the map, filled in or read; None without one."""
+        if isinstance(value, str):
+            return stated(fill(value, values)) or None
+        read = self.value(value, values, row)
+        return None if read is None else stated(read) or None
+
+    def value(self, keys: ReadKeys, values: Mapping[str, str], row: int = 0, pad: int = -1) -> Any:
+        """A text, number or list of numbers that is read from the file; None for none.
+
+        Args:
+            keys: Key and attribute.
+            values: Values of the placeholders.
+            row: Row of an array with a time axis.
+            pad: Index along the second axis; -1 for all.
+
+        Raises:
+            DataError: The key is missing, or its value is no text and no number.
+        """
+        found = self._attribute(keys, values) if keys.attr else self._cell(keys, values, row, pad)
+        if found is None:
+            return keys.default
+        plain = _plain(found)
+        if keys.json:
+            try:
+                plain = load_json(str(plain)).get(keys.json, keys.default)
+            except (ValueError, AttributeError) as error:
+                raise DataError(f"{self.place}, {keys.key}: no JSON ({error})") from error
+        return keys.names.get(plain, plain) if isinstance(plain, str) else plain
+
+    def _attribute(self, keys: ReadKeys, values: Mapping[str, str]) -> Any:
+        for template in _several(keys.key):
+            key = fill(template.removesuffix("?"), values)
+            hits = [key] if "{" not in key else [name for name, _ in match(key, self.keys)]
+            for name in hits:
+                found = open_place(self.place).attribute(self.top + name.strip("/"), keys.attr)
+                if found is not None:
+                    return found
+        return None
+
+    def _cell(self, keys: ReadKeys, values: Mapping[str, str], row: int, pad: int) -> Any:
+        if keys.default is not None and not self.match(keys.key, values):
+            return None
+        ref = self.find(keys.key, values)
+        if ref is None:
+            return None
+        if keys.whole or not ref.facts.shape:
+            return ref.whole()[()]
+        if not ref.facts.rows:
+            return None
+        cell = ref.rows([min(row, ref.facts.rows - 1)], ahead=True)[0]
+        inner = np.ndim(cell) and 0 <= pad < np.shape(cell)[0]
+        return cell[pad] if inner else cell
+
+
+def _several(keys: Keys) -> tuple[str, ...]:
+    return (keys,) if isinstance(keys, str) else keys
+
+
+def _plain(value: Any) -> Any:
+    """A value of numpy or HDF5 as a text, a number or a list."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist() if value.size != 1 else value.reshape(-1)[0]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace").strip("\0 \n")
+    return value.strip() if isinstance(value, str) else value
+
+
+def labels_of(found: Iterable[tuple[str, Any]]) -> dict[str, str | float]:
+    """Labels: texts and numbers as they are, short rows of numbers one by one."""
+    out: dict[str, str | float] = {}
+    for name, value in found:
+        if isinstance(value, str):
+            if stated(value):
+                out[name] = stated(value)
+        elif isinstance(value, int | float):
+            out[name] = float(value)
+        elif isinstance(value, list):
+            flat = np.ravel(np.asarray(value, dtype=object))[:_NUMBERS]
+            numbers = [one for one in flat if isinstance(one, int | float)]
+            out |= {f"{name}_{i}": float(one) for i, one in enumerate(numbers)}
+    return out

@@ -1,0 +1,109 @@
+"""Guess of the options that read a LeRobot data set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from tactileforge.plugin import SPECS, DataError, Guess, names
+from tactileforge_lerobot import folder
+from tactileforge_lerobot.info import Info
+from tactileforge_lerobot.sets import find_sets, touch_numbers, touch_pictures, wrenches
+
+#: Sensors that stand in where a name says nothing, of pictures and of numbers.
+_PICTURES, _NUMBERS = "gelsight_mini", "serial_array"
+
+
+def recognise(root: Path) -> Guess | None:
+    """Recognises LeRobot data sets by their info file; None for any other folder."""
+    try:
+        found = find_sets(root) if root.is_dir() else {}
+        if not found:
+            return None
+        place = next(iter(found.values()))
+        return _guess(root, place, len(found))
+    except (OSError, ValueError):
+        return None
+
+
+def _guess(root: Path, place: Path, count: int) -> Guess | None:
+    options: dict[str, Any] = {"root": str(root)}
+    try:
+        info = Info.read(place)
+    except DataError as error:
+        if "codebase_version" not in (place / folder.INFO).read_text("utf-8", "replace"):
+            return None
+        return Guess(options=options, format="LeRobot", score=1.0, doubts=(str(error),))
+    doubts: list[str] = []
+    if not (place / folder.TOUCH).is_file():
+        doubts += _touch(info, options)
+    version = "v3" if info.version == 3 else "v2"
+    several = f", {count} data sets, options by the first" if count > 1 else ""
+    return Guess(
+        options=options,
+        format=f"LeRobot {version} ({info.fps:g} rows a second{several})",
+        score=1.0,
+        doubts=tuple(doubts),
+    )
+
+
+def _touch(info: Info, options: dict[str, Any]) -> list[str]:
+    """Fills in the touch features, and returns what is doubtful about them."""
+    pictures, numbers = touch_pictures(info), touch_numbers(info)
+    touch = pictures or numbers
+    if not touch:
+        return [
+            "no feature is touch by its name: give data.touch and data.sensors; pictures are "
+            f"{', '.join(info.pictures()) or 'none'}"
+        ]
+    doubts: list[str] = []
+    sensors = [_sensor(name, _PICTURES if pictures else _NUMBERS, doubts) for name in touch]
+    options |= {"touch": touch, "sensors": sensors, "background": "first"}
+    doubts.append("background: the first frame of an episode is taken to be without contact")
+    if not pictures:
+        options |= _numeric(info, touch)
+        doubts.append(
+            "span: the change drawn as full color is not stated; 1.0 stands in, in units of the "
+            "feature"
+        )
+    tracks = [name for name in (*numbers, *wrenches(info)) if name not in touch]
+    if tracks:
+        options["tracks"] = list(dict.fromkeys(tracks))
+    for name in wrenches(info):
+        doubts.append(
+            f"force: {name} is a track; units, axes and signs are not stated: once they are known, "
+            f"data.force=[{name}] with data.force_columns and data.force_sign"
+        )
+    return doubts
+
+
+def _sensor(name: str, otherwise: str, doubts: list[str]) -> str:
+    """Type of sensor by the words of a name."""
+    plain = name.lower().replace("-", "_")
+    known = sorted({*SPECS, *names("sensors")} - {"dm", "sim"}, key=len, reverse=True)
+    for sensor in known:
+        if sensor in plain:
+            return sensor
+    doubts.append(
+        f"sensors: the type of {name} is not stated; {otherwise} stands in, for its force scale"
+    )
+    return otherwise
+
+
+def _numeric(info: Info, touch: list[str]) -> dict[str, Any]:
+    """Options of drawing that fit the shape of the first feature."""
+    shape = info.features[touch[0]]["shape"]
+    options: dict[str, Any] = {"span": 1.0}
+    if len(shape) > 1 and shape[-1] in (3, 6):
+        options["channels"] = [0, 1, 2] if shape[-1] == 3 else [3, 4, 5]
+        shape = shape[:-1]
+    elif len(shape) > 2 and shape[-1] == 1:
+        shape = shape[:-1]
+    if len(shape) == 1:
+        options["grid"] = [1, shape[0]]
+    elif len(shape) > 2:
+        rows = 1
+        for size in shape[:-1]:
+            rows *= size
+        options["grid"] = [rows, shape[-1]]
+    return options

@@ -1,0 +1,1 @@
+"""Displacement of printed markers as an objective."""

@@ -1,0 +1,180 @@
+"""The encoder and heads of a run's folder, as they are packed and loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any, Literal
+
+import torch
+from torch import Tensor, nn
+
+from tactileforge import registry, run_folder
+from tactileforge.checkpoint_file import read_own
+from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.hub import cards, files
+from tactileforge.hub.header import Header
+from tactileforge.hub.positions import changed_options, rebuild_encoder
+from tactileforge.provenance import commit
+from tactileforge.sensors.specs import spec
+
+#: Heads that are kept: `Model` reads force and surface, and a run that starts from the weights goes
+#: on with all of them.
+KEPT_HEADS = ("pixel", "diff", "surface", "force", "classify")
+
+
+def read_run(
+    run: Path,
+    *,
+    name: str = "",
+    licence: str = cards.NO_LICENCE,
+    encoder: Literal["trained", "slow"] | None = None,
+) -> tuple[Any, dict[str, nn.Module], Header]:
+    """Builds the encoder of a run, with the heads of use alone, from its last checkpoint.
+
+    V-JEPA and DINO are published and evaluated by the EMA of the encoder, which the objective's
+    head keeps (`heads.ema.EMA`), so that is the one where there is one. A head is kept beside the
+    encoder that it was trained on, and not beside an EMA. The sensors are those of the training.
+
+    Args:
+        run: Folder of the run: its ``config.yaml`` and last checkpoint are read.
+        name: Name of the model.
+        licence: SPDX identifier of the weights.
+        encoder: ``trained``, the encoder that the optimiser changed, or ``slow``, its EMA; None
+            takes the EMA where the run has one. The header says which it is.
+
+    Returns:
+        The encoder, its heads by name, and the header, as `files.open_model` gives them.
+
+    Raises:
+        DataNotFoundError: The folder is not that of a run.
+        DataError: Checkpoint and configuration do not fit.
+        ConfigError: No EMA of the encoder, or several.
+    """
+    config = _config(run)
+    kept = run_folder.read_versions(run)
+    if (known := config["encoder"].get("sensors")) and (trained := kept.get("sensors")):
+        # rows of other sensors were never trained
+        config["encoder"]["sensors"] = {name: known[name] for name in known if name in trained}
+    checkpoint = read_own(run, config.pop("run", None), ("global_step",))
+    kind, state = _choose(checkpoint["state_dict"], encoder, run)
+    with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
+        built = registry.build("encoders", config["encoder"])
+        files.fill_weights(built, state, str(run))
+        heads = _heads(config, built, checkpoint["state_dict"], run) if kind == "trained" else {}
+    header = files.make_header(
+        built,
+        config["encoder"],
+        licence=licence,
+        spacing=config["batch"]["spacing"] if built.frames > 1 else 0.0,
+        name=name,
+        commit=kept.get("commit") or commit(),
+        versions=kept.get("versions", {}),
+        data={"name": config["data"]["name"], "licences": kept.get("licences", [])},
+        recipe=_without_folders(config),
+        source={"steps": checkpoint["global_step"], "encoder": kind},
+        heads={
+            name: _entry(name, config["head"][name], built.sensors or kept.get("sensors", ()))
+            for name in heads
+        },
+    )
+    for module in (built, *heads.values()):
+        module.requires_grad_(False).eval()
+    return built, heads, header
+
+
+def open_run(
+    run: Path, frames: int | None = None, image_size: int | tuple[int, int] | None = None
+) -> tuple[Any, dict[str, nn.Module], Header]:
+    """Builds the encoder and heads of a run, without writing a file.
+
+    Args:
+        run: Folder of the run.
+        frames: Another number of frames, as in `files.open_model`.
+        image_size: Another height and width, likewise.
+
+    Raises:
+        DataNotFoundError: The folder is not that of a run.
+        DataError: Checkpoint and configuration do not fit.
+        ConfigError: No EMA of the encoder, or several; or no such frames or size.
+    """
+    encoder, heads, header = read_run(run)
+    if other := changed_options(encoder, frames, image_size):
+        encoder = rebuild_encoder(header.encoder, encoder, other).requires_grad_(False).eval()
+        heads = {}
+    return encoder, heads, header
+
+
+def _entry(name: str, node: Mapping[str, Any], sensors: Iterable[str]) -> dict[str, Any]:
+    entry: dict[str, Any] = {"node": node}
+    return entry | {"scale": _scales(sensors)} if name == "force" else entry
+
+
+def _heads(
+    config: Mapping[str, Any], encoder: Any, state: Mapping[str, Tensor], run: Path
+) -> dict[str, nn.Module]:
+    """The trained heads of a run to keep, by name."""
+    heads: dict[str, nn.Module] = {}
+    for name in KEPT_HEADS:
+        node = config.get("head", {}).get(name)
+        if node and node["name"] == name:
+            heads[name] = registry.build("heads", node, encoder=encoder)
+            files.fill_weights(heads[name], _below(f"heads.{name}.", state), f"{run}, head {name}")
+    return heads
+
+
+def _scales(sensors: Iterable[str]) -> dict[str, list[float]]:
+    """Force scale of each sensor, the newtons per unit; skips sensors without installed plugin."""
+    scales = {}
+    for name in sensors:
+        with suppress(ConfigError):
+            scales[name] = list(spec(name).force_scale)
+    return scales
+
+
+def _choose(
+    state: Mapping[str, Tensor], wanted: str | None, run: Path
+) -> tuple[str, dict[str, Tensor]]:
+    """Chooses the encoder of a run to pack, ``trained`` or ``slow``, and its state."""
+    if wanted not in ("trained", "slow", None):
+        raise ConfigError(unknown("encoder", wanted, ("trained", "slow")))
+    trained = _below("encoder.", state)
+    first = next(iter(trained), "")
+    places = [key.removesuffix(first) for key in state if key.endswith(f".network.{first}")]
+    slow = [place for place in places if _below(place, state).keys() == trained.keys()]
+    if wanted == "trained" or (wanted is None and not slow):
+        return "trained", trained
+    if len(slow) == 1:
+        return "slow", _below(slow[0], state)
+    copies = ", ".join(place.removesuffix(".network.") for place in slow) or "none"
+    raise ConfigError(
+        f"{run}: expected one slow copy of the encoder, found {copies}; give encoder=trained"
+    )
+
+
+def _below(prefix: str, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Subset of a state under a prefix, with the prefix removed."""
+    return {key.removeprefix(prefix): x for key, x in state.items() if key.startswith(prefix)}
+
+
+def _without_folders(value: Any) -> Any:
+    """Strips folders from absolute paths: they are private and meaningless elsewhere."""
+    if isinstance(value, Mapping):
+        return {str(key): _without_folders(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_without_folders(item) for item in value]
+    if isinstance(value, str):
+        for kind in (PurePosixPath, PureWindowsPath):
+            if kind(value).is_absolute() or value.startswith("~"):
+                return kind(value).name
+    return value
+
+
+def _config(run: Path) -> dict[str, Any]:
+    config = run_folder.read_config(run)
+    if not {"encoder", "batch", "data"} <= config.keys():
+        raise DataError(
+            f"{run / run_folder.CONFIG}: not the configuration of a run; give the folder of a run"
+        )
+    return config
