@@ -52,21 +52,13 @@ class Simulation:
         dome: Radius of curvature of the gel at rest, mm; None for a flat gel.
         thickness: Thickness of the gel, mm.
         modulus: Young's modulus of the gel, MPa.
-<<<<<<< HEAD
-        friction: Least and largest coefficient between gel and objects.
-        calibrations: Names of optical calibrations that ship; a unit has one of them.
-        relief: Slope of the gel over the slope with the same picture in the calibration; above 1
-            where presses of real trials change less, and less far around, than the calibration.
-        lamps: Lights of a type that has no calibration.
-        base: Its light from everywhere, R, G, B in grey levels.
-        dim: Share by which light falls off towards the border, see
-=======
         friction: Smallest and largest coefficient of friction between gel and objects.
         calibrations: Names of shipped optical calibrations; a unit has one of them.
+        relief: Slope of the gel over the slope with the same picture in the calibration; above 1
+            for smaller and narrower changes than the calibration's, as in presses of real trials.
         lamps: Lights of a type without calibration.
         base: Ambient light of a type without calibration, R, G, B in grey levels.
         dim: Loss of light towards the border, as a share, see
->>>>>>> main
             `sim.optics.lighting.lamp_calibration`.
         height_mm: Height of the field of view, mm; None takes it from the sensing area.
         level: Mean R, G, B of a background, for cameras with automatic colours; None leaves them
