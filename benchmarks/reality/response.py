@@ -107,6 +107,25 @@ def fitted(changes: Array, force: Array) -> Response | None:
     return Response(slopes[0], (shear[0], shear[1]), relative, curve)
 
 
+def shear_everywhere(changes: Array, force: Array) -> tuple[float, float]:
+    """Change of the whole picture by 1 N of shear along x and y, mean size in grey levels.
+
+    The fit ``a + b z + c z^2 + d x + e y`` of pictures as they are: motion of the imprint with the
+    shear counts.
+
+    Args:
+        changes: float32 (T, H, W, 3), grey levels.
+        force: float64 (T, 3), N.
+    """
+    pressed = force[:, 2] > _PRESSED * force[:, 2].max()
+    x, y, z = force[pressed].T
+    normal = z - z.mean()
+    by = np.stack([np.ones_like(x), normal, normal**2, x, y], axis=1)
+    pixels = changes[pressed].reshape(len(by), -1)
+    along, across = np.abs(np.linalg.lstsq(by, pixels, rcond=None)[0][3:]).mean(axis=1)
+    return float(along), float(across)
+
+
 def _curve(size: Array, normal: Array) -> tuple[float, ...]:
     """Median change near `SHARES` of the largest force, relative to the change near the largest."""
     share = normal / normal.max()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.sensors.specs import SIMULATED, simulation, spec
-from tactileforge.sim.geometry.heightfields import bumps
+from tactileforge.sim.geometry.heightfields import rough
 from tactileforge.sim.geometry.indenter_geometry import DEEP, printed
 from tactileforge.sim.geometry.shapes import Shape
 from tactileforge.sim.mechanics.gel import Gel
@@ -30,7 +30,7 @@ _DEPTHS = (0.05, 0.1, 0.2, 0.35, 0.55, 0.8, 1.1, 1.5)
 #: pose, mm and rad, for ``sway`` of 1; the amplitude of depth is a share of the deepest.
 _WAVES, _HERTZ, _SWAY = 4, (0.4, 4.0), (0.25, 0.25, 0.02, 0.5, 0.015, 0.015)
 #: Depth of printed lines over their distance.
-_PRINT = 0.03
+_PRINT = 0.02
 #: Radii (mm) of curvature of the published gels and of their most domed units; None is flat. They
 #: include the most domed gel of any sensor, `sensor_gels.MOST_DOMED`.
 _DOMES = (
@@ -166,9 +166,9 @@ def _finished(shape: Shape, row: RandomDraw) -> Shape:
     if distance := row["print_lines"]:
         angle = row.rng("print_lines").uniform(0, 180)
         shape = printed(shape, distance, _PRINT * distance, angle)
-    if not (rough := row["roughness"]):
+    if not (deviation := row["roughness"]):
         return shape
-    smooth, grain = shape.height, bumps(0.4, rough, int(row.rng("roughness").integers(1 << 31)))
+    smooth, grain = shape.height, rough(deviation, int(row.rng("roughness").integers(1 << 31)))
     return replace(
         shape, height=lambda x, y: np.minimum(smooth(x, y) + grain(x, y), DEEP), round=False
     )

@@ -18,6 +18,9 @@ from tactileforge.sim.geometry.sdf2d import SDF, Array, box, ellipse, minus
 #: Column, row of a crossing -> whether the upright yarn is on top.
 Pattern: TypeAlias = Callable[[Array, Array], NDArray[Any]]
 
+#: Number of waves of a rough surface.
+_WAVES = 32
+
 
 def waves(period: float, depth: float, angle: float = 0.0) -> Height:
     """Rounded ridges, one after the other along the direction ``angle``, degrees."""
@@ -174,6 +177,33 @@ def bumps(length: float, depth: float, seed: int) -> Height:
     def relief(x: Array, y: Array) -> Array:
         total = sum(np.cos(2 * np.pi * (x * fx + y * fy + phase)) for fx, fy, phase in parts)
         return np.asarray(depth * np.clip(0.5 + 0.5 * total / 6, 0, 1))
+
+    return relief
+
+
+def rough(deviation: float, seed: int) -> Height:
+    """A self-affine random surface, of waves of 0.5 to 4 mm and Hurst exponent 0.8.
+
+    Waves grow with their length, as on machined, printed and worn surfaces (B. N. J. Persson and
+    others, "On the nature of surface roughness", J. Phys.: Condens. Matter 17, 2005).
+
+    Args:
+        deviation: Standard deviation of the heights, mm.
+        seed: Seed of the waves.
+    """
+    draw = np.random.default_rng(seed)
+    angle, phase = draw.uniform(0, np.pi, _WAVES), draw.uniform(0, 2 * np.pi, _WAVES)
+    length = 0.5 * 8 ** draw.random(_WAVES)
+    size = length**0.8
+    size *= deviation * np.sqrt(2 / np.square(size).sum())
+    parts = [
+        (2 * np.pi * np.cos(a) / wave, 2 * np.pi * np.sin(a) / wave, start, high)
+        for a, wave, start, high in zip(angle, length, phase, size, strict=True)
+    ]
+
+    def relief(x: Array, y: Array) -> Array:
+        total = sum(high * np.cos(fx * x + fy * y + start) for fx, fy, start, high in parts)
+        return np.asarray(np.maximum(total + 3 * deviation, 0))
 
     return relief
 

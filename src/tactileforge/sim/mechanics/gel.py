@@ -207,6 +207,9 @@ def inverse_transform(spectrum: Tensor) -> Tensor:
     if spectrum.device.type != "cpu" or spectrum.ndim == 2:
         out: Tensor = torch.fft.irfft2(spectrum, s=size)
         return out
+    if spectrum.shape[:-2].numel() == 1:  # nothing to stack, and most touches are solved alone
+        alone: Tensor = torch.fft.irfft2(spectrum[(0,) * (spectrum.ndim - 2)], s=size)
+        return alone.view(*spectrum.shape[:-2], *size)
     each = [torch.fft.irfft2(one, s=size) for one in spectrum.flatten(0, -3)]
     return torch.stack(each).view(*spectrum.shape[:-2], *size)
 

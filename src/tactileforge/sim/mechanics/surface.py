@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -25,7 +26,8 @@ class Fields:
     Attributes:
         depth: float32 (B, 1, 4 n, 4 n), mm into the gel, twice as wide as the solver's grid.
         inside: float32 (B, 1, n, n), how far inside the contact a point lies, 0 to 1.
-        strain: float32 (B, 1, n, n), pressure over the modulus; None where objects are rigid.
+        strain: float32 (B, 1, n, n), pressure over the modulus, continued beyond the rim of the
+            contact; None where objects are rigid.
     """
 
     depth: Tensor
@@ -49,6 +51,7 @@ class GelSurface:
 
     def __init__(self, fine: Tensor, spacing: float, gel: Gel) -> None:
         self.n, self.spacing = fine.shape[-1] // DETAIL, spacing
+        self.poisson = gel.poisson
         unit = Gel(thickness=gel.thickness, poisson=gel.poisson, modulus=1.0)
         self.kernel = kernel(unit, self.n, spacing, str(fine.device))
         self.fine = fine[:, None]
@@ -72,7 +75,7 @@ class GelSurface:
         # 0 at the rim, 1 where all neighbours touch: at the rim the solver's points cannot tell
         # contact from gap, so there the object only pushes the gel, and never pulls it up.
         inside = F.avg_pool2d((pressure > 0).float(), 3, 1, 1)
-        soft = pressure if bool((contact.give > 0).any()) else None
+        soft = _continued(pressure) if bool((contact.give > 0).any()) else None
         return Fields(depth, (3 * inside - 2).clamp(min=0), soft)
 
     def picture(self, fields: Fields, contact: ContactState, places: Tensor) -> Tensor:
@@ -98,6 +101,7 @@ class GelSurface:
         if fields.strain is not None:
             reach -= contact.give[:, None, None] * _sample(fields.strain, there)
         more = torch.where(there.abs().amax(-1) < 1, reach - depth, -torch.inf)
+        more *= self._shared(contact.give)
         filled = more.clamp(max=0).mul_(_sample(fields.inside, there)).nan_to_num_()
         return depth.add_(filled).add_(more.clamp_(min=0))
 
@@ -124,11 +128,31 @@ class GelSurface:
         x, y = out.unbind(1)
         return torch.stack([cos * x - sin * y, sin * x + cos * y], -1)
 
+    def _shared(self, give: Tensor) -> Tensor:
+        """Share of the finest shape of soft objects taken by the gel, (B, 1, 1); 1 for rigid ones.
+
+        A wave q on a bed of springs of compliance g presses the gel against its stiffness
+        k = q / (2 (1 - nu^2)) over the modulus: the gel takes 1 / (1 + g k) of it.
+        """
+        stiff = math.pi / self.spacing / (2 * (1 - self.poisson**2))
+        return 1 / (1 + stiff * give[:, None, None])
+
     def _spectrum(self, field: Tensor) -> Tensor:
         """Fourier transform of a field, centred on a zero-padded grid of twice its width."""
         edge = self.n // 2
         out: Tensor = torch.fft.rfft2(F.pad(field, (edge,) * 4))
         return out
+
+
+def _continued(pressure: Tensor) -> Tensor:
+    """Pressure (B, 1, n, n), at the rim and just beyond it the mean of the points in contact.
+
+    Pressure ends within an object's edge, which lies between points: read from the points alone,
+    the yield of a soft object would fall to 0 there, and its edge would stand out.
+    """
+    touching = F.avg_pool2d((pressure > 0).float(), 3, 1, 1)
+    near = F.avg_pool2d(pressure, 3, 1, 1) / touching.clamp(min=1 / 9)
+    return torch.where(touching > 0.99, pressure, near)
 
 
 def _sample(field: Tensor, there: Tensor, padding: str = "zeros") -> Tensor:

@@ -22,6 +22,8 @@ _FRAMES = 8
 _TILE = 1 << 13
 #: Margin of the bank of noise, pixels: each frame takes a part of it at a random shift.
 _MARGIN = 64
+#: Depth at which the coating is pressed flat, mm.
+_PRESSED = 0.3
 
 
 class Optics:
@@ -107,6 +109,11 @@ class Optics:
         out = self._scattered(dent)
         self._shade(dent, out)
         out += self._background
+        if any(self.unit.face):
+            # Flat against an object, the coating shows it: fully from a few tenths of a mm on.
+            pressed = (dent / _PRESSED).clamp_(0, 1)
+            for channel, change in enumerate(self.unit.face):
+                out[:, channel].add_(pressed, alpha=change)
         if self.markers is not None:
             self.markers.paint(out, motion, self.unit.spacing)
         return out

@@ -21,6 +21,7 @@ from tactileforge.sim.optics import lighting
 from tactileforge.sim.optics.camera import CameraModel
 from tactileforge.sim.optics.lighting import OpticalCalibration, polynomial_background
 from tactileforge.sim.optics.markers import Markers, coverage, print_markers
+from tactileforge.sim.optics.stray_light import stray_light
 from tactileforge.sim.randomise.draw import Choice, RandomDraw
 
 
@@ -36,6 +37,7 @@ class SensorInstance:
         spacing: Width of a pixel, mm.
         noise: Standard deviation of the camera's noise, grey levels.
         markers: Markers of its gel; None without.
+        face: Change of R, G, B where the coating is pressed deep, grey levels.
         camera: Focus, exposure, tone curve, distortion and codec.
     """
 
@@ -46,6 +48,7 @@ class SensorInstance:
     spacing: float
     noise: float
     markers: Markers | None = None
+    face: tuple[float, float, float] = (0.0, 0.0, 0.0)
     camera: CameraModel = field(default_factory=CameraModel)
 
 
@@ -81,6 +84,9 @@ def draw_instance(
     still = polynomial_background(torch.einsum("n,nqc->qc", shares, how.backgrounds), height, width)
     still = torch.einsum("dc,chw->dhw", mixing, still) * _gradient(height, width, row)
     still = still + _clouds(style.clouds, height, width, row)
+    if how.lights and (row["cones"] or row["hot_spots"]):
+        chance = _chance(row, "stray light")
+        still += stray_light((height, width), how.lights, row["cones"], row["hot_spots"], chance)
     still = _levelled(still, style, row) + _worn(style, height, width, scale, row)
     has_markers = style.markers if markers is None else markers
     return SensorInstance(
@@ -92,6 +98,7 @@ def draw_instance(
         spacing=scale,
         noise=how.noise * row["noise"],
         markers=_markers(sensor, style, row) if has_markers else None,
+        face=tuple((row["face"] * _randn(row, "face", 3).clamp(-2, 2)).tolist()),
         camera=CameraModel(**{name: row[name] for name in CameraModel.__dataclass_fields__}),
     )
 
@@ -141,7 +148,8 @@ def _calibration(style: Simulation, row: RandomDraw) -> OpticalCalibration:
         which = row.rng("calibration").integers(len(style.calibrations)) if row["specimen"] else 0
         how = lighting.load_optics(style.calibrations[which])
     angles = row["light_turn"] * row.rng("light_turn").uniform(-1, 1, 3)
-    return how.turned(angles.tolist()).contrasted(row["contrast"])
+    how = how.turned(angles.tolist()).relieved(style.relief * row["relief"])
+    return how.contrasted(row["contrast"]).shadowed(row["shadow"])
 
 
 def _mixing(row: RandomDraw) -> Tensor:

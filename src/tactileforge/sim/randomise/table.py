@@ -17,6 +17,7 @@ import numpy as np
 
 _CHOSEN = "our choice"
 _REAL = "backgrounds and touches of the public samples"
+_DIGITS = "touches of four real DIGITs of the public samples, by eye"
 
 
 @dataclass(frozen=True)
@@ -122,9 +123,54 @@ TABLE: dict[str, RandomisedQuantity] = {
             1.2,
             1.0,
             log=True,
-            sensors={"gelsight_mini": (0.4, 1.1), "digit": (0.8, 2.4)},
-            source="in-contact change, grey levels: real Minis 11.5 to 24.8, calibrated 25.8; "
+            sensors={"gelsight_mini": (0.5, 1.3), "digit": (0.8, 2.4)},
+            source="in-contact change, grey levels: real Minis 11.5 to 24.8, calibrated 20; "
             "real DIGITs 15 to 37, calibrated 9",
+        ),
+        _unit(
+            "relief",
+            "slope of the gel that makes the same change, over the type's",
+            0.8,
+            1.25,
+            1.0,
+            log=True,
+            source="change around the contact of ToucHD's demonstrations, Mini",
+        ),
+        _unit(
+            "shadow",
+            "darkness of cast shadows, over the calibration's",
+            1.0,
+            1.0,
+            1.0,
+            sensors={"digit": (0.8, 2.5)},
+            source=_DIGITS,
+        ),
+        _unit(
+            "face",
+            "colour of the coating pressed flat: deviation of R, G, B, grey levels",
+            0.0,
+            0.0,
+            0.0,
+            sensors={"digit": (4.0, 12.0)},
+            source=_DIGITS,
+        ),
+        _unit(
+            "cones",
+            "stray light of a lamp in a cone across the picture, grey levels at the lamp",
+            0.0,
+            0.0,
+            0.0,
+            sensors={"digit": (40.0, 160.0)},
+            source=_DIGITS,
+        ),
+        _unit(
+            "hot_spots",
+            "light of a lamp in the picture, grey levels in its middle",
+            0.0,
+            0.0,
+            0.0,
+            sensors={"digit": (0.0, 80.0)},
+            source=_DIGITS,
         ),
         _unit(
             "unevenness",
@@ -158,7 +204,7 @@ TABLE: dict[str, RandomisedQuantity] = {
             0.5,
             1.6,
             0.0,
-            sensors={"digit": (1.0, 2.2)},
+            sensors={"digit": (2.0, 4.5)},
             source="fall of the spectrum of real changes, see the comparison with real sets",
         ),
         _unit(
@@ -254,11 +300,16 @@ TABLE: dict[str, RandomisedQuantity] = {
             0.015,
         ),
         _scene(
-            "roughness", "height of random grain on the object, mm", 0.002, 0.015, 0.0, share=0.5
+            "roughness",
+            "standard deviation of the heights of a rough object, mm; waves of 0.5 to 4 mm",
+            0.001,
+            0.01,
+            0.0,
+            share=0.5,
         ),
         _scene(
             "print_lines",
-            "distance of the lines that a printer left, mm; they are 3 % as deep",
+            "distance of the lines that a printer left, mm; they are 2 % as deep",
             0.3,
             1.0,
             0.0,
