@@ -1,5 +1,6 @@
 """Every published layout goes from a file to an encoder and back, or is refused for a reason."""
 
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -216,7 +217,8 @@ def test_other_fixed_positions_are_no_rounding(published: ModuleType, dtype: tor
 @pytest.mark.parametrize("case", FILES)
 def test_tensors_of_odd_shapes_are_named(published: ModuleType, case: str) -> None:
     state = state_of(published, case)
-    for key in list(state):
+    alike = {re.sub(r"\d+", "0", key): key for key in state}  # of all layers, the last
+    for key in alike.values():
         for odd in (torch.zeros(()), torch.zeros(0), torch.zeros(2, 0, 3), state[key][None]):
             try:
                 convert(state | {key: odd})
