@@ -21,6 +21,7 @@ from made_files import make_files
 from warm import Warm
 
 from tactileforge import registry
+from tactileforge.untrusted import load_yaml
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -81,3 +82,16 @@ def test_code_blocks_run(
 def test_what_does_not_run_has_a_reason(page: Path) -> None:
     for mark, reason, *_ in BLOCK.findall(page.read_text()):
         assert mark != "no-run" or reason.startswith(REASONS), reason
+
+
+def _pages(nav: object) -> list[str]:
+    if isinstance(nav, str):
+        return [nav]
+    items = nav.values() if isinstance(nav, dict) else nav
+    return [page for item in items for page in _pages(item)]  # type: ignore[attr-defined]
+
+
+def test_the_menu_has_every_page_once() -> None:
+    menu = _pages(load_yaml((ROOT / "mkdocs.yml").read_text("utf-8"))["nav"])
+    pages = [path.relative_to(ROOT / "docs").as_posix() for path in PAGES[1:]]
+    assert sorted(menu) == sorted(pages)

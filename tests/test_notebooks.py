@@ -30,7 +30,7 @@ def _cell(kind: str, text: str, number: int) -> dict[str, Any]:
 
 def notebook(page: Path) -> str:
     """A tutorial as a notebook of format 4.5, without outputs."""
-    text = page.read_text("utf-8")
+    text = re.sub(r"\[As a notebook\].*\n\n", "", page.read_text("utf-8"))
     cells: list[tuple[str, str]] = [("code", INSTALL)]
     done = 0
     for block in BLOCK.finditer(text):
