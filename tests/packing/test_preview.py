@@ -1,6 +1,6 @@
+import json
 import re
 from collections.abc import Callable
-import json
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import ModuleType

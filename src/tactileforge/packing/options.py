@@ -75,7 +75,7 @@ class PackOptions:
     executor: str = "local"
     max_bad: float = 0.01
     filter: Filter = field(default_factory=Filter)
-    markers: Sequence[str] = ()
+    markers: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.codec not in CODECS:

@@ -54,8 +54,6 @@ class Simulation:
         modulus: Young's modulus of the gel, MPa.
         friction: Smallest and largest coefficient of friction between gel and objects.
         calibrations: Names of shipped optical calibrations; a unit has one of them.
-        relief: Slope of the gel over the slope with the same picture in the calibration; above 1
-            for smaller and narrower changes than the calibration's, as in presses of real trials.
         lamps: Lights of a type without calibration.
         base: Ambient light of a type without calibration, R, G, B in grey levels.
         dim: Loss of light towards the border, as a share, see
@@ -74,7 +72,6 @@ class Simulation:
     modulus: float = 0.435
     friction: tuple[float, float] = (0.5, 1.2)
     calibrations: tuple[str, ...] = ()
-    relief: float = 1.0
     lamps: tuple[Lamp, ...] = ()
     base: tuple[float, float, float] = (0.0, 0.0, 0.0)
     dim: float = 0.0
@@ -116,7 +113,6 @@ PUBLISHED = {
         dome=106.6,
         friction=(0.8, 1.4),
         calibrations=("gelsight_mini",),
-        relief=4.0,
         pattern=MarkerPattern(9, 7, (2.4, 2.4), 0.5),
     ),
     "gelslim": Simulation(

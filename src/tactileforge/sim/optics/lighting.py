@@ -94,21 +94,6 @@ class OpticalCalibration:
         """The calibration of a sensor with the image's change multiplied by ``gain``."""
         return replace(self, fine=gain * self.fine, coarse=gain * self.coarse)
 
-    def relieved(self, steeper: float) -> OpticalCalibration:
-        """The calibration of a sensor showing a gel as this one a gel ``steeper`` times as flat."""
-        shrink = torch.tensor([steeper ** -(i + j) for i, j in POWERS])[:, None, None]
-        dents = 3 * len(BLURS)  # the rest are shadows: their darkness stays
-        coarse, limits = self.coarse.clone(), self.limits.clone()
-        coarse[:dents] /= steeper
-        limits[:dents] *= steeper
-        return replace(
-            self,
-            fine=self.fine * shrink,
-            coarse=coarse,
-            limits=limits,
-            steepest=self.steepest * steeper,
-        )
-
     def shadowed(self, darker: float) -> OpticalCalibration:
         """The calibration of a sensor with shadows ``darker`` times as dark."""
         coarse = self.coarse.clone()

@@ -148,7 +148,7 @@ def _calibration(style: Simulation, row: RandomDraw) -> OpticalCalibration:
         which = row.rng("calibration").integers(len(style.calibrations)) if row["specimen"] else 0
         how = lighting.load_optics(style.calibrations[which])
     angles = row["light_turn"] * row.rng("light_turn").uniform(-1, 1, 3)
-    how = how.turned(angles.tolist()).relieved(style.relief * row["relief"])
+    how = how.turned(angles.tolist())
     return how.contrasted(row["contrast"]).shadowed(row["shadow"])
 
 

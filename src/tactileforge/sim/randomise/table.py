@@ -123,18 +123,9 @@ TABLE: dict[str, RandomisedQuantity] = {
             1.2,
             1.0,
             log=True,
-            sensors={"gelsight_mini": (0.5, 1.3), "digit": (0.8, 2.4)},
-            source="in-contact change, grey levels: real Minis 11.5 to 24.8, calibrated 20; "
+            sensors={"gelsight_mini": (0.4, 1.1), "digit": (0.8, 2.4)},
+            source="in-contact change, grey levels: real Minis 11.5 to 24.8, calibrated 25.8; "
             "real DIGITs 15 to 37, calibrated 9",
-        ),
-        _unit(
-            "relief",
-            "slope of the gel that makes the same change, over the type's",
-            0.8,
-            1.25,
-            1.0,
-            log=True,
-            source="change around the contact of ToucHD's demonstrations, Mini",
         ),
         _unit(
             "shadow",
