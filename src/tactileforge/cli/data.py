@@ -113,6 +113,8 @@ def _guess(words: list[str]) -> list[str]:
 
 def _keep(keys: _Inspect, node: dict[str, Any]) -> None:
     """Writes the options of a guess: a layout file, or an option of the group ``data``."""
+    from tactileforge.datasets.recordings import LAYOUT_FILE
+
     kept = Path(keys.out).with_suffix(".yaml")
     layouts = node.get("layouts") if node["name"] == "recordings" else None
     write_text(kept, dump_yaml({"layouts": layouts} if layouts else node))
@@ -122,8 +124,6 @@ def _keep(keys: _Inspect, node: dict[str, Any]) -> None:
         print(f"options: {kept}; keep it as DIR/data/NAME.yaml, for --config-dir DIR data=NAME")
 
 
-#: Name of a file of layouts, see `datasets.recordings`.
-LAYOUT_FILE = "tactileforge.yaml"
 _DATA = {"data": "???"}
 COMMANDS = {
     "inspect": Command(run=_inspect, keys=_Inspect, groups=_DATA, bare=("path",), prepare=_guess),

@@ -30,9 +30,9 @@ def check_foreign(path: Path) -> None:
         ForeignShardError: None of its first members is an image of a shard; the message lists
             their endings.
     """
-    if not is_foreign(path):
-        return
     names = _member_names(path)
+    if not _are_foreign(names):
+        return
     endings = sorted({Path(name).suffix.removeprefix(".") for name in names})
     kind = "webdataset" if len(endings) > 1 or "/" not in names[0] else "tar file"
     raise ForeignShardError(
@@ -44,7 +44,10 @@ def check_foreign(path: Path) -> None:
 
 def is_foreign(path: Path) -> bool:
     """Whether a file is a tar file without images of a shard among its first members."""
-    names = _member_names(path)
+    return _are_foreign(_member_names(path))
+
+
+def _are_foreign(names: list[str]) -> bool:
     only_json = {Path(name).suffix for name in names} == {".json"}
     return bool(names) and not only_json and not any(_OURS.fullmatch(name) for name in names)
 
