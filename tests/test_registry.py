@@ -46,8 +46,8 @@ def test_unknown_name_lists_what_is_installed_and_the_nearest():
         registry.get("objectives", "pixle")
     text = str(error.value)
     assert "did you mean 'pixel'?" in text
-    known = "align, classify, denoise, diff, dino, distill, force, imitate, jepa, match, pixel"
-    assert known in text
+    assert f"Known: {', '.join(sorted(registry.names('objectives')))}" in text
+    assert "align, classify, denoise, diff" in text
     assert "nstall" not in text  # a typing mistake is no package
     with pytest.raises(PluginError, match="Install the package that provides it"):
         registry.get("objectives", "thermal")

@@ -155,7 +155,7 @@ def test_flags_that_do_not_go_together_are_one_line(capsys: pytest.CaptureFixtur
         ("hydra/launcher=", "hydra/launcher=: give the name of an option. Known: basic"),
         ("hydra/sweeper=null", "hydra/sweeper=null: give the name of an option. Known: basic"),
         ("hydra/launcher=foo", "Known: basic"),
-        ("data=null", "data=null: give the name of an option. Known: anytouch2, cloth"),
+        ("data=null", "data=null: give the name of an option. Known: aloha, anytouch2, cloth"),
         ("objective=null", "objective=null: give the name of an option. Known: align"),
     ],
 )

@@ -77,8 +77,8 @@ def test_the_state_is_that_of_the_sensor(page):
     first = json.loads(get(page.url + "state")[0])["sensors"]["left"]
     while len(first["readings"]) < 3:
         first = json.loads(get(page.url + "state")[0])["sensors"]["left"]
-    time, force, contact, slip, _, deepest = first["readings"][-1]
-    assert (force, slip, deepest) == (None, None, None)
+    time, force, contact, slip, _, deepest, motion = first["readings"][-1]
+    assert (force, slip, deepest, motion) == (None, None, None, None)
     assert contact in (False, True)
     later = json.loads(get(f"{page.url}state?left={time}")[0])["sensors"]["left"]
     assert all(reading[0] > time for reading in later["readings"])

@@ -75,7 +75,7 @@ class LiveOptions(StreamOptions):
     background: ShowBackground = field(default_factory=ShowBackground)
     calibration: Mapping[str, str] = field(default_factory=dict)
     depth: Mapping[str, str] = field(default_factory=dict)
-    markers: Sequence[str] = ()
+    markers: tuple[str, ...] = ()
     seconds: float | None = None
     frames: int | None = None
 

@@ -66,7 +66,7 @@ class RecordOptions:
     axes: Sequence[str] | Mapping[str, Sequence[str]] = ("x", "y", "z")
     calibration: Mapping[str, str] = field(default_factory=dict)
     depth: Mapping[str, str] = field(default_factory=dict)
-    markers: Sequence[str] = ()
+    markers: tuple[str, ...] = ()
     tare: bool = True
     codec: str = "jpg"
     quality: int = 95

@@ -84,8 +84,12 @@ SPECS: dict[str, SensorSpec] = {
 }
 
 
-def spec(name: str) -> SensorSpec:
+def spec(name: str, *also: str) -> SensorSpec:
     """Spec of a sensor type, published or of an installed sensor plugin.
+
+    Args:
+        name: Name of the type.
+        also: Further types of the caller, listed in the message.
 
     Raises:
         ConfigError: Unknown name; the message lists the known ones.
@@ -101,7 +105,7 @@ def spec(name: str) -> SensorSpec:
         "tactileforge plugins new sensor NAME"
     )
     types = filter(_is_type, registry.names("sensors"))
-    raise ConfigError(unknown("sensor", name, {*SPECS, *types}, fix))
+    raise ConfigError(unknown("sensor", name, {*SPECS, *types, *also}, fix))
 
 
 def _is_type(name: str) -> bool:

@@ -104,7 +104,7 @@ class Camera(Sensor):
         self.exposure, self.white_balance = exposure, white_balance
         self.border, self.crop, self.rotation, self.resize = border, crop, rotation, resize
         self.warmup = warmup
-        self.spec = self.spec if type == self.spec.name else spec(type)
+        self.spec = self.spec if type == self.spec.name else spec(type, self.spec.name)
         if width and height:
             self.spec = self._specified((height, width), fps)
         self.address = self.unit = ""
