@@ -11,10 +11,9 @@ import torch
 
 from tactileforge.contracts import Frame
 from tactileforge.datasets.shards import Shards
-from tactileforge.depth import DepthReader, read_optics
+from tactileforge.depth import DepthReader, depth_image, read_optics
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.live.publish import JsonLines
-from tactileforge.live.server import depth_image
 from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground, run_session
 from tactileforge.record.options import RecordOptions
 from tactileforge.record.record import record

@@ -17,6 +17,7 @@ from tactileforge.contracts import Sensor, SensorSpec
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.sensors.health import TROUBLES
 from tactileforge.sensors.light import LightCheck
+from tactileforge.sensors.resting_colours import agreement, colour_grid, has_colours
 from tactileforge.sensors.specs import SIMULATED, simulation, spec
 from tactileforge.sensors.swapped_colours import warn_of_swapped
 from tactileforge.sim.optics.features import BLURS, POWERS, exponents
@@ -27,11 +28,18 @@ from tactileforge.sim.optics.lighting import (
     load_optics,
     optics_names,
     parse_optics,
+    polynomial_background,
 )
 from tactileforge.sim.optics.sensor_instances import pixel_spacing
 
+#: Least agreement of a background's colors with those of a calibration. Public backgrounds reach
+#: 0.68 to 1 with the calibration of their type (seven DIGITs but one, with 0.37; three Minis, two
+#: GelSights) and -0.3 to 0.52 with those of others, but for a GelSlim and the Mini's (0.67).
+_AGREES = 0.6
 #: Largest depth, micrometres, within the range of int16.
 _FAR = 32_000
+#: Smallest depth of the brightest colour in an image of depth, mm, so that noise stays dark.
+_SHALLOW = 0.2
 #: Largest size of a calibration file, bytes.
 _LARGEST = 1 << 20
 
@@ -80,6 +88,7 @@ class DepthReader:
         self.calibration = _calibration(self.sensor, calibration)
         self._height_mm = _height_mm(sensor) if mm_per_pixel is None else None
         self._readers: dict[tuple[int, int], SurfaceReader] = {}
+        self._checked: NDArray[np.uint8] | None = None  # the last background whose colors are known
 
     def read(self, pictures: NDArray[np.uint8], background: NDArray[np.uint8]) -> Surface:
         """Reads the surface in one picture, or in each of several.
@@ -89,7 +98,8 @@ class DepthReader:
             background: uint8 (H, W, 3), RGB, picture without contact.
 
         Warns of pictures with another light than the background (`sensors.light`), and reads them
-        as flat. Also warns of pictures with red and blue swapped against the background.
+        as flat. Also warns of pictures with red and blue swapped against the background, and of a
+        background with other colors than the calibration's: its lights are elsewhere.
 
         Returns:
             Slopes (2, h, w) and depth (h, w) in mm, with B in front for several pictures; ``rows``
@@ -107,6 +117,7 @@ class DepthReader:
                 f"pictures {pictures.shape} and background {background.shape}: give (H, W, 3) or "
                 "(B, H, W, 3), and one (H, W, 3) of the same sensor"
             )
+        self._check_colours(background)
         height, width = background.shape[:2]
         several = pictures if pictures.ndim == 4 else pictures[None]
         warn_of_swapped("pictures", several, background)
@@ -132,6 +143,22 @@ class DepthReader:
         out: NDArray[np.int16] = (1000 * depth).round().clamp(-_FAR, _FAR).short().numpy()
         return out
 
+    def _check_colours(self, background: NDArray[np.uint8]) -> None:
+        """Warns of a background with the lights of another sensor; once for each background."""
+        if self._checked is background:
+            return
+        self._checked = background
+        seen = colour_grid(background)
+        fits = [agreement(seen, grid) for grid in _resting(self.calibration, background.shape[:2])]
+        if has_colours(seen) and fits and max(fits) < _AGREES:
+            warnings.warn(
+                f"depth: the colors of the background do not fit the calibration (agreement "
+                f"{max(fits):.2f}; that of its own unit is 1, of others of its type 0.7 to 1), so "
+                "depths may be wrong in place and size: take another calibration=, or fit one to "
+                "this unit (tactileforge calibrate depth)",
+                stacklevel=3,
+            )
+
     def _reader(self, height: int, width: int) -> SurfaceReader:
         rows = min(self.rows, height)
         size = rows, max(1, round(width * rows / height))
@@ -142,6 +169,19 @@ class DepthReader:
                 tall = self.mm_per_pixel * height
             self._readers[size] = SurfaceReader(self.calibration, size, tall / rows)
         return self._readers[size]
+
+
+def _resting(calibration: OpticalCalibration, size: tuple[int, ...]) -> list[NDArray[np.float64]]:
+    """Colour grids of the backgrounds of a calibration."""
+    shown = [polynomial_background(one, *size) for one in calibration.backgrounds]
+    return [colour_grid(picture.movedim(0, -1).numpy()) for picture in shown]
+
+
+def depth_image(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Depth as colours, uint8 (h, w, 3), RGB: dark for 0 mm, bright for the deepest place."""
+    shares = (depth / max(_SHALLOW, float(depth.max()))).clip(0, 1)
+    colours = cv2.applyColorMap((255 * shares).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
+    return np.asarray(cv2.cvtColor(colours, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def depth_readers(

@@ -14,6 +14,7 @@ from tactileforge.calibration.file import AXES, Calibration, ForceModel, Light
 from tactileforge.calibration.fit import AxisFit
 from tactileforge.calibration.force import fit_forces
 from tactileforge.calibration.light import estimate_light, light_drift, punch_mm_per_pixel
+from tactileforge.calibration.unit import recordings_of_unit
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.sensors.specs import spec
@@ -100,7 +101,7 @@ def calibrate(
         ConfigError: The recordings are of several units, or the options do not fit them.
         DataError: The recordings lack needed data; says which.
     """
-    chosen = _chosen(recordings, options)
+    chosen = recordings_of_unit(recordings, options.device, options.unit, options.frames)
     first = chosen[0]
     notes: list[str] = []
     sizes = {recording.frames.shape for recording in chosen}
@@ -126,35 +127,6 @@ def calibrate(
         force=force,
     )
     return CalibrationResult(calibration, fits, still, source, notes)
-
-
-def _chosen(recordings: Iterable[Recording], options: CalibrateOptions) -> list[Recording]:
-    chosen: list[Recording] = []
-    others: set[str] = set()
-    for recording in recordings:
-        names = {recording.sensor, str(recording.labels.get("device", recording.sensor))}
-        unit = str(recording.labels.get("unit", ""))
-        if options.device not in (None, *names) or options.unit not in (None, unit):
-            others |= {*names, unit} - {""}
-            continue
-        chosen.append(recording)
-        if sum(len(each.frames) for each in chosen) >= options.frames:
-            break
-    if not chosen:
-        wanted = options.unit or options.device or ""
-        if wanted:
-            raise ConfigError(unknown("device or unit", wanted, others))
-        raise DataError("there are no recordings: record a series of presses first")
-    units = {
-        f"{item.labels.get('device', item.sensor)} {item.labels.get('unit', '')}".strip()
-        for item in chosen
-    }
-    if len(units) > 1:
-        raise ConfigError(
-            f"recordings of {', '.join(sorted(units))}: a calibration belongs to a single unit; "
-            "choose it with device=NAME or unit=NAME"
-        )
-    return chosen
 
 
 def _kind(

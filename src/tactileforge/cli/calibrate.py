@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactileforge import registry
 from tactileforge.calibration.calibrate import CalibrateOptions, CalibrationResult, calibrate
+from tactileforge.calibration.depth_options import DepthOptions
 from tactileforge.calibration.file import Axis, load_calibration
 from tactileforge.cli._command import Command
 from tactileforge.contracts import Dataset, Recording
@@ -88,4 +89,42 @@ def _others(axis: Axis) -> str:
     return ", ".join(f"{name}: {error:.3g} N" for name, error in sorted(others))
 
 
-COMMANDS = {"": Command(run=_calibrate, keys=_Calibrate, groups={"data": "???"})}
+@dataclass(frozen=True, kw_only=True)
+class _Depth(DepthOptions):
+    """An optical calibration of one unit.
+
+    Attributes:
+        out: The calibration, FILE.json, for ``depth=``; its page is beside it.
+    """
+
+    out: str
+
+
+def _depth(keys: _Depth, config: dict[str, Any]) -> None:
+    """Fits the optics of one unit to presses of a ball; a page shows how well depths fit."""
+    out = Path(keys.out)
+    if out.suffix != ".json":
+        raise ConfigError(f"out={out}: give the name of a file, for example digit.json")
+    dataset = registry.build("datasets", config["data"])
+
+    from tactileforge.calibration.depth import calibrate_depth
+    from tactileforge.calibration.depth_page import depth_page, depth_table
+    from tactileforge.sim.optics.fit import save_optics
+
+    result = calibrate_depth(_recordings(dataset), keys)
+    source = f"{len(result.presses)} presses of a {keys.ball_mm:g} mm ball on {result.sensor}"
+    save_optics(result.optics, out, source)
+    write_text(out.with_suffix(".html"), depth_page(result))
+    for name, correlation, error, deepest in depth_table(result):
+        fits = f"correlation {correlation}, error {error} mm, " if error else ""
+        print(f"{name}: {fits}deepest place {deepest} mm")
+    for line in [*result.notes, *dataset.skipped]:
+        print(f"note: {line}")
+    print(f"calibration: {out}\npage: {out.with_suffix('.html')}")
+
+
+_DATA = {"data": "???"}
+COMMANDS = {
+    "": Command(run=_calibrate, keys=_Calibrate, groups=_DATA),
+    "depth": Command(run=_depth, keys=_Depth, groups=_DATA),
+}

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.depth import depth_image
 from tactileforge.errors import ConfigError
 from tactileforge.live.page import page_html
 from tactileforge.live.publish import to_json
@@ -29,8 +30,6 @@ _LARGE = 480
 _GAIN = 2.0
 #: Pictures of a sensor.
 _PICTURES = ("frame", "difference", "depth", "markers")
-#: Smallest depth of the brightest colour in an image of depth, mm, so that noise stays dark.
-_SHALLOW = 0.2
 #: Time after which a silent connection is closed, s.
 _SILENCE = 10.0
 _HOST = "127.0.0.1"
@@ -221,13 +220,6 @@ def difference_image(image: NDArray[np.uint8], background: NDArray[np.uint8]) ->
         return image
     change = image.astype(np.float32) - background
     return np.asarray((128 + _GAIN * change).clip(0, 255), np.uint8)
-
-
-def depth_image(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Depth as colours, uint8 (h, w, 3), RGB: dark for 0 mm, bright for the deepest place."""
-    shares = (depth / max(_SHALLOW, float(depth.max()))).clip(0, 1)
-    colours = cv2.applyColorMap((255 * shares).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
-    return np.asarray(cv2.cvtColor(colours, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def page_jpeg(image: NDArray[np.uint8]) -> bytes:

@@ -80,16 +80,20 @@ def fit_weights(
     return solved.view(-1, len(ground), 3).float()
 
 
-def fit_optics(presses: Presses) -> OpticalCalibration:
+def fit_optics(presses: Presses, ridge: float = _RIDGE) -> OpticalCalibration:
     """The calibration of a sensor from presses of a ball.
 
     A light's direction is the average direction of slopes bright in its colour.
+
+    Args:
+        presses: Presses of a ball.
+        ridge: Penalty of a weight, see `fit_weights`.
     """
     slopes = [feature[:2] for feature in press_features(presses, ())]
     weights = fit_weights(presses, slopes, 0, 0)[:, 0]
     lights = tuple(torch.atan2(-weights[1], -weights[0]).tolist()) if presses.shadows else ()
     maps = press_features(presses, lights)
-    weights = fit_weights(presses, maps, DEGREE)
+    weights = fit_weights(presses, maps, DEGREE, ridge)
     peak = torch.stack([feature[len(POWERS) :].abs().amax((1, 2)) for feature in maps]).amax(0)
     return OpticalCalibration(
         fine=weights[: len(POWERS)],
