@@ -35,7 +35,7 @@ def background() -> torch.Tensor:
 
 @pytest.fixture(scope="module")
 def made() -> Presses:
-    """Sixteen presses on a DIGIT whose red and green lights have changed their places."""
+    """Sixteen presses on a DIGIT with exchanged red and green lights."""
     rng = np.random.default_rng(0)
     circles = np.stack([rng.uniform(15, 45, 16), rng.uniform(20, 60, 16), rng.uniform(5, 8, 16)], 1)
     about = {"spacing": SPACING, "ball": 3.0, "thickness": 2.5}
@@ -81,7 +81,7 @@ def test_a_unit_is_read_better_than_by_the_shipped_calibration(made: Presses) ->
 
 
 def test_a_calibration_is_judged_on_presses_that_it_did_not_see(made: Presses) -> None:
-    """Pictures that belong to other circles cannot be read, however well they are fitted."""
+    """Pictures of other circles cannot be read, however well they are fitted."""
     mixed = replace(made, circles=made.circles.roll(5, 0))
     assert calibrate_depth(recordings(mixed), OPTIONS).after.correlation.mean() < 0.5
 

@@ -74,7 +74,7 @@ def test_an_axis_that_nothing_explains_stays_as_it_was() -> None:
 
 
 def test_an_axis_that_was_hardly_pressed_is_left_out() -> None:
-    """Small shear that pictures tell to the last: nothing was seen of larger ones."""
+    """Small shear, told by pictures to the last: nothing was seen of larger ones."""
     forces = np.zeros((30, 3))
     forces[:, 2] = np.linspace(0, 10, 30)
     forces[:, 0] = np.linspace(-0.7, 0.7, 30)

@@ -240,7 +240,7 @@ def test_what_does_not_change_the_shards_may_change(
 
 
 def test_other_data_are_not_mixed_with_what_is_there(packable: ModuleType, tmp_path: Path) -> None:
-    """A crop of one size at another place gives recordings that look the same from outside."""
+    """A crop of one size at another place gives recordings of the same look from outside."""
     crop = {"name": "recordings", "layouts": {"a": {"box": [0, 0, 8, 8]}}}
     moved = {**crop, "layouts": {"a": {"box": [8, 0, 8, 8]}}}
     pack(packable.Touches(), "touches", tmp_path, OPTIONS, crop | {"root": "here"})

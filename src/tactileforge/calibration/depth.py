@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -17,7 +18,7 @@ from tactileforge.calibration.unit import recordings_of_unit
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.sensors.specs import simulation, spec
-from tactileforge.sim.optics.fit import fit_optics
+from tactileforge.sim.optics.fit import fit_optics, save_optics
 from tactileforge.sim.optics.inverse import SurfaceReader
 from tactileforge.sim.optics.lighting import OpticalCalibration, load_optics
 from tactileforge.sim.optics.presses import Presses, find_circle
@@ -74,6 +75,11 @@ class DepthCalibration:
     after: DepthFit
     before: DepthFit | None
     notes: list[str]
+
+    def save(self, path: Path) -> None:
+        """Writes the calibration, for `depth.DepthReader`."""
+        ball = f"{2 * self.presses.ball:g} mm ball"
+        save_optics(self.optics, path, f"{len(self.presses)} presses of a {ball} on {self.sensor}")
 
 
 def calibrate_depth(recordings: Iterable[Recording], options: DepthOptions) -> DepthCalibration:

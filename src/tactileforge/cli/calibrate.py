@@ -109,11 +109,9 @@ def _depth(keys: _Depth, config: dict[str, Any]) -> None:
 
     from tactileforge.calibration.depth import calibrate_depth
     from tactileforge.calibration.depth_page import depth_page, depth_table
-    from tactileforge.sim.optics.fit import save_optics
 
     result = calibrate_depth(_recordings(dataset), keys)
-    source = f"{len(result.presses)} presses of a {keys.ball_mm:g} mm ball on {result.sensor}"
-    save_optics(result.optics, out, source)
+    result.save(out)
     write_text(out.with_suffix(".html"), depth_page(result))
     for name, correlation, error, deepest in depth_table(result):
         fits = f"correlation {correlation}, error {error} mm, " if error else ""
