@@ -174,7 +174,7 @@ def _presses(chosen: Sequence[Recording], options: DepthOptions, notes: list[str
 def _deepest(recording: Recording, rest: NDArray[np.float32]) -> NDArray[np.uint8]:
     """The frame with the largest change from the background."""
     frames = (frame for part in chunks(recording.frames) for frame in part)
-    deepest = max(frames, key=lambda frame: float(np.abs(frame - rest).mean()))
+    deepest: NDArray[np.uint8] = max(frames, key=lambda frame: float(np.abs(frame - rest).mean()))
     if float(np.abs(deepest - rest).max()) < _LEAST:
         raise DataError(f"{recording.key}: no frame shows contact; leave the recording out")
     return deepest
