@@ -157,6 +157,8 @@ def told(
     except yaml.YAMLError as error:
         raise ConfigError(yaml_slip(error)) from error
     except RecursionError as error:
+        if not composing():  # no YAML is to blame
+            raise
         raise ConfigError(
             "the defaults of a YAML of yours choose its own group: an option that changes another "
             "one of its group begins with defaults: [OTHER, _self_]"
