@@ -130,7 +130,11 @@ def test_build_rejects_options_that_do_not_fit(toy, options, message):
     ("kind", "options", "message"),
     [
         ("datasets", {"name": "sim", "val": 1.5}, "data.val is 1.5, which"),
-        ("datasets", {"name": "shards", "root": "x", "val": 1.5}, "data.val is 1.5; give the share"),
+        (
+            "datasets",
+            {"name": "shards", "root": "x", "val": 1.5},
+            "data.val is 1.5; give the share",
+        ),
         ("datasets", {"name": "shards"}, "dataset 'shards' needs 'root': set data.root=..."),
         ("datasets", {"name": "shards", "root": "x", "hold_out": "tak"}, "unknown hold_out 'tak'"),
     ],
