@@ -72,7 +72,8 @@ def read(argv: Sequence[str]) -> Words:
     ``--key value`` and ``--key=value`` are ``key=value``, and ``--key`` alone is ``key=true``.
 
     Raises:
-        ConfigError: A flag is unknown, lacks its value or has an unknown one, or a plugin is given twice.
+        ConfigError: A flag is unknown, lacks its value or has an unknown one, or a plugin is given
+            twice.
     """
     words, rest = Words(), list(argv)
     while rest:
