@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -341,6 +342,15 @@ def test_the_page_of_keys_is_that_of_the_code(capsys: pytest.CaptureFixture[str]
     """Written anew by ``tactileforge plugins keys markdown=true > docs/keys.md``."""
     page = Path(__file__).parents[2] / "docs" / "keys.md"
     assert said(capsys, "plugins", "keys", "markdown=true") == page.read_text("utf-8")
+
+
+def test_every_key_of_the_page_has_a_meaning() -> None:
+    """Of verbs, of groups and of each installed plugin; a heading of keys needs none."""
+    lines = (Path(__file__).parents[2] / "docs" / "keys.md").read_text("utf-8").splitlines()
+    pairs = zip(lines, lines[1:], strict=False)
+    keys = [(before, line) for before, line in pairs if re.match(r"\s*\w+: \S", line)]
+    assert len(keys) > 400
+    assert [line for before, line in keys if not before.strip().startswith("# ")] == []
 
 
 @pytest.mark.parametrize("path", ["trainer/default", "optim/adamw", "batch/default"])

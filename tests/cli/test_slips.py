@@ -51,6 +51,9 @@ def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["live", "sensor=simm"], "did you mean 'sim'"),
         (["record", "sensor=sim", "out=r", "licence=cc by 4.0"], "did you mean 'CC-BY-4.0'"),
         (["sim", "out=o", "motions=atomc"], "did you mean 'atomic'"),
+        (["sim", "out=o", "indenters=pretrian"], "did you mean 'pretrain'"),
+        (["sim", "out=o", "sensors=digit"], "give a list: [digit]"),
+        (["sim", "out=o", "processes=0"], "processes=0: give 1 or more"),
     ],
 )
 def test_a_slip_is_one_line_that_names_the_fix(
