@@ -133,7 +133,7 @@ def test_a_slip_in_a_suite_of_ones_own_is_one_line(
         ({"data": "{name: recordings, root: nowhere}"}, "set tasks.grasp.data.root to the folder"),
     ],
 )
-def test_what_cannot_be_run_is_named_and_the_rest_runs(
+    """A suite goes on without a task of unfit data: status 3, and a line with the fix."""
     changes: dict[str, str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A suite goes on without a task whose data does not fit: status 3, and a line with the fix."""

@@ -364,7 +364,7 @@ def test_workers_of_several_processes_are_not_forked(
 def test_a_daemon_process_reads_itself_and_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """As the jobs of a sweep by joblib, which may start no processes."""
+    """As the jobs of a sweep by joblib."""
     data = touch(Shards(str(pack(Memory(24), tmp_path, size=4))), workers=2)
     here = SimpleNamespace(daemon=True)
     monkeypatch.setattr("tactileforge.data.batches.loader.current_process", lambda: here)
