@@ -133,10 +133,10 @@ def test_a_slip_in_a_suite_of_ones_own_is_one_line(
         ({"data": "{name: recordings, root: nowhere}"}, "set tasks.grasp.data.root to the folder"),
     ],
 )
-    """A suite goes on without a task of unfit data: status 3, and a line with the fix."""
+def test_what_cannot_be_run_is_named_and_the_rest_runs(
     changes: dict[str, str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A suite goes on without a task whose data does not fit: status 3, and a line with the fix."""
+    """A suite goes on without a task of unfit data: status 3, and a line with the fix."""
     assert cli.run(suite(**changes)) == 3
     line = next(row for row in capsys.readouterr().out.splitlines() if row.startswith("not run: "))
     assert message in line

@@ -71,9 +71,10 @@ def model_entry(
     # prefixes first: behind one, a dot is part of a path, and not of NAME.TAG
     if word.startswith("untrained:"):
         of = word.removeprefix("untrained:")
-        here = bool(runs) and of in runs
-        shape = f"run:{runs[of]}" if here else of
-        if not here:
+        if runs and of in runs:
+            shape = f"run:{runs[of]}"
+        else:
+            shape = of
             _check_shape(of, composed)
         return ModelEntry(
             name=word,
