@@ -1,6 +1,7 @@
 """Weights not taken over by a new run are named, with the option."""
 
 import logging
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,6 +11,8 @@ from omegaconf import OmegaConf
 from tactileforge import initial
 from tactileforge.checkpoint_file import left_out
 from tactileforge.compose import compose
+from tactileforge.hub.cards import find_card, zoo_folder
+from tactileforge.hub.header import read_header
 from tactileforge.initial import warn_of_dropped
 from tactileforge.module import TouchModule
 
@@ -59,3 +62,25 @@ def test_what_fits_is_not_warned_of(
     more = ["objective=[pixel,force]"]
     assert warned(monkeypatch, caplog, more, ["objective=[pixel]"]) == ""
     assert left_out(torch.nn.Linear(1, 1), {"balance.factor": torch.ones(1)}) == []
+
+
+def test_the_precedence_of_init_scale_and_freeze() -> None:
+    """The table of docs/configuration.md: sizes of the model, training and heads of the run."""
+    words = ["init=anytouch2.tiny", "objective=[pixel]", "encoder.mask_ratio=0.4", "freeze=true"]
+    for scale in ("demo", "tiny"):
+        made = compose("anytouch2", [f"scale={scale}", *words])
+        run: dict[str, Any] = OmegaConf.to_container(made, resolve=True)  # type: ignore[assignment]
+        steps, width = run["trainer"]["max_steps"], run["head"]["pixel"].get("width")
+        state = initial.start_from(run)
+        model = find_card("anytouch2.tiny")[1]
+        header = read_header(Path(str(zoo_folder() / model.file)))
+        sizes = {key: run["encoder"][key] for key in ("size", "depth", "image_size", "patch")}
+        assert sizes == {key: header.encoder[key] for key in sizes}, "of the model"
+        assert run["encoder"]["mask_ratio"] == 0.4, "of the run"
+        assert (run["trainer"]["max_steps"], run["head"]["pixel"].get("width")) == (steps, width)
+        module = TouchModule.from_config(run, {"text", "force"})
+        assert state is not None
+        left_out(module, state)
+        assert not any(weight.requires_grad for weight in module.encoder.parameters())
+        assert all(weight.requires_grad for weight in module.heads.parameters())
+        assert not module.train().encoder.training, "freeze keeps it in evaluation mode"

@@ -8,6 +8,7 @@ import sys
 import pytest
 from waiting import wait_until
 
+from tactileforge.errors import ConfigError
 from tactileforge.processes import process_count, run_program, with_this_process
 
 PRINT = "from tactileforge.processes import cpus; print(cpus())"
@@ -17,6 +18,9 @@ def test_no_more_than_there_is_work_for_and_as_many_as_are_asked_for() -> None:
     assert process_count(3, asked=8) == 3
     assert process_count(8, asked=3) == 3
     assert process_count(1, asked=None) == 1
+    for asked in (0, -3):
+        with pytest.raises(ConfigError, match=f"processes={asked}: give 1 or more, or null"):
+            process_count(3, asked=asked)
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the system pins no process")

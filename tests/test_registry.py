@@ -124,3 +124,22 @@ def test_build_passes_options_and_the_context_it_names(toy):
 def test_build_rejects_options_that_do_not_fit(toy, options, message):
     with pytest.raises(ConfigError, match=message):
         registry.build("sensors", {"name": "toy", **options})
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "message"),
+    [
+        ("datasets", {"name": "sim", "val": 1.5}, "data.val is 1.5, which"),
+        (
+            "datasets",
+            {"name": "shards", "root": "x", "val": 1.5},
+            "data.val is 1.5; give the share",
+        ),
+        ("datasets", {"name": "shards"}, "dataset 'shards' needs 'root': set data.root=..."),
+        ("datasets", {"name": "shards", "root": "x", "hold_out": "tak"}, "unknown hold_out 'tak'"),
+    ],
+)
+def test_build_names_the_place_of_an_option(kind, options, message):
+    with pytest.raises(ConfigError, match=f"^.*{re.escape(message)}") as told:
+        registry.build(kind, options, "data")
+    assert "data.unknown" not in str(told.value)

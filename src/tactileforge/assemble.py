@@ -43,7 +43,7 @@ def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchDat
     _check(config["batch"], config.get("augment") or {})
     node = dict(config["data"])
     max_bad = node.pop("max_bad")
-    dataset = registry.build("datasets", node)
+    dataset = registry.build("datasets", node, "data")
     encoder = encoder or outline(config["encoder"])
     batch = dict(config["batch"])
     objectives = {

@@ -198,7 +198,7 @@ class Recording:
         tracks: Further values per frame: arrays (T, ...) by name.
         source: Origin of the recording.
         tier: Tier of the tactile dynamic pyramid, 1 (force) to 5 (static).
-        licence: SPDX identifier, or plain words for a licence without one.
+        licence: SPDX identifier, or several plain words for a licence without one.
     """
 
     key: str

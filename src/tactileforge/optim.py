@@ -57,7 +57,7 @@ def parse_optim(config: Mapping[str, Any]) -> tuple[OptimizerPlugin, OptimOption
     """
     own = {key: value for key, value in config.items() if key not in COMMON}
     common = {key: value for key, value in config.items() if key in COMMON}
-    plugin = registry.build("optimizers", {"name": "adamw", **own})
+    plugin = registry.build("optimizers", {"name": "adamw", **own}, "optim")
     return plugin, strict.build(OptimOptions, "optim", common)
 
 

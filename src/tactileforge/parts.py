@@ -92,14 +92,14 @@ def build_parts(
     Raises:
         ConfigError: The encoder is not one of touch, or a head has nothing to align with.
     """
-    encoder = registry.build("encoders", config["encoder"])
+    encoder = registry.build("encoders", config["encoder"], "encoder")
     modality = getattr(encoder, "modality", "touch")
     if modality != "touch":
         raise ConfigError(f"encoder={config['encoder']['name']} encodes {modality}, not touch")
     heads, objectives = {}, {}
     for key, node in config["objective"].items():
         options = {name: value for name, value in node.items() if name != "weight"}
-        objectives[key] = registry.build("objectives", options)
+        objectives[key] = registry.build("objectives", options, f"objective.{key}")
         heads[key] = _head(key, config, provides, encoder)
     return encoder, heads, objectives
 
@@ -137,8 +137,8 @@ def check_values(config: Mapping[str, Any]) -> None:
         ConfigError: A constructor refuses a value.
     """
     for place, row in curriculum.value_rows(config["curriculum"]).items():
-        group, _, rest = place.partition(".")
-        key, _, name = rest.rpartition(".")
+        owner, _, name = place.rpartition(".")
+        group, _, key = owner.partition(".")
         node = config.get(group) or {}
         node = node.get(key) if key else node
         if group not in ("encoder", "objective") or not node or name not in node:
@@ -147,7 +147,7 @@ def check_values(config: Mapping[str, Any]) -> None:
         for end in (end for end in ends if isinstance(end, int | float)):
             options = {k: v for k, v in node.items() if k != "weight"} | {name: end}
             with torch.device("meta"), torch.random.fork_rng(devices=[]):
-                registry.build(f"{group}s", options)
+                registry.build(f"{group}s", options, owner)
 
 
 def outline(node: Mapping[str, Any]) -> Any:
@@ -170,9 +170,9 @@ def outline(node: Mapping[str, Any]) -> Any:
     with torch.random.fork_rng(devices=[]):
         try:
             with torch.device("meta"):
-                shell = registry.build("encoders", node)
+                shell = registry.build("encoders", node, "encoder")
         except (NotImplementedError, RuntimeError, TypeError):  # needs numbers of a meta tensor
-            shell = registry.build("encoders", node)
+            shell = registry.build("encoders", node, "encoder")
     needs = sum(x.numel() for x in shell.state_dict().values())
     if needs > _MOST:
         raise ConfigError(
@@ -208,7 +208,7 @@ def _head(
     given["column_sizes"] = sizes_of(config)
     if "teacher" in wanted:
         given["teacher"] = _teacher(key, config)
-    built: nn.Module = registry.build("heads", config["head"][key], **given)
+    built: nn.Module = registry.build("heads", config["head"][key], f"head.{key}", **given)
     return built
 
 
@@ -237,7 +237,7 @@ def tower(config: Mapping[str, Any], kind: str) -> nn.Module:
         ConfigError: The chosen plugin encodes another modality.
     """
     node = config[f"{kind}_encoder"]
-    built: nn.Module = registry.build("encoders", node)
+    built: nn.Module = registry.build("encoders", node, f"{kind}_encoder")
     modality = getattr(built, "modality", "touch")
     if modality != kind:
         raise ConfigError(f"{kind}_encoder={node['name']} encodes {modality}, not {kind}")

@@ -69,6 +69,7 @@ from tactileforge.errors import (
     unknown,
 )
 from tactileforge.files import cache_folder, new_part, write_text
+from tactileforge.licences import check_data_licence
 from tactileforge.live.publish import to_json
 from tactileforge.moves import VERSION
 from tactileforge.registry import build, names
@@ -175,6 +176,7 @@ __all__ = [
     "build",
     "cache_folder",
     "changes_by_at_most",
+    "check_data_licence",
     "close_sensor",
     "describe_recording",
     "encode_image",

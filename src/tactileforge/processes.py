@@ -16,7 +16,7 @@ from tempfile import TemporaryFile
 from typing import IO, Any, TypeVar
 
 from tactileforge import strict
-from tactileforge.errors import TactileForgeError
+from tactileforge.errors import ConfigError, TactileForgeError
 
 _Options = TypeVar("_Options")
 
@@ -43,10 +43,15 @@ def process_count(pieces: int, asked: int | None) -> int:
         pieces: Number of pieces; further processes would have nothing to do.
         asked: Number of processes asked for; None for one per available CPU.
 
+    Raises:
+        ConfigError: Fewer than one are asked for.
+
     Example:
         >>> process_count(3, asked=8)
         3
     """
+    if asked is not None and asked < 1:
+        raise ConfigError(f"processes={asked}: give 1 or more, or null for one a core")
     return min(pieces, asked or cpus())
 
 

@@ -5,6 +5,7 @@ Listing reads metadata only, imports nothing and never fails. Using a plugin fai
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -159,12 +160,14 @@ def context(plugin: type[Any]) -> frozenset[str]:
     return CONTEXT & set(signature(plugin).parameters)
 
 
-def build(kind: str, config: Mapping[str, Any], **given: Any) -> Any:
+def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any) -> Any:
     """Builds a plugin from its configuration: ``name`` and constructor arguments.
 
     Args:
         kind: One of `KINDS` or `OTHERS`.
         config: ``{"name": ..., **arguments}``.
+        where: Place of the node in a configuration, for errors: ``data``, ``head.force``; "" for
+            none.
         given: Values for constructor parameters in `contracts.CONTEXT`; those the plugin does not
             name are not passed.
 
@@ -186,11 +189,21 @@ def build(kind: str, config: Mapping[str, Any], **given: Any) -> Any:
             raise ConfigError(unknown(f"option of {what}", key, known, fix))
     for key, default in known.items():
         if default is Parameter.empty and key not in arguments:
-            raise ConfigError(f"{what} needs {key!r}: set {key}=...")
-    # keys of an optimiser stand beside those that all of them have
-    _check_types("optim." if kind == "optimizers" else f"{what}: ", plugin, arguments)
+            raise ConfigError(f"{what} needs {key!r}: set {_below(where, key)}=...")
+    _check_types(f"{where}." if where else f"{what}: ", plugin, arguments)
     wanted = context(plugin)
-    return plugin(**arguments, **{key: given[key] for key in wanted if key in given})
+    try:
+        return plugin(**arguments, **{key: given[key] for key in wanted if key in given})
+    except ConfigError as error:
+        text = str(error)
+        # a plugin knows the name of its option, not its place
+        if where and re.split(r"=| is |: ", text, maxsplit=1)[0] in known:
+            raise ConfigError(_below(where, text)) from error
+        raise
+
+
+def _below(where: str, key: str) -> str:
+    return f"{where}.{key}" if where else key
 
 
 def _check_types(before: str, plugin: type[Any], arguments: Mapping[str, Any]) -> None:

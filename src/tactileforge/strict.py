@@ -95,7 +95,9 @@ def typed(where: str, value: Any, hint: Any) -> Any:
         return value if isinstance(value, hint) else build(hint, where, value or {})
     fits, made = _fit(where, value, hint)
     if not fits:
-        raise ConfigError(f"{where} is {_short(value)}, which is not of type {_name(hint)}")
+        takes_list = get_origin(hint) in (list, tuple, Sequence) and isinstance(value, str)
+        fix = f"; give a list: [{_short(value)[1:-1]}]" if takes_list else ""
+        raise ConfigError(f"{where} is {_short(value)}, which is not of type {_name(hint)}{fix}")
     return made
 
 

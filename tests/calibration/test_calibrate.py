@@ -214,7 +214,7 @@ def test_bad_recordings_are_named() -> None:
         ([bare], CalibrateOptions(), "press0: no frame without contact"),
         ([good[0], small], CalibrateOptions(), "24 x 64 and 48 x 64 pixels"),
         (short, CalibrateOptions(), "9 frames with a force; give 12"),
-        (good, CalibrateOptions(fit="wrench"), "unknown source of forces 'wrench'"),
+        (good, CalibrateOptions(fit="wrench"), "unknown fit 'wrench'"),
     ):
         with pytest.raises((DataError, ConfigError), match=message):
             calibrate(recordings, options)

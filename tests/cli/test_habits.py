@@ -2,8 +2,10 @@
 
 import csv
 import os
+import re
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -341,6 +343,14 @@ def test_the_page_of_keys_is_that_of_the_code(capsys: pytest.CaptureFixture[str]
     """Written anew by ``tactileforge plugins keys markdown=true > docs/keys.md``."""
     page = Path(__file__).parents[2] / "docs" / "keys.md"
     assert said(capsys, "plugins", "keys", "markdown=true") == page.read_text("utf-8")
+
+
+def test_every_key_of_the_page_has_a_meaning() -> None:
+    """Of verbs, of groups and of each installed plugin; a heading of keys needs none."""
+    lines = (Path(__file__).parents[2] / "docs" / "keys.md").read_text("utf-8").splitlines()
+    keys = [(before, line) for before, line in pairwise(lines) if re.match(r"\s*\w+: \S", line)]
+    assert len(keys) > 400
+    assert [line for before, line in keys if not before.strip().startswith("# ")] == []
 
 
 @pytest.mark.parametrize("path", ["trainer/default", "optim/adamw", "batch/default"])

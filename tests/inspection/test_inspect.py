@@ -235,7 +235,9 @@ def test_few_are_looked_at_and_all_are_counted(touch: Touch, listed: Any, tmp_pa
 
         return touch(seed, count=3, force=None, frames=Spy())
 
-    findings, _ = written(listed([spied(i) for i in range(40)]), tmp_path / "page.html", limit=7)
+    findings, _ = written(
+        listed([spied(i) for i in range(40)]), tmp_path / "page.html", recordings=7
+    )
     assert (findings.recordings, findings.looked) == (40, 7)
     assert len(decoded) == 7
 
@@ -282,8 +284,8 @@ def test_names_are_shown_as_they_are(touch: Touch, listed: Any, tmp_path: Path) 
 
 def test_errors_that_are_the_users(touch: Touch, listed: Any, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
-    with pytest.raises(ConfigError, match="limit=0"):
-        inspect(listed([touch()]), "made", page, limit=0)
+    with pytest.raises(ConfigError, match="recordings=0"):
+        inspect(listed([touch()]), "made", page, recordings=0)
     with pytest.raises(DataError, match="no recording to look at; gone: truncated"):
         inspect(listed([], skipped=["gone: truncated"]), "made", page, progress=False)
     missing = DataNotFoundError("touches: no such folder")

@@ -30,9 +30,9 @@ def of_layer(seed: int) -> NDArray[np.float32]:
     return (picture + rng.normal(0, 3, picture.shape)).astype(np.float32)
 
 
-def lines(pictures: list[Any], sensor: str) -> list[str]:
+def lines(pictures: list[Any], sensor: str, has_layout: bool = True) -> list[str]:
     seen = [Resting(f"x/{i}", sensor, p.shape[:2], p) for i, p in enumerate(pictures)]
-    return [odd.line for odd in odd_pictures(seen)]
+    return [odd.line for odd in odd_pictures(seen, has_layout)]
 
 
 @pytest.mark.parametrize("sensor", ["digit", "gelsight_mini"])
@@ -47,6 +47,13 @@ def test_half_a_set_with_blue_first(sensor: str) -> None:
 def test_a_whole_set_with_blue_first() -> None:
     (line,) = lines([still("digit", i)[..., ::-1] for i in range(4)], "digit")
     assert line.startswith("digit: 4 of 4 look as if red and blue were swapped")
+
+
+def test_keys_of_a_layout_are_named_only_where_there_is_one() -> None:
+    turned = [np.rot90(still("digit", i), i == 1)[..., :: -1 if i == 0 else 1] for i in range(3)]
+    for line in lines([np.ascontiguousarray(p) for p in turned], "digit", has_layout=False):
+        assert "in the layout" not in line
+        assert "(correct the files, or read them by data=recordings, where " in line
 
 
 def test_a_sensor_whose_colours_are_not_known_is_compared_with_itself() -> None:

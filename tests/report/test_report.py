@@ -305,6 +305,15 @@ def test_without_force_and_labels(write: Write) -> None:
     assert "No clip has a force label." in page.text
 
 
+def test_a_loss_without_a_label_is_absent_and_said(write: Write) -> None:
+    metrics = [{"step": 1, "train/pixel": 1.0, "weight/pixel": 1.0, "weight/force": 1.0}]
+    page = write(Touches(), "objective=[pixel,force]", metrics=metrics)
+    assert "no loss: it met no label in any step whose metrics were logged" in page.text
+    metrics[0] |= {"weight/force": 0.0}
+    page = write(Touches(), "objective=[pixel,force]", metrics=metrics)
+    assert "never computed: its weight was 0 whenever metrics were logged" in page.text
+
+
 def test_forces_along_one_axis(write: Write) -> None:
     count = {"batches": 25, "clips": 800, "labelled": 800, "x": 0, "y": 0, "z": 800}
     page = write(Touches(shear=True), "objective=[force]", met={"force": count})

@@ -166,6 +166,7 @@ MISSING = "missing data names the folder and the fix"
         (PromisesText, "keys are what it provides", "no recording seen has ['text']"),
         (ForgetsForce, "keys are what it provides", "carry ['force']"),
         (presses(sensor="digti"), "recordings are whole", "did you mean 'digit'"),
+        (presses(licence="apache"), "recordings are whole", "did you mean 'Apache-2.0'"),
         (presses(times=np.zeros(5)), "recordings are whole", "times do not strictly increase"),
         (presses(times=np.arange(4.0)), "recordings are whole", "'press-1': 5 frames"),
         (presses(force=np.zeros((5, 3))), "recordings are whole", "float64"),

@@ -135,8 +135,8 @@ def _taxels(frames: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:
 
 def _track(recording: Recording, name: str) -> dict[str, NDArray[np.float64]]:
     if name not in recording.tracks:
-        known = {"pictures", "taxels", *WITH_MODEL, *recording.tracks}
-        raise DataError(f"{recording.key}: {unknown('source of forces', name, known)}")
+        known = {"auto", "none", "pictures", "taxels", *WITH_MODEL, *recording.tracks}
+        raise DataError(f"{recording.key}: {unknown('fit', name, known)}")
     values = np.asarray(recording.tracks[name], np.float64)
     if values.ndim != 2 or values.shape[1] < 3:
         raise DataError(

@@ -57,8 +57,10 @@ def run(verb: str, command: Command, words: Words) -> Result:
             end_with_parent(launcher)
         started.append(True)
         try:
-            given = plain(command.finish(config) if command.finish else config)
-            results.append(command.start(given))
+            # a preset that the command itself composes: Hydra would print its own lines
+            with told(verb, command, words, lambda: False):
+                given = plain(command.finish(config) if command.finish else config)
+                results.append(command.start(given))
             return results[-1]
         except TactileForgeError as error:
             _forget(HydraConfig.get())

@@ -9,13 +9,20 @@ from types import UnionType
 from typing import Any, Union, get_args, get_origin
 
 from tactileforge.cli._quote import at_home, exists, unquoted
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, unknown
 
 #: Flags answered by Hydra, and whether a value follows.
 _FLAGS = {
     **dict.fromkeys(("-m", "--multirun", "--resolve", "-r", "--hydra-help", "--run"), False),
     **dict.fromkeys(("--cfg", "-c", "--config-dir", "-cd", "--package", "-p"), True),
     **dict.fromkeys(("--info", "-i", "--experimental-rerun"), True),
+}
+#: Values of a flag, where they are fixed.
+_CHOICES = {
+    **dict.fromkeys(("--cfg", "-c"), ("job", "hydra", "all")),
+    **dict.fromkeys(
+        ("--info", "-i"), ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
+    ),
 }
 #: Flags as they are completed.
 FLAGS = ("--help", "--explain", *(flag for flag in _FLAGS if flag.startswith("--")))
@@ -65,7 +72,8 @@ def read(argv: Sequence[str]) -> Words:
     ``--key value`` and ``--key=value`` are ``key=value``, and ``--key`` alone is ``key=true``.
 
     Raises:
-        ConfigError: A flag is unknown or lacks its value, or a plugin is given twice.
+        ConfigError: A flag is unknown, lacks its value or has an unknown one, or a plugin is given
+            twice.
     """
     words, rest = Words(), list(argv)
     while rest:
@@ -77,6 +85,8 @@ def read(argv: Sequence[str]) -> Words:
             if not equals and not rest:
                 raise ConfigError(f"{word} needs a value")
             value = value if equals else rest.pop(0)
+            if value not in _CHOICES.get(name, (value,)):
+                raise ConfigError(unknown(f"value of {name}", value, _CHOICES[name]))
             if name == "--explain":
                 words.explain = value
             else:

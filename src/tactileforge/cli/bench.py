@@ -164,8 +164,10 @@ def _opened(config: dict[str, Any], suite: str, folder: Path, facts: dict[str, s
 def _device(device: str) -> str:
     import torch
 
+    from tactileforge.hub.feature_model import check_device
+
     if device != "auto":
-        return device
+        return str(check_device(device))
     return "cuda" if torch.cuda.is_available() else "cpu"
 
 

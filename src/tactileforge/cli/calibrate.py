@@ -42,7 +42,7 @@ def _calibrate(keys: _Calibrate, config: dict[str, Any]) -> None:
     if out.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"out={out}: give the name of a file, for example digit.yaml")
     reference = load_calibration(keys.reference) if keys.reference else None
-    dataset = registry.build("datasets", config["data"])
+    dataset = registry.build("datasets", config["data"], "data")
     model = load_model(keys.model) if keys.model else None
     result = calibrate(_recordings(dataset), keys, reference, model)
 

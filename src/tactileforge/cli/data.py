@@ -62,7 +62,7 @@ class _Inspect:
 
 def _data(config: dict[str, Any]) -> tuple[Dataset, str]:
     node = config["data"]
-    return registry.build("datasets", node), node["name"]
+    return registry.build("datasets", node, "data"), node["name"]
 
 
 def _pack(keys: _Pack, config: dict[str, Any]) -> None:

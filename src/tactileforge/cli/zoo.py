@@ -14,6 +14,7 @@ from tactileforge.files import sha256
 from tactileforge.hub import cards, gates, store
 from tactileforge.hub.header import read_header
 from tactileforge.hub.table import describe_clip, gate_rows, zoo_page
+from tactileforge.licences import NO_LICENCE
 from tactileforge.pages.text_tables import align_columns
 
 
@@ -68,7 +69,7 @@ class _Pack:
         out: The file; None for model.safetensors in the run.
         dtype: Type of the stored weights: float32 or float16.
         name: Name of the model.
-        licence: SPDX identifier of the weights.
+        licence: SPDX identifier of the weights; LicenseRef-NAME for a licence without one.
         encoder: ``trained`` for the trained weights or ``slow`` for their EMA; None for the EMA if
             the run has one.
         gate: Folders of benches, separated by commas; their release gate goes into the card.
@@ -78,7 +79,7 @@ class _Pack:
     out: str | None = None
     dtype: str = "float32"
     name: str = ""
-    licence: str = cards.NO_LICENCE
+    licence: str = NO_LICENCE
     encoder: str | None = None
     gate: str = ""
 

@@ -55,7 +55,10 @@ class Mixture:
         nodes: Mapping[str, Mapping[str, Any]] = self.given
         if any(node.get("name") == "mixture" for node in nodes.values()):
             raise ConfigError("a source of data=mixture is a mixture; list its sources instead")
-        return {name: registry.build("datasets", node) for name, node in nodes.items()}
+        return {
+            name: registry.build("datasets", node, f"data.sources.{name}")
+            for name, node in nodes.items()
+        }
 
     @property
     def provides(self) -> frozenset[str]:

@@ -25,12 +25,10 @@ from tactileforge import strict
 from tactileforge.distributions import conf_packages, package_of
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub.gates import TOKENS, Gate, gate_passes
+from tactileforge.licences import check_licence
 from tactileforge.run_folder import CONFIG
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-#: What is written where nobody states a licence (SPDX).
-NO_LICENCE = "NOASSERTION"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +37,7 @@ class Weight:
 
     Attributes:
         tag: The model is called ``card.tag``.
-        licence: SPDX identifier, or `NO_LICENCE`.
+        licence: SPDX identifier, or `licences.NO_LICENCE`.
         sha256: Hash of the one-file checkpoint, 64 hexadecimal digits; "" for imported weights,
             which have none before they are imported.
         bytes: Size of the one-file checkpoint.
@@ -115,7 +113,7 @@ class Card:
     Attributes:
         name: The word users type.
         title: Name in print.
-        licence: SPDX identifier of what its authors published, or `NO_LICENCE`.
+        licence: SPDX identifier of what its authors published, or `licences.NO_LICENCE`.
         paper: Title, venue and arXiv number.
         code: Address of its authors' code; "" if none.
         sensors: Types of sensors it was trained on.
@@ -302,9 +300,11 @@ def parse_card(name: str, text: str, recipe: bool) -> Card:
 def _check(card: Card) -> None:
     """Validates the rules beyond the types."""
     where = f"card {card.name}"
+    check_licence(f"{where}: licence", card.licence)
     tags = [weight.tag for weight in card.weights]
     for weight in card.weights:
         place = f"{where}, weights {weight.tag!r}"
+        check_licence(f"{place}: licence", weight.licence)
         if not re.fullmatch(r"[a-z0-9][a-z0-9_-]*", weight.tag) or tags.count(weight.tag) > 1:
             raise ConfigError(f"{place}: tags are lower-case words, each used once")
         if bool(weight.file) + bool(weight.url) + bool(weight.layout) != 1:

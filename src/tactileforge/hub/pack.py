@@ -12,6 +12,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.files import new_part, sha256, writing
 from tactileforge.hub import cards, files, store
 from tactileforge.hub.runs import read_run
+from tactileforge.licences import NO_LICENCE, check_licence
 from tactileforge.provenance import commit
 
 
@@ -21,7 +22,7 @@ def pack_run(
     *,
     dtype: Literal["float32", "float16"] = "float32",
     name: str = "",
-    licence: str = cards.NO_LICENCE,
+    licence: str = NO_LICENCE,
     encoder: Literal["trained", "slow"] | None = None,
 ) -> Path:
     """Makes a one-file checkpoint of a run's encoder, with the heads of use alone.
@@ -33,7 +34,7 @@ def pack_run(
         out: The file; None for ``model.safetensors`` in the run.
         dtype: Type in which numbers are kept.
         name: Name of the model.
-        licence: SPDX identifier of the weights.
+        licence: SPDX identifier of the weights, or ``LicenseRef-NAME``.
         encoder: ``trained``, the encoder that the optimiser changed, or ``slow``, its slow copy;
             None takes the slow copy where the run has one. The header says which it is.
 
@@ -43,8 +44,9 @@ def pack_run(
     Raises:
         DataNotFoundError: The folder is not that of a run.
         DataError: Checkpoint and configuration do not fit.
-        ConfigError: See `files.save_checkpoint` and `runs.read_run`.
+        ConfigError: The licence is none; see also `files.save_checkpoint` and `runs.read_run`.
     """
+    check_licence("licence", licence)
     run = Path(run)
     path = Path(out) if out is not None else run / "model.safetensors"
     built, heads, header = read_run(run, name=name, licence=licence, encoder=encoder)

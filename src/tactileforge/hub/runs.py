@@ -13,9 +13,10 @@ from torch import Tensor, nn
 from tactileforge import registry, run_folder
 from tactileforge.checkpoint_file import read_own
 from tactileforge.errors import ConfigError, DataError, unknown
-from tactileforge.hub import cards, files
+from tactileforge.hub import files
 from tactileforge.hub.header import Header
 from tactileforge.hub.positions import changed_options, rebuild_encoder
+from tactileforge.licences import NO_LICENCE
 from tactileforge.provenance import commit
 from tactileforge.sensors.specs import spec
 
@@ -28,7 +29,7 @@ def read_run(
     run: Path,
     *,
     name: str = "",
-    licence: str = cards.NO_LICENCE,
+    licence: str = NO_LICENCE,
     encoder: Literal["trained", "slow"] | None = None,
 ) -> tuple[Any, dict[str, nn.Module], Header]:
     """Builds the encoder of a run, with the heads of use alone, from its last checkpoint.

@@ -16,32 +16,32 @@ __all__ = ["InspectionFindings", "Reason", "Suspect", "Total", "inspect"]
 
 
 def inspect(
-    dataset: Dataset, name: str, path: Path, limit: int = 400, progress: bool = True
+    dataset: Dataset, name: str, path: Path, recordings: int = 400, progress: bool = True
 ) -> InspectionFindings:
     """Write a page on a data set: its content, its images and its problems.
 
-    All recordings are counted, and ``limit`` of them, spread over the sensors, are decoded: at most
-    24 frames each, and all frames of ten recordings with force. Memory does not grow with the
-    number of recordings.
+    All recordings are counted, and ``recordings`` of them, spread over the sensors, are decoded: at
+    most 24 frames each, and all frames of ten recordings with force. Memory does not grow with
+    their number.
 
     Args:
         dataset: Data set with the splits ``train`` and ``val``.
         name: Name on the page.
         path: Path of the page, one HTML file without links to the network.
-        limit: Number of recordings to decode.
+        recordings: Number of recordings to decode.
         progress: Whether to show progress bars.
 
     Returns:
         The findings; as text, a summary of a few lines.
 
     Raises:
-        ConfigError: ``limit`` is below 1.
+        ConfigError: ``recordings`` is below 1.
         DataNotFoundError: The data is missing.
         DataError: No recording can be opened.
     """
-    if limit < 1:
-        raise ConfigError(f"limit={limit}: give 1 or more")
-    contents = scan_dataset(dataset, limit, progress)
+    if recordings < 1:
+        raise ConfigError(f"recordings={recordings}: give 1 or more")
+    contents = scan_dataset(dataset, recordings, progress)
     parts = [
         sections.totals(contents),
         sections.sheets(contents),

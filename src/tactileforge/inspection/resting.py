@@ -67,18 +67,27 @@ class OddGroup:
     line: str
 
 
-def odd_pictures(seen: Sequence[Resting]) -> Iterator[OddGroup]:
+def odd_pictures(seen: Sequence[Resting], has_layout: bool = True) -> Iterator[OddGroup]:
     """Yield groups of odd resting pictures, sensor by sensor.
 
     Args:
         seen: Resting pictures of the decoded recordings.
+        has_layout: Whether a layout describes the data, with keys that put pictures right.
     """
     for sensor in sorted({one.sensor for one in seen}):
         rows = [i for i, one in enumerate(seen) if one.sensor == sensor]
-        yield from _of_sensor(sensor, rows, seen)
+        yield from _of_sensor(sensor, rows, seen, has_layout)
 
 
-def _of_sensor(sensor: str, rows: list[int], seen: Sequence[Resting]) -> Iterator[OddGroup]:
+def _fix(key: str, effect: str, has_layout: bool) -> str:
+    if has_layout:
+        return f"{key} in the layout {effect}"
+    return f"correct the files, or read them by data=recordings, where {key} {effect}"
+
+
+def _of_sensor(
+    sensor: str, rows: list[int], seen: Sequence[Resting], has_layout: bool
+) -> Iterator[OddGroup]:
     if sensor in COLOURED and (grey := [i for i in rows if is_grey(seen[i].still)]):
         words = "grey, where the sensor is lit in colours"
         yield _odd("grey_pictures", grey, rows, seen, f"are {words}", words)
@@ -89,8 +98,8 @@ def _of_sensor(sensor: str, rows: list[int], seen: Sequence[Resting]) -> Iterato
     turns |= dict.fromkeys(_on_their_side([i for i in rows if i not in turns], seen), None)
     for turn in sorted(set(turns.values()), key=str):
         odd = [i for i in rows if i in turns and turns[i] == turn]
-        fix = f"rotate: {turn} in the layout" if turn else "rotate: 90 or 270 in the layout"
-        words = f"lying on its side ({fix} puts it upright)"
+        fix = _fix(f"rotate: {turn or '90 or 270'}", "puts it upright", has_layout)
+        words = f"lying on its side ({fix})"
         yield _odd("on_its_side", odd, rows, seen, f"look as if {words}", words)
     reference = known_colours(sensor)
     swapped = (
@@ -99,7 +108,8 @@ def _of_sensor(sensor: str, rows: list[int], seen: Sequence[Resting]) -> Iterato
         else _swapped_here([i for i in coloured if i not in turns], seen)
     )
     if swapped:
-        words = "as if red and blue were swapped (channels: bgr in the layout puts them right)"
+        fix = _fix("channels: bgr", "puts them right", has_layout)
+        words = f"as if red and blue were swapped ({fix})"
         yield _odd("colours_swapped", swapped, rows, seen, f"look {words}", words)
 
 

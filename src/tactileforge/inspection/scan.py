@@ -144,7 +144,7 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
     chosen = [orders[order] for order in sorted(orders)]
     stripped = {sampled.order for sampled in _strips(drawn)}
     seen = _look(chosen, stripped, suspects, unreadable, progress)
-    looks = _compare(seen, suspects)
+    looks = _compare(seen, suspects, _has_layout(dataset))
     readable = {item.of.order for item in seen}
     lags = _lags(
         [sampled for sampled in drawn if sampled.order in readable], suspects, unreadable, progress
@@ -202,14 +202,20 @@ def _look(
     return seen
 
 
-def _compare(seen: list[ScannedRecording], suspects: Suspects) -> list[str]:
+def _has_layout(dataset: Dataset) -> bool:
+    """Whether layouts describe a data set, or one of a mixture."""
+    several = getattr(dataset, "datasets", {}).values()
+    return hasattr(type(dataset), "layouts") or any(map(_has_layout, several))
+
+
+def _compare(seen: list[ScannedRecording], suspects: Suspects, has_layout: bool) -> list[str]:
     """Line for each group of odd resting pictures; adds their recordings to the suspects."""
     resting = [
         Resting(one.of.recording.key, one.of.recording.sensor, one.look.shape, one.look.still)
         for one in seen
     ]
     lines = []
-    for odd in odd_pictures(resting):
+    for odd in odd_pictures(resting, has_layout):
         lines.append(odd.line)
         for row in odd.rows:
             suspects.add(Suspicion(odd.reason, 0.0, odd.words), seen[row].of)

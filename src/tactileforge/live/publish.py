@@ -91,5 +91,6 @@ def build_publishers(publishers: Sequence[str] | Mapping[str, Any]) -> list[Publ
     """
     nodes = publishers if isinstance(publishers, Mapping) else dict.fromkeys(publishers)
     return [
-        registry.build("publishers", {"name": name, **(node or {})}) for name, node in nodes.items()
+        registry.build("publishers", {"name": name, **(node or {})}, f"publish.{name}")
+        for name, node in nodes.items()
     ]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.frames.image_codecs import CODECS
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.licences import check_data_licence
 from tactileforge.sensors.background import Background
 
 
@@ -28,7 +29,7 @@ class RecordOptions:
             else 2.
         labels: Further labels, for example {operator: ana}.
         source: Source of the recordings, in words.
-        licence: SPDX identifier of the recordings.
+        licence: SPDX identifier of the recordings, or several plain words.
         background: Options of the frames without contact.
         axes: Axes of the wrench sensor along x, y and z of a gel, for example [x,-y,-z]; for all
             sensors, or by sensor: {digit: [x,-y,-z], gelsight_mini: [x,y,z]}.
@@ -84,6 +85,7 @@ class RecordOptions:
             raise ConfigError(unknown("action", self.action, ACTIONS))
         if self.codec not in CODECS:
             raise ConfigError(unknown("codec", self.codec, CODECS))
+        check_data_licence("licence", self.licence)
         if not 1 <= self.quality <= 100:
             raise ConfigError(f"quality={self.quality}: give 1 to 100")
         if self.tier is not None and not 1 <= self.tier <= 5:

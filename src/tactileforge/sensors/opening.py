@@ -47,7 +47,7 @@ def build_sensors(config: Mapping[str, Any]) -> BuiltSensors:
     for key, node in nodes.items():
         if "name" not in node:
             raise ConfigError(unknown("sensor", key, registry.names("sensors")))
-    sensors = {key: _built(key, node) for key, node in nodes.items()}
+    sensors = {key: _built(f"sensor.{key}", node) for key, node in nodes.items()}
     others = {group: config.get(group) for group in ("force", "camera", "robot")}
     built = [_built(group, node) if node else None for group, node in others.items()]
     return BuiltSensors(sensors, *built)
@@ -55,7 +55,7 @@ def build_sensors(config: Mapping[str, Any]) -> BuiltSensors:
 
 def _built(key: str, node: Mapping[str, Any]) -> Sensor:
     try:
-        sensor: Sensor = registry.build("sensors", node)
+        sensor: Sensor = registry.build("sensors", node, key)
     except TactileForgeError:
         raise
     except Exception as error:  # a driver without an error of its own for it

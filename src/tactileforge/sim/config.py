@@ -22,6 +22,8 @@ from tactileforge.sim.mechanics.sensor_gels import sensor_gel
 from tactileforge.sim.randomise.draw import randomised_rows
 from tactileforge.sim.scene import Scene, draw_scene
 
+#: Words for several indenters.
+_GROUPS = ("few", "pretrain", "bench", "textures", "all")
 #: Indenters of a small data set, few enough for several touches of each.
 FEW = (
     "small_sphere",
@@ -125,6 +127,8 @@ class SimConfig:
             return [shape(name) for name in FEW]
         if chosen in ("textures", "all"):
             return [*(known if chosen == "all" else []), *TEXTURES.values()]
+        if chosen not in {**INDENTERS, **TEXTURES}:
+            raise ConfigError(unknown("indenters", chosen, {*_GROUPS, *INDENTERS, *TEXTURES}))
         return [shape(chosen)]
 
     def moves(self, is_round: bool) -> list[str]:

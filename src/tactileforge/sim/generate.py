@@ -168,6 +168,7 @@ def write_seconds(
     """
     if not seconds > 0 or not 0 <= val < 1:
         raise ConfigError(f"sim: seconds={seconds} and val={val}; give > 0, and 0 or more, below 1")
+    process_count(1, processes)  # an impossible number is told before anything is written
     numbers: list[int] = []
     total = 0.0
     while total < seconds:

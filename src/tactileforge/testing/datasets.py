@@ -13,7 +13,8 @@ import numpy as np
 
 from tactileforge import registry
 from tactileforge.contracts import ACTIONS, LABELS, Recording
-from tactileforge.errors import DataNotFoundError
+from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.licences import check_data_licence
 from tactileforge.sensors.specs import spec
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, require
 
@@ -52,19 +53,20 @@ def _labels(recording: Recording) -> set[str]:
 
 
 def recordings_are_whole(subject: CheckSubject) -> None:
-    """Times, labels and frames agree in number, type and order; the sensor is a known one."""
+    """Times, labels and frames agree; the sensor is a known one, and so is the licence."""
     for split in _SPLITS:
         recordings = _first(subject.build(), split)
         require(split != "train" or bool(recordings), "the split 'train' has no recording")
         for recording in recordings:
             try:
                 _require_whole(recording)
-            except Violation as wrong:
+            except (Violation, ConfigError) as wrong:
                 raise Violation(f"recording {recording.key!r}: {wrong}") from wrong
 
 
 def _require_whole(recording: Recording) -> None:
     spec(recording.sensor)
+    check_data_licence("licence", recording.licence)
     count, times = len(recording.frames), recording.times
     require(count > 0, "it has no frame")
     require(times.shape == (count,), f"{count} frames, times of shape {times.shape}")

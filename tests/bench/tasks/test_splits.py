@@ -166,7 +166,7 @@ def test_nothing_to_test_on_and_unknown_facts() -> None:
     of = source(data, ["train"] * 4)
     with pytest.raises(ConfigError, match="no recording for test"):
         built(task(), of)
-    with pytest.raises(ConfigError, match=r"has no 'colour' \(it has: side, sensor"):
+    with pytest.raises(ConfigError, match=r"has no 'colour'\. It has: side, sensor"):
         built(task(test={"colour": "red"}), of)
     with pytest.raises(ConfigError, match="5 folds of 4 groups"):
         built(task(test={}, folds=5), of)
@@ -191,7 +191,7 @@ def test_tasks_are_read_strictly() -> None:
         ("clip", {"hopp": 1}, "did you mean 'hop'"),
         ("metrics", [], "metrics is empty"),
         ("probe", {}, "probe has no name"),
-        ("split", {}, "either test or folds"),
+        ("split", {}, "give one of test, as in"),
         ("splits", {}, "did you mean 'split'"),
         ("unknown_sensor", "guess", "error or universal"),
         ("title", 3, "not of type str"),

@@ -3,6 +3,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -358,6 +359,20 @@ def test_workers_of_several_processes_are_not_forked(
     assert loader.multiprocessing_context.get_start_method() == "forkserver"
     (batch,) = loader
     assert same(batch, stream[0])
+
+
+def test_a_daemon_process_reads_itself_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As the jobs of a sweep by joblib."""
+    data = touch(Shards(str(pack(Memory(24), tmp_path, size=4))), workers=2)
+    here = SimpleNamespace(daemon=True)
+    monkeypatch.setattr("tactileforge.data.batches.loader.current_process", lambda: here)
+    loader = Loader.of(data.stream(), BatchIndexSampler(1), 2)
+    assert loader.num_workers == 0
+    assert "batch.workers=2: this process may start no others, so it reads" in caplog.text
+    (batch,) = loader
+    assert same(batch, data.stream()[0])
 
 
 @pytest.mark.parametrize("match", [0.5, 1.0])

@@ -60,6 +60,15 @@ def test_a_sequence_takes_forces_by_image_too(images: Path, write: MakeFile) -> 
     np.testing.assert_array_equal(recording.force, [[np.nan] * 3, [1, 2, 3], [np.nan] * 3])
 
 
+def test_a_table_of_many_sequences_asks_for_the_column_of_names(
+    images: Path, write: MakeFile
+) -> None:
+    write("forces.csv", "file,fx,fy,fz\n" + "run/1.png,1,2,3\n" * 4)
+    layout = STILLS | {"each": "sequence", "fps": 30, "force": FORCE}
+    with pytest.raises(DataError, match=r"row 5: frame 3 does not exist.* give key: the column of"):
+        read(images, **layout)
+
+
 def test_rows_that_name_nothing(images: Path, write: MakeFile, make_image: MakeFile) -> None:
     write("forces.csv", "file,fx,fy,fz\nrun/7.png,1,2,3\n")
     with pytest.raises(DataError, match=r"row 2: 'run/7\.png' names no image .*'run/0\.png'"):

@@ -90,6 +90,7 @@ FORCE = {"file": "f.csv", "columns": ["x", "y", "z"]}
         ({"crops": {"a": {"box": [0, 0, 4, 4], "sensor": "gelsite"}}}, "unknown sensor 'gelsite'"),
         ({"fps": 0}, "fps is 0.0; give frames per second"),
         ({"tier": 6}, "tier is 6, but must be 1 to 5"),
+        ({"licence": "cc by 4.0"}, "layout 'x': licence: .* did you mean 'CC-BY-4.0'"),
         ({"tier": True}, "tier is True, which is not of type int"),
         ({"split": "objects"}, "unknown split 'objects'; did you mean 'object'"),
         ({"split": "{split"}, r"template '\{split'.*write \{column\}"),

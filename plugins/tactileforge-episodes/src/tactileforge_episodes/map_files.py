@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import ConfigError, load_yaml, strict, unknown
+from tactileforge.plugin import ConfigError, check_data_licence, load_yaml, strict, unknown
 from tactileforge_episodes.map_keys import EpisodeMap, TouchKeys
 
 _FOLDER = "tactileforge_episodes.maps"
@@ -58,6 +58,7 @@ def parse_map(where: str, content: Any) -> EpisodeMap:
     made: EpisodeMap = strict.build(EpisodeMap, where, content)
     if not made.touch:
         raise ConfigError(f"{where}: touch is empty; say which key is touch")
+    check_data_licence(f"{where}: licence", made.licence)
     if not 1 <= made.tier <= 5:
         raise ConfigError(f"{where}: tier is {made.tier}; give 1 to 5")
     for touch in made.touch:

@@ -16,8 +16,9 @@ from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sha256
 from tactileforge.hub import cards, files, store
-from tactileforge.hub.header import Header
+from tactileforge.hub.header import Header, read_header
 from tactileforge.hub.runs import open_run
+from tactileforge.run_folder import read_config
 
 #: Draws of random weights that are compared.
 UNTRAINED = 3
@@ -62,6 +63,7 @@ def model_entry(
 
     Raises:
         ConfigError: There is no such model.
+        DataError: The file or folder is none of a model; `DataNotFoundError` for an absent one.
     """
     if word in BASELINES:
         title = BASELINES[word][1]
@@ -69,7 +71,11 @@ def model_entry(
     # prefixes first: behind one, a dot is part of a path, and not of NAME.TAG
     if word.startswith("untrained:"):
         of = word.removeprefix("untrained:")
-        shape = f"run:{runs[of]}" if runs and of in runs else of
+        if runs and of in runs:
+            shape = f"run:{runs[of]}"
+        else:
+            shape = of
+            _check_shape(of, composed)
         return ModelEntry(
             name=word,
             title=f"untrained {of.rpartition('/')[2]}",
@@ -84,6 +90,7 @@ def model_entry(
         )
     if word.startswith("run:"):
         folder = Path(word.removeprefix("run:")).expanduser()
+        read_config(folder)
         return ModelEntry(
             name=word,
             title=folder.name,
@@ -92,6 +99,7 @@ def model_entry(
         )
     if word.startswith("file:"):
         path = Path(word.removeprefix("file:")).expanduser()
+        read_header(path)
         return ModelEntry(name=word, title=path.stem, open=[lambda: _of_file(word, path, device)])
     if word.partition(".")[0] not in cards.card_names() and "/" not in word:
         known = [*BASELINES, *(name for name, _, row in cards.list_cards() if row)]
@@ -104,6 +112,24 @@ def model_entry(
         open=[lambda: _of_file(word, store.fetch_weights(card, weight), device)],
         recipe=card.name,
     )
+
+
+def _check_shape(of: str, composed: Sequence[str]) -> None:
+    """Check the word behind ``untrained:``: of a model, or of a recipe."""
+    if of.startswith(("run:", "file:")):
+        model_entry(of)
+    elif "." in of:
+        cards.find_card(of)
+    else:
+        from hydra.errors import MissingConfigException
+
+        from tactileforge.compose import compose
+
+        try:
+            compose(of, composed)
+        except MissingConfigException as error:
+            known = cards.card_names()
+            raise ConfigError(unknown("model or recipe behind untrained:", of, known)) from error
 
 
 def encoder_of_run(name: str, folder: Path, device: str = "cpu") -> FrozenEncoder:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tactileforge.bench.tasks.source import TaskSource
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, nearest_name, unknown
 
 
 def recording_fact(source: TaskSource, number: int, name: str) -> str:
@@ -33,9 +33,22 @@ def recording_fact(source: TaskSource, number: int, name: str) -> str:
         return known[name]
     value = recording.labels.get(name)
     if value is None:
-        have = ", ".join([*known, *recording.labels])
-        raise ConfigError(f"split: recording {recording.key!r} has no {name!r} (it has: {have})")
+        have = [*known, *recording.labels]
+        near = nearest_name(name, have)
+        raise ConfigError(
+            f"split: recording {recording.key!r} has no {name!r}{near} It has: {', '.join(have)}"
+        )
     return label_text(value)
+
+
+def unknown_values(source: TaskSource, chosen: Mapping[str, Any]) -> str:
+    """The first value of a filter without a recording, as text with the nearest; "" for none."""
+    for name, wanted in chosen.items():
+        known = {recording_fact(source, n, name) for n in range(len(source.recordings))}
+        for value in map(str, wanted if isinstance(wanted, list) else [wanted]):
+            if value not in known:
+                return unknown(f"value of {name}", value, known)
+    return ""
 
 
 def label_text(value: str | float) -> str:

@@ -81,7 +81,7 @@ def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: ClipSpec)
         DataError: Recordings cannot be opened; or nothing can be cut.
         ConfigError: The node does not fit.
     """
-    dataset: Dataset = registry.build("datasets", _node(data))
+    dataset: Dataset = registry.build("datasets", _node(data), "data")
     recordings: list[Recording] = []
     of: list[str] = []
     for side in sides:

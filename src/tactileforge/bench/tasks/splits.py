@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tactileforge.bench.tasks.facts import matches_filter, recording_fact
+from tactileforge.bench.tasks.facts import matches_filter, recording_fact, unknown_values
 from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.suite import SplitPlan, Task
 from tactileforge.bench.tasks.targets import Target
@@ -60,7 +60,9 @@ def build_splits(task: Task, source: TaskSource, target: Target) -> list[Split]:
         train = [n for n in rest if n not in set(validation)]
         for name, chosen in (("train", train), ("validation", validation), ("test", test)):
             if not chosen:
-                raise ConfigError(_nothing_for(name, task, len(numbers), len(rest), len(test)))
+                slip = unknown_values(source, getattr(plan, name)) if name == "test" else ""
+                why = slip or _nothing_for(name, task, len(numbers), len(rest), len(test))
+                raise ConfigError(f"task {task.name}: no recording for {name}: {why}")
         check_leakage(task, source, train, validation, test)
         places = [np.flatnonzero(np.isin(of, chosen)) for chosen in (train, validation, test)]
         splits.append(Split(*places))
@@ -69,7 +71,7 @@ def build_splits(task: Task, source: TaskSource, target: Target) -> list[Split]:
 
 
 def _nothing_for(use: str, task: Task, every: int, rest: int, test: int) -> str:
-    """Error text for a use without recordings: the counts, and the key to change."""
+    """Reason of a use without recordings: the counts, and the key to change."""
     plan = task.split
     left = {
         "train": f"split.validation={dict(plan.validation)} takes all {rest} that may train"
@@ -80,8 +82,8 @@ def _nothing_for(use: str, task: Task, every: int, rest: int, test: int) -> str:
         "test": f"split.test={dict(plan.test)} finds none",
     }
     return (
-        f"task {task.name}: no recording for {use}: of {every} recordings of sides "
-        f"{', '.join(task.sides)} the test has {test}, and {left[use]}; change that key"
+        f"of {every} recordings of sides {', '.join(task.sides)} the test has {test}, and "
+        f"{left[use]}; change that key"
     )
 
 

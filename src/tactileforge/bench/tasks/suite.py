@@ -140,6 +140,15 @@ def parse_task(name: str, config: Mapping[str, Any]) -> Task:
         raise ConfigError(f"{where}: probe has no name, e.g. probe: {{name: force}}")
     if task.unknown_sensor not in ("error", "universal"):
         raise ConfigError(f"{where}: unknown_sensor is {task.unknown_sensor!r}: error or universal")
-    if bool(split.test) == bool(split.folds):
-        raise ConfigError(f"{where}: split needs either test or folds")
+    _check_split(f"{where}.split", split)
     return task
+
+
+def _check_split(where: str, plan: SplitPlan) -> None:
+    if bool(plan.test) == bool(plan.folds):
+        raise ConfigError(f"{where}: give one of test, as in test: {{side: val}}, and folds: 5")
+    if plan.folds and plan.folds < 2:
+        raise ConfigError(f"{where}.folds is {plan.folds}; give 2 or more")
+    share = plan.validation.get("share")
+    if share is not None and not (isinstance(share, int | float) and 0 < share < 1):
+        raise ConfigError(f"{where}.validation.share is {share}; give a share between 0 and 1")

@@ -23,6 +23,7 @@ from tactileforge.datasets.reading.layout_keys import (
 )
 from tactileforge.datasets.reading.templates import template_columns
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.licences import check_data_licence
 from tactileforge.sensors.specs import spec
 from tactileforge.strict import build, mapping
 
@@ -170,6 +171,7 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
         raise ConfigError(f"{where}: key: names images, and these are videos; give frame: or time:")
     if keys.channels not in CHANNELS:
         raise ConfigError(f"{where}: {unknown('channels', keys.channels, CHANNELS)}")
+    check_data_licence(f"{where}: licence", keys.licence)
     if keys.rotate not in ROTATIONS:
         raise ConfigError(
             f"{where}: rotate is {keys.rotate}; give the degrees, clockwise, that put the picture "

@@ -156,7 +156,8 @@ def _per_frame(
         if not 0 <= frame < count:
             raise DataError(
                 f"{where}: frame {frame} does not exist, the recording has 0 to {count - 1}; "
-                "remove the row, or give the CSV of this recording"
+                "remove the row, or give the CSV of this recording; of one table for all images, "
+                "give key: the column of their names"
             )
         if frame in seen:
             raise DataError(f"{where}: frame {frame} has a row already; remove one of them")
