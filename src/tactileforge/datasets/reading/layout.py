@@ -99,7 +99,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         ConfigError: A value is invalid; names the layout, the key and the valid values.
     """
     where = f"layout {name!r}"
-    keys = build(LayoutKeys, where, _given(mapping(where, config)))
+    keys = build(LayoutKeys, where, given(mapping(where, config)))
     globs, each = _files(keys, where)
     sensor, crops = _sensors(keys, where)
     force = _force(keys.force, f"{where}: force")
@@ -125,7 +125,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         bgr=keys.channels == "bgr",
         turns=(keys.rotate or 0) // 90,
         crops=crops,
-        background=_background(keys.background, f"{where}: background"),
+        background=parse_background(keys.background, f"{where}: background"),
         labels=keys.labels.file,
         key=keys.labels.key,
         words={
@@ -135,7 +135,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         force=force,
         action=action,
         object=keys.object,
-        text=_several(keys.text),
+        text=several(keys.text),
         image=keys.image,
         source=keys.source,
         licence=keys.licence,
@@ -145,16 +145,16 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
     )
 
 
-def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+def given(values: Mapping[str, Any]) -> dict[str, Any]:
     """Drops nulls, at any depth of mappings."""
     return {
-        key: _given(value) if isinstance(value, Mapping) else value
+        key: given(value) if isinstance(value, Mapping) else value
         for key, value in values.items()
         if value is not None
     }
 
 
-def _several(value: str | tuple[str, ...]) -> tuple[str, ...]:
+def several(value: str | tuple[str, ...]) -> tuple[str, ...]:
     return (value,) if isinstance(value, str) else value
 
 
@@ -183,7 +183,7 @@ def _files(keys: LayoutKeys, where: str) -> tuple[tuple[str, ...], str]:
     if (keys.videos is None) == (keys.images is None):
         raise ConfigError(f'{where}: give one of videos: "*.mp4" and images: "*.png"')
     if keys.videos is not None:
-        return _several(keys.videos), "video"
+        return several(keys.videos), "video"
     if keys.each is None:
         raise ConfigError(
             f"{where}: each is missing; give each: touch (one image, one touch) or each: sequence "
@@ -191,7 +191,7 @@ def _files(keys: LayoutKeys, where: str) -> tuple[tuple[str, ...], str]:
         )
     if keys.each not in ("touch", "sequence"):
         raise ConfigError(f"{where}: {unknown('each', keys.each, ('touch', 'sequence'))}")
-    return _several(keys.images or ()), keys.each
+    return several(keys.images or ()), keys.each
 
 
 def _sensors(keys: LayoutKeys, where: str) -> tuple[str | None, dict[str, Tile]]:
@@ -216,7 +216,7 @@ def check_sensor(name: str, where: str) -> None:
         raise ConfigError(f"{where}: {error}") from None
 
 
-def _background(rule: BackgroundRule | str, where: str) -> BackgroundRule | None:
+def parse_background(rule: BackgroundRule | str, where: str) -> BackgroundRule | None:
     if rule == "none":
         return None
     if isinstance(rule, str) or not _is_possible(rule):
