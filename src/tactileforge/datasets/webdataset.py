@@ -14,7 +14,7 @@ from omegaconf import OmegaConf
 from tactileforge.contracts import Guess, Recording
 from tactileforge.data.batches.sources import Bad, Source
 from tactileforge.data.shards.fetch import ShardFolder
-from tactileforge.data.shards.summary import Count, Summary
+from tactileforge.data.shards.summary import Summary
 from tactileforge.datasets.reading.splits import is_held_out
 from tactileforge.datasets.samples.layout import SampleLayout, parse_samples
 from tactileforge.datasets.samples.opened import SampleOpener
@@ -134,7 +134,7 @@ class WebDataset:
         seconds += [each * part.recordings for part in indexed[len(seconds) :]]
         timed = [replace(part, seconds=one) for part, one in zip(indexed, seconds, strict=True)]
         whole = 1 + rest / max(1, summary.recordings)
-        return _source(timed, _times(summary, whole))
+        return _source(timed, summary.times(whole))
 
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split, tar after tar.
@@ -219,7 +219,7 @@ class WebDataset:
             "them, or make shards with data pack, for exact passes"
         )
         alike = [replace(part, tar=one.tar, seconds=own.seconds) for one in parts]
-        return _source(alike, _times(own, len(parts)))
+        return _source(alike, own.times(len(parts)))
 
     def _check(self, opened: int, split: str) -> None:
         """Raises a `DataError` where nothing for training can be opened, but all is damaged."""
@@ -288,21 +288,6 @@ class _TarPart:
 
 def _source(parts: Sequence[_TarPart], summary: Summary) -> list[Source]:
     return [Source("", parts, summary)] if summary.recordings else []
-
-
-def _times(summary: Summary, factor: float) -> Summary:
-    """Counts of a part of the data, as those of the whole."""
-    return Summary(
-        {
-            kind: Count(
-                round(count.recordings * factor),
-                round(count.frames * factor),
-                count.seconds * factor,
-                Counter({label: round(n * factor) for label, n in count.labels.items()}),
-            )
-            for kind, count in summary.items()
-        }
-    )
 
 
 def _several(names: str | Sequence[str]) -> list[str]:

@@ -155,6 +155,7 @@ def given(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def several(value: str | tuple[str, ...]) -> tuple[str, ...]:
+    """One or more texts, as several."""
     return (value,) if isinstance(value, str) else value
 
 
@@ -217,6 +218,15 @@ def check_sensor(name: str, where: str) -> None:
 
 
 def parse_background(rule: BackgroundRule | str, where: str) -> BackgroundRule | None:
+    """Validates a rule; None for ``none``.
+
+    Args:
+        rule: The rule, as given.
+        where: Name of its key, for errors.
+
+    Raises:
+        ConfigError: It is another word, or none or several of the ways.
+    """
     if rule == "none":
         return None
     if isinstance(rule, str) or not _is_possible(rule):

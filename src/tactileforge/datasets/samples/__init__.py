@@ -1,1 +1,1 @@
-"""Samples in tars of other programs, as webdataset has them: members that share the start of a name."""
+"""Samples in tars of other programs: members whose names start alike, as webdataset has them."""

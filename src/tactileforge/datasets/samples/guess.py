@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -151,7 +152,7 @@ def _clips(samples: Mapping[str, dict[str, Blob]], doubts: list[str]) -> dict[st
     for sign in signs:
         clips = Counter(key.rpartition(sign)[0] for key in keys)
         numbers = [int(key.rpartition(sign)[2]) for key in keys]
-        ahead = sum(b == a + 1 for a, b in zip(numbers, numbers[1:], strict=False))
+        ahead = sum(b == a + 1 for a, b in itertools.pairwise(numbers))
         if len(clips) < len(keys) / 2 and ahead > len(keys) / 2:
             depth = next(iter(clips)).count("/")
             folders = "".join(f"{{folder_{chr(97 + i)}}}/" for i in range(depth))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,22 +14,17 @@ from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.encoded import Blob, EncodedFrames
 from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.actions import label_actions
-from tactileforge.data.labels.missing import stated
 from tactileforge.datasets.reading.layout import check_action, check_sensor, parse_background
-from tactileforge.datasets.samples.layout import NEWTONS, SECONDS, SampleLayout, words_of
+from tactileforge.datasets.samples.layout import NEWTONS, SECONDS, SampleLayout
 from tactileforge.datasets.samples.places import (
     VIDEOS,
-    Place,
-    as_numbers,
     fields_of,
-    fill,
     kind_of,
-    parse_place,
-    read_value,
 )
 from tactileforge.datasets.samples.tar_frames import ArrayRows, TarVideo
-from tactileforge.datasets.samples.units import Sample, Unit, numbered_parts
-from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.datasets.samples.units import Unit, numbered_parts
+from tactileforge.datasets.samples.values import UnitValues
+from tactileforge.errors import ConfigError, DataError
 
 #: First bytes of pictures: JPEG, PNG, and WebP with its size in the middle.
 _STARTS = (b"\xff\xd8", b"\x89PNG", b"RIFF")
@@ -57,29 +51,25 @@ class SampleOpener:
             DataError: A part is missing, damaged, or of another length.
             ConfigError: An option is missing, or a name of a sensor or action is unknown.
         """
-        return _Opening(self.layout, unit, f"{self.path}, {unit.name}", self.tar).recording()
+        return _Opening(self.layout, unit, f"{self.path}, {unit.name}").recording(self.tar)
 
     def held_out_with(self, unit: Unit) -> str:
         """Name of the unit that is held out together."""
         template = self.layout.unit
         if not template:
             return unit.name
-        opening = _Opening(self.layout, unit, f"{self.path}, {unit.name}", self.tar)
         try:
-            return opening.text(template) or unit.name
+            values = UnitValues(self.layout, unit, f"{self.path}, {unit.name}")
+            return values.text(template) or unit.name
         except DataError:  # it is named when the recording is opened
             return unit.name
 
 
-class _Opening:
+class _Opening(UnitValues):
     """One recording while it is opened."""
 
-    def __init__(self, layout: SampleLayout, unit: Unit, where: str, tar: str) -> None:
-        self.layout, self.unit, self.where, self.tar = layout, unit, where, tar
-        self._read: dict[tuple[int, str], Any] = {}
-
-    def recording(self) -> Recording:
-        """The recording; see `SampleOpener.open`."""
+    def recording(self, tar: str) -> Recording:
+        """The recording, with a key that starts with the name of its tar."""
         layout, frames = self.layout, self.frames
         times = self._times(frames)
         force = self._force(len(frames))
@@ -88,7 +78,7 @@ class _Opening:
         captions = [self.text(one) for one in layout.captions]
         camera = self._camera()
         return Recording(
-            key=f"{self.tar}/{self.unit.name}",
+            key=f"{tar}/{self.unit.name}",
             sensor=sensor,
             frames=self._upright(frames),
             times=times,
@@ -116,9 +106,9 @@ class _Opening:
         if layout.numbered:
             names = numbered_parts(samples[0], layout.frames)
             if not names:
-                raise self._missing(samples[0], layout.frames)
+                raise self.missing(samples[0], layout.frames)
             return self._shown([samples[0].parts[name] for name in names], layout.frames)
-        blobs = [self._part(sample, layout.frames) for sample in samples]
+        blobs = [self.part(sample, layout.frames) for sample in samples]
         frames = self._shown(blobs, layout.frames)
         if len(frames) != len(samples) and layout.by_frame:
             raise DataError(
@@ -126,14 +116,6 @@ class _Opening:
                 "in layout.key, a sample has one"
             )
         return frames
-
-    def _part(self, sample: Sample, name: str) -> Blob:
-        if name.lower() not in sample.parts:
-            raise self._missing(sample, name)
-        return sample.parts[name.lower()]
-
-    def _missing(self, sample: Sample, name: str) -> DataError:
-        return DataError(f"{self.where}, {sample.key}: {unknown('part', name, sample.parts)}")
 
     def _shown(self, blobs: Sequence[Blob], part: str) -> Frames:
         return shown(f"{self.where}.{part}", blobs, part)
@@ -166,90 +148,6 @@ class _Opening:
                 f"frame before, {times[i - 1]:g} s; correct it"
             )
         return times
-
-    def rows(self, text: str, count: int) -> NDArray[np.float64]:
-        """Numbers of a place, one row a frame: float64 (T, ...); NaN where there are none."""
-        place, samples = parse_place(text), self.unit.samples
-        read = [self._value(place, i) for i in range(len(samples))]
-        known = [as_numbers(one, f"{self.where}: {place}") for one in read if one is not None]
-        if not known:
-            return np.full(count, np.nan)
-        if not self.layout.by_frame:
-            whole = known[0][None] if count == 1 and known[0].shape[:1] != (1,) else known[0]
-            if whole.shape[:1] != (count,):
-                raise DataError(
-                    f"{self.where}: {place} has shape {whole.shape}, where the recording has "
-                    f"{count} frames; correct it"
-                )
-            return whole
-        odd = next((one for one in known if one.shape != known[0].shape), None)
-        if odd is not None:
-            raise DataError(
-                f"{self.where}: {place} has shape {known[0].shape} in one frame and {odd.shape} in "
-                "another; correct it"
-            )
-        out = np.full((count, *known[0].shape), np.nan)
-        out[[one is not None for one in read]] = known
-        return out
-
-    def _value(self, place: Place, number: int) -> Any:
-        """Value of a sample, read once; None where it is optional and missing."""
-        sample = self.unit.samples[number]
-        if (number, str(place)) not in self._read:
-            is_there = place.part in sample.parts
-            if not is_there and not place.optional:
-                raise self._missing(sample, place.part)
-            blob = sample.parts.get(place.part)
-            where = f"{self.where}, {sample.key}" if self.layout.by_frame else self.where
-            value = read_value(place, blob, where) if blob else None
-            self._read[number, str(place)] = value
-        return self._read[number, str(place)]
-
-    def text(self, template: str) -> str:
-        """A template filled in; "" where a value of it is missing.
-
-        Raises:
-            DataError: Frames of the recording differ in it, or a value has no word.
-        """
-        if not template:
-            return ""
-        texts = {self._filled(template, i) for i in self._numbers(template)}
-        if len(texts) > 1:
-            one, other = sorted(texts)[:2]
-            raise DataError(
-                f"{self.where}: frames with {one!r} and with {other!r} for {template}; a recording "
-                "has one value: correct it, or part them by layout.key"
-            )
-        return texts.pop()
-
-    def _numbers(self, template: str) -> range:
-        """Samples that a template is read from."""
-        read = any(True for _ in self.layout.places(template))
-        return range(len(self.unit.samples) if read else 1)
-
-    def _filled(self, template: str, number: int) -> str:
-        words, empty = words_of(self.layout), False
-
-        def value(name: str) -> str:
-            nonlocal empty
-            if name in self.unit.values:
-                said = self.unit.values[name]
-            else:
-                found = self._value(parse_place(name), number)
-                if isinstance(found, list | dict):
-                    raise DataError(f"{self.where}: {name} is no text and no number; correct it")
-                said = stated(found)
-            empty = empty or not said
-            meanings = words.get(name.removesuffix("?"))
-            if said and meanings is not None:
-                if said not in meanings:
-                    fault = unknown(f"value of {name}", said, meanings)
-                    raise DataError(f"{self.where}: {fault}; add it to layout.words")
-                return meanings[said]
-            return said
-
-        filled = fill(template, value)
-        return "" if empty else filled
 
     def _force(self, count: int) -> NDArray[np.float32] | None:
         keys = self.layout.force
@@ -288,8 +186,8 @@ class _Opening:
             return label_actions(times, force)
         assert action is not None
         rows = np.full(len(times), -1, np.int64)
-        for number in self._numbers(action):
-            if name := self._filled(action, number):
+        for number in self.numbers(action):
+            if name := self.filled(action, number):
                 check_action(name, self.where)
                 rows[number if self.layout.by_frame and fields_of(action) else slice(None)] = (
                     ACTIONS.index(name)
@@ -302,7 +200,7 @@ class _Opening:
             return None
         base = frames
         if rule.file:
-            base = self._shown([self._part(self.unit.samples[0], rule.file)], rule.file)
+            base = self._shown([self.part(self.unit.samples[0], rule.file)], rule.file)
             if base.shape != frames.shape:
                 raise DataError(
                     f"{self.where}: the background has {size_text(base.shape)} pixels, the frames "
@@ -315,7 +213,7 @@ class _Opening:
         there = [sample for sample in self.unit.samples if name.lower() in sample.parts]
         if not name or (not there and self.layout.image.endswith("?")):
             return None
-        return self._shown([self._part(sample, name) for sample in self.unit.samples], name)
+        return self._shown([self.part(sample, name) for sample in self.unit.samples], name)
 
     def _labels(self) -> Mapping[str, str | float]:
         found = {name: self.text(template) for name, template in self.layout.labels.items()}
