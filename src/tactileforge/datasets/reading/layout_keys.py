@@ -35,7 +35,8 @@ class BackgroundRule:
             count: Frames of the recording, or of the file.
         """
         if self.median:
-            return np.unique(np.linspace(0, count - 1, _MEDIAN_FRAMES).round().astype(int)).tolist()
+            spread = np.linspace(0, count - 1, _MEDIAN_FRAMES).round()
+            return [int(row) for row in np.unique(spread)]
         if self.last:
             return list(range(max(0, count - self.last), count))
         return list(range(min(count, self.first or count)))

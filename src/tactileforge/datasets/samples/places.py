@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from io import BytesIO
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,12 @@ _FIELD = re.compile(r"\{([^{}]*)\}")
 _TEXT, _ARRAY = 1 << 24, 1 << 28
 #: Most bytes of the header of an array (`numpy.lib.format` has the same limit).
 _HEADER = 10_000
+
+#: numpy reads the header as a literal of Python, and lets the errors of its parsers through.
+_NO_HEADER = (
+    *(ValueError, KeyError, SyntaxError, TypeError, RecursionError, MemoryError),
+    TokenError,
+)
 
 
 @dataclass(frozen=True)
@@ -170,8 +177,7 @@ def array_header(blob: Blob, where: str) -> tuple[np.dtype[Any], tuple[int, ...]
         version = np.lib.format.read_magic(stream)
         reader = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}
         shape, fortran, dtype = reader[version[0]](stream)
-    # numpy reads the header as a literal, and lets the parser's errors through
-    except (ValueError, KeyError, SyntaxError, TypeError, RecursionError, MemoryError) as error:
+    except _NO_HEADER as error:
         raise DataError(f"{where}: not a plain array ({error}); write it again") from error
     if dtype.hasobject or dtype.kind not in "biuf":
         raise DataError(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from braceexpand import UnbalancedBracesError, braceexpand
+from braceexpand import braceexpand
 
 from tactileforge.data.shards.fetch import ShardFolder
 from tactileforge.datasets.reading.files import matching_files
@@ -74,7 +74,7 @@ def _expanded(pattern: str) -> list[str]:
         )
     try:
         return list(braceexpand(pattern))
-    except UnbalancedBracesError as error:
+    except ValueError as error:
         raise ConfigError(f"data.tars: {pattern}: {error}; write train-{{000..099}}.tar") from error
 
 
