@@ -13,7 +13,8 @@ import pytest
 import torch
 from made_samples import FRAMES, frame_samples, made_set, picture, video, write_tar
 
-from tactileforge import cli
+from tactileforge import cli, registry
+from tactileforge.compose import compose
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.frames.image_codecs import encode_image
@@ -286,3 +287,17 @@ def test_the_commands_take_it(
     words = ["objective=[pixel,force]", "scale=tiny", "debug=steps", "hydra.run.dir=run"]
     words += ["encoder.image_size=32", "batch.workers=0", "batch.size=4"]
     assert cli.run(["train", *data, *words]) == 0, capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["classes", "clips"])
+def test_presets(tmp_path: Path, name: str) -> None:
+    film = video(tmp_path / "v.mp4", range(0, 99, 9))
+    samples = {
+        "classes": [("a", {"jpg": picture(9), "cls": "bolt"})],
+        "clips": [("a", {"mp4": film, "json": {"object": "bolt"}})],
+    }
+    write_tar(tmp_path / "a.tar", samples[name])
+    words = [f"data=webdataset_{name}", f"data.root={tmp_path}", "data.layout.sensor=digit"]
+    data = registry.build("datasets", compose(overrides=[*words, "data.val=0"]).data)
+    (found,) = data.recordings("train")
+    assert (found.object, found.text, found.no_contact is None) == ("bolt", None, name == "classes")
