@@ -67,7 +67,7 @@ def video(path: Path, levels: Iterable[int], fps: float = 20) -> bytes:
 
 
 def frame_samples(tar: int, clips: int = 4, frames: int = 12) -> list[tuple[str, dict[str, Any]]]:
-    """Samples of which each is a frame of a clip, ``mug/ep03_007``, with force and time."""
+    """Samples with a frame of a clip each, ``mug/ep03_007``, with force and time."""
     return [
         (
             f"{('mug', 'pen')[clip % 2]}/ep{tar * clips + clip:02d}_{frame:03d}",

@@ -1,4 +1,4 @@
-"""Samples that are damaged, hostile or unlike the layout: named, counted, and never guessed."""
+"""Damaged, hostile and foreign samples: named, counted, never guessed."""
 
 import json
 import pickle
@@ -20,7 +20,7 @@ CLIP = {"frames": "npy", "sensor": "digit", "background": "none", "fps": 10}
 def skipped(
     tmp_path: Path, samples: list[tuple[str, dict[str, Any]]], layout: dict[str, Any]
 ) -> tuple[list[str], list[str]]:
-    """Keys of the recordings that are read, and lines about the others."""
+    """Keys of the readable recordings, and lines about the others."""
     write_tar(tmp_path / "a.tar", [("good", {"jpg": picture(9), "npy": clip(2)}), *samples])
     data = WebDataset(str(tmp_path), layout, val=0)
     return [one.key for one in data.recordings("train")], data.skipped
@@ -251,7 +251,7 @@ def test_random_bytes_end_in_errors_of_ours(tmp_path: Path) -> None:
 
 
 def test_a_description_of_values_of_another_kind(tmp_path: Path) -> None:
-    """A JSON of the words of Python for numbers that are none."""
+    """A JSON with NaN, as Python writes it."""
     text = json.dumps({"force": [[float("nan")] * 3] * 2}).encode()
     write_tar(tmp_path / "a.tar", [("x", {"npy": clip(2), "json": text})])
     (found,) = WebDataset(str(tmp_path), FORCE, val=0).recordings("train")

@@ -76,7 +76,7 @@ class TarVideo:
         blob: Place of the video.
 
     Raises:
-        DataError: See `VideoFrames`.
+        DataError: The video is damaged or too large, as for `VideoFrames`.
     """
 
     def __init__(self, name: str, blob: Blob) -> None:
