@@ -115,14 +115,14 @@ class WebDataset:
         parts = self._parts(split)
         if self.folder.remote:
             return self._estimated(parts)
-        indexed = [part for part in self._indexed(parts) if part.recordings]
-        summary, seconds = Summary(), list[float]()
-        for part in indexed:
-            if summary.recordings >= _COUNTED:
-                break
-            own = Summary.of(part.open(self._note))
-            seconds.append(own.seconds)
-            summary.merge(own)
+        indexed, seconds, summary = list[_TarPart](), list[float](), Summary()
+        for part in self._indexed(parts):
+            indexed += [part] if part.recordings else []
+            # opened while its index is at hand
+            if part.recordings and summary.recordings < _COUNTED:
+                own = Summary.of(part.open(self._note))
+                seconds.append(own.seconds)
+                summary.merge(own)
         self._check(summary.recordings, split)
         rest = sum(part.recordings for part in indexed[len(seconds) :])
         if rest:

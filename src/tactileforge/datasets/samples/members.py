@@ -6,8 +6,8 @@ import tarfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO
 
 from tactileforge.data.frames.encoded import Blob
 from tactileforge.errors import DataError
@@ -54,7 +54,8 @@ def read_members(path: Path) -> TarIndex:
 @lru_cache(maxsize=64)
 def _indexed(path: str, stamp: tuple[int, ...]) -> TarIndex:
     index, damage = TarIndex(path), ""
-    with open(path, "rb") as file:
+    # without a buffer, which would be filled anew for each header
+    with open(path, "rb", buffering=0) as file:
         start = file.read(8)
         for mark, program in _PACKED.items():
             if start.startswith(mark):
@@ -69,7 +70,7 @@ def _indexed(path: str, stamp: tuple[int, ...]) -> TarIndex:
     return TarIndex(path, index.members, damage)
 
 
-def _members(file: BinaryIO) -> Iterator[tuple[str, int, int]]:
+def _members(file: FileIO) -> Iterator[tuple[str, int, int]]:
     """Yields name, offset and size of each file of a tar.
 
     Python's tarfile reads the same in twenty times the time.
