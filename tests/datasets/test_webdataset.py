@@ -14,7 +14,7 @@ import torch
 from made_samples import FRAMES, frame_samples, made_set, picture, video, write_tar
 from omegaconf import OmegaConf
 
-from tactileforge import cli, registry
+from tactileforge import cli, downloads, registry
 from tactileforge.compose import compose
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.datamodule import TouchData
@@ -305,3 +305,40 @@ def test_presets(tmp_path: Path, name: str) -> None:
     data = registry.build("datasets", node)
     (found,) = data.recordings("train")
     assert (found.object, found.text, found.no_contact is None) == ("bolt", None, name == "classes")
+
+
+def test_a_server_without_a_length_that_stops_early(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its first body is cut off, which its end mark tells; the second is whole."""
+    monkeypatch.setattr(downloads, "_PAUSE", 0.01)
+    raw = write_tar(tmp_path / "a.tar", frame_samples(0)).read_bytes()
+    bodies = [raw[:5000], raw]
+
+    class Handler(SimpleHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(bodies.pop(0))
+
+        def log_message(self, *args: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+        url = f"http://127.0.0.1:{server.server_port}"
+        data = WebDataset(url, FRAMES, tars="a.tar", val=0, cache=str(tmp_path / "cache"))
+        assert len(list(data.recordings("train"))) == 4
+        server.shutdown()
+    assert (data.skipped, bodies) == ([], [])
+
+
+def test_the_cache_keeps_its_limit(tmp_path: Path, serve: tuple[str, list[str]]) -> None:
+    url, asked = serve
+    made_set(tmp_path / "served", tars=4)
+    size = (tmp_path / "served" / "part-000.tar").stat().st_size
+    options = {"tars": "part-{000..003}.tar", "val": 0, "cache": str(tmp_path / "cache")}
+    data = WebDataset(url, FRAMES, **options, cache_gb=2.5 * size / 1e9)
+    assert len(list(data.recordings("train"))) == 16
+    assert len(list((tmp_path / "cache").rglob("*.tar"))) == 2
+    assert len(asked) == 4

@@ -9,6 +9,7 @@ import time
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
+from typing import BinaryIO
 from urllib.parse import unquote, urlparse
 
 from tactileforge import downloads, files
@@ -117,7 +118,7 @@ class ShardFolder:
         try:
             with new_part(path) as part:
                 with part.open("wb") as out:
-                    downloads.copy(url, limit, out, lambda: _has_end(part))
+                    downloads.copy(url, limit, out, lambda: _has_end(out, part))
                 self._make_room(part.stat().st_size)
                 part.replace(path)
         except OSError as error:
@@ -194,8 +195,9 @@ class ShardFolder:
             path.unlink(missing_ok=True)
 
 
-def _has_end(path: Path) -> bool:
-    """Whether a tar ends with its mark, two blocks of zeros (POSIX, ustar)."""
+def _has_end(out: BinaryIO, path: Path) -> bool:
+    """Whether a tar ends with its mark, two blocks of zeros (POSIX, ustar), while it is open."""
+    out.flush()
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(0, size - 2 * BLOCK))
