@@ -213,7 +213,7 @@ def test_guesses(tmp_path: Path) -> None:
         "sensor": "digit",
         "background": "none",
         "force": {"values": "json:force"},
-        "times": {"values": "json:t"},
+        "times": {"values": "json:t", "unit": "ms"},
     }
     write_tar(tmp_path / "b/x.tar", [(f"{i:05d}", {"jpg": picture(9), "cls": 1}) for i in range(9)])
     layout = guessed(tmp_path / "b")
@@ -271,9 +271,9 @@ def test_the_commands_take_it(
     assert cli.run(["data", "inspect", "digit_set", "out=page.html"]) == 0, capsys.readouterr().err
     said = capsys.readouterr().out
     assert "tars of samples (webdataset), read by data=webdataset" in said
-    assert "to be checked: times: taken for seconds" in said
+    assert "to be checked: times: taken for ms" in said
     node = load_yaml(Path("page.yaml").read_text())
-    node["layout"] |= {"times": {"values": "json:t", "unit": "ms"}, "object": "{folder_a}"}
+    node["layout"]["object"] = "{folder_a}"
     node["val"] = 0.3
     kept = Path("kept/data/lab.yaml")
     kept.parent.mkdir(parents=True)

@@ -11,6 +11,7 @@ from typing import Any
 
 from tactileforge.contracts import Guess
 from tactileforge.data.frames.encoded import Blob
+from tactileforge.data.labels.clock import UNITS
 from tactileforge.data.shards.foreign import is_foreign
 from tactileforge.datasets.samples.members import read_members
 from tactileforge.datasets.samples.opened import shown
@@ -18,6 +19,7 @@ from tactileforge.datasets.samples.places import (
     PICTURES,
     VIDEOS,
     array_header,
+    as_numbers,
     kind_of,
     parse_place,
     read_value,
@@ -30,6 +32,8 @@ from tactileforge.sensors.specs import SPECS
 _LOOKED = 200
 #: Frames per second where nothing tells them: the usual rate of the cameras in such sensors.
 _FPS = 30
+#: Frames a second of the fastest camera of touch, and seconds between frames of the slowest.
+_FASTEST, _SLOWEST = 300, 1.0
 _CAMERA = re.compile(r"cam|rgb|scene|view|vis")
 _BACKGROUND = re.compile(r"background|reference|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
 _NUMBERED = re.compile(r"(?P<start>.*?)(?P<frame>\d+)\.(?P<kind>[a-z]+)")
@@ -95,8 +99,8 @@ def _layout(
     if cameras and cameras[0] != layout["frames"]:
         layout["image"] = cameras[0]
     layout |= _values(parts, doubts)
-    if "times" in layout and layout.pop("fps", None) is None:
-        del layout["times"]  # of single touches
+    if times := layout.pop("times", ""):
+        layout |= _times(samples, layout, times, doubts)
     doubts.append("licence: write it into layout.licence")
     return layout
 
@@ -158,7 +162,7 @@ def _clips(samples: Mapping[str, dict[str, Blob]], doubts: list[str]) -> dict[st
             folders = "".join(f"{{folder_{chr(97 + i)}}}/" for i in range(depth))
             doubts.append(
                 f"key: samples that differ in the number behind {sign!r} are taken for frames of a "
-                f"clip, {_FPS} a second"
+                f"clip, {_FPS} a second without times"
             )
             return {"key": f"{folders}{{clip}}{sign}{{frame}}", "fps": _FPS}
     doubts.append("frames: each sample is taken for a touch of its own")
@@ -215,9 +219,28 @@ def _values(parts: Mapping[str, Blob], doubts: list[str]) -> dict[str, Any]:
             found |= {key: one for key, one in _json(part, parts).items() if key not in found}
     if "force" in found:
         doubts.append("force: taken for newton, x right, y down, z into the gel, pressing positive")
-    if "times" in found:
-        doubts.append("times: taken for seconds")
     return found
+
+
+def _times(
+    samples: Mapping[str, dict[str, Blob]], layout: dict[str, Any], place: str, doubts: list[str]
+) -> dict[str, Any]:
+    """Key of the times in the unit of a plausible rate, in place of ``fps``; {} for stills."""
+    if layout.pop("fps", None) is None:
+        return {}
+    read: list[float] = []
+    for parts in list(samples.values())[:2]:
+        try:
+            found = as_numbers(
+                read_value(parse_place(place), parts[parse_place(place).part], ""), ""
+            )
+        except (DataError, KeyError):
+            continue
+        read += [float(one) for one in found.reshape(-1)[:2]]
+    step = read[1] - read[0] if len(read) > 1 else 0.0
+    fits = [unit for unit, one in UNITS.items() if 1 / _FASTEST <= step * one <= _SLOWEST]
+    doubts.append(f"times: taken for {fits[0] if fits else 's'}")
+    return {"times": {"values": place, **({"unit": fits[0]} if fits and fits[0] != "s" else {})}}
 
 
 def _has_axes(blob: Blob) -> bool:
@@ -240,7 +263,7 @@ def _json(part: str, parts: Mapping[str, Blob]) -> dict[str, Any]:
         if low in _FORCE and isinstance(value, list) and value:
             found.setdefault("force", {"values": f"{part}:{name}"})
         elif low in _TIME and isinstance(value, int | float | list):
-            found.setdefault("times", {"values": f"{part}:{name}"})
+            found.setdefault("times", f"{part}:{name}")
         elif low in _OBJECT and isinstance(value, str | int):
             found.setdefault("object", f"{{{part}:{name}}}")
         elif low in _TEXT and isinstance(value, str):
