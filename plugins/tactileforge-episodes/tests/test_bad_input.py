@@ -397,3 +397,16 @@ def test_a_zip_that_is_encrypted_is_named(tmp_path):
     raw[raw.index(b"PK\1\2") + 8] |= 1  # the flag of encryption
     path.write_bytes(raw)
     refused(tmp_path, "no file that ends like.*is encrypted; unpack it", DataNotFoundError)
+
+
+def test_npz_with_a_header_that_is_no_literal(tmp_path):
+    htt(tmp_path)
+    path = tmp_path / "force/gsmini/processed/p1_sphere/a.npz"
+    content = dict(np.load(path))
+    del content["6d_force"]
+    np.savez(path, **content)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("6d_force.npy", b"\x93NUMPY\x01\0\x20\0" + b"(" * 32)
+    data = Episodes(str(tmp_path), preset="htt", fps=25, val=0)
+    assert len(list(data.recordings("train"))) == 1
+    assert "EOF in multi-line statement" in data.skipped[0]

@@ -39,7 +39,7 @@ def foreign(folder: Path, name: str = "train-000000.tar", stem: str = "left.{:06
 @pytest.mark.parametrize("name", ["train-000000.tar", "00000.tar"])
 def test_a_webdataset_of_another_program_is_named(tmp_path: Path, stem: str, name: str) -> None:
     data: Dataset = Shards(str(foreign(tmp_path, name, stem)))
-    words = rf"{name}: a webdataset of another program \(jpg, json\), .* data=recordings"
+    words = rf"{name}: a webdataset of another program \(jpg, json\), .* data=webdataset"
     with pytest.raises(ForeignShardError, match=words):
         list(data.recordings("train"))
     with pytest.raises(ForeignShardError, match=words):

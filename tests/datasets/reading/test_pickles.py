@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactileforge.data.frames.encoded import Blob
-from tactileforge.datasets.reading.pickles import load_pickle
+from tactileforge.datasets.reading.pickles import load_pickle, load_pickled_array
 from tactileforge.errors import DataError, DataNotFoundError
 
 PROTOCOLS = range(2, pickle.HIGHEST_PROTOCOL + 1)
@@ -159,3 +159,10 @@ def test_a_type_of_something_nested_is_an_error(tmp_path: Path) -> None:
 
     with pytest.raises(DataError, match="an array of no type"):
         load_pickle(dump(tmp_path / "a.pkl", Typed()))
+
+
+def test_a_header_of_an_array_that_is_no_literal(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    path.write_bytes(b"\x93NUMPY\x01\0\x20\0" + b"(" * 32)
+    with pytest.raises(DataError, match=r"a\.npy: not a pickle, or damaged \(TokenError"):
+        load_pickled_array(path)

@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from tactileforge_episodes.members import Slice
 _DAMAGED = (
     *(zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError),
     *(ValueError, TypeError, KeyError, OverflowError, MemoryError, SyntaxError),
+    TokenError,  # numpy reads headers as literals of Python
 )
 _LOCAL = struct.Struct("<26xHH")
 #: Readers of the header of an npy file, by its version.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,8 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 #: Containers with a count of frames in their header; for others FFmpeg estimates it from a
 #: duration.
 _COUNTED = frozenset({".avi", ".m4v", ".mov", ".mp4"})
+#: FFmpeg's address of a part of a file (ffmpeg-protocols, subfile).
+_INSIDE = re.compile(r"subfile,,start,\d+,end,\d+,,:(.+)", re.DOTALL)
 #: Largest share of missing frames of a file that does not count as truncated.
 _MISSING = 0.05
 #: OpenCV seeks to a key frame at least this many frames before the requested one (first ``delta``
@@ -87,6 +90,23 @@ class VideoIndex:
         return i if is_there else None
 
 
+def inside(path: str, start: int, size: int) -> str:
+    """Address of a video inside of another file, such as a tar, in place of a path.
+
+    Args:
+        path: Path of the other file.
+        start: Position of the first byte of the video.
+        size: Bytes of the video.
+    """
+    return f"subfile,,start,{start},end,{start + size},,:{os.path.abspath(path)}"
+
+
+def _outer(path: str) -> Path:
+    """The file of a path, or of an address of `inside`."""
+    found = _INSIDE.fullmatch(path)
+    return Path(found[1] if found else path)
+
+
 def open_video(path: str) -> Any:
     """Open a video silently: errors are raised, not printed by OpenCV.
 
@@ -110,7 +130,7 @@ def open_video(path: str) -> Any:
 def _check_file(path: str) -> None:
     """Check for a file, as OpenCV takes patterns of images and URLs as well."""
     with suppress(OSError):  # a name too long for the file system
-        if Path(path).is_file():
+        if _outer(path).is_file():
             return
         if Path(path).is_dir():
             raise DataError(f"{path}: a folder, not a video; {_IMAGES}")
@@ -122,7 +142,7 @@ def _check_file(path: str) -> None:
 def read_index(path: str) -> VideoIndex:
     """Walk through the packets of a video; see `video.VideoFrames`."""
     capture = open_video(path)
-    stat = Path(path).stat()
+    stat = _outer(path).stat()
     shape = (
         int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)),
         int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
@@ -197,7 +217,8 @@ def _check_depth(path: str, pixel_format: int) -> None:
 
 def _check_complete(path: Path, announced: int, counted: int) -> None:
     suffix = path.suffix.lower()
-    if suffix in _COUNTED and counted < (1 - _MISSING) * announced:
+    is_counted = suffix in _COUNTED or _INSIDE.fullmatch(str(path))
+    if is_counted and counted < (1 - _MISSING) * announced:
         raise DataError(
             f"{path}: truncated: it announces {announced} frames and holds {counted}; {HINT}"
         )

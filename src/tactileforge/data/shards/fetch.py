@@ -9,14 +9,18 @@ import time
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
+from typing import BinaryIO
 from urllib.parse import unquote, urlparse
 
 from tactileforge import downloads, files
+from tactileforge.data.frames.image_codecs import BLOCK
 from tactileforge.errors import DataError
 from tactileforge.files import new_part, sweep_parts
 
 #: Largest size of an index, bytes, and longest download of it, seconds.
 _MAX_TEXT, _TEXT_SECONDS = 1 << 28, 1800.0
+#: Largest size of a tar without an index, bytes.
+_MAX_TAR = 1 << 36
 #: Files verified by this process, in the state in which they were read.
 _CHECKED: set[tuple[str, int, int, int, str]] = set()
 
@@ -92,6 +96,38 @@ class ShardFolder:
         )
         raise DataError(f"{path}: {why}")
 
+    def get_unchecked(self, name: str) -> Path:
+        """File on this machine without a known checksum; downloads it to the cache if needed.
+
+        Args:
+            name: Name of the file in the folder.
+
+        Raises:
+            DataError: The file is missing, or cannot be fetched.
+        """
+        path = self.path / name
+        if not self.remote or path.exists():
+            if self.remote:
+                with suppress(OSError):
+                    os.utime(path, (time.time(), path.stat().st_mtime))
+            return path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        sweep_parts(path.parent)
+        limit = _MAX_TAR if self.cache_gb is None else int(self.cache_gb * 1e9)
+        url = f"{self.root}/{name}"
+        try:
+            with new_part(path) as part:
+                with part.open("wb") as out:
+                    downloads.copy(url, limit, out, lambda: _has_end(out, part))
+                self._make_room(part.stat().st_size)
+                part.replace(path)
+        except OSError as error:
+            raise DataError(
+                f"{url}: cannot be fetched ({error}); correct the URL, or download the file and "
+                "give its folder"
+            ) from error
+        return path
+
     def _verified(self, path: Path, size: int, sha256: str) -> Path:
         """Path of the file; other processes may remove it from the cache at any time."""
         if self.remote and not (path.exists() and self._has_checksum(path, sha256)):
@@ -157,6 +193,15 @@ class ShardFolder:
                 break
             total -= taken
             path.unlink(missing_ok=True)
+
+
+def _has_end(out: BinaryIO, path: Path) -> bool:
+    """Whether a tar ends with its mark, two blocks of zeros (POSIX, ustar), while it is open."""
+    out.flush()
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(0, size - 2 * BLOCK))
+        return file.read() == bytes(2 * BLOCK)
 
 
 def _state(path: Path, sha256: str) -> tuple[str, int, int, int, str]:

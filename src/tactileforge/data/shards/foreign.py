@@ -7,7 +7,7 @@ import tarfile
 from pathlib import Path
 
 from tactileforge.data.frames.image_codecs import CODECS, GROUPS
-from tactileforge.errors import DataError
+from tactileforge.errors import DataError, command
 
 #: Members to look at.
 _LOOKED = 64
@@ -37,8 +37,8 @@ def check_foreign(path: Path) -> None:
     kind = "webdataset" if len(endings) > 1 or "/" not in names[0] else "tar file"
     raise ForeignShardError(
         f"{path}: a {kind} of another program ({', '.join(endings).strip(', ') or 'no endings'}),"
-        " not one of tactileforge's; unpack it (tar -xf), describe its files with a layout, as in "
-        "docs/data.md, and read them with data=recordings"
+        " not one of tactileforge's; read it with data=webdataset and a layout, which "
+        f"{command('data', 'inspect', str(path.parent))} guesses (docs/webdataset.md)"
     )
 
 

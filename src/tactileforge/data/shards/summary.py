@@ -115,6 +115,24 @@ class Summary(dict[RecordingKind, Count]):
             count.seconds += theirs.seconds
             count.labels.update(theirs.labels)
 
+    def times(self, factor: float) -> Summary:
+        """Counts of a part of the data, as an estimate of those of the whole.
+
+        Args:
+            factor: Size of the whole over that of the part.
+        """
+        return Summary(
+            {
+                kind: Count(
+                    round(count.recordings * factor),
+                    round(count.frames * factor),
+                    count.seconds * factor,
+                    Counter({label: round(n * factor) for label, n in count.labels.items()}),
+                )
+                for kind, count in self.items()
+            }
+        )
+
     @property
     def recordings(self) -> int:
         """Number of recordings of all kinds."""

@@ -100,7 +100,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         ConfigError: A value is invalid; names the layout, the key and the valid values.
     """
     where = f"layout {name!r}"
-    keys = build(LayoutKeys, where, _given(mapping(where, config)))
+    keys = build(LayoutKeys, where, given(mapping(where, config)))
     globs, each = _files(keys, where)
     sensor, crops = _sensors(keys, where)
     force = _force(keys.force, f"{where}: force")
@@ -126,7 +126,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         bgr=keys.channels == "bgr",
         turns=(keys.rotate or 0) // 90,
         crops=crops,
-        background=_background(keys.background, f"{where}: background"),
+        background=parse_background(keys.background, f"{where}: background"),
         labels=keys.labels.file,
         key=keys.labels.key,
         words={
@@ -136,7 +136,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         force=force,
         action=action,
         object=keys.object,
-        text=_several(keys.text),
+        text=several(keys.text),
         image=keys.image,
         source=keys.source,
         licence=keys.licence,
@@ -146,16 +146,17 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
     )
 
 
-def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+def given(values: Mapping[str, Any]) -> dict[str, Any]:
     """Drops nulls, at any depth of mappings."""
     return {
-        key: _given(value) if isinstance(value, Mapping) else value
+        key: given(value) if isinstance(value, Mapping) else value
         for key, value in values.items()
         if value is not None
     }
 
 
-def _several(value: str | tuple[str, ...]) -> tuple[str, ...]:
+def several(value: str | tuple[str, ...]) -> tuple[str, ...]:
+    """One or more texts, as several."""
     return (value,) if isinstance(value, str) else value
 
 
@@ -185,7 +186,7 @@ def _files(keys: LayoutKeys, where: str) -> tuple[tuple[str, ...], str]:
     if (keys.videos is None) == (keys.images is None):
         raise ConfigError(f'{where}: give one of videos: "*.mp4" and images: "*.png"')
     if keys.videos is not None:
-        return _several(keys.videos), "video"
+        return several(keys.videos), "video"
     if keys.each is None:
         raise ConfigError(
             f"{where}: each is missing; give each: touch (one image, one touch) or each: sequence "
@@ -193,7 +194,7 @@ def _files(keys: LayoutKeys, where: str) -> tuple[tuple[str, ...], str]:
         )
     if keys.each not in ("touch", "sequence"):
         raise ConfigError(f"{where}: {unknown('each', keys.each, ('touch', 'sequence'))}")
-    return _several(keys.images or ()), keys.each
+    return several(keys.images or ()), keys.each
 
 
 def _sensors(keys: LayoutKeys, where: str) -> tuple[str | None, dict[str, Tile]]:
@@ -218,7 +219,16 @@ def check_sensor(name: str, where: str) -> None:
         raise ConfigError(f"{where}: {error}") from None
 
 
-def _background(rule: BackgroundRule | str, where: str) -> BackgroundRule | None:
+def parse_background(rule: BackgroundRule | str, where: str) -> BackgroundRule | None:
+    """Validates a rule; None for ``none``.
+
+    Args:
+        rule: The rule, as given.
+        where: Name of its key, for errors.
+
+    Raises:
+        ConfigError: It is another word, or none or several of the ways.
+    """
     if rule == "none":
         return None
     if isinstance(rule, str) or not _is_possible(rule):

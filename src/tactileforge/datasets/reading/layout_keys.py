@@ -5,6 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
+#: Frames of a median.
+_MEDIAN_FRAMES = 15
+
 
 @dataclass(frozen=True)
 class BackgroundRule:
@@ -22,6 +27,19 @@ class BackgroundRule:
     first: int = 0
     last: int = 0
     median: bool = False
+
+    def rows(self, count: int) -> list[int]:
+        """Numbers of the frames without contact.
+
+        Args:
+            count: Frames of the recording, or of the file.
+        """
+        if self.median:
+            spread = np.linspace(0, count - 1, _MEDIAN_FRAMES).round()
+            return [int(row) for row in np.unique(spread)]
+        if self.last:
+            return list(range(max(0, count - self.last), count))
+        return list(range(min(count, self.first or count)))
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import pickletools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -82,6 +83,7 @@ def _run(path: str | Path, start: Callable[[BinaryIO], None]) -> Any:
         OSError,
         RecursionError,
         SyntaxError,
+        TokenError,  # numpy reads the header of an array as a literal of Python
         TypeError,
         ValueError,
     ) as error:

@@ -31,9 +31,6 @@ from tactileforge.datasets.reading.templates import template_columns
 from tactileforge.datasets.reading.touch import FileFrames, LayoutTouch, open_files
 from tactileforge.errors import DataError, DataNotFoundError
 
-#: Number of frames per recording for the median background.
-_MEDIAN_FRAMES = 15
-
 
 class LayoutReader:
     """Finds, opens and labels the touches of a layout.
@@ -268,13 +265,7 @@ class LayoutReader:
         if rule is None:
             return None
         base = file.crop(box) if file else shown
-        count = len(base)
-        if rule.median:
-            rows = np.unique(np.linspace(0, count - 1, _MEDIAN_FRAMES).round().astype(int)).tolist()
-        elif rule.last:
-            rows = list(range(max(0, count - rule.last), count))
-        else:
-            rows = list(range(min(count, rule.first or count)))
+        rows = rule.rows(len(base))
         return FrameSubset(turned(base, self.layout.bgr, self.layout.turns), rows)
 
     def _camera(self, touch: LayoutTouch) -> Frames | None:
