@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from PIL import Image
+
+import tactileforge
 from gallery.entry import Entry
 from gallery.touches import (
     AXES,
@@ -20,10 +23,6 @@ from gallery.touches import (
     simulated,
     strongest,
 )
-from matplotlib.axes import Axes
-from PIL import Image
-
-import tactileforge
 from tactileforge.data.labels.displacement import decode_displacement
 from tactileforge.markers.motion import draw_arrows
 from tactileforge.markers.track import MarkerTracker

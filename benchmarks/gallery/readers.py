@@ -7,12 +7,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from gallery.entry import Entry
-from gallery.touches import AXES, GREY, INK, moments, picture, read, simulated, taxels
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
+from gallery.entry import Entry
+from gallery.touches import AXES, GREY, INK, moments, picture, read, simulated, taxels
 from tactileforge import registry
 from tactileforge.contracts import ACTIONS, Recording
 

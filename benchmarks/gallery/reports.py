@@ -10,8 +10,9 @@ import tempfile
 from functools import partial
 from pathlib import Path
 
-from gallery.entry import Entry
 from PIL import Image
+
+from gallery.entry import Entry
 
 #: Size of the window, pixels: a page is cut off below.
 WINDOW = (1000, 760)
@@ -150,7 +151,7 @@ _PAGES = (
     (
         "bench",
         "Encoders beside random weights and pixels: tables with intervals, charts, failures.",
-        "`tactileforge bench suite=sim \"model=[anytouch2.tiny,pixels]\" out=bench`",
+        '`tactileforge bench suite=sim "model=[anytouch2.tiny,pixels]" out=bench`',
         "[Compare encoders](bench.md) · [results](reports/index.md)",
     ),
     (

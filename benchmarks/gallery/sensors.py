@@ -6,6 +6,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from PIL import Image
+
 from gallery.entry import Entry
 from gallery.touches import (
     SIZE,
@@ -19,8 +21,6 @@ from gallery.touches import (
     strongest,
     taxels,
 )
-from PIL import Image
-
 from tactileforge.registry import build
 from tactileforge.sensors.specs import SIMULATED, SPECS
 
