@@ -50,7 +50,6 @@ class Entry:
 
     def markdown(self) -> str:
         """The card on the page."""
-        text = "\n".join(f"    {line}<br>" for line in self.lines).removesuffix("<br>")
-        return (
-            f"-   ![{self.alt}](assets/gallery/{self.file})\n\n    **`{self.name}`**<br>\n{text}\n"
-        )
+        text = "".join(f"<br>\n    {line}" for line in self.lines)
+        picture = f"![{self.alt}](assets/gallery/{self.file})"
+        return f"-   {picture}\n\n    **`{self.name}`**{text}\n"

@@ -11,29 +11,33 @@ PAGE = Path(__file__).parents[2] / "docs" / "gallery.md"
 _TOP = """\
 # Gallery
 
-A picture and three lines for each sensor, objective, data reader and report of this repository. All touch on this page is
-simulated, none of it comes from a published data set. `python benchmarks/gallery_page.py` draws it anew.
+A picture and three lines for each sensor, objective, data reader and report of this repository.
+All touch on this page is simulated, none of it comes from a published data set.
+`python benchmarks/gallery_page.py` draws it anew.
 
-[Sensors](#sensors) · [Objectives](#objectives) · [Data readers](#data-readers) · [Reports](#reports)
+[Sensors](#sensors) · [Objectives](#objectives) · [Readers](#data-readers) · [Reports](#reports)
 """
 _SECTIONS = {
     "sensor": (
         "Sensors",
-        "The first six are types with a simulated gel, the others are drivers. `tactileforge plugins list` shows what is installed,\n"
-        "[A sensor](plugins/sensor.md) how to add yours.",
+        "The first six are types with a simulated gel, the others are drivers.\n"
+        "`tactileforge plugins list` shows the installed ones, [a page](plugins/sensor.md) how to\n"
+        "add yours.",
     ),
     "objective": (
         "Objectives",
-        "What the encoder sees, and what it has to predict. A recipe combines several: `'objective=[pixel,diff,force]'`.",
+        "What the encoder sees, and what it has to predict. A recipe combines several:\n"
+        "`'objective=[pixel,diff,force]'`.",
     ),
     "reader": (
         "Data readers",
-        "Schematics: simulated frames stand for those of the named sensors, and a line for each column that the reader gives.",
+        "Schematics: simulated frames stand for those of the named sensors, with a line for each\n"
+        "column of the reader.",
     ),
     "report": (
         "Reports",
-        "Pages of their own, without network or script from elsewhere. Shown is the top of each, made in miniature: numbers mean\n"
-        "nothing here.",
+        "Single files that need no network. Shown is the top of each, made in miniature: numbers\n"
+        "mean nothing here.",
     ),
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -127,7 +128,7 @@ def _column(axis: Axes, name: str, recording: Recording) -> None:
     if name == "action":
         spans = np.asarray(recording.action)
         edges = [0, *(np.flatnonzero(np.diff(spans)) + 1).tolist(), len(spans)]
-        for start, stop in zip(edges, edges[1:], strict=False):
+        for start, stop in pairwise(edges):
             left, right = start / len(spans), stop / len(spans)
             axis.axvspan(left, right, color=f"C{int(spans[start]) % 10}", alpha=0.3, lw=0)
             if right - left > 0.07:

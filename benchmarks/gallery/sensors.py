@@ -71,7 +71,7 @@ def type_entry(name: str) -> Entry:
         kind="sensor",
         name=name,
         lines=(
-            f"{TITLES[name]}: {known.height} x {known.width} pixels, {known.fps:g} a second, {area}.",
+            f"{TITLES[name]}: {known.height} x {known.width} pixels, {known.fps:g} fps, {area}.",
             f"Driver: {driver}. Models that know it: {models}.",
             "[Simulated touch](simulator.md) · [record](record.md)",
         ),
@@ -131,7 +131,7 @@ def drivers() -> list[Entry]:
     return [
         _driver(
             "sim",
-            "An endless sequence of simulated touches, in real time: a finger to try everything with.",
+            "Endless simulated touches in real time: a finger to try everything with.",
             "Any simulated type, indenters and motions; forces are known.",
             "[Live](live.md) · [record](record.md)",
             "Six frames of the simulated sensor",
@@ -156,7 +156,7 @@ def drivers() -> list[Entry]:
         _driver(
             "serial_array",
             "Arrays of taxels as packets; AnySkin, ReSkin and FlexiTac have drivers of their own.",
-            "Taxels become images: red, green and blue are x, y and z. Needs `tactileforge-arrays`.",
+            "Taxels become images: RGB is x, y, z. Needs `tactileforge-arrays`.",
             "[Record](record.md) · [simulated arrays](simulator.md)",
             "Six images of an array of 8 x 8 taxels under a simulated touch",
             draw_taxels,
