@@ -1,4 +1,4 @@
-"""Cards of objectives: what the encoder sees, and what it has to predict."""
+"""Cards of objectives: input and target."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def distill() -> Image.Image:
 
 
 def dino() -> Image.Image:
-    """A masked and a whole view, whose prototypes have to agree."""
+    """A masked and a whole view, with prototypes in agreement."""
     frames, draw = clip(), np.random.default_rng(2)
     teacher = draw.dirichlet(np.full(12, 0.15))
     student = 0.7 * teacher + 0.3 * draw.dirichlet(np.full(12, 0.5))
@@ -237,7 +237,7 @@ def _commands() -> tuple[Array, Array]:
 
 
 def imitate() -> Image.Image:
-    """Two fingers, and the chunk of commands that follows."""
+    """Two fingers, and the following chunk of commands."""
     recordings = (simulated()["digit"], simulated("screw_m6")["digit"])
     figure, axes = canvas(3, side=2.0)
     for axis, recording, title in zip(axes[0], recordings, ("left", "right"), strict=False):

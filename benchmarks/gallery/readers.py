@@ -77,7 +77,7 @@ _LINKS = re.compile(r"`{2}([^`]+)`{2}")
 
 
 def touch_of(sensor: str) -> Recording:
-    """A simulated touch that stands for a sensor's."""
+    """A simulated touch in place of a sensor's."""
     return taxels() if sensor == "serial_array" else simulated()[sensor]
 
 

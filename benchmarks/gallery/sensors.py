@@ -125,7 +125,7 @@ def draw_taxels() -> Image.Image:
 
 
 def drivers() -> list[Entry]:
-    """Cards of the drivers that belong to no type."""
+    """Cards of the drivers without a type of their own."""
     wrench = (("force, N", "torque, N m"), (["x", "y", "z"], ["x", "y", "z"]))
     robot = (("joints of the state", "commands"), ([""] * 4, [""] * 4))
     return [

@@ -451,7 +451,7 @@ class Sensor(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Guess:
-    """A format recognised in a folder or file, and the options that read it.
+    """A format recognised in a folder or file, and the options to read it.
 
     A data set may have ``recognise(root: Path) -> Guess | None``, a static method. It looks at
     names, headers and at most a few small files, executes nothing, raises nothing for foreign

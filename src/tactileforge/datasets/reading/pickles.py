@@ -65,7 +65,7 @@ def _skip_header(file: BinaryIO) -> None:
 
 
 def _run(path: str | Path, start: Callable[[BinaryIO], None]) -> Any:
-    """Content of the pickle in a file, after ``start`` has read what is before it."""
+    """Content of the pickle in a file, after ``start`` has read the bytes before it."""
     machine = _Machine(str(path))
     try:
         with open(path, "rb") as file:

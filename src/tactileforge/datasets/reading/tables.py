@@ -200,7 +200,7 @@ def read_cells(
 
 
 def _odd_header(header: Sequence[str], lines: Sequence[str], name: str) -> str:
-    """The way to mend a header whose columns are not found: another separator, or lines above."""
+    """The way to mend a header without the needed columns: another separator, or lines above."""
     for mark, word in ((";", "semicolons"), ("\t", "tabs")):
         if any(mark in cell for cell in header):
             return (
