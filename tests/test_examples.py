@@ -41,7 +41,7 @@ def test_the_examples_of_a_module_run(
 
 
 def _has_example(name: str, module: ModuleType) -> bool:
-    """Whether the docstring of a public name, or of its public methods, has a line that runs."""
+    """Whether the docstring of a public name, or of its public methods, has a line to run."""
     found = getattr(module, name)
     if not (inspect.isclass(found) or inspect.isfunction(found) or inspect.ismodule(found)):
         return True  # a constant is its own example

@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 #: Written by commands: the keys and cards of others decide their lines.
-MADE = {"keys.md", "zoo.md", "gallery.md"}
+MADE = {"contracts.md", "keys.md", "zoo.md", "gallery.md"}
 PAGES = [
     *(page for page in sorted((ROOT / "docs").rglob("*.md")) if page.name not in MADE),
     *sorted((ROOT / "zoo" / "recipe").glob("*.md")),
@@ -45,7 +45,7 @@ def _blocks(text: str) -> Iterator[tuple[bool, list[str]]]:
 
 
 def _filled(lines: list[str]) -> list[str]:
-    """A paragraph or item in lines of at most `MOST` characters, where words allow it."""
+    """A paragraph or item in lines of at most `MOST` characters, if words allow it."""
     found = ITEM.match(lines[0])
     assert found is not None
     indent, mark = found[1], found[2] or ""

@@ -121,7 +121,7 @@ def distill() -> Image.Image:
     tokens = features("anytouch2.tiny-real")
     half = tokens[..., tokens.shape[-1] // 2 :]
     slots = np.repeat(colours(half), -(-4 // len(half)), 0)[:4]
-    return pairs(clip(), slots, ("input", "target: a photo network's maps (PCA)"))
+    return pairs(clip(), slots, ("input", "target: photo maps"))
 
 
 def dino() -> Image.Image:
@@ -223,8 +223,10 @@ def markers() -> Image.Image:
     moved = [tracker.read(frame) for frame in frames]  # in order, as markers are followed
     figure, axes = canvas(3, side=2.0)
     show(axes[0, 0], frames[0], "no contact")
-    for axis, column, title in zip(axes[0, 1:], (2, 0), ("press", "shear"), strict=True):
-        row = strongest(recording, column)
+    normal = np.asarray(recording.force)[:, 2]
+    pressed = int(np.argmax(normal > 0.9 * normal.max()))
+    rows = (pressed, strongest(recording, 0))
+    for axis, row, title in zip(axes[0, 1:], rows, ("press", "shear"), strict=True):
         arrows = draw_arrows(frames[row], tracker.grid.places, moved[row])
         show(axis, arrows, f"target: arrows, {title}")
     return picture(figure)

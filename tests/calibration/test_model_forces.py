@@ -185,7 +185,7 @@ def rmse(predicted: np.ndarray, recording: Recording) -> float:
 @pytest.mark.realdata
 @pytest.mark.parametrize("name", ["touchd_force_gelsight_mini", "touchd_force_digit"])
 def test_ten_seconds_of_a_real_trial_calibrate_the_rest(realdata: Path, name: str) -> None:
-    """Normal force within a tenth of its range, and shear along the axis that was pressed."""
+    """Normal force within a tenth of its range, and shear along the pressed axis."""
     recording = trial(realdata, name)
     count = 300  # frames, at 30/s
     first, rest = recording.part(0, count), recording.part(count, len(recording.frames))
