@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from functools import partial
 from pathlib import Path
 
@@ -64,10 +65,17 @@ PAGES: dict[str, tuple[list[str], str]] = {
         "rollouts/report.html",
     ),
 }
-#: The command of the page that is served.
-LIVE = "live model=anytouch2.tiny sensor=sim sensor.sim.size=120 sensor.sim.rest=3 seconds=300"
-#: Time for the live page to fill its curves, ms.
-FILLS = 60_000
+#: Commands of the page that is served: a touch in a loop, as simulation may be slower than live.
+TOUCH = (
+    "sim out=touch seconds=5 sensors=[gelsight_mini] size=160 motions=force_trial"
+    " indenters=pentagram randomise=none force=[6,8] val=0 processes=1"
+)
+LIVE = (
+    "live model=anytouch2.tiny sensor=replay sensor.replay.path=touch/train-000000.tar sensor.replay.loop=true"
+    " background.seconds=0.1 background.frames=2 seconds=300"
+)
+#: Time of readings before the live page is shown, s: its curves are of the last ten.
+FILLS = 25.0
 
 
 def browser() -> str | None:
@@ -80,7 +88,7 @@ def shot(address: str, wait_ms: int = 3000) -> Image.Image:
 
     Args:
         address: Address of the page.
-        wait_ms: Time after its loading, ms.
+        wait_ms: Time of its scripts after loading, ms.
 
     Raises:
         RuntimeError: No browser is installed.
@@ -94,7 +102,7 @@ def shot(address: str, wait_ms: int = 3000) -> Image.Image:
                 program, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
                 "--disable-background-networking", "--no-first-run", "--disable-sync",
                 f"--user-data-dir={folder}/profile", f"--window-size={WINDOW[0]},{WINDOW[1]}",
-                f"--timeout={wait_ms}", f"--screenshot={picture}", address,
+                f"--virtual-time-budget={wait_ms}", f"--screenshot={picture}", address,
             ],
             check=True,
             capture_output=True,
@@ -118,14 +126,19 @@ def draw(name: str) -> Image.Image:
 
 
 def draw_live() -> Image.Image:
-    """Serves the live page of a simulated sensor and takes its picture."""
-    with subprocess.Popen([*COMMAND, *LIVE.split()], stderr=subprocess.STDOUT,
-                          stdout=subprocess.PIPE, text=True) as running:  # fmt: skip
-        assert running.stdout is not None
-        lines = (re.search(r"http://\S+", line) for line in running.stdout)
-        address = next(found.group() for found in lines if found)
-        picture = shot(address, FILLS)
-        running.terminate()
+    """Serves the live page of a simulated touch and takes its picture."""
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([*COMMAND, *TOUCH.split()], cwd=folder, check=True, capture_output=True)
+        running = subprocess.Popen(
+            [*COMMAND, *LIVE.split()], cwd=folder, stdout=subprocess.PIPE, text=True
+        )
+        with running:
+            assert running.stdout is not None
+            lines = (re.search(r"http://\S+", line) for line in running.stdout)
+            address = next(found.group() for found in lines if found)
+            time.sleep(FILLS)
+            picture = shot(address)
+            running.terminate()
     return picture
 
 
