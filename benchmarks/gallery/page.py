@@ -9,6 +9,10 @@ from gallery.entry import Entry
 
 PAGE = Path(__file__).parents[2] / "docs" / "gallery.md"
 _TOP = """\
+---
+hide: [toc]
+---
+
 # Gallery
 
 A picture and three lines for each sensor, objective, data reader and report of this repository.
