@@ -74,7 +74,8 @@ def colours(tokens: Array) -> Array:
     rows = rows - rows.mean(0)
     main = rows @ np.linalg.svd(rows, full_matrices=False)[2][:3].T
     low, high = np.percentile(main, [2, 98], axis=0)
-    return np.clip((main - low) / (high - low), 0, 1).reshape(*tokens.shape[:-1], 3)
+    out: Array = np.clip((main - low) / (high - low), 0, 1).reshape(*tokens.shape[:-1], 3)
+    return out
 
 
 def features(name: str) -> Array:

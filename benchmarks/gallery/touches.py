@@ -73,7 +73,7 @@ def strongest(recording: Recording, axis: int | None = None) -> int:
 def moments(recording: Recording, count: int) -> list[int]:
     """Numbers of frames from the first to the strongest."""
     top = strongest(recording)
-    return np.linspace(0, top, count).round().astype(int).tolist()
+    return [round(row) for row in np.linspace(0, top, count)]
 
 
 def read(recording: Recording, rows: list[int]) -> Array:
