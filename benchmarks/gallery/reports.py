@@ -71,8 +71,8 @@ TOUCH = (
     " indenters=pentagram randomise=none force=[6,8] val=0 processes=1"
 )
 LIVE = (
-    "live model=anytouch2.tiny sensor=replay sensor.replay.path=touch/train-000000.tar sensor.replay.loop=true"
-    " background.seconds=0.1 background.frames=2 seconds=300"
+    "live model=anytouch2.tiny sensor=replay sensor.replay.path=touch/train-000000.tar"
+    " sensor.replay.loop=true background.seconds=0.1 background.frames=2 seconds=300"
 )
 #: Time of readings before the live page is shown, s: its curves are of the last ten.
 FILLS = 25.0
