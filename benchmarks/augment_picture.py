@@ -70,7 +70,7 @@ def arrow(axis: Axes, batch: Batch, shape: tuple[int, int]) -> None:
 
 
 def draw(batch: Batch) -> Figure:
-    """Draws every change: the frame, and below it what the background leaves of it."""
+    """Draws every change: the frame, and below it its difference from the background."""
     columns = len(PANELS) // 2
     figure: Figure = plt.figure(figsize=(12.5, 8.6), dpi=110)
     outer = figure.add_gridspec(2, 1, hspace=0.12, left=0.01, right=0.99, bottom=0.03, top=0.97)

@@ -73,7 +73,7 @@ def groups(root: Path) -> None:
 
 
 def large_set(root: Path) -> None:
-    """A replay buffer of 10 GB that takes the room of one chunk."""
+    """A replay buffer of 10 GB in the room of one chunk."""
     groups(root)
     rng = np.random.default_rng(0)
     smooth = np.cumsum(rng.integers(-2, 3, (CHUNK, SIZE, SIZE, 3)), axis=2)
@@ -83,7 +83,7 @@ def large_set(root: Path) -> None:
 
 
 def bytes_read() -> int:
-    """Bytes that this process has read from files."""
+    """Bytes read from files by this process."""
     lines = Path("/proc/self/io").read_text().splitlines()
     return int(next(line for line in lines if line.startswith("rchar")).split()[1])
 

@@ -37,7 +37,7 @@ def ours(frames: Film, grid: MarkerGrid) -> NDArray[np.float64]:
 
 
 def blobs(frames: Film, grid: MarkerGrid) -> NDArray[np.float64]:
-    """Displacements by blobs: each marker takes the blob nearest to where it was."""
+    """Displacements by blobs: each marker takes the blob nearest to its last place."""
     options = cv2.SimpleBlobDetector.Params()
     options.filterByArea, options.minArea = True, 0.3 * np.pi * grid.radius**2
     options.maxArea = 3 * np.pi * grid.radius**2

@@ -77,7 +77,7 @@ def fitted(inputs: Inputs, force: NDArray[np.float64], axis: str, names: Sequenc
 
 
 def later(recording: Recording, inputs: Inputs, axis: str) -> dict[str, Any]:
-    """Scores on what comes after the first ten seconds, by what was fitted to them."""
+    """Scores after the first ten seconds, by fits to these."""
     assert recording.force is not None
     times, force = recording.times, recording.force[:, AXES.index(axis)].astype(np.float64)
     usable = np.isfinite(force) & np.all([np.isfinite(x) for x in inputs.values()], axis=0)

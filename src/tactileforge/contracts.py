@@ -286,6 +286,10 @@ class Column:
             frame, (rows, columns, 2), in shares of a side, which also move with the picture and
             grow with its scale; "" for values that stay as they are.
         shape: Shape of a step, where only one will do; None for that of the data.
+
+    Example:
+        >>> Column(name="temperature", shape=(1,), window=(0, 4)).window
+        (0, 4)
     """
 
     name: str
@@ -305,6 +309,10 @@ class ColumnSize:
         shape: Shape of one step.
         mean: Mean over all steps of the training data, flat; None without `Column.statistics`.
         deviation: Standard deviation over the same steps, flat; None without `Column.statistics`.
+
+    Example:
+        >>> ColumnSize(shape=(6,)).mean is None
+        True
     """
 
     shape: tuple[int, ...]
@@ -319,6 +327,13 @@ class FrameSubset:
     Attributes:
         base: Frames to take from.
         rows: Numbers of the selected frames, in order.
+
+    Example:
+        >>> import numpy as np
+        >>> from tactileforge.plugin import ArrayFrames
+        >>> film = ArrayFrames(np.arange(5, dtype=np.uint8).reshape(5, 1, 1, 1).repeat(3, axis=3))
+        >>> FrameSubset(film, [4, 0]).read([0])[0, 0, 0].tolist()
+        [4, 4, 4]
     """
 
     base: Frames
@@ -350,6 +365,12 @@ class Frame:
             z in N and torques x, y, z in N m; for an ``array`` sensor (taxels, values of each); for
             a ``robot`` (states + actions,), its state and the command that follows it; None for an
             ``image`` sensor.
+
+    Example:
+        >>> import numpy as np
+        >>> frame = Frame(array=np.zeros((240, 320, 3), np.uint8), time=12.5)
+        >>> frame.array.shape, frame.raw is None
+        ((240, 320, 3), True)
     """
 
     array: NDArray[np.uint8]
@@ -371,6 +392,23 @@ class Sensor(Protocol):
     A sensor may have an ``address``, a string with the open device, for example ``/dev/video2``;
     "" while none is open. Two open sensors must not have the same address. It may also have a
     ``unit``, the serial number of the open device, which does not depend on the port.
+
+    Example:
+        >>> import numpy as np
+        >>> from tactileforge.plugin import spec
+        >>> class Still(Sensor):
+        ...     spec = spec("digit")
+        ...     def discover(self):
+        ...         return ["still"]
+        ...     def open(self):
+        ...         pass
+        ...     def read(self, timeout=1.0):
+        ...         return Frame(array=np.full((320, 240, 3), 110, np.uint8), time=0.0)
+        ...     def close(self):
+        ...         pass
+        >>> with Still() as sensor:
+        ...     sensor.read().array.shape
+        (320, 240, 3)
     """
 
     spec: SensorSpec
@@ -413,7 +451,7 @@ class Sensor(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Guess:
-    """A format recognised in a folder or file, and the options that read it.
+    """A format recognised in a folder or file, and the options to read it.
 
     A data set may have ``recognise(root: Path) -> Guess | None``, a static method. It looks at
     names, headers and at most a few small files, executes nothing, raises nothing for foreign
@@ -425,6 +463,11 @@ class Guess:
         score: Certainty, 0..1: 1 for a signature of the format, .5 for matching names and shapes,
             .1 for any folder of pictures.
         doubts: Statements to be checked by the user, one line each: unknown units, rates, signs.
+
+    Example:
+        >>> guess = Guess(options={"name": "mine", "root": "touches"}, format="my lab's", score=0.5)
+        >>> guess.options["root"], guess.doubts
+        ('touches', ())
     """
 
     options: Mapping[str, Any]
@@ -446,6 +489,12 @@ class Dataset(Protocol):
 
     A large data set may also have ``sources(split)``, see `data.batches.sources.Sharded`: it is
     then opened part by part while it is read, and not as a whole.
+
+    Example:
+        >>> from tactileforge.plugin import build
+        >>> data = build("datasets", {"name": "recordings", "root": "touches", "layouts": {}})
+        >>> isinstance(data.skipped, list)
+        True
     """
 
     skipped: list[str]
@@ -478,6 +527,12 @@ class Features:
         cls: float (B, projected), the projected class token.
         prefix: Number of tokens before the patches.
         grid: Temporal slots, rows, columns of the patches.
+
+    Example:
+        >>> import torch
+        >>> seen = Features(torch.zeros(2, 1 + 2 * 4 * 4, 192), torch.zeros(2, 256), 1, (2, 4, 4))
+        >>> seen.tokens[:, seen.prefix :].unflatten(1, seen.grid).shape
+        torch.Size([2, 2, 4, 4, 192])
     """
 
     tokens: Tensor
@@ -497,6 +552,14 @@ class MaskedFeatures:
         masked: int64 (B, M), the other positions, ascending.
         prefix: Number of tokens before the patches.
         grid: Temporal slots, rows, columns.
+
+    Example:
+        >>> import torch
+        >>> kept, masked = torch.tensor([[0, 3]]), torch.tensor([[1, 2]])
+        >>> tokens = torch.zeros(1, 1 + 2 * 2, 192)
+        >>> seen = MaskedFeatures(tokens, torch.zeros(1, 192), kept, masked, 1, (2, 2, 2))
+        >>> seen.masked.shape[1] / (seen.grid[1] * seen.grid[2])
+        0.5
     """
 
     tokens: Tensor

@@ -72,6 +72,10 @@ def rand_rows(rows: int, *columns: int, device: torch.device) -> Tensor:
 
     Every rank draws for the joint batch from a generator in the same state and keeps its own rows,
     so a sample gets the same numbers with any number of ranks.
+
+    Example:
+        >>> rand_rows(2, 3, device=torch.device("cpu")).shape
+        torch.Size([2, 3])
     """
     rank, size = world()
     return torch.rand(size * rows, *columns, device=device)[rank * rows : (rank + 1) * rows]

@@ -17,7 +17,13 @@ class PluginError(TactileForgeError):
 
 
 class ConfigError(TactileForgeError):
-    """The configuration contradicts itself or its data."""
+    """The configuration contradicts itself or its data.
+
+    Example:
+        >>> raise ConfigError("fps=0: give a value above 0")
+        Traceback (most recent call last):
+        tactileforge.errors.ConfigError: fps=0: give a value above 0
+    """
 
 
 class DataError(TactileForgeError):

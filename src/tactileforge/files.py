@@ -48,7 +48,13 @@ def cache_folder(path: str | None = None) -> Path:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a text file beside its place, then renames it; creates its folder."""
+    """Writes a text file beside its place, then renames it; creates its folder.
+
+    Example:
+        >>> write_text(Path("out/table.csv"), "a,b")
+        >>> Path("out/table.csv").read_text()
+        'a,b'
+    """
     with new_part(path) as part:
         part.write_text(text, encoding="utf-8")
         part.replace(path)
@@ -64,6 +70,13 @@ def new_part(target: Path, suffix: str = "") -> Iterator[Path]:
     Args:
         target: The file or folder to write.
         suffix: Ending of the name, for writers that choose a format by it.
+
+    Example:
+        >>> with new_part(Path("table.csv")) as part:
+        ...     _ = part.write_text("a,b")
+        ...     _ = part.rename("table.csv")
+        >>> Path("table.csv").read_text()
+        'a,b'
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     sweep_parts(target.parent, f".{target.name}.")

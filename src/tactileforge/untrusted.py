@@ -109,6 +109,10 @@ def load_json(text: str | bytes) -> Any:
 
     Raises:
         ValueError: The text is not JSON, or is nested too deep.
+
+    Example:
+        >>> load_json('{"fps": 30}')
+        {'fps': 30}
     """
     try:
         return json.loads(text)

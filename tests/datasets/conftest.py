@@ -89,7 +89,7 @@ def conforms() -> Callable[..., None]:
 
 
 def _is_recognised(reader: type[PublishedDataset], root: Path) -> None:
-    """No other published reader of the core is surer that it reads a folder."""
+    """No other published reader of the core is surer of a folder."""
     guesses = {}
     for name in registry.names("datasets"):
         other = registry.get("datasets", name)

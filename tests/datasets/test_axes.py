@@ -112,7 +112,7 @@ def test_pressing_is_positive_in_every_reader(force_readers: dict[str, Dataset])
 
 
 def _root(made: type[Dataset]) -> dict[str, str]:
-    """A folder, for readers that need one."""
+    """A folder, for readers in need of one."""
     parameter = inspect.signature(made).parameters.get("root")
     return {"root": "."} if parameter and parameter.default is parameter.empty else {}
 

@@ -1,4 +1,4 @@
-"""Formats recognised in folders, layouts guessed from files, and the command that keeps them."""
+"""Formats recognised in folders, layouts guessed from files, and the command to keep them."""
 
 import json
 from functools import partial

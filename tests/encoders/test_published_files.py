@@ -22,7 +22,7 @@ STATE = {"a.weight": torch.arange(6.0).view(2, 3), "a.bias": torch.ones(2)}
 
 
 class Bomb:
-    """A pickle that makes a file on loading by Python."""
+    """A pickle with a side effect: loaded by Python, it makes a file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

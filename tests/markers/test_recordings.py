@@ -1,4 +1,4 @@
-"""Markers as tracks of recordings: packed, recorded, shown live, and what is refused."""
+"""Markers as tracks of recordings: packed, recorded, shown live, or refused."""
 
 import json
 from dataclasses import replace
@@ -112,7 +112,7 @@ def test_a_recording_without_markers_says_how_to_get_them():
 
 
 class Dots:
-    """A sensor whose dots rest, and then go to the right and back, or has none."""
+    """A sensor with dots at rest, then to the right and back, or without dots."""
 
     def __init__(self, bare=False, rest=40):
         self.spec = SensorSpec(

@@ -7,7 +7,7 @@ from made_sets import MADE
 
 @pytest.fixture(autouse=True, scope="session")
 def _cache(tmp_path_factory):
-    """Puts what tests make in a temporary cache."""
+    """Puts files of tests in a temporary cache."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TACTILEFORGE_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield

@@ -114,7 +114,7 @@ def test_zarr_version_3(codec, tmp_path):
 
 
 def counted(monkeypatch):
-    """Bytes of chunks that are read from now on."""
+    """Bytes of chunks read from now on."""
     read = FolderMembers.read
     total = []
 

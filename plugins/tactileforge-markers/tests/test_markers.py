@@ -22,7 +22,7 @@ def test_conformance():
 
 
 def test_a_field_is_taken_to_the_tokens():
-    """A field that grows evenly to the right has at a token the value of the token's middle."""
+    """A field growing evenly to the right has at a token the value of the token's middle."""
     x = (torch.arange(12) + 0.5) / 12
     field = torch.stack([x.expand(12, 12), torch.zeros(12, 12)], -1).expand(1, 2, -1, -1, -1)
     found = target(torch.zeros(1, 2, 2, 4, 4), labelled(field))

@@ -116,7 +116,7 @@ def folds(lengths: Sequence[int]) -> NDArray[np.int64]:
 
 
 def hardly_pressed(forces: NDArray[np.floating]) -> list[str]:
-    """Names of axes along which the force hardly varies, beside the axis along which it does most.
+    """Names of axes with a force of hardly any variation, beside the axis of the largest.
 
     Args:
         forces: Forces, float (N, 3), newton; NaN for unknown values.
@@ -223,7 +223,7 @@ def _chosen(
     force: NDArray[np.float64],
     fold: NDArray[np.int64],
 ) -> tuple[float, NDArray[np.float64]]:
-    """Offset and weights with the penalty that predicts blocks of these frames best."""
+    """Offset and weights with the best penalty for the prediction of blocks of these frames."""
     loss = np.zeros(len(_PENALTIES))
     for number in np.unique(fold):
         out = fold == number

@@ -1,4 +1,4 @@
-"""Forces of one unit: candidates to fit, lag of the images, and axes that are left out."""
+"""Forces of one unit: candidates to fit, lag of the images, and omitted axes."""
 
 from __future__ import annotations
 

@@ -156,7 +156,7 @@ def _show(keys: _Show, _: dict[str, Any]) -> None:
 
 
 def _show_file(path: Path) -> None:
-    """Prints what the header of a file says: loading, licence, plugin, sensors, clips and heads."""
+    """Prints the header of a file: loading, licence, plugin, sensors, clips and heads."""
     header = read_header(path)
     height, width = header.input["size"]
     load = json.dumps(f"file:{path}", ensure_ascii=False)

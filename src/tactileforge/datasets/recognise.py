@@ -1,4 +1,4 @@
-"""Formats recognised in a folder or file, by the data sets that read them."""
+"""Formats recognised in a folder or file, by their data sets."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 
 @cache
 def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
-    """Names of the data sets that recognise a folder or file, with their guesses, best first.
+    """Names of the data sets for a folder or file, with their guesses, best first.
 
     A package that cannot be imported, or fails, is logged and left out.
 

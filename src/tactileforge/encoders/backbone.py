@@ -247,7 +247,12 @@ def visible_patches(
 
 
 def patches_at(patches: Tensor, places: Tensor) -> Tensor:
-    """Selects patches (B, slots, N, P) at spatial positions int64 (B, K): (B, slots, K, P)."""
+    """Selects patches (B, slots, N, P) at spatial positions int64 (B, K): (B, slots, K, P).
+
+    Example:
+        >>> patches_at(torch.zeros(2, 2, 16, 48), torch.tensor([[0, 5], [3, 4]])).shape
+        torch.Size([2, 2, 2, 48])
+    """
     index = places[:, None, :, None].expand(-1, patches.shape[1], -1, patches.shape[-1])
     return patches.gather(2, index)
 

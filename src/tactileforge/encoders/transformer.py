@@ -116,7 +116,12 @@ class Block(nn.Module):
 
 
 class Transformer(nn.Module):
-    """A stack of `Block`."""
+    """A stack of `Block`.
+
+    Example:
+        >>> Transformer(width=32, depth=2, heads=4)(torch.zeros(1, 5, 32)).shape
+        torch.Size([1, 5, 32])
+    """
 
     def __init__(
         self,
@@ -151,6 +156,10 @@ class AttentivePooler(nn.Module):
         width: Size of a token and of an output.
         queries: Number of queries.
         heads: Number of attention heads.
+
+    Example:
+        >>> AttentivePooler(width=32, queries=3, heads=4)(torch.zeros(2, 17, 32)).shape
+        torch.Size([2, 3, 32])
     """
 
     def __init__(self, width: int, queries: int, heads: int) -> None:

@@ -1,4 +1,4 @@
-"""Views of touches whose tokens are known: a finished pass, or tokens computed in advance."""
+"""Views of touches with known tokens: a finished pass, or tokens computed in advance."""
 
 from __future__ import annotations
 

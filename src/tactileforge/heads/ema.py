@@ -22,6 +22,12 @@ class EMA(nn.Module):
 
     Attributes:
         network: The averaged copy.
+
+    Example:
+        >>> import torch
+        >>> average = EMA(torch.nn.Linear(2, 2), momentum=0.99)
+        >>> any(weight.requires_grad for weight in average.parameters())
+        False
     """
 
     def __init__(self, network: Any, momentum: float) -> None:

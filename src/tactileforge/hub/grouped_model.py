@@ -112,8 +112,13 @@ class GroupedModel(FeatureModel):
             ConfigError: See `encode`; or the model has no such group.
 
         Example:
-            >>> groups = model.groups(clip, rest, "digit", names=["difference"])  # doctest: +SKIP
-            >>> groups["difference"].view(2, 3, 8, 8)[0].mean((1, 2))  # red, green, blue
+            >>> import numpy as np
+            >>> from tactileforge import load
+            >>> rest = np.full((240, 320, 3), 110, np.uint8)
+            >>> model = load("anytouch2.tiny")
+            >>> groups = model.groups(np.stack([rest] * 4), rest, "digit", names=["difference"])
+            >>> groups["difference"].view(2, 3, 8, 8)[0].mean((1, 2)).tolist()  # red, green, blue
+            [0.0, 0.0, 0.0]
         """
         return self._grouped(names, frames, background, sensor, unknown_sensor, batch_size)
 

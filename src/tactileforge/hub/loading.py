@@ -48,7 +48,10 @@ def load(
         PluginError: A plugin is missing; says what to install.
 
     Example:
-        >>> load("file:model.safetensors").encode(frames, background, "digit")  # doctest: +SKIP
+        >>> import numpy as np
+        >>> rest = np.full((240, 320, 3), 110, np.uint8)
+        >>> load("anytouch2.tiny").encode(np.stack([rest] * 4), rest, "digit").shape
+        torch.Size([512])
     """
     card = None
     if isinstance(name_or_file, Path):

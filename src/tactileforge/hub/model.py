@@ -166,8 +166,9 @@ class Model(HeadModel):
 
         Example:
             >>> stream = model.stream("digit")  # doctest: +SKIP
-            >>> while (prediction := stream.push(camera.read(), time.monotonic())) is None: ...
-            >>> prediction.contact, prediction.force
+            >>> while (now := stream.push(camera.read(), time.monotonic())) is None:
+            ...     pass  # doctest: +SKIP
+            >>> now.contact, now.force  # doctest: +SKIP
             (True, (0.02, -0.31, 1.24))
         """
         calibration = forces.opened_calibration(calibration)

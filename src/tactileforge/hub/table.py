@@ -20,7 +20,7 @@ means that we know of none: ask the authors.
 
 _GATE = """\
 Real touches that nobody trained on here, ridge probes in closed form
-([how](gate.md)): the value, and what it is above random weights of the same
+([how](reports/gate.md)): the value, and what it is above random weights of the same
 architecture and above 16 x 16 pixels, with the lower end of the 95 % interval. A task is won above
 both. A model passes that wins most tasks, with each kind of features."""
 

@@ -50,7 +50,7 @@ class MarkerGrid:
     size: tuple[int, int]
 
     def shares(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Share of the light around that each pixel lacks (or has more), uint8 (H, W), in 255ths.
+        """Lack (or excess) of light of each pixel, a share of that around, uint8 (H, W), in 255ths.
 
         A share does not change with the light on a marker, which a touch changes.
         """
@@ -119,7 +119,7 @@ def spots(picture: NDArray[np.uint8], diameter: float, bright: bool) -> NDArray[
 def _grey_and_spots(
     picture: NDArray[np.uint8], diameter: float, bright: bool
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """The channel that is looked at, and the contrast of its spots."""
+    """The channel to look at, and the contrast of its spots."""
     red, green, blue = cv2.split(picture)
     side = 2 * int(np.ceil(0.9 * diameter)) + 3
     grey = cv2.min(cv2.min(red, green), blue) if bright else cv2.max(cv2.max(red, green), blue)
@@ -131,7 +131,7 @@ def _grey_and_spots(
 def centers(
     contrast: NDArray[np.uint8], near: NDArray[np.float64], radius: float, rounds: int = 4
 ) -> NDArray[np.float64]:
-    """Centers of mass of spots, with a window that moves along.
+    """Centers of mass of spots, with a moving window.
 
     Args:
         contrast: uint8 (H, W), see `spots`.

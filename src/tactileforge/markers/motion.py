@@ -1,4 +1,4 @@
-"""What the displacement of markers says of a touch: shear, torsion, pressing."""
+"""Motion of a touch by the displacement of markers: shear, torsion, pressing."""
 
 from __future__ import annotations
 

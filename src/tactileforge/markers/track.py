@@ -21,7 +21,7 @@ _REFINED = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.005)
 
 
 class MarkerTracker:
-    """Displacement of each marker of one gel, in frames that come in order.
+    """Displacement of each marker of one gel, in consecutive frames.
 
     Markers are found in the reference, and keep their rows. In a frame, spots are matched with the
     markers where they were in the frame before, nearest first, and each is refined by matching its
@@ -114,7 +114,7 @@ class MarkerTracker:
         )
 
     def _matched(self, found: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        """Markers that have a spot of their own near, and displacements of all."""
+        """Markers with a near spot of their own, and displacements of all."""
         seen = np.zeros(len(self._moved), bool)
         moved = self._moved.copy()
         if not len(found):
@@ -157,7 +157,7 @@ class MarkerTracker:
         return out, seen
 
     def _smooth(self, moved: NDArray[np.float64], seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Markers that move about as their neighbors do."""
+        """Markers in motion like their neighbors."""
         around = np.sort(np.where(seen[:, None], moved, np.inf)[self._near], axis=1)
         count = seen[self._near].sum(1)
         rows = np.arange(len(moved))
@@ -168,7 +168,7 @@ class MarkerTracker:
         return np.asarray((count == 0) | (away < _ODD * self.grid.pitch))
 
     def _filled(self, moved: NDArray[np.float64], seen: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Displacements, where a marker is not seen those of its nearest neighbors that are."""
+        """Displacements, those of hidden markers from their nearest seen neighbors."""
         out = moved.copy()
         lost = np.flatnonzero(~seen)
         if not len(lost) or not seen.any():
@@ -182,7 +182,7 @@ class MarkerTracker:
         return out
 
     def _inside(self, moved: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Markers that are whole in the picture."""
+        """Markers wholly in the picture."""
         edge = self.grid.radius
         height, width = self.grid.size
         x, y = (self.grid.places + moved).T

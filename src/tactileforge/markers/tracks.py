@@ -74,7 +74,7 @@ def marker_rest(recording: Recording) -> tuple[NDArray[np.float64], tuple[int, i
 
 
 def check_marker_sensors(given: Collection[str], sensors: Mapping[str, Sensor]) -> None:
-    """Checks that markers are asked for of cameras that there are.
+    """Checks the cameras named for markers.
 
     Args:
         given: Names of sensors with markers.

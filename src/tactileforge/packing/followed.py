@@ -43,7 +43,7 @@ class FollowedMarkers:
         self._moved: dict[int, NDArray[np.float32]] = {}
 
     def follow(self, shown: Iterator[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
-        """Follows the markers in frames that pass by.
+        """Follows the markers in passing frames.
 
         Args:
             shown: Numbers and frames in their order; encoded ones are decoded for this alone.

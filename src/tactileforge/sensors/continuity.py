@@ -17,6 +17,12 @@ class Arrival(NamedTuple):
     Attributes:
         payload: Bytes of the packet, without header, checksum and footer.
         frame: Decoded frame.
+
+    Example:
+        >>> from tactileforge.plugin import Frame
+        >>> picture = np.zeros((0, 0, 3), np.uint8)
+        >>> Arrival(b"..", Frame(array=picture, time=0.5, raw=np.ones(6, np.float32))).frame.time
+        0.5
     """
 
     payload: bytes
@@ -38,6 +44,16 @@ def changes_by_at_most(
         after: Later packet; packets may have been lost between the two.
         fps: Packets a second.
         columns: Columns of ``Frame.raw`` along its last axis; by default all.
+
+    Example:
+        >>> from tactileforge.plugin import Frame
+        >>> nothing = np.zeros((0, 0, 3), np.uint8)
+        >>> before, after = (
+        ...     Arrival(b"", Frame(array=nothing, time=n / 100, raw=np.full(6, n, np.float32)))
+        ...     for n in (0, 1)
+        ... )
+        >>> changes_by_at_most(0.5, before, after, fps=100.0)
+        False
     """
     old, new = before.frame, after.frame
     assert old.raw is not None

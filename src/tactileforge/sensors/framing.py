@@ -92,6 +92,10 @@ def payload_size(payload: str) -> tuple[int, int]:
 
     Raises:
         ConfigError: Invalid format.
+
+    Example:
+        >>> payload_size("<6f")
+        (24, 6)
     """
     try:
         size = struct.calcsize(payload)
@@ -101,10 +105,14 @@ def payload_size(payload: str) -> tuple[int, int]:
 
 
 def hex_bytes(what: str, text: str) -> bytes:
-    """Parse the hexadecimal bytes of an option.
+    r"""Parse the hexadecimal bytes of an option.
 
     Raises:
         ConfigError: Invalid text; the message names the option.
+
+    Example:
+        >>> hex_bytes("header", "aa55")
+        b'\xaaU'
     """
     try:
         return bytes.fromhex(text)

@@ -129,6 +129,10 @@ def attached_ports(port: str, usb: str = "", serial_number: str = "") -> list[st
         port: Path of the port.
         usb: Vendor and product of the device, for example ``2833:4001``; "" for any.
         serial_number: Serial number of the device; "" for any.
+
+    Example:
+        >>> attached_ports("/dev/no-such-port")
+        []
     """
     if usb or serial_number:
         return serial_ports(usb, serial_number)

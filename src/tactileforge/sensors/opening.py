@@ -96,6 +96,14 @@ def open_sensor(name: str, sensor: Sensor) -> None:
     Raises:
         SensorError: The sensor cannot be opened, or its driver does not return in time.
         ConfigError: An option is missing or wrong.
+
+    Example:
+        >>> from tactileforge.plugin import build
+        >>> sensor = build("sensors", {"name": "sim", "size": 32, "realtime": False})
+        >>> open_sensor("finger", sensor)
+        >>> sensor.read().array.shape
+        (32, 43, 3)
+        >>> close_sensor("finger", sensor)
     """
     try:
         within(_OPEN, f"{name}: open()", sensor.open)
@@ -116,6 +124,10 @@ def close_sensor(name: str, sensor: Sensor) -> None:
 
     Raises:
         SensorError: The driver fails, or does not return in time.
+
+    Example:
+        >>> from tactileforge.plugin import build
+        >>> close_sensor("finger", build("sensors", {"name": "sim_robot"}))
     """
     try:
         within(_CLOSE, f"{name}: close()", sensor.close)

@@ -16,6 +16,11 @@ class Lamp:
         colour: Grey levels added to R, G, B of a surface facing it.
         fall: Loss of light from its edge of the image to the centre, as a share.
         shadow: Loss of light in its shadow, as a share.
+
+    Example:
+        >>> red = Lamp(azimuth=0.0, elevation=0.5, colour=(90.0, 0.0, 0.0))
+        >>> red.fall, red.shadow
+        (0.3, 0.3)
     """
 
     azimuth: float
@@ -35,6 +40,11 @@ class MarkerPattern:
         pitch: Distance between dots, right and down, mm.
         radius: Radius of the dots, mm.
         jitter: Standard deviation of the positions of dots, mm.
+
+    Example:
+        >>> dots = MarkerPattern(columns=9, rows=7, pitch=(1.8, 1.8), radius=0.3)
+        >>> dots.columns * dots.rows
+        63
     """
 
     columns: int
@@ -65,6 +75,11 @@ class Simulation:
         wear: Mean number of scratches, and of specks of dust.
         pattern: Printed markers of its marker gel; None without such a gel.
         markers: Whether units have the marker gel by default.
+
+    Example:
+        >>> gel = Simulation(thickness=3.0, lamps=(Lamp(0.0, 0.5, (90.0, 0.0, 0.0)),))
+        >>> gel.dome is None, len(gel.lamps)
+        (True, 1)
     """
 
     dome: float | None = None

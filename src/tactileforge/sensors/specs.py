@@ -93,6 +93,10 @@ def spec(name: str, *also: str) -> SensorSpec:
 
     Raises:
         ConfigError: Unknown name; the message lists the known ones.
+
+    Example:
+        >>> spec("digit").height, spec("digit").fps
+        (320, 30.0)
     """
     if name in SPECS:
         return SPECS[name]

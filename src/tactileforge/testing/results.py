@@ -20,6 +20,10 @@ class CheckResult:
         status: ``ran`` (the check holds), ``failed``, ``expected`` (fails as announced in
             ``expected_failures``) or ``skipped`` (cannot run here).
         detail: Reason for a status other than ``ran``; "" otherwise.
+
+    Example:
+        >>> CheckResult("it opens twice", "failed", "the port is busy").status
+        'failed'
     """
 
     name: str

@@ -23,7 +23,7 @@ ALL = {
 
 
 def spot(x: float, y: float, aspect: float = 1.0, height: float = 120.0) -> torch.Tensor:
-    """A round contact at shares of the sides from the centre, on frames that were resized."""
+    """A round contact at shares of the sides from the centre, on resized frames."""
     rows, columns = np.mgrid[:SIZE, :SIZE]
     u, v = (columns + 0.5) / SIZE - 0.5 - x, (rows + 0.5) / SIZE - 0.5 - y
     bump = np.exp(-((aspect * u) ** 2 + v**2) / (2 * 0.06**2))
@@ -277,7 +277,7 @@ def test_chances_and_ranges_are_kept() -> None:
 
 
 def test_another_change_leaves_the_flips_alone() -> None:
-    """Draws for one change do not depend on which others are on."""
+    """Draws for one change do not depend on the other changes."""
     flips, turns = [], []
     for options in ({}, {"rotate": 90.0}, ALL | {"rotate": 90.0}):
         torch.manual_seed(7)

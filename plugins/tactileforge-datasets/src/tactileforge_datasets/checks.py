@@ -99,7 +99,7 @@ def same_length(counts: Mapping[str, int], where: str) -> int:
 
 
 def pressing_sign(normal: Iterable[float]) -> float:
-    """Sign that makes normal forces positive on average: a probe presses, and does not pull.
+    """Sign of positive normal forces on average: a probe presses, and does not pull.
 
     Args:
         normal: Normal forces of the source, N; NaN for no label.

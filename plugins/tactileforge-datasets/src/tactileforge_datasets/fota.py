@@ -1,4 +1,4 @@
-"""The data set ``fota``: single frames of many sensors in tars, with what each shows."""
+"""The data set ``fota``: single frames of many sensors in tars, with their labels."""
 
 from __future__ import annotations
 

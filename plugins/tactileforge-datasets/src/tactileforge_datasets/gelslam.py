@@ -1,4 +1,4 @@
-"""The data set ``gelslam``: films of a GelSight Mini that rolls over objects, and ball presses."""
+"""The data set ``gelslam``: films of a GelSight Mini rolled over objects, and ball presses."""
 
 from __future__ import annotations
 

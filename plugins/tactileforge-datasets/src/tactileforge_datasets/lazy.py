@@ -1,4 +1,4 @@
-"""Pictures that are read from their file when a frame asks for them."""
+"""Pictures read from their file on demand."""
 
 from __future__ import annotations
 

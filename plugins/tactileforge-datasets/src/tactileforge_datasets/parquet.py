@@ -63,7 +63,7 @@ def column_names(path: Path) -> list[str]:
 
 
 def check_columns(path: Path, needed: Sequence[str]) -> None:
-    """Checks that a file has some columns.
+    """Checks the columns of a file.
 
     Raises:
         DataError: A column is missing; names the nearest one.
@@ -106,7 +106,7 @@ def image_bytes(cell: Any, where: str) -> bytes:
 
 
 class _Cursor:
-    """A column of large cells that is read forward, a few rows at a time."""
+    """A column of large cells, read forward a few rows at a time."""
 
     def __init__(self, path: str, column: str) -> None:
         self.file, self.column = _open(Path(path)), column

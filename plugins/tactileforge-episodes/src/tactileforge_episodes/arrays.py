@@ -1,4 +1,4 @@
-"""Arrays of episodes: facts, and rows that are kept in memory for a while."""
+"""Arrays of episodes: facts, and rows kept in memory for a while."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Facts:
 
 
 class Container(Protocol):
-    """Arrays by path in one file or group, and the episodes that they hold."""
+    """Arrays by path in one file or group, and their episodes."""
 
     name: str
 

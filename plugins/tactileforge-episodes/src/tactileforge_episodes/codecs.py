@@ -1,4 +1,4 @@
-"""Codecs of zarr that may decode a chunk: none can run code of the file."""
+"""Codecs of zarr allowed to decode a chunk: none can run code of the file."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def check_codecs(where: str, metadata: Mapping[str, Any]) -> None:
 
 
 def blosc_of(metadata: Mapping[str, Any]) -> str:
-    """Which bytes are one block of Blosc: ``chunk``, ``part`` of a shard, or "" for none.
+    """Bytes of one block of Blosc: ``chunk``, ``part`` of a shard, or "" for none.
 
     Args:
         metadata: Description of an array, see `check_codecs`.
@@ -62,7 +62,7 @@ def blosc_of(metadata: Mapping[str, Any]) -> str:
 
 
 def check_blosc(where: str, content: bytes) -> None:
-    """Checks the length that a block of Blosc says it has: its decoder would read beyond the end.
+    """Checks the stated length of a block of Blosc: its decoder would read beyond the end.
 
     Args:
         where: Name of the chunk, for messages.

@@ -124,7 +124,7 @@ class Episodes:
 
     @property
     def notes(self) -> list[str]:
-        """What is inferred, or was read with doubt, a line each."""
+        """Facts inferred, or read with doubt, a line each."""
         return list(dict.fromkeys(self._notes))
 
     @cached_property
@@ -201,7 +201,7 @@ class Episodes:
 
     @cached_property
     def reading(self) -> Reading:
-        """What the options say, and the signs that are measured.
+        """Facts of the options, and measured signs.
 
         Raises:
             ConfigError: The map cannot be read.

@@ -1,4 +1,4 @@
-"""Files of a data set, and facts that are measured on the first of them."""
+"""Files of a data set, and facts measured on the first of them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ROWS = 100_000
 def find_files(
     root: Path, keys: EpisodeMap, reading: Reading, skipped: list[str], notes: list[str]
 ) -> Iterator[EpisodeFile]:
-    """Yields the files below a folder that a map describes, in order.
+    """Yields the files of a map below a folder, in order.
 
     Args:
         root: The folder, or a single file.
@@ -82,7 +82,7 @@ def _name(root: Path, place: Place) -> str:
 
 
 def _beside(place: Place, keys: EpisodeMap, values: Mapping[str, str]) -> dict[str, Place]:
-    """Further files of an episode that are there."""
+    """Further files of an episode, of those present."""
     if place.inner or not keys.beside:
         return {}
     path = Path(place.path)
@@ -99,7 +99,7 @@ def _beside(place: Place, keys: EpisodeMap, values: Mapping[str, str]) -> dict[s
 def measure_signs(
     root: Path, keys: EpisodeMap, reading: Reading, count: int, notes: list[str]
 ) -> Reading:
-    """Measures the sign of forces whose direction is not published.
+    """Measures the sign of forces of unpublished direction.
 
     Args:
         root: The folder.

@@ -47,7 +47,7 @@ def guess(root: Path) -> Guess | None:
 
 
 def _fits(keys: EpisodeMap, places: Sequence[Place]) -> int:
-    """Number of keys by which files have the format; 0 if one is missing."""
+    """Number of keys of the format in files; 0 if one is missing."""
     files = [
         EpisodeArrays(place, {}, keys.within)
         for place in places
@@ -58,7 +58,7 @@ def _fits(keys: EpisodeMap, places: Sequence[Place]) -> int:
 
 
 def _options(root: Path, preset: str, keys: EpisodeMap) -> tuple[dict[str, object], list[str]]:
-    """Options that read a folder, and what the user has to say or to check."""
+    """Options for a folder, and statements to be made or checked by the user."""
     options: dict[str, object] = {"root": str(root), "preset": preset}
     doubts = [*keys.doubts]
     if not keys.licence:

@@ -1,4 +1,4 @@
-"""Keys of a map, which says what the arrays of a format are."""
+"""Keys of a map: the meaning of the arrays of a format."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Keys = str | tuple[str, ...]
 
 @dataclass(frozen=True, kw_only=True)
 class ReadKeys:
-    """A value that is read from a file.
+    """A value read from a file.
 
     Attributes:
         key: Path of an array, of which the first row of the episode is taken; or, with ``attr``, of
@@ -80,7 +80,7 @@ class PartKeys:
 
 @dataclass(frozen=True, kw_only=True)
 class TaxelKeys:
-    """Numbers of taxels, which are drawn as pictures.
+    """Numbers of taxels, drawn as pictures.
 
     Attributes:
         form: ``grid``: (rows, columns) or (rows, columns, values); ``points``: (taxels, values);

@@ -48,7 +48,7 @@ class Members(Protocol):
         ...
 
     def open(self, name: str) -> Slice:
-        """A file that can be read from any position.
+        """A file, readable from any position.
 
         Raises:
             DataError: The file is compressed, or missing.

@@ -39,7 +39,7 @@ def fill(template: str, values: Mapping[str, object]) -> str:
 
 
 def match(template: str, names: Iterable[str]) -> list[tuple[str, dict[str, str]]]:
-    """Names that a template describes, each with the values of its placeholders.
+    """Names of a template, each with the values of its placeholders.
 
     Example:
         >>> match("a/{x}/b", ["a/1/b", "a/b"])
@@ -51,7 +51,7 @@ def match(template: str, names: Iterable[str]) -> list[tuple[str, dict[str, str]
 
 
 def match_end(template: str, parts: Sequence[str]) -> dict[str, str] | None:
-    """Values of the placeholders of a template that describes the end of a path, or None.
+    """Values of the placeholders of a template for the end of a path, or None.
 
     Example:
         >>> match_end("{task}/{name}.hdf5", ["data", "lift", "0.hdf5"])

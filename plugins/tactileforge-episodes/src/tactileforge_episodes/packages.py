@@ -1,4 +1,4 @@
-"""Packages that read files, imported where they are used."""
+"""Packages for the reading of files, imported on use."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ _COMPANIONS = {"__MACOSX", "@eaDir", "lost+found"}
 
 @dataclass(frozen=True)
 class Place:
-    """Where a file or group with episodes lies.
+    """Place of a file or group with episodes.
 
     Attributes:
         path: File, archive or folder on disk.
@@ -40,7 +40,7 @@ class Place:
 
     @property
     def unpacked(self) -> Path:
-        """The path that it has, or would have once its archive is unpacked beside itself."""
+        """Its path, or the one after unpacking its archive beside itself."""
         path = Path(self.path)
         if path.suffix not in ARCHIVES or path.is_dir():
             return path

@@ -52,7 +52,7 @@ class EpisodeFile:
 
     @cached_property
     def rows(self) -> int:
-        """Number of rows, that of all arrays with a time axis.
+        """Number of rows of all arrays with a time axis.
 
         Raises:
             DataError: Arrays of touch differ in their rows.
@@ -99,7 +99,7 @@ class EpisodeFile:
                 bad(error)
 
     def _shared(self, number: int, start: int, stop: int) -> dict[str, Any]:
-        """Fields that the recordings of an episode have in common."""
+        """Common fields of the recordings of an episode."""
         keys, rows = self.keys, range(start, stop)
         camera = None
         if keys.camera is not None:
@@ -189,7 +189,7 @@ class EpisodeFile:
         return TaxelFrames(taxels, rows.start, rows.stop, channels, span, first)
 
     def _coloured(self, keys: PictureKeys) -> PictureKeys:
-        """Keys of pictures with the channels that the user says, if any."""
+        """Keys of pictures with the channels given by the user, if any."""
         colours = self.reading.colours
         return keys if colours is None else replace(keys, colours=colours, encoded=colours)
 
@@ -246,7 +246,7 @@ class EpisodeFile:
     def _tracks(
         self, name: str, key: Keys, values: Mapping[str, str], rows: range, pad: int | None
     ) -> dict[str, Readable]:
-        """Tracks of a key: one, or one for each array that fits a placeholder."""
+        """Tracks of a key: one, or one for each array of a placeholder."""
         found = self.arrays.match(key, values)
         if not found:
             self.arrays.find(key, values)
@@ -258,7 +258,7 @@ class EpisodeFile:
 
     @cached_property
     def _taken(self) -> set[ArrayRef]:
-        """Arrays of touch and force, which are no tracks of a placeholder."""
+        """Arrays of touch and force, as opposed to tracks of a placeholder."""
         forces = [(one.keys.force, one.values) for one in self.touches if one.keys.force]
         found = {self.arrays.find(about.key, values) for about, values in forces}
         return {one.ref for one in self.touches} | {ref for ref in found if ref is not None}

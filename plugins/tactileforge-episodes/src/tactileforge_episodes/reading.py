@@ -1,4 +1,4 @@
-"""What a user says about a data set beside its map."""
+"""Statements of a user about a data set, beside its map."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Reading:
-    """What a user says about a data set beside its map.
+    """Statements of a user about a data set, beside its map.
 
     Attributes:
         fps: Rows per second; None for what the map or the file says.

@@ -1,4 +1,4 @@
-"""References to arrays and values of files: plain data, so that recordings can be pickled."""
+"""References to arrays and values of files: plain data, for recordings to be pickled."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class ArrayRef:
 
 
 def numbers(values: NDArray[Any], where: object, limit: float | None) -> NDArray[Any]:
-    """Checks that values are numbers; float32 with NaN beyond the limit for fractions.
+    """Requires numbers as values; float32 with NaN beyond the limit for fractions.
 
     Args:
         values: Values of an array.
@@ -107,7 +107,7 @@ class Track:
 
 
 class Readable(Protocol):
-    """Values that are read on demand."""
+    """Values read on demand."""
 
     def read(self) -> NDArray[Any]:
         """The values, one row a frame."""

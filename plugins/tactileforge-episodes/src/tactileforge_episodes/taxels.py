@@ -1,4 +1,4 @@
-"""Numbers of taxels, and pictures that are drawn of them."""
+"""Numbers of taxels, and pictures of them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tactileforge_episodes.refs import ArrayRef, numbers
 
 @dataclass(frozen=True)
 class Taxels:
-    """Numbers of taxels, and the grid that they are drawn in.
+    """Numbers of taxels, and the grid of their pictures.
 
     Attributes:
         ref: The array.

@@ -1,4 +1,4 @@
-"""Touch in an episode file: which arrays, pads and parts are a sensor each."""
+"""Touch in an episode file: the arrays, pads and parts of each sensor."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ class EpisodeArrays:
         return ArrayRef(self.place, self.top + key)
 
     def match(self, keys: Keys, values: Mapping[str, str]) -> list[tuple[str, dict[str, str]]]:
-        """Arrays of the first template that fits any, with the values of its placeholders."""
+        """Arrays of the first fitting template, with the values of its placeholders."""
         for template in _several(keys):
             filled = fill(template.removesuffix("?"), values)
             if filled not in self._matches:
@@ -88,7 +88,7 @@ class EpisodeArrays:
         return None if read is None else stated(read) or None
 
     def value(self, keys: ReadKeys, values: Mapping[str, str], row: int = 0, pad: int = -1) -> Any:
-        """A text, number or list of numbers that is read from the file; None for none.
+        """A text, number or list of numbers read from the file; None for none.
 
         Args:
             keys: Key and attribute.

@@ -1,4 +1,4 @@
-"""Videos of 16 bits a channel, whose numbers are values of touch, read by PyAV."""
+"""Videos of 16 bits a channel, with values of touch as numbers, read by PyAV."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class Drawing:
         return layout, values
 
     def _axes(self, shape: list[int], what: str) -> tuple[list[int], int, list[int]]:
-        """Shape of the taxels, number of values of each, and which of them are drawn."""
+        """Shape of the taxels, number of values of each, and the drawn ones among them."""
         if self.channels is None:
             if len(shape) > 1 and shape[-1] in _AXES:
                 raise ConfigError(

@@ -13,7 +13,7 @@ from tactileforge_lerobot.sets import expanded
 
 @dataclass(frozen=True)
 class Chosen:
-    """Options that choose touch features.
+    """Options for the choice of touch features.
 
     Attributes:
         touch: Names of the features; None for those written by `write`.

@@ -64,7 +64,7 @@ class Forces:
         return zeroed
 
     def _turn(self, touch: TouchFeature, episodes: Sequence[EpisodeRows]) -> float:
-        """Factor of z whose mean over all readable episodes is then positive."""
+        """Factor of z for a positive mean over all readable episodes."""
         key = (touch.force, tuple(touch.columns))
         if key not in self._turned:
             total = 0.0

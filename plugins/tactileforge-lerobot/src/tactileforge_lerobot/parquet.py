@@ -85,7 +85,7 @@ def _read_group(path: Path, column: str, number: int) -> Any:
 
 
 def forget() -> None:
-    """Forgets all that was kept in memory, for files that have changed."""
+    """Forgets everything kept in memory, for changed files."""
     for kept in (column_names, read_parquet, _group_starts, _read_group):
         kept.cache_clear()
 

@@ -55,7 +55,7 @@ def split_part(feature: str) -> tuple[str, int | None]:
 
 
 class Pictures:
-    """Opener of frames, which keeps facts of the videos.
+    """Opener of frames, with a memory for facts of the videos.
 
     Args:
         root: Folder of the data set.
@@ -189,7 +189,7 @@ class Pictures:
         return start
 
     def _present(self, path: Path) -> Path:
-        """The video, by the suffix that is there: Daimon's are named .mp4 and are .mov."""
+        """The video, by its real suffix: Daimon's are named .mp4 and are .mov."""
         if path.is_file():
             return path
         for suffix in _SUFFIXES:

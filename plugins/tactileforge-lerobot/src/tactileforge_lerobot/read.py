@@ -93,7 +93,7 @@ class LeRobotFolder:
         return feature
 
     def is_own(self, feature: str, name: str) -> bool:
-        """Whether a feature is one that `write` adds, with a column of this name."""
+        """Whether a feature is one of those of `write`, with a column of this name."""
         about = self.info.features.get(feature, {})
         return about.get("names") == [name] and about["shape"] == [1]
 
@@ -158,7 +158,7 @@ class LeRobotFolder:
         return {"episode": f"{self.name.replace('/', '_')}_{number:05d}", "finger": device}
 
     def _home(self, rows: EpisodeRows, about: dict[str, Any]) -> EpisodeRows | None:
-        """Episode whose first frame is without contact; None for none, or a stored one."""
+        """Episode with a first frame without contact; None for none, or a stored one."""
         if about or self.reading.background == "none":
             return None
         return self.episodes[0] if self.reading.objects else rows
@@ -166,7 +166,7 @@ class LeRobotFolder:
     def _kept(
         self, rows: EpisodeRows, device: str, lost: NDArray[np.bool_], key: str
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Rows that are frames of the recording, and their times."""
+        """Rows of the frames of the recording, and their times."""
         own = f"observation.time.{device}"
         times = rows.times(own if self.is_own(own, "seconds") else "")
         # A frame of a slow sensor may be repeated in several rows; each frame is kept once.

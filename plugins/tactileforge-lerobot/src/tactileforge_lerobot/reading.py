@@ -1,4 +1,4 @@
-"""Options of a data set that is read, checked before anything is opened."""
+"""Options of a data set to read, checked before anything is opened."""
 
 from __future__ import annotations
 

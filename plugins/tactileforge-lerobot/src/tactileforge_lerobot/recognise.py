@@ -1,4 +1,4 @@
-"""Guess of the options that read a LeRobot data set."""
+"""Guess of the options for a LeRobot data set."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _guess(root: Path, place: Path, count: int) -> Guess | None:
 
 
 def _touch(info: Info, options: dict[str, Any]) -> list[str]:
-    """Fills in the touch features, and returns what is doubtful about them."""
+    """Fills in the touch features, and returns doubts about them."""
     pictures, numbers = touch_pictures(info), touch_numbers(info)
     touch = pictures or numbers
     if not touch:
@@ -91,7 +91,7 @@ def _sensor(name: str, otherwise: str, doubts: list[str]) -> str:
 
 
 def _numeric(info: Info, touch: list[str]) -> dict[str, Any]:
-    """Options of drawing that fit the shape of the first feature."""
+    """Options of drawing for the shape of the first feature."""
     shape = info.features[touch[0]]["shape"]
     options: dict[str, Any] = {"span": 1.0}
     if len(shape) > 1 and shape[-1] in (3, 6):

@@ -230,8 +230,8 @@ def load_policy(run: str | Path) -> Policy:
 
     Example:
         >>> policy = load_policy("runs/chip")  # doctest: +SKIP
-        >>> policy.reset(background)
-        >>> action = policy.step({"left": left, "right": right}, state, image)
+        >>> policy.reset(background)  # doctest: +SKIP
+        >>> action = policy.step(fingers, state, image)  # doctest: +SKIP
     """
     path = Path(run)
     folder = path.parent.parent if path.is_file() else path

@@ -295,7 +295,12 @@ def view_of(recording: Recording, row: int) -> int:
 
 
 def resize_frame(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Resize an image, uint8 (H, W, 3), as training does."""
+    """Resize an image, uint8 (H, W, 3), as training does.
+
+    Example:
+        >>> resize_frame(np.zeros((240, 320, 3), np.uint8), (64, 64)).shape
+        (64, 64, 3)
+    """
     if frame.shape[:2] == size:
         return np.ascontiguousarray(frame)
     shrinks = min(frame.shape[0] / size[0], frame.shape[1] / size[1]) >= 1

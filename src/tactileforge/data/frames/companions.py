@@ -29,5 +29,13 @@ def is_companion(path: PurePath) -> bool:
 
 
 def without_companions(paths: list[Path], folder: Path) -> list[Path]:
-    """Paths below a folder, without companion files."""
+    """Paths below a folder, without companion files.
+
+    Example:
+        >>> from pathlib import Path
+        >>> folder = Path("touches")
+        >>> names = ("press.mp4", "._press.mp4")
+        >>> [path.name for path in without_companions([folder / name for name in names], folder)]
+        ['press.mp4']
+    """
     return [path for path in paths if not is_companion(path.relative_to(folder))]

@@ -28,6 +28,12 @@ class Blob:
         path: Path of the file.
         offset: Position of its first byte.
         size: Number of bytes.
+
+    Example:
+        >>> from pathlib import Path
+        >>> _ = Path("touch.bin").write_bytes(b"head" + b"picture")
+        >>> Blob("touch.bin", offset=4, size=7).read()
+        b'picture'
     """
 
     path: str
@@ -62,6 +68,13 @@ class EncodedFrames:
 
     Raises:
         DataError: There is no frame.
+
+    Example:
+        >>> import numpy as np
+        >>> from tactileforge.plugin import encode_image
+        >>> picture = encode_image(np.zeros((240, 320, 3), np.uint8))
+        >>> EncodedFrames("touch.parquet", [picture, picture], turns=1).read([1]).shape
+        (1, 320, 240, 3)
     """
 
     def __init__(

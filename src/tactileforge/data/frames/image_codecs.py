@@ -37,7 +37,7 @@ BLOCK = 512
 
 
 def encode_image(image: NDArray[np.uint8], codec: str = "jpg", quality: int | None = None) -> bytes:
-    """Encode an image.
+    r"""Encode an image.
 
     Args:
         image: uint8 (H, W, 3), RGB.
@@ -47,6 +47,10 @@ def encode_image(image: NDArray[np.uint8], codec: str = "jpg", quality: int | No
     Raises:
         ConfigError: Unknown codec or invalid quality.
         DataError: The image is of another type or shape.
+
+    Example:
+        >>> encode_image(np.zeros((2, 2, 3), np.uint8), "png")[:4]
+        b'\x89PNG'
     """
     checked_pixels(image, "an image to store", 3)
     if codec not in CODECS:

@@ -31,6 +31,12 @@ class ImageFrames(Cropped):
         DataNotFoundError: A file does not exist.
         DataError: A file is no 8-bit image, or differs in size from the first; on reading, also a
             file with transparent pixels.
+
+    Example:
+        >>> from tactileforge.plugin import encode_image
+        >>> _ = Path("0.png").write_bytes(encode_image(np.zeros((240, 320, 3), np.uint8), "png"))
+        >>> ImageFrames(["0.png"], crop=(10, 20, 100, 50)).read([0]).shape
+        (1, 50, 100, 3)
     """
 
     def __init__(self, paths: Sequence[str | Path], crop: Crop | None = None) -> None:
@@ -71,6 +77,11 @@ class ArrayFrames:
 
     Raises:
         DataError: The array has another type or shape.
+
+    Example:
+        >>> film = ArrayFrames(np.zeros((4, 240, 320, 3), np.uint8))
+        >>> len(film), film.shape, film.read([1, 3]).shape
+        (4, (240, 320), (2, 240, 320, 3))
     """
 
     def __init__(self, array: NDArray[np.uint8]) -> None:

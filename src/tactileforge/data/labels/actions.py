@@ -44,6 +44,13 @@ def label_actions(times: NDArray[np.float64], force: NDArray[np.floating]) -> ND
 
     Returns:
         int64 (T,), index into `contracts.ACTIONS`; -1 without contact, clear action or force.
+
+    Example:
+        >>> times = np.arange(60) / 30
+        >>> force = np.zeros((60, 3))
+        >>> force[:, 2] = np.clip(times, 0, 1) * 5
+        >>> ACTIONS[label_actions(times, force)[15]]
+        'press'
     """
     actions = np.full(len(times), -1, np.int64)
     known = np.isfinite(force).all(axis=1)

@@ -87,6 +87,14 @@ def estimate_lag(
 
     Raises:
         DataError: The arrays differ in length.
+
+    Example:
+        >>> times = np.arange(90) / 30
+        >>> press = np.exp(-((times - 1.0) ** 2) / 0.02)
+        >>> late = np.exp(-((times - 1.1) ** 2) / 0.02)
+        >>> force = np.stack([0 * press, 0 * press, press], 1)
+        >>> round(estimate_lag(times, force, late).seconds, 2)
+        0.1
     """
     if not len(times) == len(force) == len(change):
         raise DataError(

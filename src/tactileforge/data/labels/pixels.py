@@ -102,5 +102,5 @@ def _blurred(clip: Tensor, deviation: Tensor, most: float) -> Tensor:
 
 
 def as_levels(clip: Tensor) -> Tensor:
-    """Levels of pixels, uint8, of floats, which are used up."""
+    """Levels of pixels, uint8, of floats; overwrites the floats."""
     return clip.round_().clamp_(0, 255).to(torch.uint8)

@@ -100,8 +100,8 @@ def rotation(angle: Tensor) -> Tensor:
 
     Example:
         >>> right = torch.tensor([1.0, 0.0, 0.0])
-        >>> (rotation(torch.tensor([90.0]))[0] @ right).round().tolist()
-        [0.0, 1.0, 0.0]
+        >>> (rotation(torch.tensor([90.0]))[0] @ right).int().tolist()
+        [0, 1, 0]
     """
     turn = torch.deg2rad(angle)
     cos, sin, zero = turn.cos(), turn.sin(), torch.zeros_like(turn)

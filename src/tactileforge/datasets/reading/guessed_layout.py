@@ -232,7 +232,7 @@ def _column(header: Sequence[str], pattern: re.Pattern[str]) -> str | None:
 
 
 def _key(rows: Sequence[Sequence[str]], files: Sequence[Path]) -> str | None:
-    """Column whose cells name the files; None without one."""
+    """Column with the names of the files; None without one."""
     names = {path.name for path in files} | {path.stem for path in files}
     for number, title in enumerate(rows[0]):
         cells = [row[number] for row in rows[1:] if number < len(row) and stated(row[number])]

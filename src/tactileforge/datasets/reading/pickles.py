@@ -40,6 +40,12 @@ def load_pickled_array(path: str | Path) -> Any:
         DataNotFoundError: There is no such file.
         DataError: The file is damaged, holds numbers alone, or more than plain data; names the
             file.
+
+    Example:
+        >>> import numpy as np
+        >>> np.save("pose.npy", np.array({"pose": [1.0, 2.0]}, dtype=object))
+        >>> load_pickled_array("pose.npy")
+        {'pose': [1.0, 2.0]}
     """
     content = _run(path, _skip_header)
     # an array without axes holds one object
@@ -60,7 +66,7 @@ def _skip_header(file: BinaryIO) -> None:
 
 
 def _run(path: str | Path, start: Callable[[BinaryIO], None]) -> Any:
-    """Content of the pickle in a file, after ``start`` has read what is before it."""
+    """Content of the pickle in a file, after ``start`` has read the bytes before it."""
     machine = _Machine(str(path))
     try:
         with open(path, "rb") as file:

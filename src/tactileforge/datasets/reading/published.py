@@ -304,6 +304,12 @@ def still_background(path: Path, frames: Frames) -> ImageFrames | None:
 
     Raises:
         DataError: The image is damaged, or its size differs from that of the frames.
+
+    Example:
+        >>> import numpy as np
+        >>> from tactileforge.plugin import ArrayFrames
+        >>> still_background(Path("no.png"), ArrayFrames(np.zeros((1, 8, 8, 3), np.uint8))) is None
+        True
     """
     if not path.is_file():
         return None

@@ -15,7 +15,13 @@ _BLOCK_S = 0.5
 
 
 def is_held_out(name: str, share: float) -> bool:
-    """Whether a name falls into the held-out share, by its hash: independent of other names."""
+    """Whether a name falls into the held-out share, by its hash: independent of other names.
+
+    Example:
+        >>> names = [f"object {number}" for number in range(1000)]
+        >>> sum(is_held_out(name, 0.1) for name in names)
+        96
+    """
     # File names that are not UTF-8 hold surrogates, which a plain encoding refuses.
     digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).digest()
     return int.from_bytes(digest[:8], "big") < share * 2**64

@@ -175,7 +175,7 @@ def _per_frame(
 def read_cells(
     path: Path, needed: Sequence[str], whole: bool = False
 ) -> list[tuple[str, dict[str, str]]]:
-    """Place and cells of each row of a CSV.
+    r"""Place and cells of each row of a CSV.
 
     Args:
         path: Path of the CSV; its first line names the columns.
@@ -186,6 +186,11 @@ def read_cells(
         DataNotFoundError: There is no such CSV.
         DataError: The file is not a CSV, or a row is longer than the header.
         ConfigError: A column does not exist.
+
+    Example:
+        >>> _ = Path("labels.csv").write_text("file,object\na.mp4,mug\n")
+        >>> [cells for _, cells in read_cells(Path("labels.csv"), ["object"])]
+        [{'file': 'a.mp4', 'object': 'mug'}]
     """
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
@@ -196,7 +201,7 @@ def read_cells(
 
 
 def _odd_header(header: Sequence[str], lines: Sequence[str], name: str) -> str:
-    """The way to mend a header whose columns are not found: another separator, or lines above."""
+    """The way to mend a header without the needed columns: another separator, or lines above."""
     for mark, word in ((";", "semicolons"), ("\t", "tabs")):
         if any(mark in cell for cell in header):
             return (
