@@ -42,7 +42,7 @@ class SplitPlan:
 
     Attributes:
         train: Filter; what the test takes is left out of it.
-        test: Filter; empty with folds.
+        test: Filter; empty with folds, and where the probe ``zero_shot`` is to test all clips.
         validation: Filter of what is taken from training; or ``share``, and ``group``, the fact by
             which recordings are held out together.
         folds: Number of folds; each recording is tested once.
@@ -140,6 +140,7 @@ def parse_task(name: str, config: Mapping[str, Any]) -> Task:
         raise ConfigError(f"{where}: probe has no name, e.g. probe: {{name: force}}")
     if task.unknown_sensor not in ("error", "universal"):
         raise ConfigError(f"{where}: unknown_sensor is {task.unknown_sensor!r}: error or universal")
-    if bool(split.test) == bool(split.folds):
+    needs_none = task.probe["name"] == "zero_shot" and not split.test and not split.folds
+    if bool(split.test) == bool(split.folds) and not needs_none:
         raise ConfigError(f"{where}: split needs either test or folds")
     return task
