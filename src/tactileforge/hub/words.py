@@ -184,7 +184,7 @@ def language_of(header: Header, heads: Mapping[str, Any], model: str, width: int
     """
     if "align" in heads:
         head = heads["align"]
-        temperature = 1 / float(head.scale)
+        temperature = 1 / float(head.scale.detach())
         return Language(model, width, head.text_encoder, head.text_project, "{}", temperature)
     weight = _weight(header)
     if weight is None or not weight.text_encoder:

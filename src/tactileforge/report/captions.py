@@ -7,12 +7,24 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from markupsafe import Markup
 from numpy.typing import NDArray
 from torch.nn import functional as F
 
 from tactileforge.heads.align import AlignHead
 from tactileforge.module import TouchModule
-from tactileforge.pages.page import NONE, SPLIT_WORDS, Section, paragraph, percent, table
+from tactileforge.pages.images import image, strip
+from tactileforge.pages.page import (
+    MINUS,
+    SPLIT_WORDS,
+    Section,
+    card,
+    cards,
+    paragraph,
+    percent,
+    verdict,
+)
+from tactileforge.report.pictures import Strips
 from tactileforge.report.samples import ClipReader, clip_title, quiet
 
 _NEAREST = 3  # captions shown of a clip
@@ -103,8 +115,13 @@ def _nearest(cosines: NDArray[np.float32], known: Sequence[str]) -> list[tuple[s
     return [(known[i], float(cosines[i])) for i in order.tolist()]
 
 
-def captions_section(result: CaptionResult) -> Section:
-    """A table of touches with their nearest captions, and how often their own is the nearest."""
+def captions_section(result: CaptionResult, strips: Sequence[Strips]) -> Section:
+    """Touches with their nearest captions, and how often their own is the nearest.
+
+    Args:
+        result: Comparison of touches and captions.
+        strips: Images of the shown clips.
+    """
     name, title = "captions", "Touch to words"
     split = SPLIT_WORDS[result.split]
     if result.captions < 2:
@@ -113,19 +130,30 @@ def captions_section(result: CaptionResult) -> Section:
     text = (
         f"The nearest of {result.captions} captions of {split} clips is a clip's own for "
         f"{percent(result.first)} of {result.clips} clips; a guess would be right for "
-        f"{percent(1 / result.captions)}. Below are the clips of the section Frames, with cosines "
-        "in the space of touch and language; a clip's own caption is marked."
+        f"{percent(1 / result.captions)}. Below are the clips of the section Frames, first frame "
+        "and last, with the nearest captions and their cosines in the space of touch and language. "
+        "A clip's own caption is ticked."
     )
-    head = ("Touch", "text|its caption", *(f"text|{word}" for word in _HEAD[: result.captions]))
-    rows = [(row.title, f"text|{row.caption or NONE}", *_cells(row)) for row in result.rows]
-    return Section(name, title, paragraph(text) + table("nearest-captions", head, rows))
+    shown = (_card(row, images) for row, images in zip(result.rows, strips, strict=True))
+    return Section(name, title, paragraph(text) + cards(shown, 20))
 
 
-_HEAD = ("nearest", "second", "third")
-
-
-def _cells(row: CaptionRow) -> list[str]:
-    return [
-        f"{'good' if caption == row.caption else 'text'}|{caption} ({cosine:.2f})"
+def _card(row: CaptionRow, strips: Strips) -> Markup:
+    """Pictures of a touch, and the captions nearest to it."""
+    frames = strips.rows["Input"]
+    ends = [frames[0], frames[-1]] if len(frames) > 1 else frames
+    images = [image(frame, f"{row.title}, frame") for frame in ends]
+    lines = [
+        (
+            "good" if caption == row.caption else "plain",
+            f"{cosine:.2f}  {caption}".replace("-", MINUS, int(cosine < 0)),
+        )
         for caption, cosine in row.nearest
     ]
+    own = f"Its own caption: {row.caption}" if row.caption else "It has no caption."
+    return card(row.title, strip(images, len(images)) + verdict(lines), own)
+
+
+def _number(cosine: float) -> str:
+    """A cosine with two digits."""
+    return f"{cosine:.2f}".replace("-", MINUS)

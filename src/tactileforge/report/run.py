@@ -108,8 +108,15 @@ def _of_clips(
         sections.frames(findings),
         forces.forces_section(findings.forces, data, curves, steps),
         embedding.embedding_section(findings.embedding, findings.scores),
-        *([captions.captions_section(findings.captions)] if findings.captions else []),
+        *_of_captions(findings),
     ]
+
+
+def _of_captions(findings: RunFindings) -> list[Section]:
+    """Section on the nearest captions; none where nothing was aligned with text."""
+    if findings.captions is None:
+        return []
+    return [captions.captions_section(findings.captions, findings.strips)]
 
 
 def _config(folder: Path) -> dict[str, Any]:
