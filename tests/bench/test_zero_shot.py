@@ -72,7 +72,7 @@ def data(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def aligned(words: Sequence[str] = ("dark wood", "metal", "felt")) -> FrozenEncoder:
-    """An encoder whose text tower gives a word the vector of a touch of that material."""
+    """An encoder with a text tower of touches: a word has the vector of its material."""
     torch.manual_seed(0)
     encoder = TactileViT("tiny", frames=4, image_size=32, projected=64)
     header = make_header(encoder, NODE, licence="MIT", spacing=0.05, recipe={"encoder": NODE})
@@ -102,7 +102,6 @@ def test_all_clips_are_named_and_none_is_trained_on(tmp_path: Path) -> None:
     (cell,) = found.cells
     assert cell.metrics == {"accuracy": 100}
     assert found.tasks[0].split == "test: all clips; nothing is fitted"
-    assert found.notes == []
     rows = (tmp_path / cell.predictions).with_suffix(".csv").read_text().splitlines()
     assert len(rows) == 1 + 12 * 4, "four clips of each of the twelve recordings"
 

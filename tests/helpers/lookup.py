@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 
 class Lookup(nn.Module):
-    """Gives a sentence the vector that it has in a table."""
+    """A table of sentences and their vectors."""
 
     modality = "text"
 

@@ -39,7 +39,7 @@ def encoder() -> TactileViT:
 
 @pytest.fixture
 def imported(encoder: TactileViT) -> Model:
-    """A model that came by `zoo get tvl`, with an encoder of a test's size."""
+    """A model as imported by `zoo get tvl`, with an encoder of a test's size."""
     header = make_header(
         encoder, NODE, licence="MIT", spacing=0.05, name="tvl.vitb", source={"layout": "tvl"}
     )

@@ -40,7 +40,7 @@ class Reader:
 
 
 def module(text: bool = True) -> Any:
-    """A module whose head gives the captions the axes of the space."""
+    """A module with an aligned head: captions lie along the axes of the space."""
     encoder = SimpleNamespace(projected=3)
     head = AlignHead(
         encoder, Lookup(dict(zip(CAPTIONS, torch.eye(3), strict=True))) if text else None, None
