@@ -184,7 +184,7 @@ class Model(HeadModel):
         from tactileforge.hub.words import language_of, match_vectors
 
         refuse_itself(frames, background)
-        side = language_of(self.header, self.heads, repr(self), self.projected)
+        side = language_of(self.header, dict(self.heads), repr(self), self.projected)
         # the words first: a missing tower is found before the encoder has done its work
         text = side.vectors(words, template, text_encoder, self.device)
         touch = self.encode(frames, background, sensor, unknown_sensor=unknown_sensor)

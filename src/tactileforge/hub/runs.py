@@ -63,7 +63,8 @@ def read_run(
     with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
         built = registry.build("encoders", config["encoder"])
         files.fill_weights(built, state, str(run))
-        heads, entries = {}, {}
+        heads: dict[str, nn.Module] = {}
+        entries: dict[str, dict[str, Any]] = {}
         if kind == "trained":
             known = built.sensors or kept.get("sensors", ())
             heads, entries = _heads(config, built, checkpoint["state_dict"], run, known)
