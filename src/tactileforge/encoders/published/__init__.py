@@ -183,9 +183,10 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
 def _temperature(state: State) -> float | None:
     """Temperature of training: CLIP and those after it keep the logarithm of its inverse."""
     kept = state.get(_SCALE)
-    if kept is None or kept.numel() != 1 or not torch.isfinite(kept).all():
+    if kept is None or kept.numel() != 1:
         return None
-    return math.exp(-float(kept))
+    temperature = float(torch.exp(-kept.double()))
+    return temperature if 0 < temperature < math.inf else None
 
 
 def _plan(layout: WeightLayout, state: State) -> ConversionPlan:
