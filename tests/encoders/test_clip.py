@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from tiny_clip import save_clip
 
 from tactileforge.encoders.clip import ClipTower
 from tactileforge.errors import PluginError
@@ -13,27 +14,7 @@ transformers = pytest.importorskip("transformers")
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("clip")
-    words = [*map(chr, range(97, 123))]
-    vocabulary = words + [f"{w}</w>" for w in words] + ["<|startoftext|>", "<|endoftext|>"]
-    transformers.CLIPTokenizer(
-        vocab={word: i for i, word in enumerate(vocabulary)}, merges=[]
-    ).save_pretrained(folder)
-    end = len(vocabulary) - 1
-    both = {
-        "hidden_size": 32,
-        "num_hidden_layers": 2,
-        "num_attention_heads": 2,
-        "projection_dim": 24,
-    }
-    config = transformers.CLIPConfig(
-        text_config={**both, "vocab_size": end + 1, "eos_token_id": end, "bos_token_id": end - 1},
-        vision_config={**both, "image_size": 32, "patch_size": 16},
-        projection_dim=24,
-    )
-    torch.manual_seed(0)
-    transformers.CLIPModel(config).save_pretrained(folder)
-    return folder
+    return save_clip(tmp_path_factory.mktemp("clip"))
 
 
 def test_text_tower_gives_clips_text_features(saved: Path) -> None:

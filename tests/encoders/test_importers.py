@@ -1,5 +1,6 @@
 """Every published layout goes from a file to an encoder and back, or is refused for a reason."""
 
+import math
 import re
 from collections.abc import Callable
 from functools import cache
@@ -423,6 +424,16 @@ def test_tvl_is_timms_transformer(published: ModuleType) -> None:
         tokens = encoder.encode(encoder.patchify(image[:, None]), torch.zeros(2, dtype=torch.long))
         torch.testing.assert_close(tokens, x, atol=1e-4, rtol=1e-4)
         torch.testing.assert_close(encoder.pool_tokens(tokens), want, atol=1e-5, rtol=1e-4)
+
+
+def test_the_temperature_of_training_is_read(published: ModuleType) -> None:
+    """The file keeps the logarithm of its inverse."""
+    state = state_of(published, "tvl")
+    for kept, expected in ((math.log(50), 0.02), (2000.0, None), (math.nan, None)):
+        found = convert(state | {"logit_scale": torch.tensor(kept)}).temperature
+        assert found == (expected and pytest.approx(expected))
+    without = {key: value for key, value in state.items() if key != "logit_scale"}
+    assert convert(without).temperature is None
 
 
 def test_t3_is_a_stem_of_timm_and_a_trunk(published: ModuleType) -> None:

@@ -186,7 +186,13 @@ def download(
         published,
         "convert",
         lambda state: SimpleNamespace(
-            name="press", encoder_config=node, state=state, report="", head=None, probe=None
+            name="press",
+            encoder_config=node,
+            state=state,
+            report="",
+            head=None,
+            probe=None,
+            temperature=0.05,
         ),
         raising=False,
     )
@@ -203,6 +209,7 @@ def test_an_import_is_found_by_its_name(download: Path, vit: TactileViT) -> None
         assert torch.equal(model.encoder.state_dict()[key], value)
     assert model.header.source["sha256"] == sha256(download)
     assert model.header.source["file"] == "press.pth"
+    assert model.header.source["temperature"] == 0.05
     assert model.header.recipe == {}
     assert tactileforge.list_models(weights=True) == ["press.tiny"]
     record = json.loads((store.weights_folder() / "press.tiny.json").read_text())

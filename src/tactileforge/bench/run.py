@@ -81,7 +81,8 @@ class Bench:
             try:
                 if isinstance(source, TactileForgeError):
                     raise source
-                prepared = prepare_task(task, source)
+                fitted = self.choices[task.name].kind.fitted
+                prepared = prepare_task(task, source, fitted)
             except DataError as error:
                 reason, fix = _split(error)
                 # what a run calls data.root is, on this command line, the task's
@@ -89,7 +90,8 @@ class Bench:
                 writer.not_run(reason, task=task.name, fix=fix)
                 continue
             self.prepared.append(prepared)
-            if strange := splits.unseen_classes(prepared.target, prepared.splits):
+            strange = splits.unseen_classes(prepared.target, prepared.splits) if fitted else ""
+            if strange:
                 writer.note(task.name, strange)
 
     def run(self, entry: ModelEntry) -> None:
@@ -238,6 +240,8 @@ class Bench:
             "seeds": self.options.seeds,
             "selection": self.options.selection,
         }
+        if not choice.kind.fitted:
+            facts["heads"] = [s.heads_hash for s in subjects]
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:24]
 
     def _knows(

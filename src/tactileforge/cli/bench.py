@@ -29,6 +29,8 @@ class _Probe:
         lr: Learning rate, or several: validation chooses.
         batch: Clips per step.
         finetune: Learning rate of the encoder, if it is trained too.
+        template: Sentence of a class's name for zero_shot, with {} for the name.
+        text_encoder: CLIP on the model hub, or its folder, with the text tower of zero_shot.
     """
 
     name: str | None = None
@@ -36,6 +38,8 @@ class _Probe:
     lr: float | list[float] | None = None
     batch: int | None = None
     finetune: float | None = None
+    template: str | None = None
+    text_encoder: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -67,15 +68,26 @@ class AlignHead(nn.Module):
         """Projects the batch to the shared space; each distinct caption is encoded once."""
         touch = views.full.cls
         text = image = None
-        if self.text_encoder is not None and self.text_project is not None:
+        if self.text_encoder is not None:
             lines = list(dict.fromkeys(batch["text"]))
             where = {line: i for i, line in enumerate(lines)}
             rows = torch.tensor([where[line] for line in batch["text"]])
             rows = rows.to(touch.device, non_blocking=True)
-            text = self.text_project(self.text_encoder(lines))[rows]
+            text = self.text_vectors(lines)[rows]
         if self.image_encoder is not None and self.image_project is not None:
             image = self.image_project(self.image_encoder(batch["image"]))
         text_valid = torch.tensor([line != "" for line in batch["text"]])
         text_valid = text_valid.to(touch.device, non_blocking=True)
-        scale = self.log_scale.clamp(max=math.log(100)).exp()
-        return Aligned(touch, text, text_valid, image, batch["image_valid"], scale)
+        return Aligned(touch, text, text_valid, image, batch["image_valid"], self.scale)
+
+    @property
+    def scale(self) -> Tensor:
+        """Inverse temperature, a scalar of at most 100."""
+        return self.log_scale.clamp(max=math.log(100)).exp()
+
+    def text_vectors(self, lines: Sequence[str]) -> Tensor:
+        """Projects n captions to the shared space, (n, d); the head must have a text tower."""
+        assert self.text_encoder is not None
+        assert self.text_project is not None
+        out: Tensor = self.text_project(self.text_encoder(lines))
+        return out

@@ -55,6 +55,8 @@ class Weight:
         demonstration: Whether it only shows how things work: it may then be shipped without
             passing the release gate, and says so wherever it is listed.
         purpose: Purpose of the weights, in a few words; "" takes the first sentence of the card.
+        text_encoder: CLIP on the model hub whose text tower they are aligned with; "" for none.
+        template: Sentence of a word in the captions of their training, with ``{}`` for the word.
     """
 
     tag: str
@@ -73,6 +75,8 @@ class Weight:
     data: list[str] = field(default_factory=list)
     demonstration: bool = False
     purpose: str = ""
+    text_encoder: str = ""
+    template: str = "{}"
 
     @property
     def kind(self) -> str:

@@ -13,6 +13,7 @@ from safetensors import SafetensorError, safe_open
 from torch import nn
 
 from tactileforge import registry
+from tactileforge.encoders.absent import AbsentTower
 from tactileforge.errors import DataError, PluginError, TactileForgeError
 from tactileforge.hub.header import Header
 
@@ -54,6 +55,11 @@ def check_nodes(path: Path, header: Header) -> None:
     for kind, node in [
         ("encoders", header.encoder),
         *(("heads", entry["node"]) for entry in header.heads.values()),
+        *(
+            ("encoders", row["text_encoder"])
+            for row in header.heads.values()
+            if "text_encoder" in row
+        ),
     ]:
         for key, value in node.items():
             _check_argument(path, f"{node['name']}.{key}", value)
@@ -103,19 +109,42 @@ def build(path: Path, kind: str, node: Mapping[str, Any], **given: Any) -> Any:
         ) from error
 
 
+def towers_of(path: Path, entry: Mapping[str, Any]) -> dict[str, Any]:
+    """The towers that an entry of a header asks for, by constructor argument.
+
+    Args:
+        path: The file, for errors.
+        entry: Entry of the head; see `Header.heads`.
+
+    Raises:
+        DataError: The tower is not one of text, or cannot be built.
+    """
+    if "text_width" in entry:
+        tower: nn.Module = AbsentTower(entry["text_width"], entry.get("text_name", "clip"))
+    elif "text_encoder" in entry:
+        tower = build(path, "encoders", entry["text_encoder"])
+        if getattr(tower, "modality", "touch") != "text":
+            name = entry["text_encoder"]["name"]
+            raise DataError(f"{path}: its text tower {name} encodes no text; fetch it again")
+    else:
+        return {}
+    return {"text_encoder": tower, "image_encoder": None}
+
+
 def _check_total(path: Path, header: Header) -> None:
     """Builds on the meta device, without memory, and compares sizes with the file's."""
     parts: list[nn.Module] = []
-    kinds = [("encoders", header.encoder)]
-    kinds += [("heads", entry["node"]) for entry in header.heads.values()]
-    for kind, node in kinds:
+    kinds = [("encoders", {"node": header.encoder})]
+    kinds += [("heads", entry) for entry in header.heads.values()]
+    for kind, entry in kinds:
         if kind == "heads" and not parts:
             return
         # a plugin may need its numbers where it is built: it is not counted
         with suppress(NotImplementedError, RuntimeError), torch.device("meta"):
             context = {"encoder": parts[0]} if parts else {}
             with torch.random.fork_rng(devices=[]):
-                parts.append(build(path, kind, node, **context))
+                context |= towers_of(path, entry)
+                parts.append(build(path, kind, entry["node"], **context))
     needs = sum(x.numel() for part in parts for x in part.state_dict().values())
     if needs > path.stat().st_size:  # a byte a number, at least
         raise DataError(

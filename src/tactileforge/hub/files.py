@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from tactileforge import registry
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.files import new_part, writing
-from tactileforge.hub.file_checks import build, check_nodes, check_plugin
+from tactileforge.hub.file_checks import build, check_nodes, check_plugin, towers_of
 from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 
@@ -189,7 +189,8 @@ def _open_heads(
     for name, entry in header.heads.items():
         prefix = _of_head(name)
         with torch.random.fork_rng(devices=[]):
-            head: nn.Module = build(path, "heads", entry["node"], encoder=encoder)
+            towers = towers_of(path, entry)
+            head: nn.Module = build(path, "heads", entry["node"], encoder=encoder, **towers)
         own = {key.removeprefix(prefix): x for key, x in state.items() if key.startswith(prefix)}
         fill_weights(head, own, f"{path}, head {name}")
         heads[name] = head.requires_grad_(False).eval()

@@ -147,15 +147,14 @@ class HeadModel(GroupedModel):
         """
         from tactileforge.hub.classify import classes_of, fitted_layer, packed_layer
 
-        word = background if isinstance(background, str) else ""
-        if word == "first" and getattr(frames, "ndim", 0) == 3:
-            raise ConfigError("background='first' is the image itself: give one without contact")
+        refuse_itself(frames, background)
         if head is None:
             layer = packed_layer(self.heads, names, repr(self))
         elif names is not None:
             raise ConfigError("names= is for the head of a run; head= knows the names of its own")
         else:
             named = {sensor} if isinstance(sensor, str) else set(sensor or ())
+            word = background if isinstance(background, str) else ""
             subtracts = background is not None and word != "none"
             layer = fitted_layer(head, self.encoder_hash, repr(self), subtracts, named)
         # the layer first: a wrong head is found before the encoder has done its work
@@ -186,6 +185,8 @@ class HeadModel(GroupedModel):
         """
         if name not in self.heads:
             raise ConfigError(unknown("head of the model", name, self.heads))
+        if name == "align":
+            raise ConfigError("the aligned head is read with words: model.match_words(clip, words)")
         x, still, _ = clips = self._prepare(frames, background)
         forces.warn_of_light(f"head {name}", clips, self.encoder, background)
         rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
@@ -308,3 +309,10 @@ class HeadModel(GroupedModel):
             ConfigError: The fits belong to another model or sensor.
         """
         return forces.fitted_axes(calibration, names, self.fingerprint)
+
+
+def refuse_itself(frames: Images, background: Images | str | None) -> None:
+    """Raises a ConfigError if one image would be its own background."""
+    word = background if isinstance(background, str) else ""
+    if word == "first" and getattr(frames, "ndim", 0) == 3:
+        raise ConfigError("background='first' is the image itself: give one without contact")

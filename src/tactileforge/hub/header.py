@@ -60,7 +60,9 @@ class Header:
         recipe: The resolved recipe; empty for imported weights.
         source: Steps of the run, or the published file and its sha256.
         heads: Heads that are kept with the encoder, by name: plugin and constructor arguments
-            (``node``), and the newton that count as 1 for each sensor (``scale``).
+            (``node``), the newton that count as 1 for each sensor (``scale``), and of an aligned
+            head its text tower (``text_encoder``), or the size of the vectors and the name of one
+            outside of the file (``text_width``, ``text_name``).
     """
 
     format: int
@@ -178,18 +180,36 @@ def _parse(content: Any) -> Header:
         raise ConfigError(f"the header: spacing is {header.spacing}, not seconds between frames")
     if not all(0 <= row < _ROWS for row in header.sensors.values()):
         raise ConfigError("the header: sensors have rows, whole numbers from 0 on")
+    temperature = header.source.get("temperature", 1.0)
+    if not _is_positive(temperature):
+        raise ConfigError(f"the header: source.temperature is {temperature!r}, not above 0")
     for key, head in header.heads.items():
+        _check_tower(key, strict.mapping(f"head {key}", head))
         node = strict.mapping(f"head {key}", head).get("node")
         if not isinstance(strict.mapping(f"node of head {key}", node).get("name"), str):
             raise ConfigError(f"the header: head {key} has no name")
         for sensor, scale in strict.mapping(f"scale of head {key}", head.get("scale", {})).items():
-            if not (isinstance(scale, list) and len(scale) == 3 and all(map(_is_force, scale))):
+            if not (isinstance(scale, list) and len(scale) == 3 and all(map(_is_positive, scale))):
                 raise ConfigError(f"the header: head {key} has no newtons for {sensor}: {scale!r}")
     strict.mapping("the header: recipe.data", header.recipe.get("data") or {})
     return header
 
 
-def _is_force(value: Any) -> bool:
+def _check_tower(key: str, head: dict[str, Any]) -> None:
+    """Checks what a head says of its text tower."""
+    where = f"the header: head {key}"
+    tower, width = head.get("text_encoder"), head.get("text_width")
+    if tower is not None and not isinstance(
+        strict.mapping(f"{where}: text_encoder", tower).get("name"), str
+    ):
+        raise ConfigError(f"{where}: text_encoder has no name")
+    if width is not None and not (type(width) is int and 0 < width < _ROWS):
+        raise ConfigError(f"{where}: text_width is {width!r}, not a number of numbers")
+    if not isinstance(head.get("text_name", ""), str):
+        raise ConfigError(f"{where}: text_name is {head['text_name']!r}, not a name")
+
+
+def _is_positive(value: Any) -> bool:
     return type(value) in (int, float) and 0 < value < math.inf
 
 

@@ -15,7 +15,7 @@ from torch import Tensor
 from tactileforge.contracts import Frames
 from tactileforge.hub import forces
 from tactileforge.hub.feature_model import check_batch_size
-from tactileforge.hub.head_model import HeadModel
+from tactileforge.hub.head_model import HeadModel, refuse_itself
 from tactileforge.hub.inputs import Images
 from tactileforge.hub.sensor_rows import Policy
 from tactileforge.hub.video import Times, cut_clips, open_video
@@ -25,6 +25,7 @@ from tactileforge.streaming.touch_stream import TouchStream
 
 if TYPE_CHECKING:
     from tactileforge.calibration.file import Calibration
+    from tactileforge.hub.words import TextEncoder, WordMatches
 
 
 class Model(HeadModel):
@@ -133,6 +134,62 @@ class Model(HeadModel):
                 )
             )
         return np.array(ends), torch.cat(vectors)
+
+    def match_words(
+        self,
+        frames: Images,
+        words: Sequence[str],
+        background: Images | str | None = None,
+        sensor: str | Sequence[str] | None = None,
+        *,
+        template: str | None = None,
+        temperature: float | None = None,
+        text_encoder: TextEncoder | None = None,
+        unknown_sensor: Policy = "error",
+    ) -> WordMatches:
+        """Words for clips, by cosine similarity in the space that touch shares with language.
+
+        Runs trained with the objective ``align`` on captions, AnyTouch 1 and 2, TVL, UniTouch and
+        CLIP have such a space. Source: CLIP (arXiv 2103.00020), section 3.1.2.
+
+        Args:
+            frames: See `encode`; or one image (H, W, 3) or (3, H, W), shown as a clip that stands
+                still.
+            words: Words or phrases to choose from, each once.
+            background: Frame without contact, or a word in its place, as in `encode`.
+            sensor: Name of the sensor, or one name a clip, as in `encode`.
+            template: Sentence of a word, with ``{}`` for the word; None takes the one on the card,
+                or the word alone.
+            temperature: Temperature of the softmax over the words; None takes that of training,
+                or 0.07 where the file keeps none.
+            text_encoder: Text tower, or the name on the model hub or the folder of the CLIP that
+                has it; None takes the one in the file, or on the card.
+            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
+
+        Returns:
+            Probabilities and cosines, float32 (words,), or (B, words) for a batch, and ``name``,
+            the best word of each clip.
+
+        Raises:
+            ConfigError: The model is not aligned with language, or the tower does not fit it; or no
+                words, or a template without ``{}``; see `encode`.
+            PluginError: The text tower cannot be loaded; says what to install.
+            DataError: Frames or background are not what the model takes.
+
+        Example:
+            >>> model = tactileforge.load("tvl.vitb")  # doctest: +SKIP
+            >>> model.match_words(clip, ["wood", "metal"], sensor="digit").name
+            'wood'
+        """
+        from tactileforge.hub.words import language_of, match_vectors
+
+        refuse_itself(frames, background)
+        side = language_of(self.header, dict(self.heads), repr(self), self.projected)
+        # the words first: a missing tower is found before the encoder has done its work
+        text = side.vectors(words, template, text_encoder, self.device)
+        touch = self.encode(frames, background, sensor, unknown_sensor=unknown_sensor)
+        kept = side.temperature if temperature is None else temperature
+        return match_vectors(touch, text, words, kept)
 
     def stream(
         self,

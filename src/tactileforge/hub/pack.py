@@ -92,6 +92,7 @@ def import_published(model: str, source: str | Path, sensor: str = "") -> Path:
     files.fill_weights(encoder, converted.state, str(source))
     heads, entries = published_heads(converted, encoder, source, sensor)
     digest = sha256(source) if source.is_file() else ""
+    kept = {} if converted.temperature is None else {"temperature": converted.temperature}
     header = files.make_header(
         encoder,
         node,
@@ -101,7 +102,7 @@ def import_published(model: str, source: str | Path, sensor: str = "") -> Path:
         commit=commit(),
         versions={"tactileforge": version("tactileforge")},
         data={"name": ", ".join(card.data), "licences": []},
-        source={"file": source.name, "sha256": digest, "layout": converted.name},
+        source={"file": source.name, "sha256": digest, "layout": converted.name, **kept},
         heads=entries,
     )
     target = store.weights_folder() / f"{full}.safetensors"

@@ -14,14 +14,15 @@ from tactileforge import registry, run_folder
 from tactileforge.checkpoint_file import read_own
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.hub import files
+from tactileforge.hub.aligned import ALIGN, aligned_head
 from tactileforge.hub.header import Header
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 from tactileforge.licences import NO_LICENCE
 from tactileforge.provenance import commit
 from tactileforge.sensors.specs import spec
 
-#: Heads that are kept: `Model` reads force and surface, and a run that starts from the weights goes
-#: on with all of them.
+#: Heads that are kept whole: `Model` reads force and surface, and a run that starts from the
+#: weights goes on with all of them. Of the aligned head the text side is kept, see `aligned_head`.
 KEPT_HEADS = ("pixel", "diff", "surface", "force", "classify")
 
 
@@ -63,7 +64,11 @@ def read_run(
     with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
         built = registry.build("encoders", config["encoder"])
         files.fill_weights(built, state, str(run))
-        heads = _heads(config, built, checkpoint["state_dict"], run) if kind == "trained" else {}
+        heads: dict[str, nn.Module] = {}
+        entries: dict[str, dict[str, Any]] = {}
+        if kind == "trained":
+            known = built.sensors or kept.get("sensors", ())
+            heads, entries = _heads(config, built, checkpoint["state_dict"], run, known)
     header = files.make_header(
         built,
         config["encoder"],
@@ -75,10 +80,7 @@ def read_run(
         data={"name": config["data"]["name"], "licences": kept.get("licences", [])},
         recipe=_without_folders(config),
         source={"steps": checkpoint["global_step"], "encoder": kind},
-        heads={
-            name: _entry(name, config["head"][name], built.sensors or kept.get("sensors", ()))
-            for name in heads
-        },
+        heads=entries,
     )
     for module in (built, *heads.values()):
         module.requires_grad_(False).eval()
@@ -113,16 +115,29 @@ def _entry(name: str, node: Mapping[str, Any], sensors: Iterable[str]) -> dict[s
 
 
 def _heads(
-    config: Mapping[str, Any], encoder: Any, state: Mapping[str, Tensor], run: Path
-) -> dict[str, nn.Module]:
-    """The trained heads of a run to keep, by name."""
+    config: Mapping[str, Any],
+    encoder: Any,
+    state: Mapping[str, Tensor],
+    run: Path,
+    sensors: Iterable[str],
+) -> tuple[dict[str, nn.Module], dict[str, dict[str, Any]]]:
+    """The trained heads of a run to keep, and their entries of the header, by name."""
     heads: dict[str, nn.Module] = {}
-    for name in KEPT_HEADS:
+    entries: dict[str, dict[str, Any]] = {}
+    for name in (*KEPT_HEADS, ALIGN):
         node = config.get("head", {}).get(name)
-        if node and node["name"] == name:
+        if not node or node["name"] != name:
+            continue
+        own = _below(f"heads.{name}.", state)
+        if name == ALIGN:
+            if (found := aligned_head(config, encoder, own)) is None:
+                continue
+            heads[name], entries[name], own = found
+        else:
             heads[name] = registry.build("heads", node, encoder=encoder)
-            files.fill_weights(heads[name], _below(f"heads.{name}.", state), f"{run}, head {name}")
-    return heads
+            entries[name] = _entry(name, node, sensors)
+        files.fill_weights(heads[name], own, f"{run}, head {name}")
+    return heads, entries
 
 
 def _scales(sensors: Iterable[str]) -> dict[str, list[float]]:

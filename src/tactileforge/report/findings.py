@@ -10,6 +10,7 @@ from tactileforge.errors import DataError
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.heads.force import Forces
 from tactileforge.module import TouchModule
+from tactileforge.report.captions import CaptionResult, nearest_captions
 from tactileforge.report.embedding import Embedding, NeighbourScore, embedding_of, neighbours
 from tactileforge.report.forces import ForceResult, force_results
 from tactileforge.report.pictures import Strips, strips_of
@@ -34,6 +35,7 @@ class RunFindings:
         forces: Results of force heads, one for each.
         embedding: Embedded clips of both splits.
         scores: Scores of nearest neighbours, by kind of label.
+        captions: Captions nearest to touches; None where nothing was aligned with text.
         skipped: Recordings that could not be read, one line each.
     """
 
@@ -45,6 +47,7 @@ class RunFindings:
     forces: list[ForceResult]
     embedding: Embedding
     scores: dict[str, NeighbourScore | None]
+    captions: CaptionResult | None
     skipped: list[str]
 
 
@@ -91,5 +94,8 @@ def run_findings(
         forces=force_results(readers, forces, count),
         embedding=embedding,
         scores={kind: neighbours(embedding, kind) for kind in embedding.labels},
+        captions=nearest_captions(
+            module, split, readers[split], looks[split].clips.tolist(), shown
+        ),
         skipped=[line for line, _ in skipped.values()],
     )

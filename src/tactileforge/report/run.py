@@ -17,7 +17,7 @@ from tactileforge.labels import Labels
 from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.pages.page import Section, page
-from tactileforge.report import embedding, forces, sections, summary
+from tactileforge.report import captions, embedding, forces, sections, summary
 from tactileforge.report.findings import RunFindings, run_findings
 
 
@@ -108,7 +108,15 @@ def _of_clips(
         sections.frames(findings),
         forces.forces_section(findings.forces, data, curves, steps),
         embedding.embedding_section(findings.embedding, findings.scores),
+        *_of_captions(findings),
     ]
+
+
+def _of_captions(findings: RunFindings) -> list[Section]:
+    """Section on the nearest captions; none where nothing was aligned with text."""
+    if findings.captions is None:
+        return []
+    return [captions.captions_section(findings.captions, findings.strips)]
 
 
 def _config(folder: Path) -> dict[str, Any]:

@@ -54,8 +54,9 @@ class ClipSample:
 
 
 class _Row(NamedTuple):
-    """One clip: its class token, its motion, and its forces of frames 2..T, N."""
+    """One clip: its caption, class token and motion, and its forces of frames 2..T, N."""
 
+    caption: str
     cls: NDArray[np.float32]
     moved: NDArray[np.float32]
     measured: NDArray[np.float32]
@@ -91,6 +92,12 @@ def spread(
         quota = (count - len(chosen)) // (len(numbers) - place)
         chosen += members[spread_places(len(members), quota)].tolist()
     return chosen
+
+
+def clip_title(clips: Clips, clip: int) -> str:
+    """Sensor, object and key of the recording of a clip, as far as they are known."""
+    recording = clips.recordings[clips.index[clip, 0]]
+    return " · ".join(filter(None, (recording.sensor, recording.object, recording.key)))
 
 
 def whole_key(recording: Recording) -> str:
@@ -138,6 +145,14 @@ class ClipReader:
             places, np.stack([row.cls for row in rows]), np.stack([row.moved for row in rows])
         )
 
+    def captions(self, which: Sequence[int]) -> list[str]:
+        """Returns captions of clips, in their order; "" for none."""
+        return [self._rows[clip].caption for clip in self._read(which)]
+
+    def vectors(self, which: Sequence[int]) -> NDArray[np.float32]:
+        """Returns projected class tokens of clips, (n, projected), in their order."""
+        return np.stack([self._rows[clip].cls for clip in self._read(which)])
+
     def forces(self, which: Sequence[int], key: str) -> ForceReading | None:
         """Returns measured forces and those of one head; None without a labelled clip."""
         kept = [clip for clip in self._read(which) if np.isfinite(self._rows[clip].measured).any()]
@@ -171,8 +186,10 @@ class ClipReader:
             torch.where(batch["force_valid"][:, None], batch["force"][:, 1:], torch.nan),
             *(head.force.float() * scale for head in heads.values()),
         ]
-        for cls, moved, measured, *forces in zip(*(c.cpu().numpy() for c in columns), strict=True):
-            yield _Row(cls, moved, measured, dict(zip(heads, forces, strict=True)))
+        arrays = (column.cpu().numpy() for column in columns)
+        rows = zip(batch["text"], *arrays, strict=True)
+        for caption, cls, moved, measured, *forces in rows:
+            yield _Row(caption, cls, moved, measured, dict(zip(heads, forces, strict=True)))
 
 
 def liveliest(clips: Clips, seen: ClipSample, count: int) -> list[int]:

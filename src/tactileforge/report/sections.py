@@ -36,6 +36,7 @@ from tactileforge.pages.page import (
 )
 from tactileforge.report.findings import RunFindings
 from tactileforge.report.pictures import Strips
+from tactileforge.report.samples import clip_title
 
 _ROW_NOTES = {
     "Masked": "what the encoder is given; dark tubes are hidden in every frame",
@@ -135,8 +136,6 @@ def frames(findings: RunFindings) -> Section:
 
 
 def _card(clips: Clips, clip: int, strips: Strips) -> Markup:
-    recording = clips.recordings[clips.index[clip, 0]]
-    title = " · ".join(filter(None, (recording.sensor, recording.object, recording.key)))
     count = len(strips.rows["Input"])
     columns = np.unique(np.linspace(0, count - 1, min(count, _FRAMES)).round().astype(int)).tolist()
     body = Markup()
@@ -152,7 +151,7 @@ def _card(clips: Clips, clip: int, strips: Strips) -> Markup:
         body += strip(images, len(columns), f"{name}: {note}" if note else name)
     explained = ", ".join(f"{percent(share)} ({kind})" for kind, share in strips.explained.items())
     explained = f"Explained variance of hidden pixels: {explained}" if explained else ""
-    return card(title, body, explained)
+    return card(clip_title(clips, clip), body, explained)
 
 
 def data_section(data: TouchData, skipped: Sequence[str]) -> Section:

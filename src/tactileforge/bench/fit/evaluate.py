@@ -19,6 +19,7 @@ from tactileforge.bench.fit.probes.base import Probe, Values
 from tactileforge.bench.fit.probes.knn import Knn
 from tactileforge.bench.fit.probes.linear import Linear
 from tactileforge.bench.fit.probes.ridge import Ridge
+from tactileforge.bench.fit.probes.zero_shot import ZeroShot
 from tactileforge.bench.fit.resolve import PreparedTask, ProbeChoice
 from tactileforge.bench.fit.training import Examples, TrainedProbe, train_probes
 from tactileforge.bench.tasks import metrics, splits
@@ -128,6 +129,8 @@ def evaluate_probe(
                 _solve(prepared, build(), rows, split, tap, count)
                 for tap, rows, count in zip(taps, examples, sizes, strict=True)
             ]
+        elif issubclass(choice.kind, ZeroShot):
+            fold = [_name(build(), examples[0], split, subject)]
         elif issubclass(choice.kind, Linear):
             fold = [_converge(build(), examples[0], split, select, score, higher)]
         else:
@@ -170,6 +173,17 @@ def _vote(
     decoded = [model.vote(known, truth, examples.take(places)[0]) for places in uses[1:]]
     on_cpu = [{key: value.cpu() for key, value in values.items()} for values in decoded]
     return TrainedProbe(0, math.nan, on_cpu[1], score(on_cpu[0]))
+
+
+def _name(model: Probe, examples: Examples, split: Split, subject: FrozenEncoder) -> TrainedProbe:
+    """Names test clips by words; nothing is fitted, nor selected."""
+    assert isinstance(model, ZeroShot)
+    text = {
+        name: subject.language.vectors(words, model.template, model.text_encoder, subject.device)
+        for name, words in model.words.items()
+    }
+    chosen = model.choose(examples.take(split.test)[0], text)
+    return TrainedProbe(0, math.nan, {name: values.cpu() for name, values in chosen.items()})
 
 
 def _converge(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -22,7 +22,9 @@ from tactileforge.encoders.feature_groups import (
     group_sizes,
 )
 from tactileforge.errors import ConfigError
+from tactileforge.hub.forces import fingerprint
 from tactileforge.hub.header import Header
+from tactileforge.hub.words import Language, language_of
 
 #: Frames that a model of single frames is shown.
 STILL_FRAMES = 2
@@ -41,6 +43,7 @@ class FrozenEncoder:
         header: Metadata of the encoder.
         sha256: Hash of its file; "" takes the hash of its weights.
         device: Device of the computation.
+        heads: Heads of its file, by name: the aligned one tells words for clips.
 
     Attributes:
         frames: Frames of an input clip.
@@ -49,7 +52,13 @@ class FrozenEncoder:
     """
 
     def __init__(
-        self, name: str, encoder: Any, header: Header, sha256: str = "", device: str = "cpu"
+        self,
+        name: str,
+        encoder: Any,
+        header: Header,
+        sha256: str = "",
+        device: str = "cpu",
+        heads: Mapping[str, torch.nn.Module] | None = None,
     ) -> None:
         self.name = name
         self.encoder = encoder.to(device).eval().requires_grad_(False)
@@ -61,6 +70,7 @@ class FrozenEncoder:
         self.native = not header.recipe and header.encoder["name"] not in BASELINES
         self.weights = _hash(encoder)
         self.sha256 = sha256 or self.weights
+        self.heads = dict(heads or {})
         self.preprocessing = json.loads(
             json.dumps([header.encoder, header.input, header.sensors, self.native, self.frames])
         )
@@ -101,6 +111,22 @@ class FrozenEncoder:
         if not kind.readings:
             return (kind.tap,)
         return kind.readings[:1] if self.flat else kind.readings
+
+    @property
+    def heads_hash(self) -> str:
+        """Hash of the weights of its heads."""
+        return fingerprint(self.heads.values())
+
+    @property
+    def language(self) -> Language:
+        """Text side of the model.
+
+        Raises:
+            ConfigError: It is not aligned with language.
+        """
+        if self.name.startswith("untrained:"):
+            raise ConfigError("random weights are not aligned with language")
+        return language_of(self.header, self.heads, self.name, self.encoder.projected)
 
     def spacing_of(self, clip: ClipSpec) -> float:
         """Seconds between the frames of its clips."""

@@ -134,8 +134,8 @@ def _check_shape(of: str, composed: Sequence[str]) -> None:
 
 def encoder_of_run(name: str, folder: Path, device: str = "cpu") -> FrozenEncoder:
     """The encoder of a run, from its last checkpoint."""
-    encoder, _, header = open_run(folder)
-    return FrozenEncoder(name, encoder, header, device=device)
+    encoder, heads, header = open_run(folder)
+    return FrozenEncoder(name, encoder, header, device=device, heads=heads)
 
 
 def untrained_encoder(
@@ -177,5 +177,5 @@ def header_of(word: str, composed: Sequence[str] = ()) -> Header:
 
 
 def _of_file(name: str, path: Path, device: str) -> FrozenEncoder:
-    encoder, header = files.open_encoder(path)
-    return FrozenEncoder(name, encoder, header, sha256(path), device)
+    encoder, heads, header = files.open_model(path)
+    return FrozenEncoder(name, encoder, header, sha256(path), device, heads)

@@ -71,8 +71,13 @@ class PreparedTask:
         return np.concatenate([split.test for split in self.splits])
 
 
-def prepare_task(task: Task, source: TaskSource) -> PreparedTask:
+def prepare_task(task: Task, source: TaskSource, fitted: bool = True) -> PreparedTask:
     """Target and splits of a task; what does not fit is refused before features take their time.
+
+    Args:
+        task: The task.
+        source: Source of its clips.
+        fitted: Whether its probe needs training clips.
 
     Raises:
         ConfigError: A metric that measures something else, flips of what cannot be mirrored, or a
@@ -88,7 +93,8 @@ def prepare_task(task: Task, source: TaskSource) -> PreparedTask:
     if task.flips:
         for part in target.parts.values():
             part.flipped(True, True)
-    prepared = PreparedTask(task, source, target, splits.build_splits(task, source, target))
+    all_splits = splits.build_splits(task, source, target, fitted)
+    prepared = PreparedTask(task, source, target, all_splits)
     _ = prepared.test_units  # a fact that intervals are drawn by
     return prepared
 
@@ -156,7 +162,7 @@ def result_task(task: Task, choice: ProbeChoice, selection: str) -> results.Resu
         title=task.title,
         probe=choice.name + (", encoder trained too" if choice.finetune else ""),
         data=task.about or str(task.data.get("name") or task.data.get("preset")),
-        split=describe_split(task),
+        split=describe_split(task, choice.kind.fitted),
         metrics=[
             results.ResultMetric(name=name, unit=kind.unit, better=kind.better)
             for name, kind in kinds.items()
@@ -167,9 +173,11 @@ def result_task(task: Task, choice: ProbeChoice, selection: str) -> results.Resu
     )
 
 
-def describe_split(task: Task) -> str:
-    """The split of a task, in words."""
+def describe_split(task: Task, fitted: bool = True) -> str:
+    """The split of a task, in words; of one without training clips, what is tested."""
     plan = task.split
+    if not fitted:
+        return f"test: {_words({**plan.only, **plan.test}) or 'all clips'}; nothing is fitted"
     validation = dict(plan.validation)
     share = validation.pop("share", None)
     text = f"{plan.folds} folds by {plan.group}" if plan.folds else f"test: {_words(plan.test)}"

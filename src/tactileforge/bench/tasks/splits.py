@@ -35,8 +35,17 @@ class Split:
     test: NDArray[np.int64]
 
 
-def build_splits(task: Task, source: TaskSource, target: Target) -> list[Split]:
+def build_splits(
+    task: Task, source: TaskSource, target: Target, fitted: bool = True
+) -> list[Split]:
     """The splits of a task: one, or one for each fold.
+
+    Args:
+        task: The task.
+        source: Source of its clips.
+        target: Target of the prediction.
+        fitted: Whether its probe needs training clips. Without them one split tests the clips of
+            ``split.test``; with folds, or with neither, it tests all.
 
     Raises:
         ConfigError: A filter finds nothing, or two uses share a recording.
@@ -46,6 +55,8 @@ def build_splits(task: Task, source: TaskSource, target: Target) -> list[Split]:
     numbers = [n for n in sorted(set(of.tolist())) if matches_filter(source, n, plan.only)]
     if not numbers:
         raise ConfigError(f"task {task.name}: split.only leaves no recording; change it")
+    if not fitted:
+        return [_only_test(task, source, target, of, numbers)]
     stratum = _strata(numbers, of, target)
     if plan.folds:
         names = {n: recording_fact(source, n, plan.group) for n in numbers}
@@ -68,6 +79,19 @@ def build_splits(task: Task, source: TaskSource, target: Target) -> list[Split]:
         splits.append(Split(*places))
     _check_classes(task, target, splits)
     return splits
+
+
+def _only_test(
+    task: Task, source: TaskSource, target: Target, of: NDArray[np.int64], numbers: Sequence[int]
+) -> Split:
+    """The split of a probe that needs no training clips."""
+    test = [n for n in numbers if matches_filter(source, n, task.split.test)]
+    if not test:
+        raise ConfigError(_nothing_for("test", task, len(numbers), len(numbers), 0))
+    nothing = np.zeros(0, np.int64)
+    split = Split(nothing, nothing, np.flatnonzero(np.isin(of, test)))
+    _check_classes(task, target, [split], ("test",))
+    return split
 
 
 def _nothing_for(use: str, task: Task, every: int, rest: int, test: int) -> str:
@@ -212,11 +236,13 @@ def unseen_classes(target: Target, splits: Sequence[Split]) -> str:
     return f"{missed} of {tested} test labels are classes that training never saw: {listed}"
 
 
-def _check_classes(task: Task, target: Target, splits: Sequence[Split]) -> None:
+def _check_classes(
+    task: Task, target: Target, splits: Sequence[Split], uses: Sequence[str] = ("train", "test")
+) -> None:
     for name, part in target.parts.items():
         if part.kind != "classes":
             continue
-        for use in ("train", "test"):
+        for use in uses:
             rows = [getattr(split, use) for split in splits]
             if use == "test":
                 rows = [np.concatenate(rows)]

@@ -42,7 +42,7 @@ class SplitPlan:
 
     Attributes:
         train: Filter; what the test takes is left out of it.
-        test: Filter; empty with folds.
+        test: Filter; empty with folds, and where the probe ``zero_shot`` is to test all clips.
         validation: Filter of what is taken from training; or ``share``, and ``group``, the fact by
             which recordings are held out together.
         folds: Number of folds; each recording is tested once.
@@ -140,12 +140,13 @@ def parse_task(name: str, config: Mapping[str, Any]) -> Task:
         raise ConfigError(f"{where}: probe has no name, e.g. probe: {{name: force}}")
     if task.unknown_sensor not in ("error", "universal"):
         raise ConfigError(f"{where}: unknown_sensor is {task.unknown_sensor!r}: error or universal")
-    _check_split(f"{where}.split", split)
+    _check_split(f"{where}.split", split, task.probe["name"])
     return task
 
 
-def _check_split(where: str, plan: SplitPlan) -> None:
-    if bool(plan.test) == bool(plan.folds):
+def _check_split(where: str, plan: SplitPlan, probe: str) -> None:
+    needs_none = probe == "zero_shot" and not plan.test and not plan.folds
+    if bool(plan.test) == bool(plan.folds) and not needs_none:
         raise ConfigError(f"{where}: give one of test, as in test: {{side: val}}, and folds: 5")
     if plan.folds and plan.folds < 2:
         raise ConfigError(f"{where}.folds is {plan.folds}; give 2 or more")

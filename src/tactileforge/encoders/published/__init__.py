@@ -9,6 +9,7 @@ otherwise an error lists the exceptions::
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -55,6 +56,8 @@ LAYOUTS: tuple[WeightLayout, ...] = (
     tvl.LAYOUT,
     *clip.LAYOUTS,
 )
+#: Tensor of the temperature of alignment.
+_SCALE = "logit_scale"
 #: Tensors of a head for classes.
 _CLASS_HEADS = {"head.weight", "head.probe.0.weight"}
 _CLASSES: dict[str, type[Backbone]] = {"tactile_vit": TactileViT, "plain_vit": PlainViT}
@@ -72,6 +75,8 @@ class Converted:
         head: State dict of the published force head, to load strictly into
             ``tactileforge.heads.force.ForceDecoder(width, 1, 16)``; None without one.
         probe: State dict of the published head for classes, see `class_head`; None without one.
+        temperature: Temperature of its alignment with other modalities; None where the file keeps
+            none.
     """
 
     name: str
@@ -80,6 +85,7 @@ class Converted:
     unused: dict[str, list[str]]
     head: dict[str, Tensor] | None = None
     probe: dict[str, Tensor] | None = None
+    temperature: float | None = None
 
     @property
     def report(self) -> str:
@@ -170,7 +176,17 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
         {why: names for why, names in unused.items() if why},
         force_head(state) if has_head else None,
         class_head(state) if has_probe else None,
+        _temperature(state),
     )
+
+
+def _temperature(state: State) -> float | None:
+    """Temperature of training: CLIP and those after it keep the logarithm of its inverse."""
+    kept = state.get(_SCALE)
+    if kept is None or kept.numel() != 1:
+        return None
+    temperature = float(torch.exp(-kept.double()))
+    return temperature if 0 < temperature < math.inf else None
 
 
 def _plan(layout: WeightLayout, state: State) -> ConversionPlan:

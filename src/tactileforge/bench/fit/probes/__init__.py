@@ -22,6 +22,7 @@ PROBES = {
     "knn": "knn:Knn",
     "ridge": "ridge:Ridge",
     "logistic": "logistic:Logistic",
+    "zero_shot": "zero_shot:ZeroShot",
 }
 
 

@@ -55,13 +55,15 @@ class Probe(nn.Module):
             (B, width).
         readings: Taps that it reads in turn, each a setting of its own; none takes ``tap`` alone.
         published: Training options, as published where they are.
-        trained: Whether it is trained at all.
+        trained: Whether it is trained by gradients.
+        fitted: Whether it needs training clips at all.
     """
 
     tap: ClassVar[str] = "tokens"
     readings: ClassVar[tuple[str, ...]] = ()
     published: ClassVar[ProbeTraining] = ProbeTraining()
     trained: ClassVar[bool] = True
+    fitted: ClassVar[bool] = True
     #: Error below which the loss of vectors is quadratic, in normalised units.
     beta: ClassVar[float] = 0.02
 
