@@ -67,6 +67,16 @@ def test_a_sensor_that_lies_on_its_side(sensor: str, quarters: int, fix: int) ->
     assert line.endswith(": x/1")
 
 
+@pytest.mark.parametrize("sensor", ["digit", "gelsight_mini"])
+def test_a_part_of_a_set_that_is_upside_down(sensor: str) -> None:
+    height = 64 if sensor == "digit" else 36
+    turned = [np.rot90(still(sensor, i)[:height], 2 * (i in (1, 4))) for i in range(6)]
+    (line,) = lines([np.ascontiguousarray(p) for p in turned], sensor)
+    assert line.startswith(f"{sensor}: 2 of 6 are upside down beside the others (rotate: 180 in")
+    assert line.endswith(": x/1, x/4")
+    assert lines([np.ascontiguousarray(turned[i]) for i in (1, 4)], sensor) == [], "a whole set"
+
+
 def test_sides_that_differ_within_a_set() -> None:
     pictures = [of_layer(i) if i else np.ascontiguousarray(np.rot90(of_layer(0))) for i in range(4)]
     (line,) = lines(pictures, "lab_finger")

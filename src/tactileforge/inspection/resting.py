@@ -83,9 +83,9 @@ def _of_sensor(sensor: str, rows: list[int], seen: Sequence[Resting]) -> Iterato
         words = "grey, where the sensor is lit in colours"
         yield _odd("grey_pictures", grey, rows, seen, f"are {words}", words)
     coloured = [i for i in rows if has_colours(seen[i].grid)]
-    turns: dict[int, int | None] = {
-        i: turn for i in coloured if (turn := _turn(seen[i], sensor)) is not None
-    }
+    found = {i: _turn(seen[i], sensor) for i in coloured}
+    yield from _upside_down(found, rows, seen)
+    turns: dict[int, int | None] = {i: turn for i, turn in found.items() if turn in (90, 270)}
     turns |= dict.fromkeys(_on_their_side([i for i in rows if i not in turns], seen), None)
     for turn in sorted(set(turns.values()), key=str):
         odd = [i for i in rows if i in turns and turns[i] == turn]
@@ -113,15 +113,28 @@ def _odd(
     return OddGroup(reason, tuple(odd), words, line)
 
 
+def _upside_down(
+    turns: dict[int, int | None], rows: list[int], seen: Sequence[Resting]
+) -> Iterator[OddGroup]:
+    """The minority among upright recordings and those after half a turn.
+
+    A whole set may be mounted either way; its axes of force then are those of its pictures.
+    """
+    sides = [[i for i, turn in turns.items() if turn == side] for side in (0, 180)]
+    if all(sides):
+        words = "upside down beside the others (rotate: 180 in the layout turns them)"
+        yield _odd("on_its_side", min(sides, key=len), rows, seen, f"are {words}", words)
+
+
 def _turn(one: Resting, sensor: str) -> int | None:
-    """Degrees to put a picture upright, 90 or 270; None if upright or unsure."""
+    """Degrees to put a picture upright, clockwise; None if unsure."""
     reference = known_colours(sensor)
     if reference is None:
         return None
     # with red and blue swapped as well, as one recorder may get both wrong
     for grid in (one.grid, one.grid[..., ::-1]):
         if (turn := turn_of(grid, reference)) is not None:
-            return turn if turn in (90, 270) else None
+            return turn
     return None
 
 

@@ -155,9 +155,11 @@ def _number_of_rows(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> M
     if float(np.median(np.diff(rows))) <= _SPARSE * float(np.median(np.diff(frames))):
         return None
     is_counted = bool((np.diff(rows) == 1).all())
+    what = "the number of the row" if is_counted else "another unit"
+    rate = (len(rows) - 1) / span
     return Misfit(
-        f"{_ends(rows, frames)}: is it {'the number of the row' if is_counted else 'another unit'}?",
-        f"give seconds since the first frame ({(len(rows) - 1) / span:.3g} rows a second would fit)",
+        f"{_ends(rows, frames)}: is it {what}?",
+        f"give seconds since the first frame ({rate:.3g} rows a second would fit)",
         doubtful=True,
     )
 
