@@ -1,4 +1,4 @@
-"""A wrench sensor that repeats one value is told, and one at rest is not."""
+"""Wrench sensors with one repeated value, and at rest."""
 
 from dataclasses import replace
 
