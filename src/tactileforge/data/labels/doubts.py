@@ -31,8 +31,8 @@ TINY = 8
 _STUCK, _STUCK_SHARE = 1.0, 0.25
 #: Largest force of a whole set as a share of the scale, below which its unit is doubtful.
 _FAINT = 0.01
-#: Objects whose spelling is compared.
-_SPELLED = 10_000
+#: Objects whose spelling is compared; the first of a set, so that memory does not grow with it.
+_SPELLED = 300
 #: Labelled frames from which constant forces are no coincidence.
 _FRAMES = 10
 #: Names kept to tell one from several.
@@ -128,10 +128,11 @@ class Doubts:
         if recording.object is not None:
             seen["object"] = {recording.object}
             plain = " ".join(recording.object.replace("_", " ").casefold().split())
+            other = self._spellings.get(plain, recording.object)
             if len(self._spellings) < _SPELLED:
-                other = self._spellings.setdefault(plain, recording.object)
-                if other != recording.object and self._alike is None:
-                    self._alike = other, recording.object
+                self._spellings[plain] = other
+            if other != recording.object and self._alike is None:
+                self._alike = other, recording.object
         if recording.action is not None:
             shown = np.unique(recording.action[recording.action >= 0]).tolist()
             seen["action"] = {ACTIONS[i] for i in shown if i < len(ACTIONS)}
