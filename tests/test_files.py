@@ -14,8 +14,15 @@ import pytest
 
 from tactileforge import cli, files
 from tactileforge.cli import plugins
-from tactileforge.errors import ConfigError
-from tactileforge.files import check_cache, check_writable, new_part, part_name, sweep_parts
+from tactileforge.errors import ConfigError, DataError, home_path
+from tactileforge.files import (
+    check_cache,
+    check_writable,
+    new_part,
+    part_name,
+    sweep_parts,
+    write_text,
+)
 
 KILLED = (
     "import os, sys; from pathlib import Path; from tactileforge.files import new_part\n"
@@ -80,6 +87,27 @@ def test_a_place_that_cannot_be_written_is_named(
     Path("folder").mkdir()
     with pytest.raises(ConfigError, match=f"{why}.*give another out="):
         check_writable(Path(place), folder=folder)
+
+
+@pytest.mark.parametrize("is_link", [False, True])
+def test_a_pipe_or_device_is_never_replaced_by_a_file(tmp_path: Path, is_link: bool) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    place = tmp_path / "pipe"
+    if is_link:
+        place = tmp_path / "out.html"
+        place.symlink_to(tmp_path / "pipe")
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(ConfigError, match=r"pipe or socket is there\); give another out="):
+        check_writable(place)
+    with pytest.raises(DataError, match="a device, pipe or socket, not a file"):
+        write_text(place, "x")
+    assert sorted(tmp_path.iterdir()) == before
+    assert (tmp_path / "pipe").is_fifo()
+
+
+def test_the_home_of_nobody_is_named() -> None:
+    with pytest.raises(ConfigError, match="~nobody-at-all/a: no user of that name has a home"):
+        home_path("~nobody-at-all/a")
 
 
 def test_a_disk_that_is_full_is_named(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from tactileforge.contracts import Sensor, SensorSpec
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
 from tactileforge.sensors.health import TROUBLES
 from tactileforge.sensors.light import LightCheck
 from tactileforge.sensors.resting_colours import agreement, colour_grid, has_colours
@@ -250,7 +250,7 @@ def read_optics(path: str | Path) -> OpticalCalibration:
         DataNotFoundError: The file does not exist.
         DataError: The file is not a valid calibration.
     """
-    path = Path(path).expanduser()
+    path = home_path(path)
     if not path.is_file():
         names = ", ".join(optics_names())
         raise DataNotFoundError(f"{path}: no such file, and no calibration that ships ({names})")

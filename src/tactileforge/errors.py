@@ -6,6 +6,7 @@ import errno
 import shlex
 from collections.abc import Iterable
 from difflib import get_close_matches
+from pathlib import Path
 
 
 class TactileForgeError(Exception):
@@ -40,6 +41,25 @@ class SensorError(TactileForgeError):
 
 #: Error numbers of a full disk: no space, over the quota, file too large.
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+
+
+def home_path(path: str | Path) -> Path:
+    """A path with ``~`` as the home folder.
+
+    Raises:
+        ConfigError: ``~name`` of no user.
+
+    Example:
+        >>> home_path("~/touches") == Path.home() / "touches"
+        True
+    """
+    try:
+        return Path(path).expanduser()
+    except RuntimeError as error:
+        raise ConfigError(
+            f"{path}: no user of that name has a home folder here; give the whole path, or ./ "
+            "before a folder of that name"
+        ) from error
 
 
 def full(error: OSError) -> str:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from tactileforge.errors import ConfigError, DataError, full
+from tactileforge.errors import ConfigError, DataError, full, home_path
 from tactileforge.untrusted import dump_yaml, load_json, load_yaml
 
 log = logging.getLogger(__name__)
@@ -28,6 +28,7 @@ _PART = re.compile(r"(?:\.([^.-]+)-(\d+)\.\w+|\.\w+)?\.part(?:\.\w+)?$")
 #: Error numbers of a place that cannot be written.
 _UNWRITABLE = frozenset({errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.ENAMETOOLONG})
 _CACHE_FIX = "set TACTILEFORGE_CACHE= to a folder that can be written"
+_SPECIAL = "a device, pipe or socket"
 #: Bytes of a trial write, which fails on a full disk.
 _BLOCK = 4096
 #: First line of a sealed YAML, up to the checksum of the text below it.
@@ -42,7 +43,7 @@ def cache_folder(path: str | None = None) -> Path:
         'kept'
     """
     if path := path or os.environ.get("TACTILEFORGE_CACHE"):
-        return Path(path).expanduser()
+        return home_path(path)
     home = os.environ.get("XDG_CACHE_HOME")
     return (Path(home) if home else Path.home() / ".cache") / "tactileforge"
 
@@ -71,6 +72,9 @@ def new_part(target: Path, suffix: str = "") -> Iterator[Path]:
         target: The file or folder to write.
         suffix: Ending of the name, for writers that choose a format by it.
 
+    Raises:
+        DataError: The target is a device, pipe or socket.
+
     Example:
         >>> with new_part(Path("table.csv")) as part:
         ...     _ = part.write_text("a,b")
@@ -78,6 +82,8 @@ def new_part(target: Path, suffix: str = "") -> Iterator[Path]:
         >>> Path("table.csv").read_text()
         'a,b'
     """
+    if _is_special(target):  # renaming a part would put a file in place of a device
+        raise DataError(f"{target}: {_SPECIAL}, not a file; give another place")
     target.parent.mkdir(parents=True, exist_ok=True)
     sweep_parts(target.parent, f".{target.name}.")
     part = part_name(target, suffix)
@@ -85,6 +91,10 @@ def new_part(target: Path, suffix: str = "") -> Iterator[Path]:
         yield part
     finally:
         _remove(part)
+
+
+def _is_special(path: Path) -> bool:
+    return path.exists() and not (path.is_file() or path.is_dir())
 
 
 def part_name(target: Path, suffix: str = "") -> Path:
@@ -177,6 +187,8 @@ def check_writable(path: Path, fix: str = "give another out=", folder: bool = Fa
     try:
         if path.is_dir() and not folder:
             raise IsADirectoryError(errno.EISDIR, "a folder is there")
+        if _is_special(path):
+            raise FileExistsError(errno.EEXIST, f"{_SPECIAL} is there")
         place = path.absolute() if folder else path.absolute().parent
         while not place.exists():
             place = place.parent

@@ -66,6 +66,7 @@ from tactileforge.errors import (
     PluginError,
     SensorError,
     TactileForgeError,
+    home_path,
     unknown,
 )
 from tactileforge.files import cache_folder, new_part, write_text
@@ -183,6 +184,7 @@ __all__ = [
     "estimate_lag",
     "held_clips",
     "hex_bytes",
+    "home_path",
     "is_held_out",
     "label_actions",
     "load_json",

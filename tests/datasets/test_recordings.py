@@ -514,6 +514,16 @@ def test_an_ending_counts_in_any_case(tmp_path: Path, make_image: MakeFile) -> N
         read(tmp_path, **SEQUENCE)
 
 
+def test_two_spellings_of_an_ending_are_one(tmp_path: Path, make_image: MakeFile) -> None:
+    both = SEQUENCE | {"images": ["*/*.jpg", "*/*.jpeg"]}
+    for i, name in enumerate(("0.jpg", "1.jpeg")):
+        make_image(f"a/{name}", i)
+    assert len(read(tmp_path, **both)[0].frames) == 2
+    make_image("a/1.jpg", 1)
+    with pytest.raises(DataError, match=r"1\.(jpg|jpeg) lies beside it, of the same name"):
+        read(tmp_path, **both)
+
+
 def test_files_one_folder_deeper_are_pointed_at(tmp_path: Path, make_image: MakeFile) -> None:
     make_image("train/bolt/0.png")
     make_image("test/bolt/0.png")

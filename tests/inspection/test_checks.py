@@ -49,6 +49,12 @@ def scaled(factor: float, axis: int = 2) -> dict[str, Any]:
     return {"force": force}
 
 
+def stuck(row: int) -> dict[str, Any]:
+    force = np.random.default_rng(0).normal(2, 0.1, (90, 3)).astype(np.float32)
+    force[row:] = force[row]
+    return {"force": force}
+
+
 def gapped(step: float) -> dict[str, Any]:
     times = np.arange(90) / 30.0
     times[50:] += step - 1 / 30
@@ -79,6 +85,7 @@ FAULTS: dict[str, tuple[dict[str, Any], float, str]] = {
     "gaps_in_time": (gapped(0.5), 15, "1 gap, up to 0.5 s (usual 0.0333 s)"),
     "force_out_of_range": (scaled(60), 60 / 14.14, "60 N along z, 4.2 times the scale"),
     "pulling_force": (scaled(-2), 2, "down to -2 N along z"),
+    "stuck_force": (stuck(40), 1.63, "s of one and the same force"),
     "no_background": ({"no_contact": None}, 0, "no frame without contact"),
     "tiny_pictures": (
         {"frames": tiny(90), "no_contact": tiny(1), "force": None},

@@ -44,6 +44,16 @@ def test_half_a_set_with_blue_first(sensor: str) -> None:
     assert line.endswith(": x/1, x/3, x/5")
 
 
+@pytest.mark.parametrize("sensor", ["digit", "gelsight_mini"])
+@pytest.mark.parametrize("order", [(1, 2, 0), (2, 0, 1)])
+def test_channels_in_yet_another_order(sensor: str, order: tuple[int, ...]) -> None:
+    pictures = [still(sensor, i)[:48] for i in range(4)]
+    mixed = [p[..., list(order)] if i in (0, 3) else p for i, p in enumerate(pictures)]
+    (line,) = lines(mixed, sensor)
+    assert line.startswith(f"{sensor}: 2 of 4 look as if their channels were neither RGB nor BGR")
+    assert line.endswith(": x/0, x/3")
+
+
 def test_a_whole_set_with_blue_first() -> None:
     (line,) = lines([still("digit", i)[..., ::-1] for i in range(4)], "digit")
     assert line.startswith("digit: 4 of 4 look as if red and blue were swapped")
@@ -72,6 +82,16 @@ def test_a_sensor_that_lies_on_its_side(sensor: str, quarters: int, fix: int) ->
     (line,) = lines(square, sensor)
     assert line.startswith(f"{sensor}: 1 of 3 look as if lying on its side (rotate: {fix} in")
     assert line.endswith(": x/1")
+
+
+@pytest.mark.parametrize("sensor", ["digit", "gelsight_mini"])
+def test_a_part_of_a_set_that_is_upside_down(sensor: str) -> None:
+    height = 64 if sensor == "digit" else 48
+    turned = [np.rot90(still(sensor, i)[:height], 2 * (i in (1, 4))) for i in range(6)]
+    (line,) = lines([np.ascontiguousarray(p) for p in turned], sensor)
+    assert line.startswith(f"{sensor}: 2 of 6 are upside down beside the others (rotate: 180 in")
+    assert line.endswith(": x/1, x/4")
+    assert lines([np.ascontiguousarray(turned[i]) for i in (1, 4)], sensor) == [], "a whole set"
 
 
 def test_sides_that_differ_within_a_set() -> None:

@@ -101,6 +101,31 @@ def test_a_touch_at_the_border_is_no_leak(quarter, size):
         assert not LightCheck(shown(resting(size)))(shown(bar, 1)), "bright, from border to border"
 
 
+ALL_OVER = {
+    "brighter": lambda picture: picture + 8,
+    "darker": lambda picture: picture - 8,
+    "exposure 1.08": lambda picture: picture * 1.08,
+    "exposure .9": lambda picture: picture * 0.9,
+}
+
+
+@pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
+@pytest.mark.parametrize("change", ALL_OVER.values(), ids=ALL_OVER)
+def test_light_that_changes_all_over_is_told_beside_a_touch(change, size):
+    check = LightCheck(shown(resting(size)))
+    for depth in (10.0, 30.0, 80.0):
+        assert check(shown(change(pressed(size, depth=depth)), 1)), depth
+    assert not check(shown(pressed(size, radius=0.45, depth=80.0), 1)), "a touch alone"
+
+
+def test_one_colour_or_one_side_alone_may_be_a_touch():
+    rest, check = resting((320, 240)), LightCheck(shown(resting((320, 240))))
+    touched = pressed((320, 240))
+    assert not check(shown(touched + np.array([20, 0, 0]), 1))
+    assert not check(shown(touched + 10 * (np.indices((320, 240))[0] < 200)[..., None], 1))
+    assert not check(shown(touched - 12 * (abs(touched - rest).sum(-1, keepdims=True) > 9), 1))
+
+
 def test_a_slow_drift_is_told_before_it_is_read_as_force():
     rest, check = resting((320, 240)), LightCheck(shown(resting((320, 240))))
     found = [check(shown(rest + 0.1 * step, step)) for step in range(120)]
@@ -259,6 +284,27 @@ def test_no_public_touch_is_taken_for_light(realdata):
                     alarms.append(recording.key)
     assert looked > 300
     assert alarms == []
+
+
+@pytest.mark.realdata
+@pytest.mark.slow
+def test_light_beside_public_touches_is_told(realdata):
+    """Of presses of ToucHD's DIGIT and GelSight Mini, nearly all."""
+    data = build("datasets", option("data", ["data=public_samples", f"data.root={realdata}"]))
+    told, count = dict.fromkeys(ALL_OVER, 0), 0
+    for recording in data.recordings("train"):
+        if not recording.key.startswith("touchd_force_") or recording.background() is None:
+            continue
+        rest = recording.background()
+        frames = recording.frames.read([len(recording.frames) // 2])
+        check, picture = LightCheck(rest), frames[0].astype(float)
+        if check(frames[0]) or np.abs(picture - rest).max(-1).mean() < 2:
+            continue
+        count += 1
+        for name, change in ALL_OVER.items():
+            told[name] += check(shown(change(picture), 1))
+    assert count >= 6
+    assert min(told.values()) >= 0.8 * count, (told, count)
 
 
 @pytest.mark.realdata

@@ -10,7 +10,7 @@ from tactileforge import packing, registry
 from tactileforge.cli._command import Command
 from tactileforge.cli._quote import hydra_value, unquoted
 from tactileforge.contracts import Dataset
-from tactileforge.errors import ConfigError, command
+from tactileforge.errors import ConfigError, command, home_path
 from tactileforge.files import write_text
 from tactileforge.untrusted import dump_yaml
 
@@ -101,7 +101,7 @@ def _guess(words: list[str]) -> list[str]:
         return words
     if named := next((word for word in words if word.startswith("data=")), None):
         raise ConfigError(f"{named} and a path: leave the path out, or {named}")
-    found = recognise(Path(unquoted(path)).expanduser())
+    found = recognise(home_path(unquoted(path)))
     name, guess = found[0]
     others = ", ".join(f"{other} ({one.format})" for other, one in found[1:3])
     print(f"{unquoted(path)}: {guess.format}, read by data={name}" + (others and f"; or: {others}"))

@@ -18,7 +18,7 @@ from tactileforge.datasets.reading.notes import Notes
 from tactileforge.datasets.reading.reader import LayoutReader
 from tactileforge.datasets.reading.splits import is_held_out, split_parts
 from tactileforge.datasets.reading.touch import LayoutTouch
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
 from tactileforge.strict import build
 from tactileforge.untrusted import load_yaml
 
@@ -59,7 +59,7 @@ class Recordings:
     ) -> None:
         if not 0 <= val < 1:
             raise ConfigError(f"val is {val}; give the share that is held out, 0 or more, below 1")
-        self.root = Path(root).expanduser()
+        self.root = home_path(root)
         self.val = val
         self.skipped: list[str] = []
         self._noted = Notes()

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from tactileforge import strict
 from tactileforge.data.labels.objects import object_class
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path
 from tactileforge.files import new_part
 from tactileforge.hub.forces import fingerprint
 from tactileforge.untrusted import load_json
@@ -106,7 +106,7 @@ def read_class_head(path: str | Path) -> ClassHead:
         DataNotFoundError: There is no such file.
         DataError: The file is not such a head, or contradicts itself.
     """
-    path = Path(path).expanduser()
+    path = home_path(path)
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such file; tactileforge bench writes heads/*")
     try:

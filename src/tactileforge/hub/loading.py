@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tactileforge.errors import home_path
 from tactileforge.hub import cards, store
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def load(
     if isinstance(name_or_file, Path):
         path = name_or_file
     elif name_or_file.startswith(("file:", "run:")):
-        path = Path(name_or_file.partition(":")[2]).expanduser()
+        path = home_path(name_or_file.partition(":")[2])
     else:
         card, weight = cards.find_card(name_or_file)
         path = store.fetch_weights(card, weight)

@@ -101,6 +101,12 @@ REASONS = {
         f"More than {RANGE:g} times what the sensor's force scale is: wrong unit, or sensor?",
         "times the scale",
     ),
+    "stuck_force": Reason(
+        "The force is stuck",
+        "The same force other than 0 stays for more than a second and a quarter of the recording, "
+        "where strain gauges have noise: the sensor of force may have stopped.",
+        "s",
+    ),
     "pulling_force": Reason(
         "Pulling",
         "The normal force is negative, but an object cannot pull the gel: pressing has to be "

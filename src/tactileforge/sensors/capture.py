@@ -16,6 +16,7 @@ from tactileforge.sensors.clock_lag import ClockLag
 from tactileforge.sensors.frame_contract import BAD_VALUES, bad_values, check_frame
 from tactileforge.sensors.health import Health
 from tactileforge.sensors.picture_changes import CHANGES, PictureChanges
+from tactileforge.sensors.stuck_values import StuckValues
 
 #: Largest lead and lag of the time of a frame on arrival, s. Tens of seconds are another clock.
 _AHEAD, _BEHIND = 1.0, 10.0
@@ -62,6 +63,7 @@ class Capture:
         counts: Counters of frames.
         health: Checks of single pictures.
         changes: Checks of pictures against the first.
+        stuck: Checks of the samples of a wrench sensor for one value.
         lag: Checks of the times of frames.
         error: Error that ended the capture; None for none.
         ended: Whether the source has reached its end.
@@ -83,6 +85,7 @@ class Capture:
         self.counts = Counts()
         self.health = Health(sensor.spec)
         self.changes = PictureChanges(sensor.spec)
+        self.stuck = StuckValues(sensor.spec)
         self.lag = ClockLag()
         self.error: TactileForgeError | None = None
         self.ended = False
@@ -137,10 +140,10 @@ class Capture:
         return own | dict.fromkeys(getattr(self.sensor, "drops", {}), 0) | both
 
     def noticed(self) -> dict[str, str]:
-        """Oddities of kept frames in words, by ``clock`` or the kind of change."""
+        """Oddities of kept frames in words, by ``clock``, ``stuck`` or the kind of change."""
         found = {key: CHANGES[key] for key in list(self.changes.counts)}
-        clock = self.lag.trouble()
-        return found | ({"clock": clock} if clock else {})
+        others = {"clock": self.lag.trouble(), "stuck": self.stuck.trouble()}
+        return found | {key: words for key, words in others.items() if words}
 
     def watch(self) -> None:
         """Check the reading thread for hanging, or an unexpected end.
@@ -263,6 +266,7 @@ class Capture:
             self.counts.frozen += 1
             return
         self.changes.look(frame)
+        self.stuck.look(frame)
         self.counts.frames += 1
         self.sink(frame)
 

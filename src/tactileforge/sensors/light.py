@@ -5,6 +5,10 @@ from one side. A touch has edges. So a blur takes away little of a change of lig
 a tenth of it. Of real touches it takes .18 or more, or 8 grey levels (public recordings:
 tests/sensors/test_light.py).
 
+A change all over is told beside a touch, too: it moves every colour at all four borders the same
+way. Touches move none of them, or some colours, or some borders (the weakest of public ones by 1
+grey level at most, or .021 of its light).
+
 Daylight that leaks in at an edge may be narrow, with an edge of its own. It makes every colour
 brighter, most at the border, and ever less inwards; a touch makes a colour brighter on one of its
 sides and darker on the other.
@@ -32,6 +36,10 @@ _SHARE, _EDGE = 0.18, 8.0
 #: Robust fit of gain and offset: percent of the cells in agreement, rounds, and a prior variance
 #: (grey levels squared): without it, a background of one colour would have any gain.
 _AGREE, _ROUNDS, _FLAT = 60, 3, 25.0
+#: Change all over: width of a border, cells; smallest change of the weakest colour at the weakest
+#: border, grey levels, if it is also this share of its light (of a few grey levels more: dark ones
+#: are noisy), or clear by itself; and smallest median of all, grey levels.
+_WIDE, _WEAKEST, _FAINTEST, _DARK, _CLEAR, _MEDIAN = 3, 1.5, 0.03, 3.0, 3.0, 4.0
 #: Leak: tolerance for a colour darker, or brighter inwards, grey levels and share of the change;
 #: smallest ratio of the weakest colour to the strongest at the border; smallest share of the change
 #: at the border, and largest at the opposite one (a bar across the picture reaches both).
@@ -41,7 +49,7 @@ _FULL = 250
 
 
 class LightCheck:
-    """Check of pictures against a background for changed light without touch.
+    """Check of pictures against a background for changed light.
 
     Args:
         background: Picture without contact, uint8 (H, W, 3).
@@ -60,9 +68,10 @@ class LightCheck:
         self._side = max(1, min(background.shape[:2]) // _CELLS)
         self._still = self._small(background)
         self._colours = _by_colour(self._still)
+        self._at_borders = _borders(self._still)
 
     def __call__(self, picture: NDArray[np.uint8]) -> bool:
-        """Whether the light has changed and nothing touches.
+        """Whether the light has changed, all over or where nothing touches.
 
         Args:
             picture: uint8 (H, W, 3), with the size of the background.
@@ -72,6 +81,8 @@ class LightCheck:
         strongest = _nearly_largest(_over_colours(np.maximum, np.abs(change)))
         if strongest < _LEAST:
             return False
+        if _is_all_over(_borders(change), self._at_borders):
+            return True
         # the fit can at best halve the edges, so with more than twice the limit it is not needed
         if _edges(change) < 2 * _EDGE:
             left = _edges(self._without_gain(change))
@@ -132,6 +143,28 @@ def _edges(change: NDArray[np.float32]) -> float:
     """Size of the edges of a change, grey levels: percentile 99 of its difference from a blur."""
     blurred = cv2.GaussianBlur(change, (0, 0), _BLUR, borderType=cv2.BORDER_REFLECT_101)
     return _nearly_largest(_over_colours(np.maximum, np.abs(change - blurred)))
+
+
+def _borders(small: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Median of each colour at each of the four borders, float32 (4, 3)."""
+    across = small.transpose(1, 0, 2)
+    sides = (small[:_WIDE], small[-_WIDE:], across[:_WIDE], across[-_WIDE:])
+    return np.stack([_ranked(_by_colour(side), 50) for side in sides])
+
+
+def _is_all_over(change: NDArray[np.float32], still: NDArray[np.float32]) -> bool:
+    """Whether every colour is brighter, or every one darker, at each of the four borders.
+
+    Args:
+        change: float32 (4, 3), change at the borders, grey levels.
+        still: float32 (4, 3), borders of the background, grey levels.
+    """
+    if not ((change > 0).all() or (change < 0).all()):
+        return False
+    size = np.abs(change)
+    if size.min() < _WEAKEST or np.median(size) < _MEDIAN:
+        return False
+    return bool(size.min() >= _CLEAR or (size / (still + _DARK)).min() >= _FAINTEST)
 
 
 def _is_leak(change: NDArray[np.float32], full: NDArray[np.bool_]) -> bool:

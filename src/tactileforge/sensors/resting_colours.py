@@ -7,6 +7,7 @@ or turned ones agree once corrected.
 
 from __future__ import annotations
 
+from itertools import permutations
 from typing import Any
 
 import cv2
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 SWAPPED, SWAPPED_BY = 0.5, 0.2
 #: The same for a quarter turn: a GelSight Mini looks similar on its side (0.7, and 0.9 upright).
 TURNED, TURNED_BY = 0.7, 0.1
+#: Smallest lead of another order than RGB and BGR over the colours as they are, for `TURNED`.
+_OTHER_ORDER = 0.3
 #: Sensors with coloured lights.
 COLOURED = frozenset({"digit", "gelsight", "gelsight_mini", "gelslim"})
 #: Largest spread of the channels of a grey picture, and smallest of a coloured one; grey levels.
@@ -88,6 +91,27 @@ def is_swapped(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> boo
     """
     as_is, put_right = agreement(grid, reference), agreement(grid[..., ::-1], reference)
     return put_right >= SWAPPED and put_right - as_is >= SWAPPED_BY
+
+
+def has_other_order(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> bool:
+    """Whether colours fit a reference in another order than RGB and BGR, in any orientation.
+
+    Args:
+        grid: `colour_grid` of a picture.
+        reference: `colour_grid` of an upright picture of the type of sensor.
+
+    Example:
+        >>> digit = known_colours("digit")
+        >>> has_other_order(digit[..., [1, 2, 0]], digit), has_other_order(digit, digit)
+        (True, False)
+    """
+    fits = {
+        order: max(agreement(np.rot90(grid[..., list(order)], -n), reference) for n in range(4))
+        for order in permutations(range(3))
+    }
+    best = max(fits, key=lambda order: fits[order])
+    is_clear = fits[best] >= TURNED and fits[best] - fits[0, 1, 2] >= _OTHER_ORDER
+    return is_clear and best not in ((0, 1, 2), (2, 1, 0))
 
 
 def turn_of(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> int | None:

@@ -2,6 +2,7 @@ import logging
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -35,6 +36,37 @@ def test_what_is_no_leak() -> None:
     black, other = recording("a/x", 0), recording("b/x", 0)
     assert find_leaks([[black], []], [[], [other]]) == [], "black pictures are all the same"
     assert find_leaks([[a], []], [[], [recording("b/x", 1, count=2)]]) == []
+
+
+def pressed(key: str, place: int, quality: int | None = None, count: int = 12) -> Recording:
+    """A ball that presses and lifts again; pictures are encoded as JPEG, or not at all."""
+    y, x = np.mgrid[:96, :128]
+    inside = np.exp(-((x - 20 - 8 * place) ** 2 + (y - 48) ** 2) / 200)
+    shown = [100 + 60 * inside * np.sin(np.pi * i / count) for i in range(count)]
+    pixels = np.stack([np.repeat(f[..., None], 3, -1) for f in shown]).astype(np.uint8)
+    if quality is not None:
+        how = [cv2.IMWRITE_JPEG_QUALITY, quality]
+        coded = [cv2.imdecode(cv2.imencode(".jpg", one, how)[1], 1) for one in pixels]
+        pixels = np.stack(coded).astype(np.uint8)
+    times = np.arange(float(count))
+    frames = ArrayFrames(pixels)
+    return Recording(key=key, sensor="digit", frames=frames, times=times, no_contact=None)
+
+
+@pytest.mark.parametrize("quality", [95, 60])
+def test_a_copy_that_was_encoded_again_is_a_leak(quality: int) -> None:
+    train = [[pressed("a/0", 0), pressed("a/1", 4)], []]
+    assert find_leaks(train, [[], [pressed("b/9", 4, quality)]]) == [("a/1", "b/9")]
+    assert find_leaks(train, [[], [pressed("b/9", 7, quality)]]) == [], "pressed elsewhere"
+
+
+def test_two_recordings_without_touch_are_no_leak() -> None:
+    def resting(key: str, seed: int) -> Recording:
+        noise = np.random.default_rng(seed).integers(100, 104, (6, 48, 64, 3)).astype(np.uint8)
+        frames, times = ArrayFrames(noise), np.arange(6.0)
+        return Recording(key=key, sensor="digit", frames=frames, times=times, no_contact=None)
+
+    assert find_leaks([[resting("a/0", 1)], []], [[], [resting("b/0", 2)]]) == []
 
 
 def test_many_recordings_are_found_by_their_key_first() -> None:

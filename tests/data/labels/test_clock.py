@@ -64,6 +64,9 @@ def test_milliseconds_are_told_at_any_rate_and_length(rate: float, seconds: floa
         (FRAMES * 1.25, "1.25 times as long: is the rate"),
         (FRAMES * 0.8, "0.8 times as long: is the rate"),
         (ROWS + 1, "as long but 1 s late: is it another zero?"),
+        (ROWS - ROWS[-1], "as long but 2.24 s early: is it another zero?"),
+        (np.arange(225.0), "ends at 224, the recording at 2.23 s: is it the number of the row?"),
+        (ROWS * 100 + 0.5, "ends at 224.5, the recording at 2.23 s: is it another unit?"),
         (np.arange(68.0), "ends at 67, the recording at 2.23 s: is it the number of the frame?"),
     ],
 )
@@ -80,6 +83,23 @@ def test_a_rate_that_would_fit_is_named() -> None:
     assert found.fix == "100 rows a second would fit"
     assert misfit(ROWS * 2, FRAMES, partial=True) is None, "who says so is believed"
     assert misfit(ROWS * 1000, FRAMES, partial=True) is not None, "but not with another unit"
+
+
+def test_numbers_of_rows_name_the_rate_and_may_be_right() -> None:
+    found = misfit(np.arange(225.0), FRAMES)
+    assert found is not None
+    assert found.fix == "give seconds since the first frame (100 rows a second would fit)"
+    assert misfit(np.arange(225.0), FRAMES, partial=True) is None
+
+
+@pytest.mark.parametrize("ratio", [24 / 30, 25 / 30, 30 / 25, 30 / 24])
+def test_another_rate_of_videos_is_said(ratio: float) -> None:
+    found = misfit(ROWS * ratio, FRAMES)
+    assert found is not None
+    assert not found.certain
+    assert "are 25 frames a second taken for 30, or the like?" in found.words
+    assert misfit(ROWS * ratio + 0.2, FRAMES) is None, "starts late"
+    assert misfit(ROWS * ratio, FRAMES, partial=True) is None
 
 
 def test_few_labels_are_no_error() -> None:

@@ -53,6 +53,34 @@ def test_grams_millinewton_and_signs(factor: float) -> None:
     assert len(lines) == 1 + len(pulls), "each is said once"
 
 
+def test_forces_of_kilonewton() -> None:
+    (line,) = said(touch(0, force=pressed(0.0075)), touch(1, force=pressed(0.002)))
+    assert line.startswith("the largest force is 0.0075 N, less than a hundredth of the scale")
+    assert said(touch(0, force=pressed(0.0075)), touch(1, force=pressed(1))) == []
+
+
+def test_a_force_that_stops() -> None:
+    noise = np.random.default_rng(0).normal(1, 0.1, (60, 3)).astype(np.float32)
+    stuck = noise.copy()
+    stuck[20:] = noise[20]
+    lines = said(touch(0, count=60, force=noise), touch(1, count=60, force=stuck))
+    assert [line[:58] for line in lines] == [
+        "stuck force in 1 of 2 recordings (a/1: 1.3 s of one and th"
+    ]
+    stuck[20:] = 0
+    assert said(touch(0, count=60, force=stuck), touch(1, count=60)) == [], "lifted"
+
+
+def test_objects_spelled_in_two_ways() -> None:
+    lines = said(
+        touch(0, object="Small bolt"), touch(1, object="nut"), touch(2, object="small_bolt")
+    )
+    assert lines == [
+        "objects 'Small bolt' and 'small_bolt' differ in their spelling alone, and count as two: "
+        "spell them alike, if they are one"
+    ]
+
+
 @pytest.mark.parametrize(("value", "words"), [(0.0, "all 0 N"), (2.5, "all the same (2.5, 2.5, ")])
 def test_forces_that_never_change(value: float, words: str) -> None:
     force = np.full((20, 3), value, np.float32)

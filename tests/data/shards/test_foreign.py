@@ -11,7 +11,7 @@ from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.batches.sources import sources_of
 from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.data.shards.foreign import ForeignShardError
+from tactileforge.data.shards.foreign import ForeignShardError, is_foreign
 from tactileforge.data.shards.shards import Packed, describe_recording, read_shard, write_shard
 from tactileforge.datasets.mixture import Mixture
 from tactileforge.datasets.shards import Shards
@@ -44,6 +44,17 @@ def test_a_webdataset_of_another_program_is_named(tmp_path: Path, stem: str, nam
         list(data.recordings("train"))
     with pytest.raises(ForeignShardError, match=words):
         sources_of(data, "train")
+
+
+def test_a_tar_of_json_alone_is_named_unless_it_may_be_a_shard_that_was_cut_off(
+    tmp_path: Path,
+) -> None:
+    for name, is_ours in (("meta.json", False), ("000000.json", True)):
+        with tarfile.open(tmp_path / "train-000000.tar", "w") as tar:
+            info = tarfile.TarInfo(name)
+            info.size = 2
+            tar.addfile(info, io.BytesIO(b"{}"))
+        assert is_foreign(tmp_path / "train-000000.tar") != is_ours
 
 
 def test_every_door_names_it(tmp_path: Path) -> None:

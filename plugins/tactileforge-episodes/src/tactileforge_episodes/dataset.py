@@ -13,6 +13,7 @@ from tactileforge.plugin import (
     DataNotFoundError,
     Guess,
     Recording,
+    home_path,
     is_held_out,
     unknown,
 )
@@ -83,7 +84,7 @@ class Episodes:
             )
         if (fps is not None and fps <= 0) or (span is not None and span <= 0):
             raise ConfigError(f"data.fps={fps}, data.span={span}: give values above 0")
-        self.root = Path(root).expanduser()
+        self.root = home_path(root)
         self.preset, self.map, self.val, self.hold_out = preset, map, val, hold_out
         self.fps, self.sensors, self.span, self.draw = fps, dict(sensors or {}), span, draw
         self.background, self.colours = background, colours
@@ -103,7 +104,7 @@ class Episodes:
         from tactileforge_episodes.map_files import read_map, read_preset
 
         if self.map:
-            keys = read_map(Path(self.map).expanduser())
+            keys = read_map(home_path(self.map))
         else:
             keys = read_preset(self.preset or self._recognised())
         for name in self.large:

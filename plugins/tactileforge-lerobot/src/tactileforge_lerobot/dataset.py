@@ -12,6 +12,7 @@ from tactileforge.plugin import (
     DataError,
     Guess,
     Recording,
+    home_path,
     is_held_out,
     unknown,
 )
@@ -99,7 +100,7 @@ class LeRobot:
     ) -> None:
         if not 0 <= val < 1:
             raise ConfigError(f"val is {val}; give the share that is held out, 0 or more, below 1")
-        self.root, self.val = Path(root).expanduser(), val
+        self.root, self.val = home_path(root), val
         self.chosen = Chosen(touch, tuple(sensors), force, tuple(force_columns))
         self.camera = camera
         self.reading = Reading(

@@ -13,7 +13,7 @@ import torch
 from tactileforge import registry
 from tactileforge.bench.fit.baselines import BASELINES
 from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, home_path, unknown
 from tactileforge.files import sha256
 from tactileforge.hub import cards, files, store
 from tactileforge.hub.header import Header, read_header
@@ -89,7 +89,7 @@ def model_entry(
             ],
         )
     if word.startswith("run:"):
-        folder = Path(word.removeprefix("run:")).expanduser()
+        folder = home_path(word.removeprefix("run:"))
         read_config(folder)
         return ModelEntry(
             name=word,
@@ -98,7 +98,7 @@ def model_entry(
             folders=[folder],
         )
     if word.startswith("file:"):
-        path = Path(word.removeprefix("file:")).expanduser()
+        path = home_path(word.removeprefix("file:"))
         read_header(path)
         return ModelEntry(name=word, title=path.stem, open=[lambda: _of_file(word, path, device)])
     if word.partition(".")[0] not in cards.card_names() and "/" not in word:

@@ -32,6 +32,10 @@ _START = 0.1
 _SHORT = 0.05
 #: Relative difference of steps, with as many rows as frames, from which the rate is another one.
 _STEP = 0.15
+#: Ratio of durations from which sparse rows are numbers, not seconds.
+_LONG = 5.0
+#: Ratios of the usual rates of videos (24, 25, 30), and their tolerance.
+_VIDEO_RATES, _NEAR = (24 / 30, 25 / 30, 30 / 25, 30 / 24), 0.01
 #: Share of labelled frames below which a warning is due.
 _HALF = 0.5
 #: Smallest number of frames and rows to compare rates and durations.
@@ -107,7 +111,7 @@ def misfit(
     # the unit first: in a wrong one, zero and rate look wrong as well
     found = _unit(rows, frames) or _apart(rows, frames)
     if found is None and not partial:
-        found = _rate(rows, frames) or _few(rows, frames)
+        found = _number_of_rows(rows, frames) or _rate(rows, frames) or _few(rows, frames)
     return found
 
 
@@ -141,6 +145,23 @@ def _unit(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | No
         words = f"{_ends(rows, frames)}: {question}?"
         return Misfit(words, "give seconds since the first frame", unit, plain)
     return None
+
+
+def _number_of_rows(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | None:
+    """Labels by number, or in an unknown unit: sparse, and much longer than the frames."""
+    span, length = float(frames[-1] - frames[0]), float(rows[-1] - rows[0])
+    if min(len(rows), len(frames)) <= _LEAST or length <= _LONG * span:
+        return None
+    if float(np.median(np.diff(rows))) <= _SPARSE * float(np.median(np.diff(frames))):
+        return None
+    is_counted = bool((np.diff(rows) == 1).all())
+    what = "the number of the row" if is_counted else "another unit"
+    rate = (len(rows) - 1) / span
+    return Misfit(
+        f"{_ends(rows, frames)}: is it {what}?",
+        f"give seconds since the first frame ({rate:.3g} rows a second would fit)",
+        doubtful=True,
+    )
 
 
 def _apart(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | None:
@@ -179,9 +200,10 @@ def _rate(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | No
                 f"{rate:.3g} rows a second would fit",
                 doubtful=True,
             )
-    elif abs(length / span - 1) <= _START and late > _SHIFT * span:
+    elif abs(length / span - 1) <= _START and abs(late) > _SHIFT * span:
+        way = "late" if late > 0 else "early"
         return Misfit(
-            f"{spans}, as long but {late:.3g} s late: is it another zero?",
+            f"{spans}, as long but {abs(late):.3g} s {way}: is it another zero?",
             "give seconds since the first frame",
             doubtful=True,
         )
@@ -189,16 +211,29 @@ def _rate(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | No
 
 
 def _few(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | None:
-    """Labels of less than half of the frames."""
-    share = float(((frames >= rows[0]) & (frames <= rows[-1])).mean())
-    if share >= _HALF or len(frames) < _LEAST:
+    """Labels of less than half of the frames, or as long as at another usual rate of videos."""
+    if len(frames) < _LEAST:
         return None
-    return Misfit(
-        f"goes from {_number(rows[0])} to {_number(rows[-1])}, the frames from {frames[0]:.3g} to "
-        f"{frames[-1]:.3g} s: only {100 * share:.0f} % of them get a label",
-        "see whether both clocks start at the first frame",
-        certain=False,
-    )
+    spans = f"goes from {_number(rows[0])} to {_number(rows[-1])}, the frames from "
+    spans += f"{frames[0]:.3g} to {frames[-1]:.3g} s"
+    share = float(((frames >= rows[0]) & (frames <= rows[-1])).mean())
+    if share < _HALF:
+        return Misfit(
+            f"{spans}: only {100 * share:.0f} % of them get a label",
+            "see whether both clocks start at the first frame",
+            certain=False,
+        )
+    span, length = float(frames[-1] - frames[0]), float(rows[-1] - rows[0])
+    is_together = span > 0 and abs(rows[0] - frames[0]) <= _NEAR * span
+    for ratio in _VIDEO_RATES:
+        if is_together and len(rows) >= _LEAST and abs(length / span / ratio - 1) <= _NEAR:
+            return Misfit(
+                f"{spans}, {length / span:.2g} times as long: are 25 frames a second taken for 30, "
+                "or the like?",
+                "see whether both clocks run at the same rate",
+                certain=False,
+            )
+    return None
 
 
 def _times(ratio: float) -> str:

@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.errors import ConfigError
@@ -25,6 +26,13 @@ RANGE = 3.0
 PULL = 0.05
 #: Smallest side of a picture in which a contact has a shape, pixels.
 TINY = 8
+#: Longest plausible run of one and the same force other than 0, s, and share of the recording:
+#: strain gauges have noise.
+_STUCK, _STUCK_SHARE = 1.0, 0.25
+#: Largest force of a whole set as a share of the scale, below which its unit is doubtful.
+_FAINT = 0.01
+#: Objects whose spelling is compared; the first of a set, so that memory does not grow with it.
+_SPELLED = 300
 #: Labelled frames from which constant forces are no coincidence.
 _FRAMES = 10
 #: Names kept to tell one from several.
@@ -36,6 +44,7 @@ FIXES = {
     "force_out_of_range": "is it grams (x 0.00981) or mN (x 0.001)? sign: of a layout multiplies",
     "pulling_force": "pressing is positive: does z point out of the gel (sign: [1, 1, -1]), or was "
     "the sensor of force not tared?",
+    "stuck_force": "did the sensor of force stop? leave the cells empty from there on",
     "tiny_pictures": "give the pictures as they were taken",
     "views_elsewhere": "give the views times on the clock of the frames",
 }
@@ -86,6 +95,9 @@ class Doubts:
         self._range = np.array([[np.inf] * 3, [-np.inf] * 3])
         self._objects: dict[str, set[str]] = {"object": set(), "action": set()}
         self._named = {"object": 0, "action": 0}
+        self._spellings: dict[str, str] = {}
+        self._alike: tuple[str, str] | None = None
+        self._strongest, self._felt = 0.0, ""
 
     def add(self, recording: Recording) -> None:
         """Check a recording."""
@@ -100,14 +112,27 @@ class Doubts:
         force = recording.force
         if force is not None and np.isfinite(force).any():
             known = force[np.isfinite(force).any(axis=1)]
+            self._compare_with_scale(recording.sensor, known)
             self._force_frames += len(known)
             self._range[0] = np.fmin(self._range[0], np.fmin.reduce(known))
             self._range[1] = np.fmax(self._range[1], np.fmax.reduce(known))
+
+    def _compare_with_scale(self, sensor: str, force: NDArray[np.floating]) -> None:
+        with suppress(ConfigError):  # the sensor is not installed here
+            share = np.nanmax(np.abs(force) / np.array(spec(sensor).force_scale))
+            if share > self._strongest:
+                self._strongest, self._felt = float(share), f"{np.nanmax(np.abs(force)):.2g} N"
 
     def _classes(self, recording: Recording) -> None:
         seen: dict[str, set[str]] = {"object": set(), "action": set()}
         if recording.object is not None:
             seen["object"] = {recording.object}
+            plain = " ".join(recording.object.replace("_", " ").casefold().split())
+            other = self._spellings.get(plain, recording.object)
+            if len(self._spellings) < _SPELLED:
+                self._spellings[plain] = other
+            if other != recording.object and self._alike is None:
+                self._alike = other, recording.object
         if recording.action is not None:
             shown = np.unique(recording.action[recording.action >= 0]).tolist()
             seen["action"] = {ACTIONS[i] for i in shown if i < len(ACTIONS)}
@@ -142,6 +167,17 @@ class Doubts:
             out.append(
                 f"the forces of all {self._force_frames} frames {what}: was the sensor of force "
                 "connected, and are its columns the right ones?"
+            )
+        if "force" in labels and self._force_frames >= _FRAMES and 0 < self._strongest < _FAINT:
+            out.append(
+                f"the largest force is {self._felt}, less than a hundredth of the scale of its "
+                "sensor: is it kN (x 1000)? sign: of a layout multiplies"
+            )
+        if "object" in labels and self._alike is not None:
+            one, other = self._alike
+            out.append(
+                f"objects {one!r} and {other!r} differ in their spelling alone, and count as two: "
+                "spell them alike, if they are one"
             )
         for label, names in self._objects.items():
             if label in labels and len(names) == 1 and self._named[label] > 1:
@@ -182,10 +218,26 @@ def _force(recording: Recording) -> Iterator[Suspicion]:
         if times > RANGE:
             words = f"{largest[axis]:.3g} N along {'xyz'[axis]}, {times:.2g} times the scale"
             yield Suspicion("force_out_of_range", times, words)
+    if words := _stuck(force, recording.times):
+        yield Suspicion("stuck_force", float(words.split()[0]), words)
     normal = force[:, 2]
     pull = -float(np.nanmin(normal))
     if pull > PULL * max(scale[2], float(np.nanmax(np.abs(normal)))):
         yield Suspicion("pulling_force", pull, f"down to {-pull:.3g} N along z")
+
+
+def _stuck(force: NDArray[np.floating], times: NDArray[np.float64]) -> str:
+    """Longest time of one and the same force other than 0, in words; "" for a plausible one."""
+    if len(force) != len(times) or len(force) < _FRAMES:
+        return ""
+    same = (force[1:] == force[:-1]).all(axis=1) & (force[1:] != 0).any(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
+    runs = edges.reshape(-1, 2)
+    longest = max((float(times[stop] - times[start]) for start, stop in runs), default=0.0)
+    # a whole recording of one force is said of the set, or is a still that was filmed
+    if longest <= max(_STUCK, _STUCK_SHARE * float(times[-1] - times[0])) or same.all():
+        return ""
+    return f"{longest:.3g} s of one and the same force"
 
 
 def _views(recording: Recording) -> Iterator[Suspicion]:

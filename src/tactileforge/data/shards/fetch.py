@@ -14,7 +14,7 @@ from urllib.parse import unquote, urlparse
 
 from tactileforge import downloads, files
 from tactileforge.data.frames.image_codecs import BLOCK
-from tactileforge.errors import DataError
+from tactileforge.errors import DataError, home_path
 from tactileforge.files import new_part, sweep_parts
 
 #: Largest size of an index, bytes, and longest download of it, seconds.
@@ -47,7 +47,7 @@ class ShardFolder:
         if parts.scheme == "pipe":  # webdataset would run it in a shell
             raise DataError(f"{root}: a command is never run to get data; give a path or a URL")
         self.root = root.rstrip("/")
-        self.path = Path(unquote(parts.path) if parts.scheme == "file" else root).expanduser()
+        self.path = home_path(unquote(parts.path) if parts.scheme == "file" else root)
         self.cache_gb = cache_gb
         if self.remote:
             self.path = cache / hashlib.sha256(self.root.encode()).hexdigest()[:16]

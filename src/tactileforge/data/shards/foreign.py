@@ -20,6 +20,9 @@ class ForeignShardError(DataError):
     """Error for a tar file of another program."""
 
 
+_DESCRIPTION = re.compile(r"\d{6,}\.json")
+
+
 def check_foreign(path: Path) -> None:
     """Check for a tar file of another program.
 
@@ -48,8 +51,10 @@ def is_foreign(path: Path) -> bool:
 
 
 def _are_foreign(names: list[str]) -> bool:
-    only_json = {Path(name).suffix for name in names} == {".json"}
-    return bool(names) and not only_json and not any(_OURS.fullmatch(name) for name in names)
+    if not names or any(_OURS.fullmatch(name) for name in names):
+        return False
+    # descriptions alone are a shard that was cut off before its first picture
+    return not all(_DESCRIPTION.fullmatch(name) for name in names)
 
 
 def _member_names(path: Path) -> list[str]:

@@ -22,6 +22,10 @@ _MARKS = {
 }
 
 
+#: Longer spellings of endings.
+_ENDINGS = {".jpeg": ".jpg", ".tiff": ".tif"}
+
+
 class DamagedFileError(DataError):
     """Unreadable existing file of a single touch."""
 
@@ -97,7 +101,7 @@ def matching_files(
 
     Raises:
         ConfigError: A pattern is invalid, or leaves the folder.
-        DataError: Two files differ only in the case of their ending.
+        DataError: Two files differ only in the spelling of their ending, jpg and JPG or jpeg.
     """
     found: dict[Path, bool] = {}  # whether a pattern with a file ending has matched
     for pattern in patterns:
@@ -153,10 +157,11 @@ def _any_case(pattern: str) -> str:
 
 
 def _check_endings(paths: Iterable[Path]) -> None:
-    """Raises an error for two files with names differing only in the case of their ending."""
+    """Raises an error for two files with names differing only in the spelling of their ending."""
     seen: dict[Path, Path] = {}
     for path in paths:
-        other = seen.setdefault(path.with_suffix(path.suffix.lower()), path)
+        ending = path.suffix.lower()
+        other = seen.setdefault(path.with_suffix(_ENDINGS.get(ending, ending)), path)
         if other != path:
             raise DataError(
                 f"{path}: {other.name} lies beside it, of the same name; remove or rename one"

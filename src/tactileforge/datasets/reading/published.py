@@ -20,7 +20,7 @@ from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.labels.missing import stated
 from tactileforge.datasets.reading.official import ALL, OfficialSplit
 from tactileforge.datasets.reading.splits import is_held_out
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
 from tactileforge.sensors.specs import spec
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class PublishedDataset(ABC):
             raise ConfigError(f"{self.name}: {unknown('split', split, named)}")
         if not 0 <= val < 1:
             raise ConfigError(f"{self.name}: val is {val}, but must be 0 or more, and below 1")
-        self.root = Path(root).expanduser()
+        self.root = home_path(root)
         self.split = split
         self.chosen = named[split]
         self.val = val
