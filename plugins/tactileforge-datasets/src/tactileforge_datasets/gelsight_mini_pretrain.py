@@ -17,6 +17,7 @@ from tactileforge.plugin import (
     DataError,
     EncodedFrames,
     Guess,
+    LazyImages,
     OfficialSplit,
     PublishedDataset,
     Recording,
@@ -25,7 +26,6 @@ from tactileforge.plugin import (
 )
 from tactileforge_datasets import parquet
 from tactileforge_datasets.checks import numbers, pressing_sign
-from tactileforge_datasets.lazy import LazyPictures
 
 #: Licence by source, from the table's card.
 LICENCES = {
@@ -157,7 +157,7 @@ class GelSightMiniPretrain(PublishedDataset):
         self, key: str, path: Path, number: int, row: dict[str, Any], sign: float
     ) -> Recording:
         where, source = f"{path}, row {number}", path.parent.name
-        pictures = LazyPictures(1, partial(_picture, str(path), number))
+        pictures = LazyImages(1, partial(_picture, str(path), number))
         force = _values(row, _FORCE, where) * [1, 1, sign]
         pose = _values(row, (*_PLACE, *_TURN), where) * [*[0.001] * 3, *[1] * 4]
         name = _object(row)
