@@ -1,7 +1,7 @@
 """A ``tactileforge`` with a fast start, for tests: commands are forked from a warm process.
 
-It has imported their modules already: 10 s of CPU time that each of them saves (2 cores of a server,
-torch 2.13), where a plain ``python -m tactileforge`` would import them again. It is a process of its own
+It has imported their modules already, which takes 10 s of CPU time (a server, torch 2.13)
+and would be taken again by each plain ``python -m tactileforge``. It is a process of its own
 (``python warm.py SOCKET``), without tests and threads.
 """
 
