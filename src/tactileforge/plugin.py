@@ -66,6 +66,7 @@ from tactileforge.errors import (
     PluginError,
     SensorError,
     TactileForgeError,
+    check_names,
     unknown,
 )
 from tactileforge.files import cache_folder, new_part, write_text
@@ -176,6 +177,7 @@ __all__ = [
     "build",
     "cache_folder",
     "changes_by_at_most",
+    "check_names",
     "close_sensor",
     "describe_recording",
     "encode_image",
