@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 def write_video(
     path: Path, frames: Iterable[NDArray[np.uint8]], fps: float = 25, codec: str = "MJPG"
 ) -> Path:
-    """Writes frames, uint8 (H, W, 3), RGB, of one size; creates the folder."""
+    """Writes frames, uint8 (H, W, 3), RGB, of one size, or none; creates the folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
     frames = list(frames)
-    size = frames[0].shape[1::-1]
+    size = frames[0].shape[1::-1] if frames else (48, 32)
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), fps, size)
     assert writer.isOpened()
     for frame in frames:
