@@ -128,7 +128,7 @@ def run(model: Model, seconds: float, with_page: bool) -> dict[str, float]:
         view = stack.enter_context(LiveSession({"camera": camera}, model, options))
         view.take_background()
         clip = np.zeros((model.frames, 64, 64, 3), np.uint8)
-        model.readings(clip, "first", "digit")  # warm-up: packs the weights
+        model.readings(clip, "first", "digit")  # warm-up
         stop = threading.Event()
         if with_page:
             page = stack.enter_context(LivePage(view))

@@ -30,7 +30,7 @@ def run(model: Model, count: int) -> dict[str, float]:
     for number in range(count + 20):
         start = time.perf_counter()
         found = stream.push(images[number % len(images)], number / 30)
-        if number >= 20:  # warm-up: by now a clip is complete, and the weights are packed
+        if number >= 20:  # warm-up: by now a clip is complete
             assert found is not None
             milli.append(1000 * (time.perf_counter() - start))
     p50, p99 = np.percentile(milli, [50, 99])

@@ -5,7 +5,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,11 +12,12 @@ import pytest
 import torch
 from opened import Opened
 from PIL import Image
+from shared_fixtures import _cache, _one_process, _seeded, levels, realdata  # noqa: F401
 from waiting import wait_until
 from warm import Warm, warm_commands
 
-from tactileforge import processes, registry
-from tactileforge.contracts import Batch, Frame, Frames, SensorSpec
+from tactileforge import registry
+from tactileforge.contracts import Batch, Frame, SensorSpec
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import TactileForgeError
 
@@ -38,40 +38,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.path.name not in long)
 
 
-@pytest.fixture(autouse=True, scope="session")
-def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Touches simulated by a test are kept for the other tests, and thrown away after them.
-
-    Processes that test side by side have folders of their own in one folder, and share this one.
-    """
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        folder = tmp_path_factory.getbasetemp().parent / "cache"
-    else:
-        folder = tmp_path_factory.mktemp("cache")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TACTILEFORGE_CACHE", str(folder))
-        yield
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _one_process() -> Iterator[None]:
-    """Processes side by side start no others by themselves: all cores are busy."""
-    with pytest.MonkeyPatch.context() as patch:
-        if "PYTEST_XDIST_WORKER" in os.environ:
-            patch.setattr(processes, "cpus", lambda: 1)
-        yield
-
-
 @pytest.fixture(scope="session")
-def warm(tmp_path_factory: pytest.TempPathFactory, _cache: None) -> Iterator[Warm]:
+def warm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Warm]:
     """Commands with a fast start, each in a process of its own."""
     with warm_commands(tmp_path_factory.mktemp("warm")) as commands:
         yield commands
-
-
-@pytest.fixture(autouse=True)
-def _seeded() -> None:
-    torch.manual_seed(0)
 
 
 @pytest.fixture
@@ -105,17 +76,6 @@ def batch() -> Batch:
 
 
 @pytest.fixture
-def levels() -> Callable[[Frames | None], list[int]]:
-    """Reads frames and returns the numbers in them."""
-
-    def read(frames: Frames | None) -> list[int]:
-        assert frames is not None
-        return [round(float(frame.mean()) / 7) for frame in frames.read(range(len(frames)))]
-
-    return read
-
-
-@pytest.fixture
 def encoded() -> Callable[..., bytes]:
     """A PNG with room to spare, of grey level 7 i, or of a colour."""
 
@@ -126,16 +86,6 @@ def encoded() -> Callable[..., bytes]:
         return buffer.getvalue() + bytes(300)  # readers of images stop at the end of the PNG
 
     return make
-
-
-@pytest.fixture(scope="session")
-def realdata() -> Path:
-    """The folder of public recordings; tests that ask for it are skipped where it is absent."""
-    beside = Path(__file__).parents[1] / ".." / "shared" / "realdata"
-    folder = Path(os.environ.get("TACTILEFORGE_REALDATA", beside)).resolve()
-    if not folder.is_dir():
-        pytest.skip("no real recordings here: set TACTILEFORGE_REALDATA")
-    return folder
 
 
 @pytest.fixture

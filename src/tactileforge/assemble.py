@@ -12,7 +12,7 @@ from tactileforge.contracts import Column
 from tactileforge.data.batches.columns import declared_columns
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.labels.augment import Augment, build_augment
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names
 from tactileforge.parts import outline
 from tactileforge.sensors.specs import spec
 
@@ -112,9 +112,7 @@ def _check(batch: Mapping[str, Any], augment: Mapping[str, Any]) -> None:
         ("batch", batch, own),
         ("augment", augment, set(signature(Augment).parameters)),
     ):
-        for key in given:
-            if key not in known:
-                raise ConfigError(unknown(f"key of {where}", key, known))
+        check_names(f"key of {where}", given, known)
     for key, least in _LEAST.items():
         value = batch.get(key, least)
         if not isinstance(value, int) or isinstance(value, bool) or value < least:

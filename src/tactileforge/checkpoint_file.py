@@ -15,7 +15,10 @@ from torch import nn
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.run_folder import LAST
 
-#: A checkpoint is a zip file; its comment is this word and the SHA-256 of all bytes before.
+#: A checkpoint is a zip file; its comment is this word and the SHA-256 of all bytes before. Without
+#: it, torch.load took 298 of 300 files of 2 MB with one flipped bit (`mmap=True`, torch 2.13); in a
+#: file beside, it would be another moment to be killed at, and readers of torch find the comment no
+#: obstacle.
 _SEAL = b"tactileforge sha256 "
 _SEALED = len(_SEAL) + 64
 #: Keys read from a checkpoint, and their types; all but ``state_dict`` may be absent.

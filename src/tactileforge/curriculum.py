@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names, unknown
 
 _KEYS = ("unit", "objective", "universal", "values")
 
@@ -90,9 +90,7 @@ def from_config(
         ConfigError: An unknown unit or key, a ramp that ends before it starts, a weight below 0, or
             a chance outside 0 to 1.
     """
-    for key in config:
-        if key not in _KEYS:
-            raise ConfigError(unknown("key in curriculum", key, _KEYS))
+    check_names("key in curriculum", config, _KEYS)
     units = {"fraction": total, "epoch": epoch, "step": 1}
     unit = config.get("unit", "fraction")
     if unit not in units:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import shlex
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -96,6 +96,17 @@ def nearest_name(name: str, known: Iterable[str]) -> str:
     """
     near = get_close_matches(name, list(known), n=1)
     return f"; did you mean {near[0]!r}?" if near else "."
+
+
+def check_names(what: str, names: Iterable[str], known: Collection[str], fix: str = "") -> None:
+    """Checks names against the known ones; the arguments are those of `unknown`.
+
+    Raises:
+        ConfigError: A name is unknown.
+    """
+    for name in names:
+        if name not in known:
+            raise ConfigError(unknown(what, name, known, fix))
 
 
 def unknown(what: str, name: str, known: Iterable[str], fix: str = "") -> str:

@@ -43,7 +43,7 @@ from tactileforge.contracts import (
 )
 from tactileforge.data.frames.companions import without_companions
 from tactileforge.data.frames.cut import held_clips
-from tactileforge.data.frames.encoded import Blob, EncodedFrames
+from tactileforge.data.frames.encoded import Blob, EncodedFrames, LazyImages
 from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ArrayFrames, ImageFrames, VideoFrames
 from tactileforge.data.labels.actions import label_actions
@@ -66,6 +66,7 @@ from tactileforge.errors import (
     PluginError,
     SensorError,
     TactileForgeError,
+    check_names,
     home_path,
     unknown,
 )
@@ -142,6 +143,7 @@ __all__ = [
     "Head",
     "ImageFrames",
     "Lamp",
+    "LazyImages",
     "Link",
     "MarkerPattern",
     "MaskedFeatures",
@@ -178,6 +180,7 @@ __all__ = [
     "cache_folder",
     "changes_by_at_most",
     "check_data_licence",
+    "check_names",
     "close_sensor",
     "describe_recording",
     "encode_image",

@@ -11,7 +11,6 @@ from torch import Tensor
 
 from tactileforge.contracts import Remembering
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.hub.packed_linear import PackedLinears
 
 log = logging.getLogger(__name__)
 
@@ -26,12 +25,11 @@ def remember_features(encoder: Any, data: TouchData) -> None:
         encoder: Frozen encoder.
         data: Data of the run, after its setup.
     """
-    packed = PackedLinears()
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
     def encode(frames: Tensor, background: Tensor, sensors: Sequence[str]) -> Tensor:
         rows = encoder.sensor_ids(sensors).to(device)
-        with torch.no_grad(), packed:
+        with torch.no_grad():
             tokens: Tensor = encoder(frames.to(device), background.to(device), rows)[0]
         return tokens.cpu()
 

@@ -16,7 +16,7 @@ from typing import Any, get_type_hints
 from tactileforge import moves, strict
 from tactileforge.contracts import CONTEXT
 from tactileforge.distributions import package_of
-from tactileforge.errors import ConfigError, PluginError, nearest_name, unknown
+from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name, unknown
 
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
 #: Kinds whose entry points name a module: verbs of the command line.
@@ -192,10 +192,8 @@ def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any
     known = parameters(plugin)
     what = f"{kind.removesuffix('s')} {name!r}"
     for key in arguments:
-        if key not in known:
-            fix = f"Where a recipe or scale gave it, take it away: ~encoder.{key}"
-            fix = fix if kind == "encoders" else ""
-            raise ConfigError(unknown(f"option of {what}", key, known, fix))
+        fix = f"Where a recipe or scale gave it, take it away: ~encoder.{key}"
+        check_names(f"option of {what}", [key], known, fix if kind == "encoders" else "")
     for key, default in known.items():
         if default is Parameter.empty and key not in arguments:
             raise ConfigError(f"{what} needs {key!r}: set {_below(where, key)}=...")

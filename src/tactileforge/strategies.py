@@ -34,7 +34,8 @@ class PhasedDDP(DDPStrategy):
     def training_step(self, *args: Any, **kwargs: Any) -> Any:
         """Takes a step; the first of a phase starts with a new graph."""
         # torch fixes a static graph in the first step of its DDP wrapper, and a new phase uses
-        # other parameters: only a new wrapper can record them
+        # other parameters: only a new wrapper can record them. The plain way, a search for unused
+        # parameters, adds 21 ms to a step of 54 ms, not 17 ms (benchmarks/processes.py)
         module: Any = self.lightning_module
         phase = frozenset(key for key, weight in module.current_weights().items() if weight)
         if self._phase not in (None, phase):

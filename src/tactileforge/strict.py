@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names
 
 _T = TypeVar("_T")
 
@@ -53,9 +53,7 @@ def build(kind: type[_T], where: str, given: Any) -> _T:
     values = mapping(where, given)
     hints = get_type_hints(kind)
     known = [spec.name for spec in _fields(kind)]
-    for key in values:
-        if key not in known:
-            raise ConfigError(unknown(f"key of {where}" if where else "key", key, known))
+    check_names(f"key of {where}" if where else "key", values, known)
     missing = [
         spec
         for spec in _fields(kind)

@@ -18,7 +18,7 @@ from tactileforge.callbacks.progress import Progress
 from tactileforge.callbacks.speed import Speed
 from tactileforge.callbacks.validation import LastValidation
 from tactileforge.distributed import count_processes
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names, unknown
 from tactileforge.loggers import build_loggers
 from tactileforge.optim import parse_optim
 from tactileforge.parts import check_values
@@ -46,9 +46,8 @@ def check_options(config: Mapping[str, Any]) -> None:
     check_values(config)
     check_started(config["trainer"]["devices"])
     known = {*signature(L.Trainer).parameters, "save_every", "keep_best"}
+    check_names("key of trainer", config["trainer"], known)
     for key, value in config["trainer"].items():
-        if key not in known:
-            raise ConfigError(unknown("key of trainer", key, known))
         _check_whole(key, value)
     _check_interval(config["trainer"].get("val_check_interval"))
     _check_length(config["trainer"])

@@ -24,7 +24,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import cv2
 import demonstrated
 import numpy as np
 import pytest
@@ -36,6 +35,7 @@ from tactileforge_lerobot.dataset import LeRobot
 from tactileforge_lerobot.options import LeRobotOptions
 from tactileforge_lerobot.write import write_dataset
 from tqdm import tqdm
+from videos import greys, write_video
 from waiting import wait_until
 
 from tactileforge import cli, downloads, run_folder
@@ -429,11 +429,7 @@ def parsers(folder: Path, packed: Path) -> dict[str, tuple[bytes, Callable[[Path
     cloud, ball = folder / "cloud.npy", folder / "ball.stl"
     np.save(cloud, np.zeros((20, 3)))
     ball.write_bytes(bytes(80) + (12).to_bytes(4, "little") + np.arange(150, dtype="<f4").tobytes())
-    video = folder / "v.avi"
-    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 20, (48, 32))
-    for _ in range(5):
-        writer.write(np.zeros((32, 48, 3), np.uint8))
-    writer.release()
+    video = write_video(folder / "v.avi", greys(5, 0), 20)
     layout = {"videos": "*.avi", "sensor": "digit", "background": "none"}
     labels = parse_layout("a", layout | {"labels": {"file": "file"}})
     whole = io.BytesIO()

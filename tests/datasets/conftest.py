@@ -3,11 +3,11 @@ from inspect import signature
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from videos import greys, write_video
 
 from tactileforge import registry
 from tactileforge.datasets.reading.published import PublishedDataset
@@ -26,13 +26,7 @@ def make_video(tmp_path: Path) -> MakeVideo:
     """Writes a video with grey level 7 i in frame ``i``; the path is from tmp_path."""
 
     def make(name: str, count: int = 30, size: tuple[int, int] = (32, 48), fps: float = 30) -> Path:
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), fps, size[::-1])
-        for i in range(count):
-            writer.write(_picture(i, size))
-        writer.release()
-        return path
+        return write_video(tmp_path / name, greys(count, 7, size), fps)
 
     return make
 

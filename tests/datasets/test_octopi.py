@@ -3,9 +3,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
+from videos import greys, write_video
 
 from tactileforge.datasets.octopi import Octopi
 from tactileforge.errors import DataError, DataNotFoundError
@@ -25,11 +25,7 @@ ROUGHNESS_MAP = {0: "smooth"}
 
 
 def video(path: Path, count: int) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25, (48, 32))
-    for i in range(count):
-        writer.write(np.full((32, 48, 3), 7 * i, np.uint8))
-    writer.release()
+    write_video(path, greys(count, 7), codec="mp4v")
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 import argparse
 import collections
 import importlib
-import os
 import pickle
 import sys
 import zipfile
@@ -12,6 +11,7 @@ from types import ModuleType
 
 import pytest
 import torch
+from bomb import Bomb
 from omegaconf import OmegaConf
 from safetensors.torch import save_file
 
@@ -19,16 +19,6 @@ from tactileforge.encoders.published import read_tensors
 from tactileforge.errors import DataError, DataNotFoundError
 
 STATE = {"a.weight": torch.arange(6.0).view(2, 3), "a.bias": torch.ones(2)}
-
-
-class Bomb:
-    """A pickle with a side effect: loaded by Python, it makes a file."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> tuple[object, tuple[str]]:
-        return os.system, (f"touch {self.path}",)
 
 
 def same(tensors: dict[str, torch.Tensor]) -> bool:

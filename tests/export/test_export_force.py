@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 import torch
+from videos import write_video
 
 import tactileforge
 from tactileforge.encoders.plain_vit import PlainViT
@@ -167,11 +167,7 @@ def test_the_script_of_the_page_needs_neither_torch_nor_tactileforge(
     assert len(script.splitlines()) <= 32
     assert not re.search(r"torch|tactileforge\b(?!\"\])", script)
     frames = clips(5).reshape(20, 40, 48, 3)
-    size = (40, 48) if turns else (48, 40)
-    writer = cv2.VideoWriter(str(tmp_path / "a.avi"), cv2.VideoWriter_fourcc(*"FFV1"), 20, size)
-    for frame in frames:
-        writer.write(np.ascontiguousarray(np.rot90(frame[..., ::-1], turns)))
-    writer.release()
+    write_video(tmp_path / "a.avi", np.rot90(frames, turns, (1, 2)), 20, "FFV1")
     (tmp_path / "force.py").write_text(BLOCKED + script)
     command = [sys.executable, "force.py", exported, "a.avi", "digit"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)

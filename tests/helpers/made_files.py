@@ -7,10 +7,10 @@ A block after ``<!-- made: NAME, NAME -->`` runs in tests once these are made be
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from videos import write_video
 
 _LAYOUT = """\
 layouts:
@@ -39,19 +39,10 @@ def press(number: int, count: int = 12, size: int = 64) -> NDArray[np.uint8]:
     return (90 + rise * dent[..., None] * colour + noise).clip(0, 255).astype(np.uint8)
 
 
-def _video(path: Path, frames: NDArray[np.uint8]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    codec = cv2.VideoWriter.fourcc(*("mp4v" if path.suffix == ".mp4" else "MJPG"))
-    writer = cv2.VideoWriter(str(path), codec, 20, frames.shape[2:0:-1])
-    for frame in frames:
-        writer.write(frame[..., ::-1])
-    writer.release()
-
-
 def _recordings(folder: Path) -> None:
     rows = ["file,object,grasped,weight"]
     for number in range(24):
-        _video(folder / "videos" / f"t{number}.avi", press(number))
+        write_video(folder / "videos" / f"t{number}.avi", press(number), 20)
         rows.append(f"videos/t{number}.avi,o{number % 8},{number % 2},{10 + number}")
         fz = 5 * np.sin(np.linspace(0, np.pi, 12))
         lines = ["fx,fy,fz", *(f"0,{0.1 * number:.2f},{z:.3f}" for z in fz)]
@@ -83,7 +74,7 @@ MADE: dict[str, Callable[[Path], None]] = {
     "touches": _recordings,
     "photos": _photos,
     "mine": _recipe,
-    "press.mp4": lambda path: _video(path, press(0, 24)),
+    "press.mp4": lambda path: write_video(path, press(0, 24), 20, "mp4v"),
     "new.png": lambda path: Image.fromarray(press(3)[6]).save(path),
 }
 

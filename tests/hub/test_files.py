@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import pickle
 import random
 import resource
@@ -16,6 +15,7 @@ from typing import Any
 
 import pytest
 import torch
+from bomb import Bomb
 from safetensors.torch import load_file, save_file
 
 import tactileforge
@@ -104,13 +104,9 @@ def test_numbers_that_do_not_fit_are_refused(
 
 
 def test_a_pickle_is_not_executed(tmp_path: Path) -> None:
-    class Bomb:
-        def __reduce__(self) -> Any:
-            return os.mkdir, (str(tmp_path / "executed"),)
-
     path = tmp_path / "model.safetensors"
     for write in (torch.save, lambda bomb, path: path.write_bytes(pickle.dumps(bomb))):
-        write(Bomb(), path)
+        write(Bomb(tmp_path / "executed"), path)
         with pytest.raises(DataError, match="a pickle, whatever its name says"):
             tactileforge.load(path)
         assert not (tmp_path / "executed").exists()

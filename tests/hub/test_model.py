@@ -7,11 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
+from videos import greys, write_video
 
 import tactileforge
 from tactileforge.contracts import NEUTRAL_BACKGROUND
@@ -268,12 +268,7 @@ def test_fixed_positions_are_not_stretched(tmp_path: Path, installed: Callable[.
 @pytest.fixture
 def video(tmp_path: Path) -> Path:
     """A second of 20 Hz; frame i has the grey level 10 i."""
-    path = tmp_path / "touch.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"FFV1"), 20, (48, 40))
-    for i in range(20):
-        writer.write(np.full((40, 48, 3), 10 * i, np.uint8))
-    writer.release()
-    return path
+    return write_video(tmp_path / "touch.avi", greys(20, 10, (40, 48)), 20, "FFV1")
 
 
 @pytest.mark.filterwarnings("ignore:clips. in .* the light has changed")  # pictures are made

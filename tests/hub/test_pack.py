@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from bomb import Bomb
 
 import tactileforge
 from tactileforge.checkpoint_file import read_checkpoint
@@ -455,13 +456,9 @@ def test_every_card_of_published_weights_fixes_its_architecture() -> None:
 def test_a_published_file_that_would_run_code_does_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Bomb:
-        def __reduce__(self) -> Any:
-            return os.mkdir, (str(tmp_path / "executed"),)
-
     monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path / "cache"))
     file = tmp_path / "checkpoint.pth"
-    torch.save({"model": Bomb()}, file)
+    torch.save({"model": Bomb(tmp_path / "executed")}, file)
     with pytest.raises(DataError, match=r"checkpoint.pth"):
         main(["get", "anytouch2", "--from", str(file)])
     assert not (tmp_path / "executed").exists()

@@ -1,9 +1,9 @@
 import pickle
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+from videos import greys, write_video
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
 from tactileforge.data.frames.encoded import Blob, EncodedFrames
@@ -54,12 +54,7 @@ def test_frames_of_every_kind_travel_to_other_processes(tmp_path: Path, pixels: 
 
 
 def test_a_video_travels_while_it_is_open(tmp_path: Path) -> None:
-    path = tmp_path / "a.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, (32, 32))
-    for i in range(9):
-        writer.write(np.full((32, 32, 3), 25 * i, np.uint8))
-    writer.release()
-    frames = VideoFrames(path)
+    frames = VideoFrames(write_video(tmp_path / "a.avi", greys(9, 25, (32, 32)), 30))
     seen = frames.read(range(4))
     there = pickle.loads(pickle.dumps(frames.crop((8, 8, 16, 16))))
     np.testing.assert_array_equal(there.read(range(4)), seen[:, 8:24, 8:24])

@@ -11,7 +11,7 @@ from tactileforge_anyskin.sensor import AnySkin, ReSkin
 from tactileforge.errors import ConfigError, SensorError
 from tactileforge.testing import check
 from tactileforge.testing.clock import FakeTime, TimedLink
-from tactileforge.testing.emulators import Faults, PtyDevice, chunks
+from tactileforge.testing.emulators import Faults, PtyDevice, chunks, read_until_silent
 
 #: One magnetometer at 25 degrees: x 1.5, y -2, z 100.25 microtesla.
 VECTOR = bytes.fromhex("0000c841 0000c03f 000000c0 0080c842 0d0a")
@@ -34,18 +34,6 @@ def noisy_packets(count, seed=0):
 
 def numbers(frames):
     return [round(float(frame.raw[0, 1])) for frame in frames]
-
-
-def read_until_silent(sensor, board=None, silence=0.8):
-    """Reads all frames until the board is silent after its last packet."""
-    frames = []
-    while True:
-        over = board is None or not board.is_playing
-        try:
-            frames.append(sensor.read(silence))
-        except TimeoutError:
-            if over:
-                return frames
 
 
 def timed(monkeypatch, packets, fps, delay=0.0):
@@ -87,7 +75,7 @@ def patient(monkeypatch):
 def test_split_and_merged_packets_all_come(board, patient, faults):
     with AnySkin(port=board.port, baseline=0) as sensor:
         board.play(noisy_packets(150), faults=faults)
-        found = numbers(read_until_silent(sensor, board))
+        found = numbers(read_until_silent(sensor, 0.8, board))
     assert found == list(range(1, 150))
 
 
@@ -99,7 +87,7 @@ def test_a_start_in_the_middle_and_line_ends_inside_of_floats(board, patient):
     assert packets[0].count(b"\r\n") == 6
     with AnySkin(port=board.port, baseline=0) as sensor:
         board.play([packets[0][7:], *packets[1:]])
-        frames = read_until_silent(sensor, board)
+        frames = read_until_silent(sensor, 0.8, board)
     assert numbers(frames) == list(range(1, 40))
     assert all(frame.raw[0].tolist() == [25.0, i, -2.0, z] for i, frame in enumerate(frames, 1))
 
@@ -111,7 +99,7 @@ def test_lost_bytes_and_garbage_cost_packets_and_never_give_wrong_ones(board, pa
     whole = [i for i in range(300) if sent[i] in written]
     with AnySkin(port=board.port, baseline=0) as sensor:
         board.play(sent, faults=faults)
-        frames = read_until_silent(sensor, board)
+        frames = read_until_silent(sensor, 0.8, board)
     true = {struct.unpack("<20f", one[:-2]) for one in sent}
     assert all(tuple(frame.raw.ravel().tolist()) in true for frame in frames)
     assert set(numbers(frames)) <= set(whole)
@@ -146,7 +134,7 @@ def test_what_has_waited_too_long_is_thrown_away(board):
             sensor.read(0.05)
         assert sensor._link.stale >= 4000
         board.play([packet(500 + i) for i in range(5)], fps=200)
-        assert numbers(read_until_silent(sensor, board))[-1] == 504
+        assert numbers(read_until_silent(sensor, 0.8, board))[-1] == 504
 
 
 def test_baseline_picture_and_rate(monkeypatch):
@@ -170,7 +158,7 @@ def test_unplugged_and_back(board):
         sensor.read()
         board.disconnect()
         with pytest.raises(SensorError, match="unplugged"):
-            read_until_silent(sensor)
+            read_until_silent(sensor, 0.8)
         with pytest.raises(SensorError, match="no such serial port"):
             sensor.open()
         board.connect()

@@ -1,9 +1,1 @@
-import pytest
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _cache(tmp_path_factory):
-    """Puts the simulated touches of tests in a temporary cache."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TACTILEFORGE_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
+from shared_fixtures import _cache  # noqa: F401

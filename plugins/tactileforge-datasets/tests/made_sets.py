@@ -7,11 +7,11 @@ from io import BytesIO
 from pathlib import Path
 
 import av
-import cv2
 import numpy as np
 import pyarrow as arrow
 from PIL import Image
 from pyarrow import parquet
+from videos import greys, write_video
 
 SIZE = (24, 32)
 
@@ -32,11 +32,7 @@ def save_picture(path: Path, i: int) -> None:
 
 
 def save_avi(path: Path, count: int, size: tuple[int, int] = SIZE, fps: float = 25) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), fps, size[::-1])
-    for i in range(count):
-        writer.write(np.full((*size, 3), 7 * i, np.uint8))
-    writer.release()
+    write_video(path, greys(count, 7, size), fps)
 
 
 def mp4(count: int, first: int = 0) -> bytes:

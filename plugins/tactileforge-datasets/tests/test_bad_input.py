@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bomb import Bomb
 from made_sets import MADE, feats, film_row, save_avi, save_press, save_table, save_tar, single_row
 from pyarrow import parquet as arrow_parquet
 from tactileforge_datasets.feats import Feats
@@ -93,16 +94,11 @@ def test_presses_that_contradict_themselves(change, said, tmp_path: Path) -> Non
         raise AssertionError(data.skipped[0])
 
 
-class Bomb:
-    def __reduce__(self):
-        return (os.mkdir, ("bomb",))
-
-
 def test_nothing_in_a_pickle_is_executed(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     feats(tmp_path)
-    np.save("labels/train/bad_9.npy", {"gs_img": Bomb()})
-    Path("labels/train/worse_9.npy").write_bytes(pickle.dumps(Bomb()))
+    np.save("labels/train/bad_9.npy", {"gs_img": Bomb(Path("bomb"))})
+    Path("labels/train/worse_9.npy").write_bytes(pickle.dumps(Bomb(Path("bomb"))))
     data = Feats(str(tmp_path))
     assert len(list(data.recordings("train"))) == 2
     assert len(data.skipped) == 2

@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import pytest
 import zarr
+from bomb import Bomb
 from made_episodes import (
     htt,
     open_x_tactile,
@@ -185,16 +186,6 @@ def test_damaged_metadata_is_named(tmp_path):
     about |= {"shape": [1 << 40, 1 << 40], "chunks": [1 << 40, 1 << 40]}
     (path / "data/left_gripper1_img/.zarray").write_text(json.dumps(about))
     refused(tmp_path, "in chunks of")
-
-
-class Bomb:
-    """A pickle with code to write a file on loading."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return open, (str(self.path), "w")
 
 
 def test_codecs_that_run_code_are_refused_by_name(tmp_path):

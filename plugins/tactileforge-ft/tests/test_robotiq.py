@@ -13,7 +13,7 @@ from tactileforge_ft.robotiq import Robotiq
 from tactileforge.errors import ConfigError, SensorError
 from tactileforge.sensors.checksums import CHECKSUMS
 from tactileforge.testing import check
-from tactileforge.testing.emulators import Faults, PtyDevice, chunks
+from tactileforge.testing.emulators import Faults, PtyDevice, chunks, read_until_silent
 
 START = bytes.fromhex("0910 019a 0001 02 0200")
 ACCEPTED = bytes.fromhex("0910 019a 0001")
@@ -79,15 +79,6 @@ def _quick(monkeypatch):
     monkeypatch.setattr(robotiq, "PAUSE", 0.0005)
 
 
-def read_until_silent(sensor, silence=0.8):
-    frames = []
-    while True:
-        try:
-            frames.append(sensor.read(silence))
-        except TimeoutError:
-            return frames
-
-
 def numbers(frames):
     return [round(float(frame.raw[0]) * 100) for frame in frames]
 
@@ -128,7 +119,7 @@ def test_a_stream_that_another_program_left_is_ended_first():
 @pytest.mark.parametrize("faults", [Faults(split=1), Faults(split=5, merge=3)])
 def test_split_and_merged_packets_all_come(faults):
     with Ft300(faults=faults, packets=60) as device, Robotiq(port=device.port) as sensor:
-        frames = read_until_silent(sensor)
+        frames = read_until_silent(sensor, 0.8)
         assert numbers(frames) == list(range(60))
         assert sensor.parser.bad == 0
     assert (np.diff([frame.time for frame in frames]) > 0).all()
@@ -142,7 +133,7 @@ def test_lost_bytes_and_garbage_cost_packets_and_never_give_wrong_ones():
     whole = [i for i in range(200) if packet(i) in written]
     assert 150 < len(whole) < 190
     with Ft300(faults=faults, packets=200) as device, Robotiq(port=device.port) as sensor:
-        assert numbers(read_until_silent(sensor)) == whole
+        assert numbers(read_until_silent(sensor, 0.8)) == whole
 
 
 def test_random_bytes_give_hardly_any_packet():
@@ -161,7 +152,7 @@ def test_unplugged_and_back():
             sensor.read()
             device.disconnect()
             with pytest.raises(SensorError, match="unplugged"):
-                read_until_silent(sensor)
+                read_until_silent(sensor, 0.8)
             with pytest.raises(SensorError, match="no such serial port"):
                 sensor.open()
     with Ft300() as again:

@@ -16,7 +16,7 @@ from tactileforge.calibration.force import fit_forces
 from tactileforge.calibration.light import estimate_light, light_drift, punch_mm_per_pixel
 from tactileforge.calibration.unit import recordings_of_unit
 from tactileforge.contracts import Recording
-from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.errors import ConfigError, DataError, check_names
 from tactileforge.sensors.specs import spec
 
 
@@ -48,9 +48,7 @@ class CalibrateOptions:
     frames: int = 5000
 
     def __post_init__(self) -> None:
-        for name in self.axes:
-            if name not in AXES:
-                raise ConfigError(unknown("axis", name, AXES))
+        check_names("axis", self.axes, AXES)
         if not self.axes:
             raise ConfigError("axes=[]: give some of x, y, z")
         if not 0 <= self.max_lag <= 1:

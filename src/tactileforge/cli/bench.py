@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactileforge.cli._command import Command
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names
 
 if TYPE_CHECKING:
     from tactileforge.bench.results.write import Writer
@@ -215,9 +215,7 @@ def _beside(named: Sequence[str], trained: Iterable[str], baselines: Sequence[st
 def _tasks(config: dict[str, Any]) -> dict[str, Any]:
     tasks: dict[str, Any] = config["tasks"]
     wanted = config["task"] or list(tasks)
-    for name in wanted:
-        if name not in tasks:
-            raise ConfigError(unknown("task", name, tasks))
+    check_names("task", wanted, tasks)
     return {name: tasks[name] for name in wanted if tasks[name] is not None}
 
 

@@ -16,7 +16,7 @@ from typing import Any
 from tactileforge import registry
 from tactileforge.cli import _options, _verbs
 from tactileforge.cli._command import Command
-from tactileforge.errors import ConfigError, PluginError, SensorError, command, unknown
+from tactileforge.errors import ConfigError, PluginError, SensorError, check_names, command, unknown
 from tactileforge.files import new_part, write_text, writing
 
 _KINDS = [kind.removesuffix("s") for kind in (*registry.KINDS, *registry.MODULES)]
@@ -198,9 +198,7 @@ def _keys(keys: _Keys, _: dict[str, Any]) -> None:
         return
     groups = {kind: group for group, kind in reversed(registry.GROUPS.items())}
     known = [one for one in registry.list_plugins() if one.kind in groups]
-    for name in keys.names:
-        if name not in {one.name for one in known}:
-            raise ConfigError(unknown("plugin", name, {one.name for one in known}))
+    check_names("plugin", keys.names, {one.name for one in known})
     for one in known:
         if not keys.names or one.name in keys.names:
             group = groups[one.kind]

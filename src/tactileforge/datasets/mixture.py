@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tactileforge import registry
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.batches.sources import Bad, Part, Source, sources_of
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,9 +36,7 @@ class Mixture:
     ) -> None:
         self.given = {name: node for name, node in (sources or {}).items() if node is not None}
         self.weights = dict(weights or {})
-        for name in self.weights:
-            if name not in self.given:
-                raise ConfigError(unknown("source in data.weights", name, self.given))
+        check_names("source in data.weights", self.weights, self.given)
 
     @cached_property
     def datasets(self) -> dict[str, Dataset]:

@@ -18,7 +18,14 @@ from tactileforge.datasets.reading.notes import Notes
 from tactileforge.datasets.reading.reader import LayoutReader
 from tactileforge.datasets.reading.splits import is_held_out, split_parts
 from tactileforge.datasets.reading.touch import LayoutTouch
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
+from tactileforge.errors import (
+    ConfigError,
+    DataError,
+    DataNotFoundError,
+    check_names,
+    home_path,
+    unknown,
+)
 from tactileforge.strict import build
 from tactileforge.untrusted import load_yaml
 
@@ -84,9 +91,7 @@ class Recordings:
         if self._given:
             return self._parsed
         shipped = _shipped(self.root)
-        for name in self._left_out:
-            if name not in shipped:
-                raise ConfigError(unknown("layout in data.layouts", name, shipped))
+        check_names("layout in data.layouts", self._left_out, shipped)
         kept = [layout for name, layout in shipped.items() if name not in self._left_out]
         if not kept:
             raise ConfigError(f"{self.root}: every layout is null; leave one in data.layouts")

@@ -12,7 +12,7 @@ from torch.nn import functional as F
 
 from tactileforge.encoders.preprocess import ANYTOUCH2, Preprocess
 from tactileforge.encoders.summary import CELLS, encode_summary, summarise, summary_width
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names
 
 Group = Literal["summary", "photographs", "difference", "statistics"]
 #: Names of all groups, in the order of their concatenation.
@@ -52,9 +52,7 @@ def check_groups(encoder: Any, names: Sequence[str] | None) -> tuple[str, ...]:
         return tuple(sizes)
     if isinstance(names, str) or not names:
         raise ConfigError(f"groups={names!r}: give a list of names, of: {', '.join(sizes)}")
-    for name in names:
-        if name not in sizes:
-            raise ConfigError(unknown("group of features of the model", name, sizes))
+    check_names("group of features of the model", names, sizes)
     return tuple(name for name in sizes if name in names)
 
 

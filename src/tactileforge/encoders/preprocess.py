@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import NEUTRAL_BACKGROUND
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names, unknown
 
 # means and deviations of red, green and blue, 0..1, in the training of CLIP (its repository,
 # clip.py) and of ImageNet models (torchvision's weights)
@@ -115,9 +115,7 @@ class Preprocess(nn.Module):
             ConfigError: An option is unknown or missing.
         """
         needed = set(ANYTOUCH2)
-        for key in options:
-            if key not in needed | {"edge"}:
-                raise ConfigError(unknown("option of encoder.pixels", key, needed | {"edge"}))
+        check_names("option of encoder.pixels", options, needed | {"edge"})
         if missing := sorted(needed - set(options)):
             raise ConfigError(f"encoder.pixels lacks {', '.join(missing)}")
         return cls(size, **options)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge import strict
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, check_names
 from tactileforge.untrusted import load_json
 
 #: Key of the text in ``metadata_props`` of ONNX, and in ``extra_files`` of ``torch.export``.
@@ -84,9 +84,7 @@ class Exported:
         Raises:
             ConfigError: The model does not know a sensor.
         """
-        for name in sensors:
-            if name not in self.sensors:
-                raise ConfigError(unknown(f"sensor of {self.path}:", name, self.sensors))
+        check_names(f"sensor of {self.path}:", sensors, self.sensors)
         return [self.sensors[name] for name in sensors]
 
     def text(self) -> str:

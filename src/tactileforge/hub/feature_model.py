@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from itertools import chain
 from typing import Any
 
@@ -25,9 +24,8 @@ from tactileforge.hub.inputs import (
     uses_background,
     warn_of_swapped_clips,
 )
-from tactileforge.hub.packed_linear import PackedLinears
 from tactileforge.hub.sensor_rows import Policy, name_each, row_each, takes_any_sensor
-from tactileforge.hub.taps import Tap, check_tap, is_plain, read_tap
+from tactileforge.hub.taps import Tap, check_tap, read_tap
 
 
 class FeatureModel(nn.Module):
@@ -51,8 +49,6 @@ class FeatureModel(nn.Module):
         if hasattr(encoder, "unknown_sensor"):
             encoder.unknown_sensor = "error"  # the policy is an argument of `encode`
         self._any_sensor = takes_any_sensor(encoder)
-        self._packed = PackedLinears()
-        self._is_compiled = False
         self.to(check_device(device)).eval()
 
     @property
@@ -219,7 +215,6 @@ class FeatureModel(nn.Module):
                 f"the encoder {self.header.encoder.get('name')} has no blocks to be compiled; "
                 "leave compile() out, or compile parts of model.encoder by torch.compile"
             )
-        self._is_compiled = True
 
     def _prepare(
         self, frames: Images, background: Images | str | None, check: bool = True
@@ -233,19 +228,13 @@ class FeatureModel(nn.Module):
     def _read(self, tap: str, frames: Tensor, background: Tensor, rows: Tensor) -> Tensor:
         """The encoder's output at a tap."""
         inputs = [part.to(self.device) for part in (frames, background, rows)]
-        with self._faster():
-            return read_tap(self.encoder, tap, *inputs)
+        return read_tap(self.encoder, tap, *inputs)
 
     def _pass(self, frames: Tensor, background: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
         """Tokens and projected class tokens."""
         inputs = [part.to(self.device) for part in (frames, background, rows)]
-        with self._faster():
-            out: tuple[Tensor, Tensor] = self.encoder(*inputs)
+        out: tuple[Tensor, Tensor] = self.encoder(*inputs)
         return out
-
-    def _faster(self) -> Any:
-        packs = is_plain(self.encoder) and not (self._is_compiled or torch.compiler.is_compiling())
-        return self._packed if packs else nullcontext()
 
     def _names(self, sensor: str | Sequence[str] | None, count: int) -> list[str]:
         return name_each(sensor, count, list(self.encoder.sensors), self._any_sensor)

@@ -35,7 +35,9 @@ def make_header(
         spacing: Seconds between the frames of a clip; 0 for one frame.
         known: Further fields of `Header`.
     """
-    plugin = next((p for p in registry.list_plugins() if _is(p, node["name"])), None)
+    plugin = next(
+        (p for p in registry.list_plugins() if (p.kind, p.name) == ("encoders", node["name"])), None
+    )
     return Header(
         **{"name": "", "dtype": "float32", **known},
         format=FORMAT,
@@ -66,10 +68,6 @@ def describe_input(encoder: Any) -> dict[str, Any]:
         value = getattr(steps, name, None)
         facts[name] = value.squeeze().tolist() if isinstance(value, Tensor) else value
     return facts
-
-
-def _is(plugin: registry.PluginInfo, name: str) -> bool:
-    return plugin.kind == "encoders" and plugin.name == name
 
 
 def save_checkpoint(

@@ -126,7 +126,7 @@ class GroupedModel(FeatureModel):
         """Reads groups, as `groups` does; ``clips`` are the arguments of `_batches`."""
         wanted = check_groups(self.encoder, names)
         batches, single = self._batches(*clips)
-        with torch.no_grad(), self._faster():
+        with torch.no_grad():
             done = [
                 encode_groups(
                     self.encoder,

@@ -34,9 +34,7 @@ class Model(HeadModel):
     As `load` gives it, it is frozen. `encode` and the other methods keep no gradients; calling the
     model does, so it can be trained as part of another module, after
     ``model.requires_grad_(True)``. ``.to()``, ``.half()`` and ``.bfloat16()`` change its weights;
-    frames are prepared in float32 whatever these are, and what comes out is float32. On a CPU,
-    `encode` keeps a copy of linear weights that is faster to read, made at the first call and again
-    when they change; see `PackedLinears`.
+    frames are prepared in float32 whatever these are, and what comes out is float32.
 
     Args:
         encoder: A touch encoder; see `contracts.Encoder`.

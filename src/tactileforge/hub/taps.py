@@ -34,7 +34,7 @@ def check_tap(encoder: Any, tap: str) -> None:
     if tap == "cls" and encoder.prefix == 0:
         raise ConfigError("the model has no class token: take tap=projected or tap=tokens")
     needs = {"hidden", "normed", "projected_tokens", "global"}
-    if tap in needs and not _has_norm(encoder):
+    if tap in needs and not isinstance(getattr(encoder, "norm_out", None), nn.LayerNorm):
         raise ConfigError(f"the encoder has no last norm: tap={tap} is for those that have one")
 
 
@@ -76,10 +76,6 @@ def _pass(encoder: Any, tap: str, *inputs: Tensor) -> tuple[Tensor, Tensor, Tens
     finally:
         hook.remove()
     return tokens, projected, before[0]
-
-
-def _has_norm(encoder: Any) -> bool:
-    return isinstance(getattr(encoder, "norm_out", None), nn.LayerNorm)
 
 
 #: From the last hidden state, (B, L, width), before the last norm.

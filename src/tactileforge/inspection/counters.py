@@ -25,7 +25,8 @@ class NameCounts:
 
     def __init__(self) -> None:
         # an empty name is a private file, deleted on closing, with 2 MB of it in memory
-        # (sqlite.org/inmemorydb.html, "Temporary Databases")
+        # (sqlite.org/inmemorydb.html, "Temporary Databases"). A million keys take 16 s of one core
+        # and 2 MB; a `collections.Counter` takes 2 s and 203 MB, .6 GB for the keys of FoTa
         self._base = sqlite3.connect("", isolation_level=None)
         self._base.execute(
             "CREATE TABLE names (kind, name, count, PRIMARY KEY (kind, name)) WITHOUT ROWID"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording, Sensor
-from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.errors import ConfigError, DataError, check_names
 from tactileforge.markers.find import MarkerGrid
 from tactileforge.markers.motion import displacement_field, marker_motion
 
@@ -83,9 +83,8 @@ def check_marker_sensors(given: Collection[str], sensors: Mapping[str, Sensor]) 
     Raises:
         ConfigError: No sensor has that name, or it is no camera.
     """
+    check_names("sensor of markers", given, sensors)
     for name in given:
-        if name not in sensors:
-            raise ConfigError(unknown("sensor of markers", name, sensors))
         if (kind := sensors[name].spec.kind) != "image":
             raise ConfigError(f"markers: {name} ({kind}) is no camera, and has no dots to follow")
 

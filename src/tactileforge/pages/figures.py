@@ -218,6 +218,9 @@ def svg(figure: Figure, words: str) -> Markup:
     text = file.getvalue()
     collect(figure, words, {INK: "#222222", _LINE: "#cccccc", _OTHER: "#999999", SHADE: "#e8e8e8"})
     text = text[text.index("<svg") :]
+    # a page of several figures needs ids of their own, its own font and colours, and no <style>,
+    # which holds for all of it; unused ids, digits and blanks are dropped for length alone: with
+    # the fonts, 27.5 kB of a curve over 300 steps become 17.5 kB
     name = hashlib.sha256(text.encode()).hexdigest()[:8]
     used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', text))
     text = re.sub(r' id="([^"]+)"', lambda m: m[0] if m[1] in used else "", text)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
+from tactileforge.data.frames.encoded import LazyImages
 from tactileforge.data.frames.image_codecs import PackedFrames
 from tactileforge.data.shards import shards
 
@@ -55,9 +56,9 @@ def _one(key: str, parts: Sequence[Recording]) -> shards.Packed:
     return shards.Packed(
         shards.describe_recording(whole),
         frames[0].codec,
-        _Encoded(frames),
-        _Encoded([_packed(first.no_contact)] if first.no_contact is not None else []),
-        _Encoded(views),
+        _encoded(frames),
+        _encoded([_packed(first.no_contact)] if first.no_contact is not None else []),
+        _encoded(views),
     )
 
 
@@ -71,29 +72,7 @@ def _packed(frames: Any) -> PackedFrames:
     return frames
 
 
-@dataclass(frozen=True)
-class _Encoded(Sequence[bytes]):
+def _encoded(parts: Sequence[PackedFrames]) -> LazyImages:
     """Encoded images of several recordings, read one by one."""
-
-    parts: Sequence[PackedFrames]
-
-    def __len__(self) -> int:
-        return sum(map(len, self.parts))
-
-    @overload
-    def __getitem__(self, place: int) -> bytes: ...
-    @overload
-    def __getitem__(self, place: slice) -> Sequence[bytes]: ...
-    def __getitem__(self, place: int | slice) -> bytes | Sequence[bytes]:
-        if isinstance(place, slice):
-            return [self[i] for i in range(*place.indices(len(self)))]
-        for part in self.parts:
-            if place < len(part):
-                return part.encoded(place)
-            place -= len(part)
-        raise IndexError("no such picture")
-
-    def __iter__(self) -> Iterator[bytes]:
-        for part in self.parts:
-            for place in range(len(part)):
-                yield part.encoded(place)
+    places = [(part, number) for part in parts for number in range(len(part))]
+    return LazyImages(len(places), lambda place: places[place][0].encoded(places[place][1]))

@@ -21,6 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from tactileforge.contracts import Frame, Sensor
+
 
 @dataclass(frozen=True, kw_only=True)
 class Faults:
@@ -39,6 +41,26 @@ class Faults:
     lose: float = 0.0
     garbage: float = 0.0
     seed: int = 0
+
+
+def read_until_silent(
+    sensor: Sensor, silence: float = 0.4, device: PtyDevice | None = None
+) -> list[Frame]:
+    """Reads frames until none has come for a while.
+
+    Args:
+        sensor: Open sensor.
+        silence: Wait for a frame, s.
+        device: Device whose packets are waited for, however slow; None for none.
+    """
+    frames = []
+    while True:
+        is_over = device is None or not device.is_playing
+        try:
+            frames.append(sensor.read(silence))
+        except TimeoutError:
+            if is_over:
+                return frames
 
 
 def chunks(packets: Iterable[bytes], faults: Faults) -> Iterator[list[bytes]]:

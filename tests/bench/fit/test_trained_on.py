@@ -4,9 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
+from videos import write_video
 
 from tactileforge.bench.fit.trained_on import seen, trained_on
 from tactileforge.compose import option
@@ -85,11 +85,7 @@ def test_the_published_grasps_hold_out_the_same_objects(tmp_path: Path) -> None:
     for key, layout in node["layouts"].items():
         for pattern in layout["videos"]:
             path = tmp_path / layout["path"] / pattern.replace("*/*.avi", "exp_num_1/camera_0.avi")
-            path.parent.mkdir(parents=True)
-            writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25, (48, 32))
-            for _ in range(16):
-                writer.write(np.full((32, 48, 3), 90, np.uint8))
-            writer.release()
+            write_video(path, [np.full((32, 48, 3), 90, np.uint8)] * 16)
             names.setdefault(key.split("_")[0], []).append(path.parts[-3])
     data = Recordings(node["root"], node["layouts"], node["val"])
     held_out = {name for name in names["gate"] if is_held_out(name, 0.5)}

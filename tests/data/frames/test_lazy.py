@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import videos
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -33,12 +34,7 @@ def numbers(frames: NDArray[np.uint8]) -> list[int]:
 
 
 def write_video(path: Path, count: int, codec: str, fps: float = 25.0) -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), fps, SIZE[::-1])
-    assert writer.isOpened()
-    for i in range(count):
-        writer.write(picture(i)[..., ::-1])
-    writer.release()
-    return path
+    return videos.write_video(path, map(picture, range(count)), fps, codec)
 
 
 def write_gif(path: Path, durations: list[int]) -> Path:

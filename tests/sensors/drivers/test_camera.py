@@ -6,6 +6,7 @@ import time
 import cv2
 import numpy as np
 import pytest
+from videos import write_video
 
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
 from tactileforge.sensors.drivers import camera as module
@@ -21,15 +22,10 @@ FPS = 25
 @pytest.fixture
 def video(tmp_path):
     """Twelve frames of 48 x 64: red left of the middle, the i-th of blue 20 * i."""
-    path = tmp_path / "press.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), FPS, (64, 48))
-    for i in range(12):
-        frame = np.zeros((48, 64, 3), np.uint8)
-        frame[..., 0] = 20 * i
-        frame[:, :32, 2] = 200
-        writer.write(frame)
-    writer.release()
-    return str(path)
+    frames = np.zeros((12, 48, 64, 3), np.uint8)
+    frames[..., 2] = 20 * np.arange(12)[:, None, None]
+    frames[:, :, :32, 0] = 200
+    return str(write_video(tmp_path / "press.avi", frames, FPS))
 
 
 def blue(frame):

@@ -1,10 +1,10 @@
 import time
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from videos import greys, write_video
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
@@ -21,12 +21,7 @@ FPS = 20
 @pytest.fixture
 def video(tmp_path):
     """Six frames of 48 x 64, the i-th of brightness 40 * i."""
-    path = tmp_path / "press.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), FPS, (64, 48))
-    for i in range(6):
-        writer.write(np.full((48, 64, 3), 40 * i, np.uint8))
-    writer.release()
-    return str(path)
+    return str(write_video(tmp_path / "press.avi", greys(6, 40, (48, 64)), FPS))
 
 
 @pytest.fixture

@@ -17,7 +17,14 @@ from tactileforge.sensors.drivers.sim_wrench import SimWrench
 from tactileforge.sensors.links import TcpLink, serial_ports
 from tactileforge.sensors.stream import Stamper
 from tactileforge.testing import check
-from tactileforge.testing.emulators import Faults, PtyDevice, TcpDevice, UdpDevice, chunks
+from tactileforge.testing.emulators import (
+    Faults,
+    PtyDevice,
+    TcpDevice,
+    UdpDevice,
+    chunks,
+    read_until_silent,
+)
 
 CRC = CHECKSUMS["crc16_modbus"]
 
@@ -37,15 +44,6 @@ def wrench_sensor(**options):
 
 def numbers(frames):
     return [round(float(frame.raw[0])) for frame in frames]
-
-
-def read_until_silent(sensor, silence=0.4):
-    frames = []
-    while True:
-        try:
-            frames.append(sensor.read(silence))
-        except TimeoutError:
-            return frames
 
 
 @pytest.fixture

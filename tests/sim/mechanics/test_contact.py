@@ -2,17 +2,12 @@ import math
 
 import pytest
 import torch
+from planes import plane
 from torch import Tensor
 
 from tactileforge.sim.mechanics import contact
 from tactileforge.sim.mechanics.gel import Gel, kernel
 from tactileforge.sim.mechanics.touch import contacts
-
-
-def plane(points: int, spacing: float) -> tuple[Tensor, Tensor]:
-    line = (torch.arange(points) - (points - 1) / 2) * spacing
-    y, x = torch.meshgrid(line, line, indexing="ij")
-    return x, y
 
 
 def press(

@@ -2,6 +2,7 @@ import math
 
 import pytest
 import torch
+from planes import plane
 from torch import Tensor
 from torch.nn import functional as F
 
@@ -16,12 +17,6 @@ from tactileforge.sim.scene import POINTS
 from tactileforge.sim.scene import SPACING as GRID
 
 N, SPACING, GEL = 64, 0.22, Gel(friction=0.8)
-
-
-def plane(points: int, spacing: float) -> tuple[Tensor, Tensor]:
-    line = (torch.arange(points) - (points - 1) / 2) * spacing
-    y, x = torch.meshgrid(line, line, indexing="ij")
-    return x, y
 
 
 def tip(x: Tensor, y: Tensor) -> Tensor:

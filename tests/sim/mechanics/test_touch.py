@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from planes import plane
 from torch import Tensor
 
 from tactileforge.errors import ConfigError
@@ -17,21 +18,15 @@ GEL = Gel(friction=0.8)
 SPEEDS = Speeds(depth=0.7, slide=3.0, turn=0.4, seconds=0.5, rest=0.1)
 
 
-def plane() -> tuple[Tensor, Tensor]:
-    line = (torch.arange(N) - (N - 1) / 2) * SPACING
-    y, x = torch.meshgrid(line, line, indexing="ij")
-    return x, y
-
-
 def wedge() -> Tensor:
     """No symmetry at all."""
-    x, y = plane()
+    x, y = plane(N, SPACING)
     box = torch.maximum((x - 0.6).abs() - 2.2, (y + 0.3).abs() - 1.2)
     return 5 * box.clamp(min=0) + 0.04 * (x + 3).clamp(min=0) + 0.03 * (y + 2).clamp(min=0)
 
 
 def ball() -> Tensor:
-    x, y = plane()
+    x, y = plane(N, SPACING)
     return 4 - torch.sqrt((16 - x**2 - y**2).clamp(min=0))
 
 
@@ -122,7 +117,7 @@ def test_the_path_matters() -> None:
 
 def test_a_dome_yields_more_than_a_flat_gel() -> None:
     """A wide flat object touches the top of a dome first."""
-    x, y = plane()
+    x, y = plane(N, SPACING)
     height = 5 * (torch.hypot(x, y) - 4).clamp(min=0)
     path = atomic("press", (0, 0, 0, 0, 0), replace(SPEEDS, depth=0.3))
     moments = play(height, [GEL, replace(GEL, dome=60.0)], path, path)

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from tactileforge.plugin import DataError, unknown
 
+#: Columns of a pose: place in mm, and quaternion.
+POSE = ("x_mm", "y_mm", "z_mm", "quat_x", "quat_y", "quat_z", "quat_w")
+
 
 def value_of(values: Mapping[str, Any], key: str, where: str) -> Any:
     """A value by its key.
@@ -57,6 +60,17 @@ def numbers(
     if not (np.isfinite(array) | (np.isnan(array) if empty else False)).all():
         raise DataError(f"{where}: {what} has values that are no numbers; download it again")
     return array
+
+
+def pose_track(pose: NDArray[np.float64]) -> dict[str, NDArray[np.float32]]:
+    """The track ``pose`` of a single frame, in m; none without a number.
+
+    Args:
+        pose: float64 (7,), values of `POSE`.
+    """
+    if not np.isfinite(pose).any():
+        return {}
+    return {"pose": (pose * [*[0.001] * 3, *[1] * 4])[None].astype(np.float32)}
 
 
 def rising(times: NDArray[np.float64], where: str) -> NDArray[np.float64]:

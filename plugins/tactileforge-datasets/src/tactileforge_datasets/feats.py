@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactileforge.plugin import (
     DataError,
     EncodedFrames,
+    LazyImages,
     OfficialSplit,
     PublishedDataset,
     Recording,
@@ -20,7 +21,6 @@ from tactileforge.plugin import (
     load_pickled_array,
 )
 from tactileforge_datasets.checks import numbers, value_of, word_before_number
-from tactileforge_datasets.lazy import LazyPictures
 
 _GRIDS = ("grid_x", "grid_y", "grid_z")
 _SUMS = ("f_x", "f_y", "f_z")
@@ -106,7 +106,7 @@ class Feats(PublishedDataset):
         return self._recording(
             key,
             sensor="gelsight_mini",
-            frames=EncodedFrames(str(path), LazyPictures(1, partial(_picture, str(path)))),
+            frames=EncodedFrames(str(path), LazyImages(1, partial(_picture, str(path)))),
             times=np.zeros(1),
             no_contact=None,
             force=force[None].astype(np.float32) * turned,

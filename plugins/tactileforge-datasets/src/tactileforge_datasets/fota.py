@@ -23,7 +23,7 @@ from tactileforge.plugin import (
     RecordingItem,
     load_json,
 )
-from tactileforge_datasets.checks import numbers
+from tactileforge_datasets.checks import POSE, numbers, pose_track
 
 _OFFICIAL = OfficialSplit(
     "fota-official",
@@ -32,7 +32,6 @@ _OFFICIAL = OfficialSplit(
     frozenset({"train"}),
     val=frozenset({"val"}),
 )
-_POSE = ("x_mm", "y_mm", "z_mm", "quat_x", "quat_y", "quat_z", "quat_w")
 _NAMED = re.compile(
     r"(?P<object>.+)_(?P<left>[A-Za-z]+)_(?P<right>[A-Za-z]+)_init_pose_(?P<pose>\d+)"
     r"(_(?:un)?labeled)?_(?P<side>left|right)"
@@ -190,9 +189,8 @@ def _description(blob: Blob | None, where: str) -> dict[str, Any]:
 
 def _pose(said: dict[str, Any], where: str) -> dict[str, NDArray[np.float32]]:
     """The track of the pose; none where the frame has none."""
-    if not any(name in said for name in _POSE):
+    if not any(name in said for name in POSE):
         return {}
-    if missing := [name for name in _POSE if name not in said]:
+    if missing := [name for name in POSE if name not in said]:
         raise DataError(f"{where}: a pose without {', '.join(missing)}; download it again")
-    pose = numbers([said[name] for name in _POSE], (7,), "the pose", where)
-    return {"pose": (pose * [*[0.001] * 3, *[1] * 4])[None].astype(np.float32)}
+    return pose_track(numbers([said[name] for name in POSE], (7,), "the pose", where))

@@ -17,6 +17,7 @@ from tactileforge.plugin import (
     DataError,
     EncodedFrames,
     Guess,
+    LazyImages,
     OfficialSplit,
     PublishedDataset,
     Recording,
@@ -24,8 +25,7 @@ from tactileforge.plugin import (
     unknown,
 )
 from tactileforge_datasets import parquet
-from tactileforge_datasets.checks import numbers, pressing_sign
-from tactileforge_datasets.lazy import LazyPictures
+from tactileforge_datasets.checks import POSE, numbers, pose_track, pressing_sign
 
 #: Licence by source, from the table's card.
 LICENCES = {
@@ -43,10 +43,9 @@ LICENCES = {
     "sim_starstruck": "CC-BY-4.0",
 }
 _FORCE = ("f_x", "f_y", "f_z")
-_PLACE, _TURN = ("x_mm", "y_mm", "z_mm"), ("quat_x", "quat_y", "quat_z", "quat_w")
 _WORDS = ("source", "domain", "gel_variant", "capture", "episode", "side", "indenter_param")
 _NUMBERS = ("digit_class", "frame_idx", "init_pose", "markered")
-_ROW = (*_FORCE, *_PLACE, *_TURN, *_WORDS, *_NUMBERS, "obj_name", "indenter")
+_ROW = (*_FORCE, *POSE, *_WORDS, *_NUMBERS, "obj_name", "indenter")
 _OFFICIAL = OfficialSplit(
     "published",
     "splits of the table: train, recon and the areas of TacQuad; val; test and its variants",
@@ -157,9 +156,8 @@ class GelSightMiniPretrain(PublishedDataset):
         self, key: str, path: Path, number: int, row: dict[str, Any], sign: float
     ) -> Recording:
         where, source = f"{path}, row {number}", path.parent.name
-        pictures = LazyPictures(1, partial(_picture, str(path), number))
+        pictures = LazyImages(1, partial(_picture, str(path), number))
         force = _values(row, _FORCE, where) * [1, 1, sign]
-        pose = _values(row, (*_PLACE, *_TURN), where) * [*[0.001] * 3, *[1] * 4]
         name = _object(row)
         labels: dict[str, str | float] = {
             key: str(row[key]) for key in _WORDS if row.get(key) is not None
@@ -174,7 +172,7 @@ class GelSightMiniPretrain(PublishedDataset):
             force=force[None].astype(np.float32) if np.isfinite(force).any() else None,
             object=f"{source}_{name}" if name else None,
             labels=labels,
-            tracks={"pose": pose[None].astype(np.float32)} if np.isfinite(pose).any() else {},
+            tracks=pose_track(_values(row, POSE, where)),
         )
         return replace(recording, licence=LICENCES.get(source, self.licence))
 

@@ -16,6 +16,7 @@ from tactileforge.plugin import (
     Frames,
     FrameSubset,
     Guess,
+    LazyImages,
     OfficialSplit,
     PublishedDataset,
     Recording,
@@ -23,7 +24,6 @@ from tactileforge.plugin import (
 )
 from tactileforge_datasets import parquet
 from tactileforge_datasets.checks import numbers, rising
-from tactileforge_datasets.lazy import LazyPictures
 from tactileforge_datasets.videos import TableVideo
 
 _OFFICIAL = OfficialSplit(
@@ -119,7 +119,7 @@ class TactileMnist(PublishedDataset):
             frames, times, free = _film(path, number, i, touch, where)
         else:
             read = partial(_picture, str(path), number, i)
-            frames, times, free = EncodedFrames(where, LazyPictures(1, read)), np.zeros(1), []
+            frames, times, free = EncodedFrames(where, LazyImages(1, read)), np.zeros(1), []
         names = _POSES if _LENGTH in touch else _POSE
         tracks = _pose(touch, names, len(times), where)
         if touch.get("pos_in_cell") is not None:

@@ -17,6 +17,7 @@ from tactileforge.plugin import (
     DataError,
     EncodedFrames,
     FrameSubset,
+    LazyImages,
     PublishedDataset,
     Recording,
     RecordingItem,
@@ -24,7 +25,6 @@ from tactileforge.plugin import (
     load_json,
 )
 from tactileforge_datasets.checks import numbers, pressing_sign, rising
-from tactileforge_datasets.lazy import LazyPictures
 
 #: Rows, columns and axes of the taxels by folder, and the change drawn as full colour.
 _ARRAYS = {"xela": ((4, 6, 3), 5000.0), "papillarray": ((3, 3, 3), 5.0)}
@@ -120,7 +120,7 @@ class UniTacNv(PublishedDataset):
         still = slice(0, max(1, min(_REST, len(rows.times) // 4)))
         rest = rows.taxels[still].mean(0).reshape(-1, 3)
         layout = TaxelLayout(shape[:2], span=span)
-        pictures = LazyPictures(len(rows.times), partial(_draw, layout, rows.taxels, rest))
+        pictures = LazyImages(len(rows.times), partial(_draw, layout, rows.taxels, rest))
         frames = EncodedFrames(str(path), pictures)
         wrench = _turned(rows.wrench - rows.wrench[still].mean(0), self.turn)
         sign = pressing_sign(wrench[:, 2])

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 import os
+from abc import ABC, abstractmethod
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Lock
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.plugin import DataError
+from tactileforge_episodes.members import DAMAGED
 
 #: Memory of kept rows of this process, bytes.
 _KEPT = 1 << 27
@@ -41,26 +44,67 @@ class Facts:
         return self.shape[0] if self.shape else 1
 
 
-class Container(Protocol):
-    """Arrays by path in one file or group, and their episodes."""
+class Container(ABC):
+    """Arrays by path in one file or group, and their episodes.
 
-    name: str
+    Args:
+        name: Path of the file or group, for messages.
+    """
 
+    #: What mends a damaged file.
+    fix = "download it again"
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._facts: dict[str, Facts] = {}
+
+    @abstractmethod
     def keys(self) -> list[str]:
-        """Paths of the arrays, in order."""
-        ...
+        """Paths of the arrays, in order; folders of chunks are not listed."""
 
     def facts(self, key: str) -> Facts:
-        """Description of an array."""
-        ...
+        """Description of an array.
+
+        Raises:
+            DataError: It is missing, damaged or refused.
+        """
+        if key not in self._facts:
+            with self._naming(key):
+                self._facts[key] = self._look(key)
+        return self._facts[key]
 
     def read(self, key: str, start: int, stop: int) -> NDArray[Any]:
-        """Rows of an array; all of one without rows."""
-        ...
+        """Rows of an array; all of one without rows.
+
+        Raises:
+            DataError: A chunk is damaged.
+        """
+        facts = self.facts(key)
+        with self._naming(key, f"rows {start} to {stop - 1}: "):
+            return self._rows(key, facts, start, stop)
 
     def attribute(self, key: str, name: str) -> Any:
         """An attribute of an array or group; None where there is none."""
-        ...
+        return None
+
+    @abstractmethod
+    def _look(self, key: str) -> Facts:
+        """Description of an array, read for the first time."""
+
+    @abstractmethod
+    def _rows(self, key: str, facts: Facts, start: int, stop: int) -> NDArray[Any]:
+        """Rows of an array of known description."""
+
+    @contextmanager
+    def _naming(self, key: str, what: str = "") -> Iterator[None]:
+        """Gives errors of decoders the name of the array."""
+        try:
+            yield
+        except DAMAGED as error:
+            raise self._wrong(key, f"{what}{error}") from error
+
+    def _wrong(self, key: str, why: str) -> DataError:
+        return DataError(f"{self.name}, {key}: cannot be read ({why}); {self.fix}")
 
 
 def is_sane(shape: Sequence[int], dtype: np.dtype[Any], most: int = 1 << 50) -> bool:

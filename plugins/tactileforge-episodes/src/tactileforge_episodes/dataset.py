@@ -13,6 +13,7 @@ from tactileforge.plugin import (
     DataNotFoundError,
     Guess,
     Recording,
+    check_names,
     home_path,
     is_held_out,
     unknown,
@@ -107,9 +108,7 @@ class Episodes:
             keys = read_map(home_path(self.map))
         else:
             keys = read_preset(self.preset or self._recognised())
-        for name in self.large:
-            if name not in keys.large:
-                raise ConfigError(unknown("data.large", name, keys.large))
+        check_names("data.large", self.large, keys.large)
         return keys
 
     def _recognised(self) -> str:
@@ -227,9 +226,7 @@ class Episodes:
         from tactileforge_episodes.names import fill, placeholders
 
         template = self.keys.hold_out if self.hold_out is None else self.hold_out
-        for name in placeholders(template):
-            if name not in file.values:
-                raise ConfigError(unknown("placeholder of data.hold_out", name, file.values))
+        check_names("placeholder of data.hold_out", placeholders(template), file.values)
         unit = fill(template, file.values) if template else file.key(number)
         return "val" if is_held_out(unit, self.val) else "train"
 

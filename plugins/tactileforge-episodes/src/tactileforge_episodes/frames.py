@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, overload
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, EncodedFrames, Frames
+from tactileforge.plugin import DataError, EncodedFrames, Frames, LazyImages
 from tactileforge_episodes.map_keys import PictureKeys
 from tactileforge_episodes.refs import ArrayRef
 
@@ -82,37 +83,6 @@ def to_pixels(values: NDArray[Any], white: float | None, where: object) -> NDArr
     return pixels
 
 
-class EncodedRows(Sequence[bytes]):
-    """Encoded images, one a row, read on demand.
-
-    Args:
-        ref: The array: bytes, or uint8 with zeros after the end.
-        start: First row.
-        stop: Row after the last.
-    """
-
-    def __init__(self, ref: ArrayRef, start: int, stop: int) -> None:
-        self.ref, self.start, self.stop = ref, start, stop
-
-    def __len__(self) -> int:
-        return self.stop - self.start
-
-    def __iter__(self) -> Iterator[bytes]:
-        return (self[i] for i in range(len(self)))
-
-    @overload
-    def __getitem__(self, i: int) -> bytes: ...
-    @overload
-    def __getitem__(self, i: slice) -> list[bytes]: ...
-    def __getitem__(self, i: int | slice) -> bytes | list[bytes]:
-        if isinstance(i, slice):
-            return [self[j] for j in range(*i.indices(len(self)))]
-        cell = self.ref.rows([self.start + i])[0]
-        if isinstance(cell, str):
-            raise DataError(f"{self.ref}, row {self.start + i}: text, no encoded image")
-        return cell.tobytes() if isinstance(cell, np.ndarray) else bytes(cell)
-
-
 @dataclass(frozen=True)
 class Reference:
     """A single picture without contact, uint8 or with fractions from 0 to 255.
@@ -167,7 +137,9 @@ def open_pictures(
     facts = ref.facts
     if is_encoded(ref):
         is_bgr = (keys.encoded or keys.colours) == "bgr"
-        return EncodedFrames(str(ref), EncodedRows(ref, rows.start, rows.stop), bgr=is_bgr)
+        return EncodedFrames(
+            str(ref), LazyImages(len(rows), partial(_image, ref, rows)), bgr=is_bgr
+        )
     sizes = facts.shape[1 if pad is None else 2 :]
     channel = 2 if keys.axes == "hwc" else 0
     good_type = facts.dtype == np.uint8 or (facts.dtype.kind == "f" and keys.white is not None)
@@ -182,6 +154,14 @@ def open_pictures(
     if columns is not None and not 0 <= columns[0] < columns[1] <= sizes[1 if channel else 2]:
         raise DataError(f"{ref}: {facts.shape} has no columns {columns[0]} to {columns[1] - 1}")
     return Pictures(ref, rows.start, rows.stop, keys, pad, columns)
+
+
+def _image(ref: ArrayRef, rows: range, i: int) -> bytes:
+    """Bytes of an encoded image: those of a cell, or of a row with zeros after their end."""
+    cell = ref.rows([rows[i]])[0]
+    if isinstance(cell, str):
+        raise DataError(f"{ref}, row {rows[i]}: text, no encoded image")
+    return cell.tobytes() if isinstance(cell, np.ndarray) else bytes(cell)
 
 
 def is_encoded(ref: ArrayRef) -> bool:

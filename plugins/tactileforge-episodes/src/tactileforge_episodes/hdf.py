@@ -11,22 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.plugin import DataError
-from tactileforge_episodes.arrays import Facts, is_sane
-from tactileforge_episodes.members import Slice
+from tactileforge_episodes.arrays import Container, Facts, is_sane
+from tactileforge_episodes.members import DAMAGED
 from tactileforge_episodes.packages import need
+from tactileforge_episodes.slices import Slice
 
 if TYPE_CHECKING:
     from h5py import Dataset
 
-#: Errors of damaged files and chunks.
-_DAMAGED = (OSError, RuntimeError, ValueError, TypeError, KeyError, OverflowError, MemoryError)
 #: Package of filters that h5py does not bring.
 _FILTERS = "hdf5plugin"
 #: Deepest group that is looked into.
 _DEPTH = 12
 
 
-class HdfFile:
+class HdfFile(Container):
     """Data sets of an HDF5 file. Links to other files are not followed.
 
     Args:
@@ -37,23 +36,24 @@ class HdfFile:
         DataError: It is no HDF5 file.
     """
 
+    fix = "correct or replace the file"
+
     def __init__(self, name: str, file: Slice) -> None:
+        super().__init__(name)
         h5py = self._h5py = need("h5py", name)
-        self.name = name
         try:
             self._file = h5py.File(file, "r")
-        except _DAMAGED as error:
+        except DAMAGED as error:
             raise DataError(f"{name}: not a readable HDF5 file ({error}); download it again") from (
                 error
             )
         self._sets: dict[str, Dataset] = {}
-        self._facts: dict[str, Facts] = {}
 
     def keys(self) -> list[str]:
         """Paths of the data sets, in order."""
         try:
             return sorted(self._below("", 0))
-        except _DAMAGED as error:
+        except DAMAGED as error:
             raise DataError(f"{self.name}: damaged ({error}); download it again") from error
 
     def _below(self, group: str, depth: int) -> Iterator[str]:
@@ -67,19 +67,6 @@ class HdfFile:
                 yield path
             elif depth < _DEPTH:
                 yield from self._below(path, depth + 1)
-
-    def facts(self, key: str) -> Facts:
-        """Shape and type of a data set.
-
-        Raises:
-            DataError: It is missing, damaged, or lies in another file.
-        """
-        if key not in self._facts:
-            try:
-                self._facts[key] = self._look(key)
-            except _DAMAGED as error:
-                raise self._wrong(key, str(error)) from error
-        return self._facts[key]
 
     def _look(self, key: str) -> Facts:
         h5py = self._h5py
@@ -115,17 +102,8 @@ class HdfFile:
                     f"{number}) is not installed: pip install {_FILTERS}"
                 )
 
-    def read(self, key: str, start: int, stop: int) -> NDArray[Any]:
-        """Rows of a data set; all of one without rows.
-
-        Raises:
-            DataError: A chunk is damaged.
-        """
-        facts = self.facts(key)
-        try:
-            values = self._sets[key][start:stop] if facts.shape else self._sets[key][()]
-        except _DAMAGED as error:
-            raise self._wrong(key, f"rows {start} to {stop - 1}: {error}") from error
+    def _rows(self, key: str, facts: Facts, start: int, stop: int) -> NDArray[Any]:
+        values = self._sets[key][start:stop] if facts.shape else self._sets[key][()]
         if facts.shape or facts.dtype.kind != "O":
             return np.asarray(values)
         single = np.empty((), object)
@@ -134,11 +112,6 @@ class HdfFile:
 
     def attribute(self, key: str, name: str) -> Any:
         """An attribute of a data set or group; None where there is none."""
-        try:
+        with self._naming(key, f"attribute {name}: "):
             node = self._file[key] if key.strip("/") else self._file
             return node.attrs.get(name)
-        except _DAMAGED as error:
-            raise self._wrong(key, f"attribute {name}: {error}") from error
-
-    def _wrong(self, key: str, why: str) -> DataError:
-        return DataError(f"{self.name}, {key}: cannot be read ({why}); correct or replace the file")

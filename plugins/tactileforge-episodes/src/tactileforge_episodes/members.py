@@ -7,19 +7,22 @@ import lzma
 import os
 import struct
 import tarfile
-import weakref
 import zipfile
 import zlib
 from collections.abc import Iterable
 from pathlib import Path
+from tokenize import TokenError
 from typing import IO, Protocol
 
 from tactileforge.plugin import DataError
+from tactileforge_episodes.slices import Handle, Slice
 
-#: Errors of damaged archives.
-_DAMAGED = (
-    *(zipfile.BadZipFile, tarfile.TarError, zlib.error, lzma.LZMAError),
-    *(EOFError, NotImplementedError, RuntimeError),
+#: Errors of damaged files, from the decoders of all formats.
+DAMAGED = (
+    *(zipfile.BadZipFile, tarfile.TarError, zlib.error, lzma.LZMAError, OSError, EOFError),
+    *(RuntimeError, ValueError, TypeError, KeyError, IndexError, AttributeError, SyntaxError),
+    *(OverflowError, MemoryError),
+    TokenError,  # numpy reads headers as literals of Python
 )
 #: Largest member read as a whole, bytes.
 _LARGEST = 1 << 32
@@ -94,7 +97,34 @@ class FolderMembers:
             raise DataError(f"{path}: cannot be read ({error.strerror})") from error
 
 
-class ZipMembers:
+class ArchiveMembers:
+    """Files of an archive, by their places.
+
+    Args:
+        path: The archive.
+        names: Names of its members; folders end with ``/``.
+    """
+
+    def __init__(self, path: Path, names: Iterable[str]) -> None:
+        self.path, self.folders = path, _tree(names)
+
+    def children(self, folder: str) -> tuple[list[str], list[str]]:
+        """Names of folders and files; see `Members.children`."""
+        return self.folders.get(folder.strip("/"), ([], []))
+
+    def open(self, name: str) -> Slice:
+        """A member; see `Members.open`."""
+        found = self._place(name)
+        if found is None:
+            raise DataError(f"{self.path}: no member {name}; download it again")
+        return found
+
+    def _place(self, name: str) -> Slice | None:
+        """A member that is not compressed; None where there is none."""
+        raise NotImplementedError
+
+
+class ZipMembers(ArchiveMembers):
     """Files in a zip archive; those stored without compression are read in part.
 
     Args:
@@ -105,16 +135,15 @@ class ZipMembers:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
         try:
-            self.handle = Handle(path)
-            self.archive = zipfile.ZipFile(Slice(self.handle))
+            self.file = Slice(Handle(path))
+            self.archive = zipfile.ZipFile(self.file)
             self.entries = {entry.filename: entry for entry in self.archive.infolist()}
-        except (*_DAMAGED, OSError, ValueError) as error:
+        except DAMAGED as error:
             raise DataError(f"{path}: not a readable zip ({error}); download it again") from error
         if any(entry.flag_bits & 1 for entry in self.entries.values()):
             raise DataError(f"{path}: is encrypted; unpack it, and give its folder")
-        self.folders = _tree(self.entries)
+        super().__init__(path, self.entries)
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> bytes | None:
         """Bytes of a file; see `Members.read`."""
@@ -122,42 +151,31 @@ class ZipMembers:
         if entry is None or entry.is_dir():
             return None
         if entry.compress_type == zipfile.ZIP_STORED:
-            return _part(Slice(self.handle, self._offset(entry), entry.file_size), start, stop)
+            return _part(self.open(name), start, stop)
         if entry.file_size > _LARGEST:
             raise DataError(f"{self.path}: {name} has {entry.file_size} bytes; unpack the archive")
         try:
             return _part(io.BytesIO(self.archive.read(entry)), start, stop)
-        except (*_DAMAGED, OSError, ValueError) as error:
+        except DAMAGED as error:
             raise self._damaged(name, error) from error
 
-    def children(self, folder: str) -> tuple[list[str], list[str]]:
-        """Names of folders and files; see `Members.children`."""
-        return self.folders.get(folder.strip("/"), ([], []))
-
-    def open(self, name: str) -> Slice:
-        """A member stored without compression; see `Members.open`."""
+    def _place(self, name: str) -> Slice | None:
         entry = self.entries.get(name)
-        if entry is None:
-            raise DataError(f"{self.path}: no member {name}; download it again")
-        if entry.compress_type != zipfile.ZIP_STORED:
+        if entry is not None and entry.compress_type != zipfile.ZIP_STORED:
             raise DataError(
                 f"{self.path}: {name} is compressed, so no part of it can be read; unpack the "
                 "archive, and give its folder"
             )
-        return Slice(self.handle, self._offset(entry), entry.file_size)
-
-    def _offset(self, entry: zipfile.ZipInfo) -> int:
-        header = os.pread(self.handle.descriptor, _LOCAL.size, entry.header_offset)
-        if len(header) < _LOCAL.size or header[:4] != b"PK\3\4":
-            raise self._damaged(entry.filename, "no local header")
-        name, extra = _LOCAL.unpack(header)
-        return entry.header_offset + _LOCAL.size + int(name) + int(extra)
+        try:
+            return None if entry is None else stored_part(self.file, entry)
+        except zipfile.BadZipFile as error:
+            raise self._damaged(name, error) from error
 
     def _damaged(self, name: str, why: object) -> DataError:
         return DataError(f"{self.path}: {name} cannot be read ({why}); download it again")
 
 
-class TarMembers:
+class TarMembers(ArchiveMembers):
     """Files in a tar archive, in any order; none may be compressed.
 
     Args:
@@ -168,7 +186,6 @@ class TarMembers:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
         self.places: dict[str, tuple[int, int]] = {}
         try:
             with tarfile.open(path, "r:") as archive:
@@ -177,96 +194,43 @@ class TarMembers:
                         name = entry.name.removeprefix("./")
                         self.places[name] = (entry.offset_data, entry.size)
                     archive.members = []  # type: ignore[attr-defined]  # or all stay in memory
-            self.handle = Handle(path)
-        except (*_DAMAGED, OSError, ValueError) as error:
+            self.file = Slice(Handle(path))
+        except DAMAGED as error:
             raise DataError(
                 f"{path}: not a readable tar without compression ({error}); download it again, or "
                 "unpack it"
             ) from error
-        self.folders = _tree(self.places)
+        super().__init__(path, self.places)
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> bytes | None:
         """Bytes of a file; see `Members.read`."""
-        if name not in self.places:
+        found = self._place(name)
+        if found is None:
             return None
-        content = _part(Slice(self.handle, *self.places[name]), start, stop)
+        content = _part(found, start, stop)
         if start == 0 and stop is None and len(content) != self.places[name][1]:
             raise DataError(f"{self.path}: {name} is cut off; download it again")
         return content
 
-    def children(self, folder: str) -> tuple[list[str], list[str]]:
-        """Names of folders and files; see `Members.children`."""
-        return self.folders.get(folder.strip("/"), ([], []))
-
-    def open(self, name: str) -> Slice:
-        """A member; see `Members.open`."""
-        if name not in self.places:
-            raise DataError(f"{self.path}: no member {name}; download it again")
-        return Slice(self.handle, *self.places[name])
+    def _place(self, name: str) -> Slice | None:
+        return self.file.part(*self.places[name]) if name in self.places else None
 
 
-class Handle:
-    """A file on disk, open for reading by position; closed with its last user.
+def stored_part(file: Slice, entry: zipfile.ZipInfo) -> Slice:
+    """Content of a member of a zip stored without compression.
 
     Args:
-        path: The file.
+        file: The archive.
+        entry: The member.
 
     Raises:
-        OSError: It cannot be opened.
+        BadZipFile: There is no such member at its place.
     """
-
-    def __init__(self, path: Path) -> None:
-        self.descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_CLOEXEC", 0))
-        self.size = os.fstat(self.descriptor).st_size
-        weakref.finalize(self, os.close, self.descriptor)
-
-
-class Slice(io.RawIOBase):
-    """A part of a file as a file of its own; positions are not shared.
-
-    Args:
-        handle: The open file.
-        offset: First byte.
-        size: Number of bytes; None for all that follow.
-    """
-
-    def __init__(self, handle: Handle, offset: int = 0, size: int | None = None) -> None:
-        self._handle, self._offset, self._at = handle, offset, 0
-        self._size = handle.size - offset if size is None else size
-
-    def readable(self) -> bool:
-        """Always True."""
-        return True
-
-    def seekable(self) -> bool:
-        """Always True."""
-        return True
-
-    def tell(self) -> int:
-        """The position, in bytes."""
-        return self._at
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Moves the position, and returns it."""
-        start = {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
-        self._at = max(0, start + offset)
-        return self._at
-
-    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
-        """Fills a buffer, and returns the number of bytes."""
-        count = max(0, min(len(buffer), self._size - self._at))
-        content = os.pread(self._handle.descriptor, count, self._offset + self._at)
-        buffer[: len(content)] = content
-        self._at += len(content)
-        return len(content)
-
-    def read(self, size: int | None = -1) -> bytes:
-        """Reads bytes; all that follow for -1."""
-        left = max(0, self._size - self._at)
-        count = left if size is None or size < 0 else min(size, left)
-        content = os.pread(self._handle.descriptor, count, self._offset + self._at)
-        self._at += len(content)
-        return content
+    header = file.part(entry.header_offset, _LOCAL.size).read()
+    if len(header) < _LOCAL.size or header[:4] != b"PK\3\4":
+        raise zipfile.BadZipFile("no local header")
+    start = entry.header_offset + _LOCAL.size + sum(_LOCAL.unpack(header))
+    return file.part(start, entry.file_size)
 
 
 def _part(file: IO[bytes] | Slice, start: int, stop: int | None) -> bytes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import posixpath
-import zlib
 from collections.abc import AsyncIterator, Iterable, Iterator
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -11,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, load_json
-from tactileforge_episodes.arrays import Facts, is_sane
+from tactileforge.plugin import load_json
+from tactileforge_episodes.arrays import Container, Facts, is_sane
 from tactileforge_episodes.codecs import blosc_of, check_blosc, check_codecs
 from tactileforge_episodes.members import Members
 from tactileforge_episodes.packages import need
@@ -22,14 +21,9 @@ if TYPE_CHECKING:
 
 #: Files with the description of an array (zarr 2) and of an array or group (zarr 3).
 ARRAY_2, NODE_3 = ".zarray", "zarr.json"
-#: Errors of the decoders of damaged chunks and descriptions.
-_DAMAGED = (
-    *(RuntimeError, ValueError, TypeError, KeyError, OSError, EOFError, IndexError),
-    *(AttributeError, OverflowError, MemoryError, zlib.error),
-)
 
 
-class ZarrFile:
+class ZarrFile(Container):
     """Arrays of a zarr group.
 
     Args:
@@ -39,9 +33,9 @@ class ZarrFile:
     """
 
     def __init__(self, name: str, members: Members, folder: str) -> None:
-        self.name, self.members, self.folder = name, members, folder
+        super().__init__(name)
+        self.members, self.folder = members, folder
         self._arrays: dict[str, Array[Any]] = {}
-        self._facts: dict[str, Facts] = {}
 
     def keys(self) -> list[str]:
         """Paths of the arrays, in order; folders of chunks are not listed."""
@@ -72,16 +66,6 @@ class ZarrFile:
                 return version, about
         return None
 
-    def facts(self, key: str) -> Facts:
-        """Shape and type of an array.
-
-        Raises:
-            DataError: It is missing or damaged, or its codec is refused.
-        """
-        if key not in self._facts:
-            self._facts[key] = self._look(key)
-        return self._facts[key]
-
     def _look(self, key: str) -> Facts:
         found = self._described(key)
         if found is None:
@@ -89,16 +73,13 @@ class ZarrFile:
         version, about = found
         check_codecs(f"{self.name}, {key}", about)
         zarr = need("zarr", self.name)
-        try:
-            array = zarr.open_array(
-                _store_type()(self.members, self.name, blosc_of(about)),
-                path=posixpath.join(self.folder, key),
-                mode="r",
-                zarr_format=version,
-            )
-            dtype = np.dtype(array.dtype)
-        except _DAMAGED as error:
-            raise self._wrong(key, str(error)) from error
+        array = zarr.open_array(
+            _store_type()(self.members, self.name, blosc_of(about)),
+            path=posixpath.join(self.folder, key),
+            mode="r",
+            zarr_format=version,
+        )
+        dtype = np.dtype(array.dtype)
         if not is_sane(array.shape, dtype) or not is_sane(array.chunks, dtype, 1 << 32):
             raise self._wrong(key, f"shape {array.shape} in chunks of {array.chunks}")
         self._arrays[key] = array
@@ -106,18 +87,9 @@ class ZarrFile:
         rows = int(array.chunks[0]) if array.ndim else 1
         return Facts(tuple(map(int, array.shape)), dtype, rows)
 
-    def read(self, key: str, start: int, stop: int) -> NDArray[Any]:
-        """Rows of an array; all of one without rows.
-
-        Raises:
-            DataError: A chunk is damaged.
-        """
-        facts = self.facts(key)
-        try:
-            array = self._arrays[key]
-            values = np.asarray(array[start:stop] if facts.shape else array[()])
-        except _DAMAGED as error:
-            raise self._wrong(key, f"rows {start} to {stop - 1}: {error}") from error
+    def _rows(self, key: str, facts: Facts, start: int, stop: int) -> NDArray[Any]:
+        array = self._arrays[key]
+        values = np.asarray(array[start:stop] if facts.shape else array[()])
         if facts.dtype == np.uint8 and values.ndim > 2 and not values.any():
             self._check_present(key, start)
         return values
@@ -145,9 +117,6 @@ class ZarrFile:
                 values = about.get("attributes", {}) if file == NODE_3 else about
                 return values.get(name) if isinstance(values, dict) else None
         return None
-
-    def _wrong(self, key: str, why: str) -> DataError:
-        return DataError(f"{self.name}, {key}: cannot be read ({why}); download it again")
 
 
 @cache

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,14 @@ from tactileforge.plugin import (
     EncodedFrames,
     Frames,
     FrameSubset,
+    LazyImages,
     TaxelLayout,
     VideoFrames,
 )
 from tactileforge_lerobot.deep import DeepPart, DeepVideo, form_of
 from tactileforge_lerobot.drawn import ColumnValues, Drawing, DrawnFrames, Values
 from tactileforge_lerobot.folder import inside
-from tactileforge_lerobot.images import ColumnImages
+from tactileforge_lerobot.images import read_image
 from tactileforge_lerobot.info import Info
 from tactileforge_lerobot.rows import EpisodeRows
 
@@ -81,8 +83,8 @@ class Pictures:
         """
         if self.info.features[feature]["dtype"] == "image":
             path, start = rows.place
-            images = ColumnImages(self.root, path, feature, start, len(rows))
-            return EncodedFrames(f"{path}, {feature}", images)
+            read = partial(read_image, self.root, path, feature, start)
+            return EncodedFrames(f"{path}, {feature}", LazyImages(len(rows), read))
         if self.info.features[feature]["dtype"] != "video":
             raise DataError(f"{self.root}: {feature} holds no pictures; give another feature")
         path = self._present(rows.video(feature)[0])

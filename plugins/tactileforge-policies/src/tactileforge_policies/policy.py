@@ -15,7 +15,6 @@ from torch import Tensor
 from tactileforge import run_folder
 from tactileforge.checkpoint_file import read_checkpoint
 from tactileforge.encoders.views import views_of
-from tactileforge.hub.packed_linear import PackedLinears
 from tactileforge.parts import build_parts
 from tactileforge.plugin import (
     NEUTRAL_BACKGROUND,
@@ -62,7 +61,6 @@ class Policy:
         self.uses_image = bool(self.robot.image_size)
         self._encoder = encoder.requires_grad_(False).eval()
         self._head = head.requires_grad_(False).eval()
-        self._packed = PackedLinears()
         self._span = (encoder.frames - 1) * self.robot.stride + 1
         self.reset()
 
@@ -179,8 +177,7 @@ class Policy:
         frames = torch.from_numpy(np.stack(clips)).movedim(-1, -3)
         rest = torch.from_numpy(np.stack([self._rest(name) for name in self.fingers]))
         sensor = self._encoder.sensor_ids(self.sensor)
-        with self._packed:  # not for the head: its layers are too many and too small to gain
-            tokens: Tensor = self._encoder(frames, rest.movedim(-1, -3), sensor)[0]
+        tokens: Tensor = self._encoder(frames, rest.movedim(-1, -3), sensor)[0]
         # Rounded to float16, as the stored tokens in training are (`EpisodeClips.remember`).
         return views_of(self._encoder, {"tokens": tokens.half()[None]})
 

@@ -16,7 +16,7 @@ from tactileforge import strict
 from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.models import ModelEntry, encoder_of_run
 from tactileforge.bench.results.results import LossCurve
-from tactileforge.errors import ConfigError, TactileForgeError, command, unknown
+from tactileforge.errors import ConfigError, TactileForgeError, check_names, command
 from tactileforge.files import write_text
 from tactileforge.processes import run_program
 from tactileforge.run_folder import LAST
@@ -112,9 +112,7 @@ def ablations(
         if wanted == "all"
         else wanted.split(",")
     )
-    for ablation in chosen:
-        if ablation not in known:
-            raise ConfigError(unknown("ablation", ablation, known))
+    check_names("ablation", chosen, known)
     return {name: base, **models} | {
         ablation: models.get(ablation)
         or PretrainModel(

@@ -18,7 +18,7 @@ from tactileforge.bench.tasks.source import TaskSource
 from tactileforge.bench.tasks.splits import Split
 from tactileforge.bench.tasks.suite import Task
 from tactileforge.bench.tasks.targets import Target
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names
 
 
 @dataclass(frozen=True)
@@ -139,10 +139,8 @@ def choose_probe(task: Task, overrides: Mapping[str, Any]) -> ProbeChoice:
         )
     known = {field.name for field in fields(ProbeTraining)}
     parameters = set(signature(kind).parameters) - {"width", "parts"}
-    for key in node:
-        if key not in known | parameters:
-            names = {*known, *parameters, "name", "finetune"}
-            raise ConfigError(unknown(f"option of the probe of task {task.name}", key, names))
+    names = {*known, *parameters, "name", "finetune"}
+    check_names(f"option of the probe of task {task.name}", node, names)
     values = {key: value for key, value in node.items() if key in known}
     if "lr" in values:
         rates = values["lr"] if isinstance(values["lr"], list) else [values["lr"]]

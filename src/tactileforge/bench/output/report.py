@@ -15,7 +15,7 @@ from tactileforge.bench.output.pictures import draw_figures
 from tactileforge.bench.output.published import PublishedScore
 from tactileforge.bench.output.render import render_html
 from tactileforge.bench.results.intervals import difference_interval
-from tactileforge.bench.results.results import Results, ResultTask
+from tactileforge.bench.results.results import Results
 from tactileforge.bench.results.scores import Scores, edge_rates, titles
 from tactileforge.pages.page import Section, details, facts, page, paragraph, preformatted, verdict
 from tactileforge.pages.templating import joined
@@ -176,12 +176,11 @@ def _tasks(results: Results) -> Table | None:
     if not results.tasks:
         return None
     head = map(ColumnHead, ("Task", "probe", "data", "split", "epoch chosen on"))
-    rows = [[TableEntry(task.title), *map(_text, _row(task))] for task in results.tasks]
+    rows = [
+        [TableEntry(task.title), *map(_text, (task.probe, task.data, task.split, task.selection))]
+        for task in results.tasks
+    ]
     return Table("tasks", "Tasks", "As the suite defines them.", list(head), rows)
-
-
-def _row(task: ResultTask) -> list[str]:
-    return [task.probe, task.data, task.split, task.selection]
 
 
 def _models(results: Results) -> Table | None:

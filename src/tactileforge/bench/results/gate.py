@@ -18,7 +18,7 @@ from tactileforge.bench.results.bootstrap import (
     compared_over_tasks,
     grouped_score,
 )
-from tactileforge.bench.results.results import Cell, Results, ResultTask
+from tactileforge.bench.results.results import Results, ResultTask
 
 FILE = "gate.json"
 #: What a model has to beat; ``random`` are its own architecture's.
@@ -117,12 +117,10 @@ def _cells(
     tallies: dict[tuple[str, str], list[GroupedScore]] = {}
     for cell in results.cells:
         if cell.task == task.name and (reading := str(cell.setting.get("reading", ""))):
-            tallies.setdefault((cell.model, reading), []).append(_of(folder, cell, task))
+            tallies.setdefault((cell.model, reading), []).append(
+                grouped_score(folder / cell.predictions, task.main)
+            )
     return tallies
-
-
-def _of(folder: Path, cell: Cell, task: ResultTask) -> GroupedScore:
-    return grouped_score(folder / cell.predictions, task.main)
 
 
 def _others(

@@ -15,7 +15,7 @@ from tactileforge import registry
 from tactileforge.bench.tasks.suite import ClipSpec
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.batches.clips import Clips
-from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.errors import DataError, check_names
 
 #: Height and width of a clip that is never decoded.
 _SMALL = (8, 8)
@@ -110,9 +110,7 @@ def _node(data: Mapping[str, Any]) -> dict[str, Any]:
     words = [f"data.{key}={value}" for key, value in node.items()]
     options = option("data", [f"data={preset}", *words])
     if layouts is not None:
-        for name in layouts:
-            if name not in options["layouts"]:
-                raise ConfigError(unknown(f"layout of {preset}", name, options["layouts"]))
+        check_names(f"layout of {preset}", layouts, options["layouts"])
         options["layouts"] = {name: options["layouts"][name] for name in layouts}
     return options
 

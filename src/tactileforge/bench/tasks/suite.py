@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tactileforge import strict
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,9 +129,7 @@ def parse_task(name: str, config: Mapping[str, Any]) -> Task:
     clip = strict.build(ClipSpec, f"{where}.clip", values.pop("clip", {}))
     split = strict.build(SplitPlan, f"{where}.split", values.pop("split", None) or {})
     known = [key for key in Task.__dataclass_fields__ if key != "name"]
-    for key in values:
-        if key not in known:
-            raise ConfigError(unknown(f"key of {where}", key, known))
+    check_names(f"key of {where}", values, known)
     plain = {"name": name, "clip": clip, "split": split, **values}
     task = strict.build(Task, where, plain)
     if not task.metrics:

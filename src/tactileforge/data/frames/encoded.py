@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,26 @@ class Blob:
         if len(content) != self.size:
             raise DataError(f"{self.path}: has become shorter; download it again")
         return content
+
+
+class LazyImages(Sequence[Any]):
+    """Images by number, read on demand, for `EncodedFrames`.
+
+    Args:
+        count: Number of images.
+        read: Function from a number to the bytes of an image file, or to uint8 (H, W, 3);
+            picklable where the frames are read by workers.
+    """
+
+    def __init__(self, count: int, read: Callable[[int], bytes | NDArray[np.uint8]]) -> None:
+        self._numbers, self._read = range(count), read
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def __getitem__(self, i: Any) -> Any:
+        numbers = self._numbers[i]
+        return [self._read(n) for n in numbers] if isinstance(i, slice) else self._read(numbers)
 
 
 class EncodedFrames:

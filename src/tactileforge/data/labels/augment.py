@@ -23,7 +23,7 @@ from tactileforge.data.labels.turns import (
     turn_columns,
     turn_labels,
 )
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names
 from tactileforge.sensors.specs import spec
 
 #: Phrases of captions by action; "" stands for an unknown one.
@@ -124,9 +124,7 @@ class Augment(nn.Module):
         return bool(flips or self._moves or self._lights or self.jitter is not None)
 
     def _check(self, jitter: float) -> None:
-        for name in self.chance:
-            if name not in _MOST:
-                raise ConfigError(unknown("key of augment.chance", name, _MOST))
+        check_names("key of augment.chance", self.chance, _MOST)
         shares = {"horizontal": self.horizontal, "vertical": self.vertical, "jitter": jitter}
         shares |= {f"chance.{name}": value for name, value in self.chance.items()}
         bounds = {name: (value, 1.0) for name, value in shares.items()}

@@ -33,7 +33,7 @@ from tactileforge.encoders.published.layout import (
     source_keys,
 )
 from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names
 
 __all__ = [
     "LAYOUTS",
@@ -150,9 +150,7 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
     inner = {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
     plan = _plan(layout, inner)
     known = registry.parameters(_CLASSES[plan.encoder])
-    for key in options or {}:
-        if key not in known:
-            raise ConfigError(unknown(f"option of encoder {plan.encoder!r}", key, known))
+    check_names(f"option of encoder {plan.encoder!r}", options or {}, known)
     plan.options.update(options or {})
     used = set(source_keys(plan.keys))
     unused: dict[str | None, list[str]] = defaultdict(list)

@@ -15,7 +15,7 @@ from tactileforge.encoders.published.layout import (
     square,
 )
 from tactileforge.encoders.published.sparsh import TIMM_BLOCK
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names
 
 #: Mean and standard deviation of the images of each stem, from T3's configurations of its data
 #: sets. A stem of several sets has the numbers of the first: VisGel, tippur23 (first cylinder),
@@ -40,9 +40,7 @@ def _plan(state: State) -> ConversionPlan:
     stems = sorted({key.split(".")[1] for key in state if key.startswith("encoders.")})
     if not stems:
         raise ConfigError("T3: a trunk without stems; give the folder, with encoders/ in it")
-    for stem in stems:
-        if stem not in _NORMS:
-            raise ConfigError(unknown("T3 stem", stem, _NORMS, "Its mean is not published."))
+    check_names("T3 stem", stems, _NORMS, "Its mean is not published.")
     first = f"encoders.{stems[0]}"
     width = len(state["trunk.norm.weight"])
     if width != 768:

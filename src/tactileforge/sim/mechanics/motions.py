@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names, unknown
 
 #: Phase of a path without an action: the object stays.
 _STAY = "stay"
@@ -152,9 +152,8 @@ def chain(actions: Sequence[str], start: Sequence[float], speeds: Speeds) -> Pat
     pose = np.array([x, y, angle, 0.0, *tilt])
     clear = pose - np.array([0, 0, 0, CLEAR, 0, 0])
     times, poses, phases = [0.0, speeds.rest], [clear, clear], [_STAY]
+    check_names("action", actions, _WAYS)
     for action in actions:
-        if action not in _WAYS:
-            raise ConfigError(unknown("action", action, _WAYS))
         step = np.zeros(6)
         step[:4] = size * _WAYS[action]
         # A press starts from the clear, and a lift ends there.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tactileforge.bench.fit.pretrain import PretrainJob
-from tactileforge.plugin import ConfigError, unknown
+from tactileforge.plugin import ConfigError, check_names, unknown
 from tactileforge_policies.rollouts.actors import SCRIPTED
 from tactileforge_policies.rollouts.options import DemonstrationOptions, RolloutOptions, TaskOptions
 
@@ -229,9 +229,7 @@ def make_plan(
     Raises:
         ConfigError: An unknown row or task.
     """
-    for task in tasks or []:
-        if task not in options.tasks:
-            raise ConfigError(unknown("task", task, options.tasks))
+    check_names("task", tasks or [], options.tasks)
     for name in models:
         if name not in options.policies and "." not in name and not name.startswith("file:"):
             raise ConfigError(unknown("model", name, options.policies, "Or NAME.TAG of the zoo"))
