@@ -77,8 +77,8 @@ def names(kind: str) -> list[str]:
     """The installed names of a kind, sorted; imports nothing.
 
     Example:
-        >>> names("objectives")[:3]
-        ['align', 'classify', 'denoise']
+        >>> "align" in names("objectives")
+        True
     """
     return list(_entries(kind))
 

@@ -176,7 +176,7 @@ class Model(HeadModel):
 
         Example:
             >>> model = tactileforge.load("tvl.vitb")  # doctest: +SKIP
-            >>> model.match_words(clip, ["wood", "metal"], sensor="digit").name
+            >>> model.match_words(clip, ["wood", "metal"], sensor="digit").name  # doctest: +SKIP
             'wood'
         """
         from tactileforge.hub.words import language_of, match_vectors

@@ -35,7 +35,8 @@ def without_companions(paths: list[Path], folder: Path) -> list[Path]:
         >>> from pathlib import Path
         >>> folder = Path("touches")
         >>> names = ("press.mp4", "._press.mp4")
-        >>> [path.name for path in without_companions([folder / name for name in names], folder)]
-        ['press.mp4']
+        >>> [kept] = without_companions([folder / name for name in names], folder)
+        >>> kept.name
+        'press.mp4'
     """
     return [path for path in paths if not is_companion(path.relative_to(folder))]

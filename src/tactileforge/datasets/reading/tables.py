@@ -189,8 +189,9 @@ def read_cells(
 
     Example:
         >>> _ = Path("labels.csv").write_text("file,object\na.mp4,mug\n")
-        >>> [cells for _, cells in read_cells(Path("labels.csv"), ["object"])]
-        [{'file': 'a.mp4', 'object': 'mug'}]
+        >>> [(_, cells)] = read_cells(Path("labels.csv"), ["object"])
+        >>> cells["object"]
+        'mug'
     """
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
