@@ -33,6 +33,12 @@ GENERAL: dict[str, tuple[str, tuple[str, ...], tuple[str, ...], str]] = {
         ("image", "object", "text", "action", "force", "surface"),
         "[Shards](shards.md) · [packing](packing.md)",
     ),
+    "webdataset": (
+        "Tars of samples by other programs, read where they lie.",
+        ("digit",),
+        ("object", "text", "action", "force"),
+        "[Tars of samples](webdataset.md)",
+    ),
     "mixture": (
         "Several data sets as one; every batch holds a fixed share of each.",
         ("digit", "gelsight", "gelsight_mini"),

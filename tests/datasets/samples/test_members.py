@@ -83,6 +83,7 @@ def test_members_before_a_damage_are_kept(tmp_path: Path, change, damage: str, l
         (b"no tar at all" * 99, "no tar, or damaged at byte 0"),
         (gzip.compress(bytes(10240)), "compressed, so no member can be found; gunzip it"),
     ],
+    ids=["cut", "empty", "text", "gzip"],
 )
 def test_what_is_no_tar_is_named(tmp_path: Path, content: bytes, words: str) -> None:
     path = tmp_path / "a.tar"
