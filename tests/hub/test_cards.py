@@ -11,6 +11,7 @@ from tactileforge import list_models
 from tactileforge.errors import ConfigError
 from tactileforge.hub import cards
 from tactileforge.hub.table import zoo_page
+from tactileforge.licences import NO_LICENCE
 from tactileforge.sensors.specs import SPECS
 
 ROOT = Path(__file__).parents[2]
@@ -48,7 +49,7 @@ def test_cards_are_complete(name: str) -> None:
     assert card.data
     assert card.text.startswith(f"# {card.title}")
     assert card.recipe == (ROOT / "zoo" / "recipe" / f"{name}.yaml").is_file()
-    spdx = {"Apache-2.0", "MIT", "CC-BY-NC-4.0", cards.NO_LICENCE}
+    spdx = {"Apache-2.0", "MIT", "CC-BY-NC-4.0", NO_LICENCE}
     assert {card.licence, *(w.licence for w in card.weights)} <= spdx
     for weight in card.weights:
         if weight.file:
