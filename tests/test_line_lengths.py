@@ -28,9 +28,13 @@ STARTS = re.compile(r"^(?:[-+*]|\d+[.)]|#+|>.*|\|.*|=+|:::.*|!!!.*)$")
 def _blocks(text: str) -> Iterator[tuple[bool, list[str]]]:
     """Whether lines are a paragraph or item to fill, and the lines."""
     lines = text.split("\n")
-    fenced, front, paragraph = False, lines[0] == "---", []
+    fenced, front, listed, paragraph = False, lines[0] == "---", False, []
     for number, line in enumerate(lines):
-        whole = front or fenced or bool(FENCE.match(line)) or not line.strip() or WHOLE.match(line)
+        if line and not line[0].isspace():
+            listed = bool((ITEM.match(line) or [""])[2])  # what is indented below is its text
+        code = line.startswith("    ") and not listed and not paragraph
+        whole = front or fenced or code or bool(FENCE.match(line)) or not line.strip()
+        whole = whole or bool(WHOLE.match(line))
         if paragraph and (whole or (ITEM.match(line) or [""])[2]):
             yield True, paragraph
             paragraph = []
@@ -97,6 +101,9 @@ def test_filling_changes_line_breaks_alone() -> None:
     assert done.split("\n")[3].startswith("  ")
     assert "code with spaces" in done.replace("\n", "|")
     assert filled(done) == done
+    code = "Commands:\n\n    one --with=" + "words " * 30 + "\\\n        and=more\n    two"
+    assert filled(code) == code
+    assert filled("-   " + code) != "-   " + code  # text of an item
 
 
 if __name__ == "__main__":
