@@ -54,9 +54,11 @@ def alone(monkeypatch):
         monkeypatch.setattr(module, "entry_points", found)
     registry._entries.cache_clear()
     cards.card_names.cache_clear()
+    cards.read_card.cache_clear()
     yield
     registry._entries.cache_clear()
     cards.card_names.cache_clear()
+    cards.read_card.cache_clear()
 
 
 @pytest.mark.usefixtures("alone")
