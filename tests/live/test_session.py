@@ -154,6 +154,8 @@ def test_frames_become_forces(scripted, model):
     assert times == sorted(set(times))
 
 
+# pictures of noise, all of which changes: one of them looks like another light
+@pytest.mark.filterwarnings("ignore:force. 1 of 3 frames have none")
 def test_the_force_is_the_models_own(scripted, model):
     sensor = scripted(fps=50.0, moves=True)
     view = LiveSession({"left": sensor}, model, options(frames=1))
@@ -168,6 +170,7 @@ def test_the_force_is_the_models_own(scripted, model):
     with pytest.warns(UserWarning, match="no calibration= of this unit"):
         expected = model.force(shots[-1].clip, still, "digit")[-1]
     assert reading.force == pytest.approx(expected.tolist(), abs=1e-6)
+    assert expected.isfinite().all()
     assert shots[-1].clip.shape == (4, 32, 32, 3)
 
 
