@@ -133,6 +133,11 @@ def test_just_below_the_threshold_nothing_is_flagged(touch: Touch, fields: Any) 
     assert flags(touch(3, **fields)) == {}
 
 
+def test_just_above_its_threshold_another_background_is_flagged(touch: Touch) -> None:
+    raised = flags(touch(3, edit=lambda a: np.add(a, 8, out=a, casting="unsafe")))
+    assert set(raised) == {"background_changed"}
+
+
 def test_pictures_before_forces_are_a_lag_too(touch: Touch) -> None:
     assert "0.2 s before forces" in flags(touch(3, lag=-0.2))["lag"].words
 

@@ -183,6 +183,15 @@ def test_nothing_is_decoded_that_no_clip_asks_for() -> None:
     assert frames.decoded == sorted({*cut.rows(5).tolist(), *cut.rows(9).tolist()})
 
 
+def test_arrays_of_one_kind_are_dropped_alone() -> None:
+    cut = clips(recording())
+    for kind in ("image", "frames"):
+        cut._cache.put((kind, 0), np.zeros(10, np.uint8))
+    cut._cache.clear("image")
+    assert list(cut._cache.items) == [("frames", 0)]
+    assert cut._cache.size == 10
+
+
 def test_the_cache_is_bounded() -> None:
     frames = Counted(4000)
     limit = 100 * 8 * 8 * 3
