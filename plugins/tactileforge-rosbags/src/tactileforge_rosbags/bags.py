@@ -134,7 +134,7 @@ def find_bags(root: Path) -> Iterator[Bag]:
 def _walk(root: Path) -> Iterator[Path]:
     if not root.is_dir():
         return
-    names = [one.name for one in _files(root)]
+    names = _names(root)
     if _METADATA in names and any(name.endswith(_ENDS + _PACKED) for name in names):
         yield root
         return
@@ -146,6 +146,10 @@ def _walk(root: Path) -> Iterator[Path]:
 
 def _files(folder: Path) -> list[Path]:
     return sorted(one for one in folder.iterdir() if one.is_file() and one.name[0] != ".")
+
+
+def _names(place: Path) -> list[str]:
+    return [one.name for one in _files(place)] if place.is_dir() else [place.name]
 
 
 class _OpenBag:
@@ -161,7 +165,7 @@ class _OpenBag:
                 f"data=rosbags cannot import rosbags ({error}): pip install rosbags lz4"
             ) from error
         self.path = path
-        if _SQLITE & set(path):
+        if _SQLITE & set(path) and any(name.endswith(".db3") for name in _names(Path(path))):
             raise DataError(f"{path}: sqlite misreads ?, # and % in a path; rename the bag")
         self.is1 = path.endswith(".bag")
         self.store = get_typestore(Stores.ROS1_NOETIC if self.is1 else Stores.LATEST)

@@ -14,6 +14,7 @@ from tactileforge.plugin import (
     Guess,
     Recording,
     check_data_licence,
+    check_names,
     home_path,
     is_held_out,
     unknown,
@@ -136,15 +137,17 @@ class Rosbags:
         Raises:
             DataNotFoundError: There is no bag.
             DataError: No recording of the split can be read.
-            ConfigError: An unknown split or sensor, or no topic is named.
+            ConfigError: An unknown split, sensor or bag of an interval, or no topic is named.
         """
         from tactileforge_rosbags.bags import find_bags
         from tactileforge_rosbags.reader import BagFile
 
         if split not in ("train", "val"):
             raise ConfigError(unknown("split", split, ("train", "val")))
-        opened = False
-        for bag in find_bags(self.root):
+        keys, opened = self.keys, False
+        bags = [*find_bags(self.root)]
+        check_names("bag of `intervals`", keys.intervals, {bag.name for bag in bags})
+        for bag in bags:
             if ("val" if is_held_out(bag.name, self.val) else "train") != split:
                 continue
             try:

@@ -58,7 +58,7 @@ def read_wrench(
 @lru_cache(maxsize=16)
 def _wrenches(bag: Bag, topic: str, _changed: int) -> Scan:
     found = scan(bag, topic, WRENCHES, _wrench)
-    return replace(found, values=np.asarray(found.values, np.float32))
+    return replace(found, values=_finite(found.values))
 
 
 def _wrench(message: Any) -> tuple[float, ...]:
@@ -151,7 +151,7 @@ def _joint_sets(bag: Bag, topic: str, _changed: int) -> Scan:
     for rows in sets.values():
         names = tuple(found.values[rows[0]])
         table = [[found.values[row][name] for name in names] for row in rows]
-        made.append(_Joints(names, np.asarray(rows), np.asarray(table, np.float32)))
+        made.append(_Joints(names, np.asarray(rows), _finite(table)))
     return replace(found, values=made)
 
 
@@ -167,6 +167,13 @@ def _joints(message: Any) -> dict[str, tuple[float, ...]]:
             raise DataError(f"{len(names)} names of joints, but {len(values)} values of {field}")
         columns.append(list(values) or [float("nan")] * len(names))
     return dict(zip(names, zip(*columns, strict=True), strict=True))
+
+
+def _finite(values: Sequence[Any]) -> NDArray[np.float32]:
+    """Numbers as float32, with NaN for those that are not finite in it."""
+    with np.errstate(over="ignore"):
+        numbers = np.asarray(values, np.float64).astype(np.float32)
+    return np.where(np.isfinite(numbers), numbers, np.float32(np.nan))
 
 
 def _apart(found: Scan, clock: Clock, gap: float) -> DataError:
