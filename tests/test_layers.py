@@ -104,11 +104,13 @@ ABSENT = [
     "gymnasium",
     "h5py",
     "pyarrow",
+    "rosbags",
     "tactileforge_arrays",
     "tactileforge_datasets",
     "tactileforge_episodes",
     "tactileforge_lerobot",
     "tactileforge_policies",
+    "tactileforge_rosbags",
     "zarr",
 ]
 

@@ -50,6 +50,7 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
         "suite": ("manipulation",),
         "verbs": ("demos", "rollout"),
     },
+    "tactileforge-rosbags": {"datasets": ("rosbags",)},
 }
 
 

@@ -91,7 +91,7 @@ from tactileforge.sensors.specs import SPECS, spec
 from tactileforge.sensors.stream import StreamSensor
 from tactileforge.sensors.taxels import TaxelLayout
 from tactileforge.streaming.buffer import warn_of_slow_frames
-from tactileforge.untrusted import load_json, load_yaml
+from tactileforge.untrusted import load_json, load_yaml, open_picture
 
 if TYPE_CHECKING:
     from tactileforge.data.batches.clips import Clips, resize_frame, view_of
@@ -197,6 +197,7 @@ __all__ = [
     "names",
     "nearest",
     "new_part",
+    "open_picture",
     "open_sensor",
     "patches_at",
     "payload_size",

@@ -1,0 +1,1 @@
+"""ROS bags for tactileforge: topics of pictures, wrenches and joints as recordings."""

@@ -1,0 +1,184 @@
+"""The data set ``rosbags``: topics of ROS bags as recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from tactileforge.plugin import (
+    ConfigError,
+    DataError,
+    Guess,
+    Recording,
+    check_data_licence,
+    check_names,
+    home_path,
+    is_held_out,
+    unknown,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from tactileforge_rosbags.map_keys import BagMap
+
+
+class Rosbags:
+    """ROS bags, one recording a sensor and bag or interval (`docs/rosbags.md`).
+
+    Read are rosbag2 in sqlite3 and mcap, and ROS 1 bags, by the package ``rosbags``, without ROS:
+    topics of raw and compressed pictures, of wrenches and of joint states.
+
+    Args:
+        root: Folder of the bags, or a single bag.
+        topics: Type of the sensor by topic of touch: ``{/digit/image: digit}``; {} with ``map``.
+        map: YAML file that says more: wrenches, camera, joints, intervals; "" for none.
+        clock: ``header`` for the stamps of messages, where they are set, or ``bag`` for the time of
+            recording; null for what the map says.
+        background: ``first`` where recordings begin without contact, ``bag`` where bags do, or
+            ``none``; null for what the map says.
+        licence: Licence of the recordings, where the map has none.
+        val: Share of the bags held out for validation.
+
+    Raises:
+        ConfigError: An option is invalid, or options contradict each other.
+    """
+
+    def __init__(
+        self,
+        root: str,
+        topics: Mapping[str, str] | None = None,
+        map: str = "",
+        clock: Literal["header", "bag"] | None = None,
+        background: Literal["none", "first", "bag"] | None = None,
+        licence: str = "",
+        val: float = 0.1,
+    ) -> None:
+        if not 0 <= val < 1:
+            raise ConfigError(f"data.val={val}; give the held-out share, 0 or more, below 1")
+        if topics and map:
+            raise ConfigError("give data.topics, or data.map=FILE.yaml with `touch`, not both")
+        check_data_licence("data.licence", licence)
+        self.root, self.val, self.map = home_path(root), val, map
+        self.topics = dict(topics or {})
+        self.clock, self.background, self.licence = clock, background, licence
+        self.skipped: list[str] = []
+        self._notes: list[str] = []
+        self._failed: DataError | None = None
+
+    @cached_property
+    def keys(self) -> BagMap:
+        """The map.
+
+        Raises:
+            ConfigError: The file cannot be read, a key is invalid, or no topic is named.
+            DataNotFoundError: There is no bag.
+        """
+        from tactileforge_rosbags.map_files import map_of, read_map
+
+        if not self.map and not self.topics:
+            raise ConfigError(
+                f"{self.root}: which topics are touch? data.topics={{TOPIC: SENSOR}}, or a map: "
+                f"data.map=FILE.yaml (docs/rosbags.md); {self._held()}"
+            )
+        keys = read_map(home_path(self.map)) if self.map else map_of(self.topics)
+        return replace(
+            keys,
+            clock=self.clock or keys.clock,
+            background=self.background or keys.background,
+            licence=keys.licence or self.licence,
+        )
+
+    def _held(self) -> str:
+        """Names of the topics of pictures of the first bag that can be read."""
+        from tactileforge_rosbags.bags import find_bags
+        from tactileforge_rosbags.pictures import KINDS
+
+        for bag in find_bags(self.root):
+            try:
+                found = sorted(one.name for one in bag.topics.values() if one.kind in KINDS)
+            except DataError:
+                continue  # named when it is read
+            return f"topics of pictures: {', '.join(found) or '(none)'}"
+        return "no bag can be read"
+
+    @property
+    def notes(self) -> list[str]:
+        """Facts inferred, or read with doubt, a line each."""
+        return list(dict.fromkeys(self._notes))
+
+    @cached_property
+    def provides(self) -> frozenset[str]:
+        """Labels named by the map; empty where there is none."""
+        try:
+            keys = self.keys
+        except (ConfigError, DataError):
+            return frozenset()
+        parts = [part for parts in keys.intervals.values() for part in parts]
+        stated = {
+            "force": any(one.wrench and one.wrench.frame == "gel" for one in keys.touch),
+            "object": keys.object or any(part.object for part in parts),
+            "text": keys.text or any(part.text for part in parts),
+            "image": keys.camera is not None,
+        }
+        return frozenset(name for name, there in stated.items() if there)
+
+    def recordings(self, split: str) -> Iterator[Recording]:
+        """Yields the recordings of a split, bag by bag.
+
+        A bag, touch or message that cannot be read is left out and listed in ``skipped``.
+
+        Args:
+            split: ``train`` or ``val``.
+
+        Raises:
+            DataNotFoundError: There is no bag.
+            DataError: No recording of the split can be read.
+            ConfigError: An unknown split, sensor or bag of an interval, or no topic is named.
+        """
+        from tactileforge_rosbags.bags import find_bags
+        from tactileforge_rosbags.reader import BagFile
+
+        if split not in ("train", "val"):
+            raise ConfigError(unknown("split", split, ("train", "val")))
+        keys, opened = self.keys, False
+        bags = [*find_bags(self.root)]
+        check_names("bag of `intervals`", keys.intervals, {bag.name for bag in bags})
+        for bag in bags:
+            if ("val" if is_held_out(bag.name, self.val) else "train") != split:
+                continue
+            try:
+                for recording in BagFile(
+                    bag, self.keys, self._skip, self._notes.append
+                ).recordings():
+                    opened = True
+                    yield recording
+            except DataError as error:
+                self._skip(error)
+        if self._failed is not None and not opened:
+            raise self._failed
+
+    def _skip(self, error: DataError) -> None:
+        self._failed = error
+        if str(error) not in self.skipped:
+            self.skipped.append(str(error))
+
+    def plot(self, recording: Recording) -> Figure:
+        """Plots a recording."""
+        from tactileforge.plugin import plot_recording
+
+        return plot_recording(recording)
+
+    @staticmethod
+    def recognise(root: Path) -> Guess | None:
+        """Recognises bags by their files, and touch by the names of topics.
+
+        Args:
+            root: Folder or file.
+        """
+        from tactileforge_rosbags.guess import guess
+
+        return guess(root)

@@ -1,0 +1,62 @@
+"""Maps as files, and from topics alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tactileforge.plugin import ConfigError, check_data_licence, load_yaml, strict
+from tactileforge_rosbags.map_keys import BagMap, TouchKeys, finger_of
+
+
+def read_map(path: Path) -> BagMap:
+    """A map of a user.
+
+    Raises:
+        ConfigError: The file cannot be read, or a key is unknown, missing or of another type, or
+            keys contradict each other.
+    """
+    try:
+        content = load_yaml(path.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        why = " ".join(str(error).split())
+        raise ConfigError(f"data.map={path}: cannot be read ({why}); correct it") from error
+    return _checked(str(path), content)
+
+
+def map_of(topics: Mapping[str, str]) -> BagMap:
+    """A map of topics of touch alone.
+
+    Args:
+        topics: Type of the sensor by topic.
+    """
+    touch = tuple(TouchKeys(topic=topic, sensor=sensor) for topic, sensor in topics.items())
+    return BagMap(touch=touch)
+
+
+def _checked(where: str, content: Any) -> BagMap:
+    made: BagMap = strict.build(BagMap, where, content)
+    if not made.touch:
+        raise ConfigError(f"{where}: touch is empty; say which topics are touch")
+    check_data_licence(f"{where}: licence", made.licence)
+    if not made.gap > 0:
+        raise ConfigError(f"{where}: gap is {made.gap}; give seconds above 0")
+    fingers = [finger_of(touch) for touch in made.touch]
+    if twice := sorted({name for name in fingers if fingers.count(name) > 1}):
+        raise ConfigError(f"{where}: two touches are called {twice[0]!r}; give each its `finger`")
+    for touch in made.touch:
+        _check_wrench(where, touch)
+    for bag, parts in made.intervals.items():
+        if bad := [part for part in parts if not 0 <= part.start < part.stop]:
+            raise ConfigError(
+                f"{where}: intervals of {bag}: {bad[0].start} s to {bad[0].stop} s; give a begin, "
+                "0 or more, and a later end"
+            )
+    return made
+
+
+def _check_wrench(where: str, touch: TouchKeys) -> None:
+    columns = touch.wrench.columns if touch.wrench else ()
+    if any(column not in (None, 0, 1, 2) for column in columns):
+        raise ConfigError(f"{where}: touch.wrench.columns {columns}; give 0, 1, 2 or null")

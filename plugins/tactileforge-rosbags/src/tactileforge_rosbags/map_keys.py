@@ -1,0 +1,136 @@
+"""Keys of a map: the meaning of the topics of bags."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrenchKeys:
+    """Wrench on a touch.
+
+    Attributes:
+        topic: Topic of `geometry_msgs` ``WrenchStamped`` or ``Wrench``; with a ``?`` at its end, it
+            may be absent.
+        frame: ``gel`` for the force on the gel, which is the label; anything else is another frame,
+            and makes no label but the track ``wrench``.
+        sign: Factor of each axis that gives the axes of the gel: x right, y down, z into it, with
+            pressing positive.
+        columns: Which of the force's x, y and z (0, 1, 2) lie along the axes of the gel; null where
+            an axis is not measured.
+        unit: Unit of the forces.
+        lag: Time by which the wrench is late, s.
+    """
+
+    topic: str
+    frame: str = ""
+    sign: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    columns: tuple[int | None, int | None, int | None] = (0, 1, 2)
+    unit: Literal["N", "mN", "kgf", "gf"] = "N"
+    lag: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureKeys:
+    """A topic of pictures.
+
+    Attributes:
+        topic: Topic of `sensor_msgs` ``CompressedImage``, or of ``Image`` in rgb8, bgr8 or mono8.
+        exchanged: Whether red and blue are exchanged in the pictures.
+        turns: Quarter turns, counter-clockwise, to put a picture upright.
+    """
+
+    topic: str
+    exchanged: bool = False
+    turns: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TouchKeys(PictureKeys):
+    """Touch of one sensor.
+
+    Attributes:
+        sensor: Type of the sensor.
+        finger: Name of the finger; "" for that of the topic.
+        wrench: Its wrench; null for none.
+    """
+
+    sensor: str = field(metadata={"example": "digit"})
+    finger: str = ""
+    wrench: WrenchKeys | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class IntervalKeys:
+    """A part of a bag, and what is said of it alone.
+
+    Attributes:
+        start: Begin, s from the first message of the bag, by the time of recording.
+        stop: End, s.
+        object: Name of the touched object; "" for that of the map.
+        text: Caption; "" for that of the map.
+        labels: Further labels.
+    """
+
+    start: float
+    stop: float
+    object: str = ""
+    text: str = ""
+    labels: Mapping[str, str | float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BagMap:
+    """Map of the topics of bags.
+
+    Attributes:
+        touch: Topics of touch.
+        camera: Topic of the view of the scene; with a ``?`` at its end, it may be absent.
+        joints: Topics of `sensor_msgs` ``JointState``: the tracks ``state``, ``joint_velocity`` and
+            ``joint_effort``; null for all of the bag.
+        wrenches: Topics of wrenches that are tracks, by the name of the track; null for all of the
+            bag, but those of touches.
+        clock: ``header`` for the stamps of messages where each has one, or ``bag`` for the time of
+            recording.
+        gap: Largest difference of a frame and its wrench or joints, s.
+        background: ``first`` where recordings begin without contact, ``bag`` where bags do, or
+            ``none``.
+        intervals: Parts of bags, by the name of the bag; a bag without an entry is one recording a
+            sensor.
+        object: Name of the touched object.
+        text: Caption.
+        labels: Further labels.
+        source: Origin of the recordings.
+        licence: Licence of the recordings.
+    """
+
+    touch: tuple[TouchKeys, ...]
+    camera: PictureKeys | None = None
+    joints: tuple[str, ...] | None = None
+    wrenches: Mapping[str, str] | None = None
+    clock: Literal["header", "bag"] = "header"
+    gap: float = 0.1
+    background: Literal["none", "first", "bag"] = "none"
+    intervals: Mapping[str, tuple[IntervalKeys, ...]] = field(default_factory=dict)
+    object: str = ""
+    text: str = ""
+    labels: Mapping[str, str | float] = field(default_factory=dict)
+    source: str = ""
+    licence: str = ""
+
+
+def finger_of(touch: TouchKeys) -> str:
+    """Name of the finger of a touch.
+
+    Example:
+        >>> finger_of(TouchKeys(topic="/left/image/compressed", sensor="digit"))
+        'left_image_compressed'
+    """
+    return touch.finger or plain(touch.topic)
+
+
+def plain(topic: str) -> str:
+    """A topic as a name without slashes."""
+    return topic.strip("/").replace("/", "_") or "topic"
