@@ -18,7 +18,8 @@ import pytest
 
 from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError
-from tactileforge.live.server import LivePage, difference_image, page_jpeg
+from tactileforge.live.pictures import difference_image, page_jpeg
+from tactileforge.live.server import LivePage
 from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground, run_session
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chrome"))), None)
@@ -209,7 +210,7 @@ def test_a_browser_shows_it(page, tmp_path, width):
 
 def test_answers_do_not_wait_for_one_another(page):
     """A head and a body are two writes, and each goes out at once."""
-    from tactileforge.live.server import _Handler
+    from tactileforge.live.local_page import _Handler
 
     assert _Handler.disable_nagle_algorithm
     host, port = page.url.split("/")[2].split(":")

@@ -133,7 +133,9 @@ class Recordings:
         if split not in ("train", "val"):
             raise ConfigError(unknown("split", split, ("train", "val")))
         opened, failed = 0, []
-        layouts = self.layouts if self.tracks else [replace(one, tracks=None) for one in self.layouts]
+        layouts = (
+            self.layouts if self.tracks else [replace(one, tracks=None) for one in self.layouts]
+        )
         for reader in [LayoutReader(layout, self.root) for layout in layouts]:
             touches = reader.touches()
             self.skipped += [line for line in reader.odd if line not in self.skipped]

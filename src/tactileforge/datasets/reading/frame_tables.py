@@ -1,4 +1,4 @@
-"""Forces, actions and tracks per frame of a touch, from CSVs with a row per frame, time or image."""
+"""Forces, actions and tracks per frame of a touch, from CSVs by frame, time or image."""
 
 from __future__ import annotations
 
