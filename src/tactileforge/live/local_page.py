@@ -50,7 +50,7 @@ class LocalPage:
     """Serves a page at 127.0.0.1 while it is open.
 
     The address contains a random token. A request without it is refused, and so is one for a
-    different host (DNS rebinding by a web site). Requests are answered in threads of their own.
+    different host (DNS rebinding by a web site), or of a page of another origin. Requests are answered in threads of their own.
 
     Args:
         get: Function from the path below the token, decoded, and the query to the answer.
@@ -155,7 +155,9 @@ class _Handler(BaseHTTPRequestHandler):
         hosts = (f"{_HOST}:{port}", f"localhost:{port}")
         # compared in constant time, so that response times tell nothing about the token
         good = hmac.compare_digest(token.encode(), self.token.encode())
-        if good and self.headers.get("Host") in hosts:
+        # a browser sends the origin of the page that asks: another one has no business here
+        origins = (None, *(f"http://{host}" for host in hosts))
+        if good and self.headers.get("Host") in hosts and self.headers.get("Origin") in origins:
             return unquote(rest)
         said = b"give the whole address that the command printed\n"
         self._answer(PageAnswer(said, status=403))

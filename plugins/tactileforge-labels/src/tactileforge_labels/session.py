@@ -22,11 +22,16 @@ from tactileforge.plugin import (
     difference_image,
     page_jpeg,
 )
-from tactileforge_labels.marks import STATES, Marks, intervals, no_marks, parse_marks
-from tactileforge_labels.marks import read_marks as read_file
-from tactileforge_labels.marks import write_marks as write_file
+from tactileforge_labels.marks import (
+    STATES,
+    Marks,
+    intervals,
+    no_marks,
+    parse_marks,
+    read_marks,
+    write_marks,
+)
 from tactileforge_labels.propose import SlipMotion, imprint, propose
-
 
 #: End of the key of a part of a recording; see `Recording.part`.
 _PART = re.compile(r"\[\d+:\d+\]$")
@@ -160,7 +165,7 @@ class LabelSession:
                     f"{one.recording.key}: another window has written its marks meanwhile; reload"
                 )
             try:
-                write_file(one.path, marks, one.recording.times)
+                write_marks(one.path, marks, one.recording.times)
             except OSError as error:
                 raise DataError(f"{one.path}: cannot be written ({error.strerror})") from error
             one.marks, one.revision = marks, one.revision + 1
@@ -230,6 +235,6 @@ def _entry(recording: Recording, path: Path) -> Entry:
     if not path.is_file():
         return Entry(recording, path, no_marks(count))
     try:
-        return Entry(recording, path, read_file(path, count))
+        return Entry(recording, path, read_marks(path, count))
     except (DataError, ConfigError) as error:
         return Entry(recording, path, no_marks(count), problem=str(error))
