@@ -50,7 +50,8 @@ class LocalPage:
     """Serves a page at 127.0.0.1 while it is open.
 
     The address contains a random token. A request without it is refused, and so is one for a
-    different host (DNS rebinding by a web site), or of a page of another origin. Requests are answered in threads of their own.
+    different host (DNS rebinding by a web site), or of a page of another origin. Each request is
+    answered in a thread of its own.
 
     Args:
         get: Function from the path below the token, decoded, and the query to the answer.
