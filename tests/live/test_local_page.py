@@ -1,4 +1,4 @@
-"""The server of local pages: who may ask, and what a body may be."""
+"""The server of local pages: access, and bodies of requests."""
 
 import socket
 from http.client import HTTPConnection

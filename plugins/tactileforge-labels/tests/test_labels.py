@@ -36,7 +36,7 @@ PRESSED, SLIPS, STOPS, LIFTED = 10, 25, 40, 52
 
 
 def film():
-    """A dot that is pressed, slides by 2 pixels a frame, and is lifted; uint8 (60, 96, 128, 3)."""
+    """A dot is pressed, slides by 2 pixels a frame, and is lifted; uint8 (60, 96, 128, 3)."""
     rows, columns = np.mgrid[0:96, 0:128]
     frames = np.full((COUNT, 96, 128, 3), 100, np.uint8)
     for i in range(PRESSED, LIFTED):

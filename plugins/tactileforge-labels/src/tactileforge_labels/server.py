@@ -71,7 +71,7 @@ class LabelAnswers:
             return _refused(400, error)
 
     def _numbers(self, texts: list[str]) -> list[int]:
-        """Number of a recording, and of a frame of it where given.
+        """Number of a recording, and of one of its frames if given.
 
         Raises:
             LookupError: There is no such recording or frame.
