@@ -79,8 +79,8 @@ class LocalPage:
     ) -> None:
         check_port(port)
         self.token = secrets.token_urlsafe(18)
-        given = {"get": staticmethod(get), "post": post and staticmethod(post)}
-        handler = type("Handler", (_Handler,), {**given, "token": self.token})
+        own: dict[str, Any] = {"get": staticmethod(get), "token": self.token}
+        handler = type("Handler", (_Handler,), {**own, "post": post and staticmethod(post)})
         try:
             self._server = _Server((_HOST, port), handler)
         except OSError as error:
