@@ -60,9 +60,9 @@ $(VENV)/.installed-policies: $(VENV)/.installed
 
 $(VENV)/.installed-dev: $(VENV)/.installed
 	$(PIP) --editable '.[dev]' --editable plugins/tactileforge-arrays --editable plugins/tactileforge-datasets \
-	  --editable plugins/tactileforge-episodes --editable plugins/tactileforge-lerobot \
-	  --editable plugins/tactileforge-markers --editable plugins/tactileforge-policies \
-	  --editable plugins/tactileforge-rosbags
+	  --editable plugins/tactileforge-episodes --editable plugins/tactileforge-labels \
+	  --editable plugins/tactileforge-lerobot --editable plugins/tactileforge-markers \
+	  --editable plugins/tactileforge-policies --editable plugins/tactileforge-rosbags
 	touch $@
 
 clean:

@@ -108,6 +108,7 @@ ABSENT = [
     "tactileforge_arrays",
     "tactileforge_datasets",
     "tactileforge_episodes",
+    "tactileforge_labels",
     "tactileforge_lerobot",
     "tactileforge_policies",
     "tactileforge_rosbags",

@@ -72,7 +72,10 @@ from tactileforge.errors import (
 )
 from tactileforge.files import cache_folder, new_part, write_text
 from tactileforge.licences import check_data_licence
+from tactileforge.live.local_page import LocalPage, PageAnswer
+from tactileforge.live.pictures import difference_image, page_jpeg
 from tactileforge.live.publish import to_json
+from tactileforge.locks import locked
 from tactileforge.moves import VERSION
 from tactileforge.registry import build, names
 from tactileforge.sensors.capture import Capture
@@ -91,6 +94,7 @@ from tactileforge.sensors.specs import SPECS, spec
 from tactileforge.sensors.stream import StreamSensor
 from tactileforge.sensors.taxels import TaxelLayout
 from tactileforge.streaming.buffer import warn_of_slow_frames
+from tactileforge.streaming.contact import ContactDetector, ContactOptions
 from tactileforge.untrusted import load_json, load_yaml, open_picture
 
 if TYPE_CHECKING:
@@ -127,6 +131,8 @@ __all__ = [
     "ColumnSize",
     "Command",
     "ConfigError",
+    "ContactDetector",
+    "ContactOptions",
     "CutColumns",
     "DataError",
     "DataNotFoundError",
@@ -145,6 +151,7 @@ __all__ = [
     "Lamp",
     "LazyImages",
     "Link",
+    "LocalPage",
     "MarkerPattern",
     "MaskedFeatures",
     "Mean",
@@ -153,6 +160,7 @@ __all__ = [
     "OfficialSplit",
     "OptimizerPlugin",
     "PacketParser",
+    "PageAnswer",
     "Parser",
     "PluginError",
     "Prepared",
@@ -183,6 +191,7 @@ __all__ = [
     "check_names",
     "close_sensor",
     "describe_recording",
+    "difference_image",
     "encode_image",
     "estimate_lag",
     "held_clips",
@@ -193,12 +202,14 @@ __all__ = [
     "load_json",
     "load_pickled_array",
     "load_yaml",
+    "locked",
     "masked_mean",
     "names",
     "nearest",
     "new_part",
     "open_picture",
     "open_sensor",
+    "page_jpeg",
     "patches_at",
     "payload_size",
     "plot_recording",

@@ -1,11 +1,6 @@
 """The page of ``live``: access, content, and appearance in a browser."""
 
 import json
-import os
-import select
-import shutil
-import signal
-import subprocess
 import threading
 import time
 import urllib.error
@@ -15,13 +10,13 @@ from http.client import HTTPConnection
 import cv2
 import numpy as np
 import pytest
+from browser import BROWSER, Browser
 
 from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError
-from tactileforge.live.server import LivePage, difference_image, page_jpeg
+from tactileforge.live.pictures import difference_image, page_jpeg
+from tactileforge.live.server import LivePage
 from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground, run_session
-
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "google-chrome", "chrome"))), None)
 
 
 def press(frame):
@@ -115,70 +110,6 @@ def test_a_port_that_is_taken(page, scripted):
         LivePage(LiveSession({"left": scripted()}), port)
 
 
-class Browser:
-    """A Chromium without a window, controlled by its debugging pipe."""
-
-    def __init__(self, profile):
-        (read, self.out), (self.answers, write) = os.pipe(), os.pipe()
-        # the shell puts the pipes where the browser looks for them
-        command = [
-            "bash", "-c", f'exec "$@" 3<&{read} 4>&{write}', "bash",
-            BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
-            f"--user-data-dir={profile}", "--remote-debugging-pipe", "about:blank",
-        ]  # fmt: skip
-        self.process = subprocess.Popen(
-            command,
-            pass_fds=(read, write),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-        os.close(read)
-        os.close(write)
-        self.read = b""
-        self.count = 0
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *exception):
-        os.killpg(self.process.pid, signal.SIGKILL)
-        self.process.wait()
-        os.close(self.out)
-        os.close(self.answers)
-
-    def __call__(self, method, session=None, **params):
-        """The result of a method of the DevTools protocol."""
-        self.count += 1
-        message = {"id": self.count, "method": method, "params": params}
-        if session:
-            message["sessionId"] = session
-        os.write(self.out, json.dumps(message).encode() + b"\0")
-        while (answer := self.next()).get("id") != self.count:
-            pass  # an event
-        assert "error" not in answer, answer
-        return answer["result"]
-
-    def next(self):
-        while b"\0" not in self.read:
-            ready, _, _ = select.select([self.answers], [], [], 60)
-            assert ready, "the browser says nothing"
-            data = os.read(self.answers, 1 << 20)
-            assert data, "the browser ended"
-            self.read += data
-        message, _, self.read = self.read.partition(b"\0")
-        return json.loads(message)
-
-    def show(self, url, width):
-        """A function to evaluate an expression on the page."""
-        target = self("Target.createTarget", url="about:blank")["targetId"]
-        session = self("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
-        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-        self("Emulation.setDeviceMetricsOverride", session, **size)
-        self("Page.navigate", session, url=url)
-        return lambda text: self("Runtime.evaluate", session, expression=text)["result"]["value"]
-
-
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is here")
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [400, 1120])
@@ -209,7 +140,7 @@ def test_a_browser_shows_it(page, tmp_path, width):
 
 def test_answers_do_not_wait_for_one_another(page):
     """A head and a body are two writes, and each goes out at once."""
-    from tactileforge.live.server import _Handler
+    from tactileforge.live.local_page import _Handler
 
     assert _Handler.disable_nagle_algorithm
     host, port = page.url.split("/")[2].split(":")

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from tactileforge.cli._command import Command
+from tactileforge.live.local_page import check_port
 from tactileforge.live.publish import JsonLines, Publisher, build_publishers
-from tactileforge.live.session import LiveOptions, LiveSession, check_port, run_session
+from tactileforge.live.session import LiveOptions, LiveSession, run_session
 from tactileforge.live.status_line import LiveStatus
 from tactileforge.sensors.opening import build_sensors as built_sensors
 from tactileforge.signals import stopped_by_signals

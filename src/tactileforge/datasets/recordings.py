@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,6 +51,7 @@ class Recordings:
         layouts: Layouts by name; None drops one. Without any, those under the key ``layouts`` of
             ``tactileforge.yaml`` in the root, less the dropped ones.
         val: Share held out for validation; unused by layouts with a split in their labels.
+        tracks: Whether layouts' ``tracks`` are read, and their frames to drop left out.
 
     Raises:
         ConfigError: A layout is invalid; names it and the key.
@@ -62,12 +63,17 @@ class Recordings:
     """
 
     def __init__(
-        self, root: str, layouts: Mapping[str, Any] | None = None, val: float = 0.1
+        self,
+        root: str,
+        layouts: Mapping[str, Any] | None = None,
+        val: float = 0.1,
+        tracks: bool = True,
     ) -> None:
         if not 0 <= val < 1:
             raise ConfigError(f"val is {val}; give the share that is held out, 0 or more, below 1")
         self.root = home_path(root)
         self.val = val
+        self.tracks = tracks
         self.skipped: list[str] = []
         self._noted = Notes()
         given = _as_plain(layouts or {})
@@ -127,7 +133,10 @@ class Recordings:
         if split not in ("train", "val"):
             raise ConfigError(unknown("split", split, ("train", "val")))
         opened, failed = 0, []
-        for reader in [LayoutReader(layout, self.root) for layout in self.layouts]:
+        layouts = (
+            self.layouts if self.tracks else [replace(one, tracks=None) for one in self.layouts]
+        )
+        for reader in [LayoutReader(layout, self.root) for layout in layouts]:
             touches = reader.touches()
             self.skipped += [line for line in reader.odd if line not in self.skipped]
             for touch in touches:

@@ -29,20 +29,8 @@ from tactileforge.sensors.opening import open_all, unit_of
 _PATIENCE, _WAIT = 10.0, 0.1
 #: Numbers of readings for percentiles of latency: at the end, and during the session.
 _KEPT, _RECENT = 20_000, 300
-#: Largest number of a port.
-_LAST_PORT = 65535
 #: Rows of a height map, few enough for a computation in milliseconds.
 LIVE_ROWS = 60
-
-
-def check_port(port: int) -> None:
-    """Checks the number of the page's port.
-
-    Raises:
-        ConfigError: The port is invalid.
-    """
-    if not 0 <= port <= _LAST_PORT:
-        raise ConfigError(f"port={port}: give 1 to {_LAST_PORT}, or 0 for any that is free")
 
 
 @dataclass(frozen=True, kw_only=True)

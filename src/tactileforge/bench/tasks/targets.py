@@ -232,6 +232,8 @@ def _slips(recording: Recording, first: int, last: int) -> str | None:
     """Slip labels; in simulation whether shear has reached the friction cone."""
     slip = recording.tracks.get("slip")
     if slip is not None:
+        if not slip[last] >= 0:  # a frame without a label
+            return None
         return ("stick", "slip")[int(slip[last] > 0)]
     grip, force = recording.labels.get("grip"), recording.force
     if grip is None or force is None:

@@ -1,21 +1,24 @@
-"""Forces and actions per frame of a touch, from CSVs with a row per frame, time or image."""
+"""Forces, actions and tracks per frame of a touch, from CSVs by frame, time or image."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.contracts import Recording
 from tactileforge.datasets.reading.frame_clock import FrameClock
 from tactileforge.datasets.reading.image_rows import ImageRows, names_images
 from tactileforge.datasets.reading.layout import DatasetLayout
-from tactileforge.datasets.reading.layout_keys import FrameTable
+from tactileforge.datasets.reading.layout_keys import FrameTable, TrackKeys
 from tactileforge.datasets.reading.table_clock import on_frames
-from tactileforge.datasets.reading.tables import Row, read_actions, read_force
+from tactileforge.datasets.reading.tables import Row, read_actions, read_force, read_tracks
 from tactileforge.datasets.reading.templates import template_columns
+from tactileforge.errors import DataError
 
 
 class FrameTables:
@@ -64,6 +67,30 @@ class FrameTables:
             paths: Files of the touch.
         """
         return read_actions(table, path, count, self._images(table, path, paths))
+
+    def tracked(
+        self, recording: Recording, keys: TrackKeys, path: Path, paths: Sequence[Path]
+    ) -> Recording:
+        """The recording with its tracks, without the frames to drop; see `tables.read_tracks`.
+
+        Args:
+            recording: Recording of the touch, all frames of it.
+            keys: Columns of the values.
+            path: Path of the CSV.
+            paths: Files of the touch.
+
+        Raises:
+            DataError: Every frame is to be dropped.
+        """
+        columns = tuple(dict.fromkeys([*keys.columns, *([keys.drop] if keys.drop else [])]))
+        table = FrameTable(keys.file, keys.frame, columns, key=keys.key)
+        count = len(recording.times)
+        found = read_tracks(table, path, count, self._images(table, path, paths))
+        recording = replace(recording, tracks={name: found[name] for name in keys.columns})
+        dropped = np.zeros(count, bool) if keys.drop is None else found[keys.drop] > 0
+        if dropped.all():
+            raise DataError(f"{path}: every frame is dropped ({keys.drop}); remove the recording")
+        return recording.select(np.flatnonzero(~dropped).tolist()) if dropped.any() else recording
 
     def _images(
         self, table: FrameTable, path: Path, paths: Sequence[Path]

@@ -20,6 +20,7 @@ from tactileforge.datasets.reading.layout_keys import (
     ForceKeys,
     FrameTable,
     LayoutKeys,
+    TrackKeys,
 )
 from tactileforge.datasets.reading.templates import template_columns
 from tactileforge.errors import ConfigError, unknown
@@ -79,6 +80,7 @@ class DatasetLayout:
     words: Mapping[str, Mapping[str, str]]
     force: FrameTable | None
     action: str | FrameTable | tuple[ActionRange, ...] | None
+    tracks: TrackKeys | None
     object: str | None
     text: tuple[str, ...]
     image: str | None
@@ -135,6 +137,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         },
         force=force,
         action=action,
+        tracks=keys.tracks,
         object=keys.object,
         text=several(keys.text),
         image=keys.image,
@@ -167,7 +170,7 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
     is_open = each == "sequence" and keys.times is None
     if (is_open and keys.fps is None) or (keys.fps is not None and keys.fps <= 0):
         raise ConfigError(f"{where}: fps is {keys.fps}; give frames per second, e.g. fps: 30")
-    tables = (keys.force, keys.action)
+    tables = (keys.force, keys.action, keys.tracks)
     if each == "video" and any(getattr(table, "key", None) for table in tables):
         raise ConfigError(f"{where}: key: names images, and these are videos; give frame: or time:")
     if keys.channels not in CHANNELS:

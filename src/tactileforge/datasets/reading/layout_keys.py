@@ -128,6 +128,25 @@ class ActionKeys:
 
 
 @dataclass(frozen=True)
+class TrackKeys:
+    """Keys of further values per frame in a CSV; see `FrameTable`.
+
+    Attributes:
+        file: Path from the layout's folder; recordings without the file have no such values.
+        columns: Columns of the values, which become tracks.
+        frame: Column of the frame number; None if row ``i`` is frame ``i``.
+        key: Column of the names of images; None for rows by frame.
+        drop: Column of 0 and 1; frames with 1 are left out. None for none.
+    """
+
+    file: str = field(metadata={"example": '"labels/{file}.csv"'})
+    columns: tuple[str, ...] = field(metadata={"example": "[contact, slip]"})
+    frame: str | None = None
+    key: str | None = None
+    drop: str | None = None
+
+
+@dataclass(frozen=True)
 class RangeKeys:
     """Keys of an action: its first frame and the one after its last."""
 
@@ -157,6 +176,7 @@ class LayoutKeys:
     words: dict[Any, dict[Any, Any]] = field(default_factory=dict)
     force: ForceKeys | None = None
     action: str | ActionKeys | tuple[RangeKeys, ...] | None = None
+    tracks: TrackKeys | None = None
     object: str | None = None
     text: str | tuple[str, ...] = ()
     image: str | None = None

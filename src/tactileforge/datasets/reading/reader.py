@@ -167,13 +167,14 @@ class LayoutReader:
         tiles = {f"#{name}": (tile.box, tile.sensor) for name, tile in layout.crops.items()}
         for name, (box, sensor) in (tiles or {"": (full, layout.sensor or "")}).items():
             shown = frames.crop(box)
-            yield replace(
+            tile = replace(
                 whole,
                 key=whole.key + name,
                 sensor=self._sensor(sensor, touch),
                 frames=turned(shown, layout.bgr, layout.turns),
                 no_contact=self._no_contact(shown, background, box),
             )
+            yield self._tracked(tile, touch, name)
 
     def _path(self, template: str, touch: LayoutTouch) -> Path:
         name = touch.row.fill(template)
@@ -203,6 +204,16 @@ class LayoutReader:
         sensor = self._sensor(next(name for name in felt_by if name), touch)
         path, note = self._path(table.file, touch), partial(self._doubt, touch)
         return self._tables.force(table, path, clock, sensor, touch.paths, note)
+
+    def _tracked(self, recording: Recording, touch: LayoutTouch, crop: str) -> Recording:
+        keys = self.layout.tracks
+        if keys is None:
+            return recording
+        path = self._path(keys.file.replace("{crop}", crop), touch)
+        if path.is_file():
+            return self._tables.tracked(recording, keys, path, touch.paths)
+        self._doubt(touch, "has no file of tracks")  # labels by hand grow: said, and no error
+        return recording
 
     def _action(
         self, touch: LayoutTouch, times: NDArray[np.float64], force: NDArray[np.float32] | None

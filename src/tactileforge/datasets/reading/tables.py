@@ -135,6 +135,22 @@ def read_actions(
     return actions
 
 
+def read_tracks(
+    table: FrameTable, path: Path, count: int, images: Mapping[int, Row] | None = None
+) -> dict[str, NDArray[np.float32]]:
+    """Numbers per frame by column, float32 (count,); NaN for an empty cell or a missing row.
+
+    Raises:
+        DataNotFoundError: There is no such CSV.
+        DataError: A row has an invalid frame, or a cell is not a finite number.
+    """
+    tracks = {name: np.full(count, np.nan, np.float32) for name in table.columns}
+    for frame, where, cells in _per_frame(table, path, count, images):
+        for name, cell in cells.items():
+            tracks[name][frame] = _number(stated(cell), f"{where}, column {name!r}")
+    return tracks
+
+
 def _per_frame(
     table: FrameTable, path: Path, count: int, images: Mapping[int, Row] | None = None
 ) -> list[tuple[int, str, dict[str, str]]]:

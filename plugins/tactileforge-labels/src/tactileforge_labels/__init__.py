@@ -1,0 +1,1 @@
+"""Contact, slip and bad frames of recordings, marked by hand on a local page."""
