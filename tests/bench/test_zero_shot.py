@@ -158,7 +158,7 @@ def test_targets_without_names_are_refused(tmp_path: Path) -> None:
 
 
 def test_other_probes_need_a_split_and_no_sentence() -> None:
-    with pytest.raises(ConfigError, match="needs either test or folds"):
+    with pytest.raises(ConfigError, match="split: give one of test, as in test"):
         parse_task("t", TASK | {"probe": {"name": "linear"}})
     task = parse_task("t", TASK)
     with pytest.raises(ConfigError, match="template"):
@@ -168,5 +168,5 @@ def test_other_probes_need_a_split_and_no_sentence() -> None:
 
 
 def test_a_side_without_clips_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(TactileForgeError, match="no recording for test"):
+    with pytest.raises(TactileForgeError, match="the test has 0, and split"):
         bench(tmp_path, TASK | {"split": {"test": {"side": "test"}}}, aligned())

@@ -190,6 +190,21 @@ def test_a_slip_in_an_own_yaml_is_one_line(
     assert err.count("\n") == 1
 
 
+def test_a_command_does_not_search_the_places_of_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A recipe of the same name as in another folder, by another command of one process."""
+    words = ["train", "--config-dir", "mine", "recipe=soft", "data=recordings", "data.root=nowhere"]
+    for folder, value, said in (("first", 3, "nowhere"), ("second", "xyz", "xyz")):
+        (tmp_path / folder / "mine/recipe").mkdir(parents=True)
+        monkeypatch.chdir(tmp_path / folder)
+        Path("mine/recipe/soft.yaml").write_text(
+            f"# @package _global_\ndefaults: [anytouch2, _self_]\nseed: {value}\n"
+        )
+        assert cli.run(words) == 1
+        assert said in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("flags", [["--cfg", "job"], ["--explain", "objective.force.weight"], []])
 def test_a_recipe_without_its_package_line_is_named(
     flags: list[str], capsys: pytest.CaptureFixture[str]

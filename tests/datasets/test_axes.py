@@ -1,8 +1,10 @@
 """Every reader of force gives newton, with x right, y down and z into the gel."""
 
 import inspect
+import io
 import json
 import pickle
+import tarfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,8 @@ from tactileforge.datasets.sim import Sim
 from tactileforge.datasets.sparsh_force import SparshForce
 from tactileforge.datasets.sparsh_slip import SparshSlip
 from tactileforge.datasets.touchd_force import TouchdForce
+from tactileforge.datasets.webdataset import WebDataset
+from tactileforge.plugin import encode_image
 from tactileforge.sim.generate import path_of
 
 Make = Callable[..., Any]
@@ -82,8 +86,33 @@ def shards(tmp_path: Path) -> Dataset:
 
 
 @pytest.fixture
+def samples(tmp_path: Path) -> Dataset:
+    """A tar of pictures with forces in millinewton, of which pressing is negative."""
+    folder = tmp_path / "samples"
+    folder.mkdir()
+    with tarfile.open(folder / "train.tar", "w") as tar:
+        for number in range(10):
+            picture = encode_image(np.full((8, 8, 3), 100 + number, np.uint8))
+            force = json.dumps([0, 0, -500 * number]).encode()
+            for ending, content in (("jpg", picture), ("json", force)):
+                info = tarfile.TarInfo(f"press_{number}.{ending}")
+                info.size = len(content)
+                tar.addfile(info, io.BytesIO(content))
+    layout = {
+        "frames": "jpg",
+        "sensor": "digit",
+        "background": {"first": 1},
+        "key": "{clip}_{frame}",
+        "fps": 10,
+        "licence": "MIT",
+        "force": {"values": "json", "sign": [1, 1, -0.001]},
+    }
+    return WebDataset(str(folder), layout, val=0)
+
+
+@pytest.fixture
 def force_readers(
-    touchd_force: Dataset, sparsh: Path, recordings: Dataset, shards: Dataset
+    touchd_force: Dataset, sparsh: Path, recordings: Dataset, shards: Dataset, samples: Dataset
 ) -> dict[str, Dataset]:
     return {
         "touchd_force": touchd_force,
@@ -93,6 +122,7 @@ def force_readers(
         "shards": shards,
         "sim": simulated("press"),
         "sim_array": SimArray(scenes=1, val=0),
+        "webdataset": samples,
     }
 
 
@@ -120,6 +150,7 @@ def _root(made: type[Dataset]) -> dict[str, str]:
 def test_no_reader_of_forces_is_left_out(force_readers: dict[str, Dataset]) -> None:
     """A new reader has to be tested here, and named on the page."""
     passing_on = {"mixture"}  # gives what others gave
+    by_layout = {"recordings", "webdataset"}
     plugins = [one for one in registry.list_plugins() if one.kind == "datasets"]
     ours = ("tactileforge", "tactileforge-arrays")
     names = {one.name for one in plugins if one.distribution in ours} - passing_on
@@ -127,11 +158,11 @@ def test_no_reader_of_forces_is_left_out(force_readers: dict[str, Dataset]) -> N
     providing = {
         name
         for name, made in classes.items()
-        if name != "recordings"
+        if name not in by_layout
         and made.__module__.startswith(("tactileforge.", "tactileforge_arrays."))
         and "force" in made(**_root(made)).provides
     }
-    assert providing | {"recordings"} == set(force_readers)
+    assert providing | by_layout == set(force_readers)
     section = PAGE.read_text().partition("## Axes and lag\n")[2].partition("\n## ")[0]
     for name in force_readers:
         assert f"| `{name}`" in section, name
