@@ -39,6 +39,12 @@ GENERAL: dict[str, tuple[str, tuple[str, ...], tuple[str, ...], str]] = {
         ("object", "text", "action", "force"),
         "[Tars of samples](webdataset.md)",
     ),
+    "rosbags": (
+        "ROS 1 and ROS 2 bags: pictures, wrenches and joints by topic (`tactileforge-rosbags`).",
+        ("digit",),
+        ("image", "force"),
+        "[ROS bags](rosbags.md)",
+    ),
     "mixture": (
         "Several data sets as one; every batch holds a fixed share of each.",
         ("digit", "gelsight", "gelsight_mini"),
