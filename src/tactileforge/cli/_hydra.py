@@ -92,6 +92,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
         ) from error
     finally:
         sys.argv = typed
+        HydraConfig.instance().cfg = None  # the next command does not search this one's places
     if ended:
         raise ended[0]
     return results[-1] if results else None

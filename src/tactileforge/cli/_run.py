@@ -7,7 +7,6 @@ import would delay the answer. Hydra composes the configuration of all other com
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import Any, get_origin, get_type_hints
 
@@ -28,7 +27,6 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
     Raises:
         TactileForgeError: Something is wrong; says the fix.
     """
-    _forget_last_job()
     words = _words.read(argv)
     if words.help:
         from tactileforge.cli._help import text
@@ -55,12 +53,6 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
     with _hydra.told(verb, command, words):
         config = command.compose(verb, words.overrides)
     return _status(command.start(config))
-
-
-def _forget_last_job() -> None:
-    """Forgets the Hydra job of an earlier command of this process: its places are not searched."""
-    if hydra := sys.modules.get("hydra.core.hydra_config"):
-        hydra.HydraConfig.instance().cfg = None
 
 
 def _given(verb: str, command: Command, words: Words) -> dict[str, Any]:
