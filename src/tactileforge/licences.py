@@ -1,4 +1,4 @@
-"""Licences by SPDX identifiers: checks of what cards, files of weights and recordings state."""
+"""Licences by SPDX identifiers: checks of cards, files of weights and recordings."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _wrong(where: str, licence: str, other: str) -> str:
 
 
 def _nearest(licence: str) -> str:
-    """The identifier that was meant; "" if none is near."""
+    """The nearest identifier; "" if none is near."""
     try:
         return canonicalize_license_expression(licence)
     except InvalidLicenseExpression:

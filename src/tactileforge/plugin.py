@@ -50,6 +50,7 @@ from tactileforge.data.labels.actions import label_actions
 from tactileforge.data.labels.align import estimate_lag, nearest
 from tactileforge.data.labels.missing import stated
 from tactileforge.data.shards.shards import describe_recording, read_shard, write_shard
+from tactileforge.datasets.reading.notes import add_once
 from tactileforge.datasets.reading.official import OfficialSplit
 from tactileforge.datasets.reading.pickles import load_pickled_array
 from tactileforge.datasets.reading.published import (
@@ -183,6 +184,7 @@ __all__ = [
     "Transformer",
     "VideoFrames",
     "Views",
+    "add_once",
     "attached_ports",
     "build",
     "cache_folder",

@@ -2,7 +2,6 @@
 
 import json
 import threading
-import time
 import urllib.error
 import urllib.request
 from http.client import HTTPConnection
@@ -11,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from browser import BROWSER, Browser
+from waiting import wait_until
 
 from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError
@@ -116,16 +116,14 @@ def test_a_port_that_is_taken(page, scripted):
 def test_a_browser_shows_it(page, tmp_path, width):
     with Browser(tmp_path / "profile") as browser:
         look = browser.show(page.url, width)
-        end = time.monotonic() + 120
-        dom = ""
-        while '<span class="chip on">contact</span>' not in dom and time.monotonic() < end:
-            dom = look("document.documentElement?.outerHTML ?? ''")
+        page_text = "document.documentElement?.outerHTML ?? ''"
+        wait_until(lambda: '<span class="chip on">contact</span>' in look(page_text), 120)
+        dom = look(page_text)
         assert "<h2>left (digit)</h2>" in dom
         assert '<span class="chip on">contact</span>' in dom
         assert "no model" in dom
         loaded = "[...document.images].filter(one => one.naturalWidth > 0).length"
-        while look(loaded) < 2 and time.monotonic() < end:
-            pass
+        wait_until(lambda: look(loaded) >= 2, 120)
         assert look(loaded) == 2
         assert "no frame yet" not in look("document.body.innerText")
         assert look("longest([[0], [0.02], [0.04], [3]])") == 0.5

@@ -4,7 +4,6 @@ import base64
 import json
 import subprocess
 import sys
-import time
 import urllib.error
 import urllib.request
 
@@ -17,6 +16,7 @@ from tactileforge_labels.marks import Marks, parse_marks, read_marks, write_mark
 from tactileforge_labels.propose import SlipMotion, imprint, propose
 from tactileforge_labels.server import LabelAnswers
 from tactileforge_labels.session import LabelSession, csv_path
+from waiting import wait_until
 
 from tactileforge.plugin import (
     ArrayFrames,
@@ -414,11 +414,9 @@ def test_a_recording_is_labelled_with_keys_alone(page, tmp_path):
     file = tmp_path / "touches" / "labels" / "mine" / "one.csv"
     with Browser(tmp_path / "profile") as browser:
         look = browser.show(page.url, 1280)
-        end = time.monotonic() + 120
 
         def until(text):
-            while not look(f"!!({text})") and time.monotonic() < end:
-                time.sleep(0.02)
+            wait_until(lambda: look(f"!!({text})"), 120, f"not on the page: {text}")
             assert look(f"!!({text})"), look("document.body.innerText")
 
         def keys(*names, shift=False):

@@ -20,7 +20,7 @@ def store_of(kind):
 
 
 def picture(i, height=32, width=24, top=40):
-    """A picture with its number as red, and blue that grows to the right."""
+    """A picture with its number as red, and blue growing to the right."""
     out = np.zeros((height, width, 3), np.uint8)
     out[..., 0] = top + i
     out[..., 2] = np.linspace(0, 200, width).astype(np.uint8)

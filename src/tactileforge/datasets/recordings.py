@@ -14,7 +14,7 @@ from tactileforge.contracts import Guess, Recording
 from tactileforge.datasets.reading.files import DamagedFileError, read_text
 from tactileforge.datasets.reading.guessed_layout import guess_layout
 from tactileforge.datasets.reading.layout import EXAMPLE, SPLITS, DatasetLayout, parse_layout
-from tactileforge.datasets.reading.notes import Notes
+from tactileforge.datasets.reading.notes import Notes, add_once
 from tactileforge.datasets.reading.reader import LayoutReader
 from tactileforge.datasets.reading.splits import is_held_out, split_parts
 from tactileforge.datasets.reading.touch import LayoutTouch
@@ -138,7 +138,8 @@ class Recordings:
         )
         for reader in [LayoutReader(layout, self.root) for layout in layouts]:
             touches = reader.touches()
-            self.skipped += [line for line in reader.odd if line not in self.skipped]
+            for line in reader.odd:
+                add_once(self.skipped, line)
             for touch in touches:
                 # the side before anything is opened: a split must not depend on readable files
                 side = _side(reader.layout, touch, self.val)
@@ -150,8 +151,7 @@ class Recordings:
                     self._noted.add(f"{reader.layout.name}/{name}", doubt)
                 if isinstance(labelled, str):
                     failed.append(labelled)
-                    if labelled not in self.skipped:
-                        self.skipped.append(labelled)
+                    add_once(self.skipped, labelled)
                     continue
                 opened += 1
                 for recording in labelled:

@@ -15,6 +15,7 @@ from tactileforge.data.shards.fetch import ShardFolder
 from tactileforge.data.shards.foreign import ForeignShardError, check_foreign, is_foreign
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.data.shards.summary import Summary
+from tactileforge.datasets.reading.notes import add_once
 from tactileforge.datasets.reading.splits import HOLD_OUT, held_out
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, command, unknown
 from tactileforge.files import cache_folder
@@ -192,8 +193,7 @@ class Shards:
         return [Source("", [InMemory(content, summary.seconds)], summary)] if content else []
 
     def _note(self, line: str, count: int) -> None:
-        if line not in self.skipped:
-            self.skipped.append(line)
+        add_once(self.skipped, line)
 
 
 @dataclass(frozen=True)

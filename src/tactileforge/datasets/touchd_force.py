@@ -12,6 +12,7 @@ import numpy as np
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.labels.actions import label_actions
+from tactileforge.datasets.reading.notes import add_once
 from tactileforge.datasets.reading.official import ALL, TOUCHD_BENCH, TOUCHD_PRETRAIN
 from tactileforge.datasets.reading.published import (
     PublishedDataset,
@@ -97,7 +98,10 @@ class TouchdForce(PublishedDataset):
         for session, tables in sorted(sessions):
             named = re.fullmatch(r"obj0*(\d+)_speed\d+", session)
             if not named or not isinstance(tables, dict):
-                self._skip(f"{index}: {session!r} is not objID_speedS with tables of forces")
+                add_once(
+                    self.skipped,
+                    f"{index}: {session!r} is not objID_speedS with tables of forces",
+                )
                 continue
             for folder in _SENSORS:
                 if folder in tables:

@@ -9,6 +9,7 @@ from typing import Any
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.reading.layout import check_sensor
+from tactileforge.datasets.reading.notes import add_once
 from tactileforge.datasets.reading.published import (
     NumberedImages,
     PublishedDataset,
@@ -67,7 +68,7 @@ class TouchdMani(PublishedDataset):
             try:
                 episode = _read(path)
             except DataError as error:
-                self._skip(str(error))
+                add_once(self.skipped, error)
                 continue
             for finger, sensor in episode["fingers"].items():
                 key = f"{place}/{finger}"

@@ -15,6 +15,7 @@ from tactileforge.contracts import Guess, Recording
 from tactileforge.data.batches.sources import Bad, Source
 from tactileforge.data.shards.fetch import ShardFolder
 from tactileforge.data.shards.summary import Summary
+from tactileforge.datasets.reading.notes import add_once
 from tactileforge.datasets.reading.splits import is_held_out
 from tactileforge.datasets.samples.layout import SampleLayout, parse_samples
 from tactileforge.datasets.samples.opened import SampleOpener
@@ -91,7 +92,7 @@ class WebDataset:
 
     @property
     def notes(self) -> list[str]:
-        """Doubts about what was read, and what a source without an index cannot promise."""
+        """Doubts about the recordings, and the limits of a source without an index."""
         unread = [f"{n} members .{ending}" for ending, n in sorted(self._unread.items())]
         left = [f"{self.root}: the layout has no place for {', '.join(unread)}"] if unread else []
         return [*dict.fromkeys(self._notes), *left]
@@ -183,7 +184,7 @@ class WebDataset:
         return [_TarPart(tar, self.layout, side, self.val) for tar in tars]
 
     def _indexed(self, parts: Sequence[_TarPart]) -> Iterator[_TarPart]:
-        """Yields the readable tars with their numbers of recordings; notes what is odd in them."""
+        """Yields the readable tars with their numbers of recordings; notes their oddities."""
         last = None
         for part in parts:
             try:
@@ -203,7 +204,7 @@ class WebDataset:
             yield replace(part, recordings=len(part.units(samples)))
 
     def _estimated(self, parts: list[_TarPart]) -> list[Source]:
-        """Source of tars behind a URL, by the first that can be read."""
+        """Source of tars behind a URL, by the first readable one."""
         own = Summary()
         for part in self._indexed(parts):
             own = Summary.of(part.open(self._note))
@@ -222,7 +223,7 @@ class WebDataset:
         return _source(alike, own.times(len(parts)))
 
     def _check(self, opened: int, split: str) -> None:
-        """Raises a `DataError` where nothing for training can be opened, but all is damaged."""
+        """Raises a `DataError` for training data without one readable recording."""
         if not opened and self.skipped and split != "val":
             raise DataError(
                 f"{self.root}: not one recording can be opened; the first of {len(self.skipped)} "
@@ -230,8 +231,7 @@ class WebDataset:
             )
 
     def _note(self, line: str, count: int) -> None:
-        if line not in self.skipped:
-            self.skipped.append(line)
+        add_once(self.skipped, line)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from tactileforge.errors import ConfigError
 
 
 class AbsentTower(nn.Module):
-    """A text tower that a file does not hold: CLIP's, which training left as it was.
+    """A text tower absent from its file: CLIP's, unchanged by training.
 
     Args:
         width: Size of its vectors.

@@ -1,4 +1,4 @@
-"""The text side of a head that aligned touch with language, in a file and out of it."""
+"""The text side of a head aligned with language, in a file and out of it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TOWER = "text_encoder."
 
 
 def reads_files(node: Mapping[str, Any]) -> bool:
-    """Whether an encoder reads other files where it is built, as CLIP's towers do."""
+    """Whether an encoder reads other files on construction, as CLIP's towers do."""
     plugin = registry.get("encoders", node["name"])
     return "constructing does no io" in getattr(plugin, "expected_failures", {})
 

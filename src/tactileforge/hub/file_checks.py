@@ -110,7 +110,7 @@ def build(path: Path, kind: str, node: Mapping[str, Any], **given: Any) -> Any:
 
 
 def towers_of(path: Path, entry: Mapping[str, Any]) -> dict[str, Any]:
-    """The towers that an entry of a header asks for, by constructor argument.
+    """The towers requested by an entry of a header, by constructor argument.
 
     Args:
         path: The file, for errors.

@@ -130,8 +130,8 @@ class HeadModel(GroupedModel):
         """Classifies clips by a linear head on the vectors of `encode`.
 
         Args:
-            frames: See `encode`; or one image (H, W, 3) or (3, H, W), shown as a clip that stands
-                still.
+            frames: uint8 clips as in `encode`; or one image (H, W, 3) or (3, H, W), shown as a
+                still clip.
             background: Frame without contact, or a word in its place, as in `encode`.
             sensor: Name of the sensor, or one name a clip, as in `encode`.
             head: A head that the benchmark fitted to this model, ``heads/TASK.MODEL.safetensors``;

@@ -196,7 +196,7 @@ def _parse(content: Any) -> Header:
 
 
 def _check_tower(key: str, head: dict[str, Any]) -> None:
-    """Checks what a head says of its text tower."""
+    """Checks the text tower of a head's entry."""
     where = f"the header: head {key}"
     tower, width = head.get("text_encoder"), head.get("text_width")
     if tower is not None and not isinstance(

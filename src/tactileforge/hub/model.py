@@ -145,14 +145,14 @@ class Model(HeadModel):
         text_encoder: TextEncoder | None = None,
         unknown_sensor: Policy = "error",
     ) -> WordMatches:
-        """Words for clips, by cosine similarity in the space that touch shares with language.
+        """Words for clips, by cosine similarity in the space shared by touch and language.
 
         Runs trained with the objective ``align`` on captions, AnyTouch 1 and 2, TVL, UniTouch and
         CLIP have such a space. Source: CLIP (arXiv 2103.00020), section 3.1.2.
 
         Args:
-            frames: See `encode`; or one image (H, W, 3) or (3, H, W), shown as a clip that stands
-                still.
+            frames: uint8 clips as in `encode`; or one image (H, W, 3) or (3, H, W), shown as a
+                still clip.
             words: Words or phrases to choose from, each once.
             background: Frame without contact, or a word in its place, as in `encode`.
             sensor: Name of the sensor, or one name a clip, as in `encode`.

@@ -1,4 +1,4 @@
-"""Words for clips, in the space that a model shares with language."""
+"""Words for clips, in the space shared by a model and language."""
 
 from __future__ import annotations
 
@@ -194,7 +194,7 @@ def language_of(header: Header, heads: Mapping[str, Any], model: str, width: int
 
 
 def _weight(header: Header) -> cards.Weight | None:
-    """Weights on the card of an imported model; what a file says of itself is not asked."""
+    """Weights on the card of an imported model; its file has no say."""
     if not header.source.get("layout"):
         return None
     try:

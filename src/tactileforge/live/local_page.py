@@ -150,7 +150,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(self.post(path, self.rfile.read(int(length))))
 
     def _allowed(self) -> str | None:
-        """The path below the token; None for a refused request, which is answered."""
+        """The path below the token; None for a request refused with an answer."""
         token, _, rest = urlsplit(self.path).path.lstrip("/").partition("/")
         port = self.server.server_address[1]  # type: ignore[index]
         hosts = (f"{_HOST}:{port}", f"localhost:{port}")

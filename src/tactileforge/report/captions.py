@@ -1,4 +1,4 @@
-"""Captions nearest to touches, where a run aligned touch with language."""
+"""Captions nearest to touches, for runs aligned with language."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ def _of_clips(
 
 
 def _of_captions(findings: RunFindings) -> list[Section]:
-    """Section on the nearest captions; none where nothing was aligned with text."""
+    """Section on the nearest captions; none for a run without alignment."""
     if findings.captions is None:
         return []
     return [captions.captions_section(findings.captions, findings.strips)]

@@ -1,4 +1,4 @@
-"""Detection of a wrench sensor that repeats one value."""
+"""Detection of a wrench sensor stuck at one value."""
 
 from __future__ import annotations
 

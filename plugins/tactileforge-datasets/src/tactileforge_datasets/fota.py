@@ -21,6 +21,7 @@ from tactileforge.plugin import (
     PublishedDataset,
     Recording,
     RecordingItem,
+    add_once,
     load_json,
 )
 from tactileforge_datasets.checks import POSE, numbers, pose_track
@@ -110,8 +111,9 @@ class FoTa(PublishedDataset):
         typed = self.types.get(named) or self.types.get(folder.name)
         if not typed:
             what = f"the sensor {named!r}" if named else f"the set {folder.name!r}"
-            self._skip(
-                f"{folder}: {what} has no type here; give data.types.{named or folder.name}=TYPE"
+            add_once(
+                self.skipped,
+                f"{folder}: {what} has no type here; give data.types.{named or folder.name}=TYPE",
             )
         return typed or ""
 
@@ -140,7 +142,7 @@ class FoTa(PublishedDataset):
             if end + tarfile.BLOCKSIZE > path.stat().st_size:
                 raise tarfile.ReadError("it ends before its end mark")
         except (tarfile.TarError, OSError) as error:
-            self._skip(f"{path}: damaged ({error}); download it again")
+            add_once(self.skipped, f"{path}: damaged ({error}); download it again")
             if found:  # the last sample may lack a part
                 found.popitem()
         yield from found.items()

@@ -22,6 +22,7 @@ from tactileforge.plugin import (
     PublishedDataset,
     Recording,
     RecordingItem,
+    add_once,
     unknown,
 )
 from tactileforge_datasets import parquet
@@ -135,7 +136,7 @@ class GelSightMiniPretrain(PublishedDataset):
                     signs[source] = self._sign(source)
                 yield from self._of_file(path, source, signs[source])
             except DataError as error:
-                self._skip(str(error))
+                add_once(self.skipped, error)
 
     def _sign(self, source: str) -> float:
         """Sign of the normal force of a source, over its readable files."""

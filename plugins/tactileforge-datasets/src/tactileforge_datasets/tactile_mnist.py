@@ -21,6 +21,7 @@ from tactileforge.plugin import (
     PublishedDataset,
     Recording,
     RecordingItem,
+    add_once,
 )
 from tactileforge_datasets import parquet
 from tactileforge_datasets.checks import numbers, rising
@@ -95,7 +96,7 @@ class TactileMnist(PublishedDataset):
             try:
                 yield from self._of_file(path)
             except DataError as error:
-                self._skip(str(error))
+                add_once(self.skipped, error)
 
     def _of_file(self, path: Path) -> Iterator[RecordingItem]:
         pictures = _pictures(parquet.column_names(path)) or "sensor_image"

@@ -13,6 +13,7 @@ from tactileforge.plugin import (
     DataNotFoundError,
     Guess,
     Recording,
+    add_once,
     check_names,
     home_path,
     is_held_out,
@@ -178,8 +179,7 @@ class Episodes:
 
     def _skip(self, error: DataError) -> None:
         self._failed = error
-        if str(error) not in self.skipped:
-            self.skipped.append(str(error))
+        add_once(self.skipped, error)
 
     def _files(self, split: str | None) -> Iterator[EpisodeFile]:
         """Yields the files of a split; None for both."""

@@ -120,7 +120,7 @@ class ArchiveMembers:
         return found
 
     def _place(self, name: str) -> Slice | None:
-        """A member that is not compressed; None where there is none."""
+        """An uncompressed member; None without one."""
         raise NotImplementedError
 
 

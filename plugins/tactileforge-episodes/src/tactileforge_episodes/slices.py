@@ -68,7 +68,7 @@ class Slice(io.RawIOBase):
         return len(content)
 
     def read(self, size: int | None = -1) -> bytes:
-        """Reads bytes; all that follow for -1."""
+        """Reads bytes; the whole rest for -1."""
         left = max(0, self._size - self._at)
         count = left if size is None or size < 0 else min(size, left)
         content = os.pread(self._handle.descriptor, count, self._offset + self._at)

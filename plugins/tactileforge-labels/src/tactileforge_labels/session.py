@@ -216,7 +216,7 @@ class LabelSession:
 
 
 def csv_path(folder: Path, key: str) -> Path | None:
-    """Path of the CSV of a recording; None for a key that is not a path below the folder.
+    """Path of the CSV of a recording; None for a key with a path outside the folder.
 
     Example:
         >>> csv_path(Path("labels"), "cups/a.mp4#left").as_posix()
@@ -230,7 +230,7 @@ def csv_path(folder: Path, key: str) -> Path | None:
 
 
 def _entry(recording: Recording, path: Path) -> Entry:
-    """A recording with the marks of its CSV; one that is damaged is kept, and named."""
+    """A recording with the marks of its CSV; a damaged CSV is kept, and named."""
     count = len(recording.times)
     if not path.is_file():
         return Entry(recording, path, no_marks(count))

@@ -12,6 +12,7 @@ from tactileforge.plugin import (
     DataError,
     Guess,
     Recording,
+    add_once,
     home_path,
     is_held_out,
     unknown,
@@ -210,8 +211,7 @@ class LeRobot:
 
     def _skip(self, error: DataError, failed: list[DataError]) -> None:
         failed.append(error)
-        if str(error) not in self.skipped:
-            self.skipped.append(str(error))
+        add_once(self.skipped, error)
 
     def plot(self, recording: Recording) -> Figure:
         """Plots a recording."""

@@ -195,7 +195,7 @@ class _OpenBag:
                 yield time, decode(raw, connection.msgtype)
 
     def _check_type(self, kind: str, digest: str) -> None:
-        """Raises a `DataError` where a bag means another type by a name of ROS."""
+        """Raises a `DataError` for a bag with another meaning of a type name of ROS."""
         known = self.store.generate_msgdef(kind)[1] if self.is1 else self.store.hash_rihs01(kind)
         if digest and digest != known:
             raise DataError(
@@ -204,7 +204,7 @@ class _OpenBag:
 
 
 class _OpenBags:
-    """The bags that were read last, open."""
+    """The most recently read bags, open."""
 
     def __init__(self) -> None:
         self.forget()

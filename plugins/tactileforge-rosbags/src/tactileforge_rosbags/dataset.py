@@ -13,6 +13,7 @@ from tactileforge.plugin import (
     DataError,
     Guess,
     Recording,
+    add_once,
     check_data_licence,
     check_names,
     home_path,
@@ -93,7 +94,7 @@ class Rosbags:
         )
 
     def _held(self) -> str:
-        """Names of the topics of pictures of the first bag that can be read."""
+        """Names of the picture topics of the first readable bag."""
         from tactileforge_rosbags.bags import find_bags
         from tactileforge_rosbags.pictures import KINDS
 
@@ -112,7 +113,7 @@ class Rosbags:
 
     @cached_property
     def provides(self) -> frozenset[str]:
-        """Labels named by the map; empty where there is none."""
+        """Labels named by the map; empty without one."""
         try:
             keys = self.keys
         except (ConfigError, DataError):
@@ -163,8 +164,7 @@ class Rosbags:
 
     def _skip(self, error: DataError) -> None:
         self._failed = error
-        if str(error) not in self.skipped:
-            self.skipped.append(str(error))
+        add_once(self.skipped, error)
 
     def plot(self, recording: Recording) -> Figure:
         """Plots a recording."""

@@ -64,7 +64,7 @@ class TouchKeys(PictureKeys):
 
 @dataclass(frozen=True, kw_only=True)
 class IntervalKeys:
-    """A part of a bag, and what is said of it alone.
+    """A part of a bag, and its own labels.
 
     Attributes:
         start: Begin, s from the first message of the bag, by the time of recording.

@@ -1,4 +1,4 @@
-"""Messages of a topic: their times, and those that are left out."""
+"""Messages of a topic: their times, and the ones left out."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Scan:
-    """A topic that was read once.
+    """A topic after its first pass.
 
     Attributes:
         series: Times of the good messages.
@@ -65,7 +65,7 @@ class Scan:
 
     @property
     def line(self) -> str:
-        """A line on what was left out; "" for nothing."""
+        """A line on the messages left out; "" for none."""
         total = self.bad + len(self.series)
         if not self.bad:
             return ""
@@ -161,7 +161,7 @@ class Clock:
 
 
 def rising(series: Series, stamps: bool) -> tuple[Series, int]:
-    """Frames without those that repeat a time.
+    """Frames of distinct times.
 
     Args:
         series: The frames.

@@ -34,7 +34,7 @@ class TrackReader:
     note: Callable[[str], object]
 
     def force(self, touch: TouchKeys, clock: Clock) -> tuple[NDArray[np.float32] | None, _Found]:
-        """Force on the gel, or the track ``wrench`` where it is of another frame.
+        """Force on the gel, or the track ``wrench`` for a wrench of another frame.
 
         Args:
             touch: The touch.
@@ -83,7 +83,7 @@ class TrackReader:
         return tracks, labels
 
     def _wrenches(self) -> Mapping[str, str]:
-        """Topics of wrenches that are tracks, by name."""
+        """Wrench topics read as tracks, by name."""
         if self.keys.wrenches is not None:
             return self.keys.wrenches
         used = {one.wrench.topic.removesuffix("?") for one in self.keys.touch if one.wrench}
@@ -93,7 +93,7 @@ class TrackReader:
         return lambda: {name: self._wrench(topic, clock, 0.0)}
 
     def _free(self, free: bool, read: Callable[[], _Found]) -> _Found:
-        """What is read, or, for topics that nobody named, a note on why not."""
+        """The labels read, or a note on a refusal for topics named by nobody."""
         try:
             return read()
         except DataError as error:
@@ -118,6 +118,6 @@ class TrackReader:
 
 
 def present(bag: Bag, topic: str) -> str:
-    """Name of a topic; "" where a ``?`` at its end says that it may be absent, and it is."""
+    """Name of a topic; "" for an absent topic with a ``?`` at the end of its name."""
     name = topic.removesuffix("?")
     return "" if topic.endswith("?") and name not in bag.topics else name

@@ -94,7 +94,7 @@ class _Joints:
 def read_joints(
     bag: Bag, topics: Sequence[str], clock: Clock, gap: float
 ) -> tuple[dict[str, NDArray[np.float32]], list[str], list[Scan]]:
-    """Joints at each frame: tracks (T, joints), NaN where no message is within ``gap``.
+    """Joints at each frame: tracks (T, joints), NaN without a message within ``gap``.
 
     Joints of several topics, and of messages with other names, are side by side; of a joint that is
     there twice, the first counts.
@@ -156,7 +156,7 @@ def _joint_sets(bag: Bag, topic: str, _changed: int) -> Scan:
 
 
 def _joints(message: Any) -> dict[str, tuple[float, ...]]:
-    """Position, velocity and effort by joint; NaN for those that the message leaves out."""
+    """Position, velocity and effort by joint; NaN for values absent from the message."""
     names = list(message.name)
     if not names or len({*names}) != len(names):
         raise DataError("joints without names, or with one name twice")
@@ -170,7 +170,7 @@ def _joints(message: Any) -> dict[str, tuple[float, ...]]:
 
 
 def _finite(values: Sequence[Any]) -> NDArray[np.float32]:
-    """Numbers as float32, with NaN for those that are not finite in it."""
+    """Numbers as float32, with NaN for numbers beyond its range."""
     with np.errstate(over="ignore"):
         numbers = np.asarray(values, np.float64).astype(np.float32)
     return np.where(np.isfinite(numbers), numbers, np.float32(np.nan))

@@ -172,7 +172,7 @@ def result_task(task: Task, choice: ProbeChoice, selection: str) -> results.Resu
 
 
 def describe_split(task: Task, fitted: bool = True) -> str:
-    """The split of a task, in words; of one without training clips, what is tested."""
+    """The split of a task, in words; without training clips, its test side alone."""
     plan = task.split
     if not fitted:
         return f"test: {_words({**plan.only, **plan.test}) or 'all clips'}; nothing is fitted"

@@ -84,7 +84,7 @@ def build_splits(
 def _only_test(
     task: Task, source: TaskSource, target: Target, of: NDArray[np.int64], numbers: Sequence[int]
 ) -> Split:
-    """The split of a probe that needs no training clips."""
+    """The split of a probe without training clips."""
     test = [n for n in numbers if matches_filter(source, n, task.split.test)]
     if not test:
         raise ConfigError(_nothing_for("test", task, len(numbers), len(numbers), 0))

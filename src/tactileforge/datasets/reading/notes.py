@@ -8,6 +8,24 @@ import re
 _DETAILS = re.compile(r"'[^']*'|\S*/\S*|\d[\d.e+-]*")
 
 
+def add_once(lines: list[str], problem: object) -> None:
+    """Adds a problem to a list such as ``skipped``, unless it is there already.
+
+    Args:
+        lines: Lines, changed in place.
+        problem: Error or line, as text.
+
+    Example:
+        >>> skipped = []
+        >>> add_once(skipped, "a.mp4: damaged")
+        >>> add_once(skipped, "a.mp4: damaged")
+        >>> len(skipped)
+        1
+    """
+    if (line := str(problem)) not in lines:
+        lines.append(line)
+
+
 class Notes:
     """Notes, the first of each kind with a count of the others."""
 

@@ -18,6 +18,7 @@ from tactileforge.data.frames.companions import is_companion
 from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.labels.missing import stated
+from tactileforge.datasets.reading.notes import add_once
 from tactileforge.datasets.reading.official import ALL, OfficialSplit
 from tactileforge.datasets.reading.splits import is_held_out
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
@@ -128,7 +129,7 @@ class PublishedDataset(ABC):
             try:
                 recording = item.open()
             except DataError as error:
-                self._skip(str(error))
+                add_once(self.skipped, error)
                 continue
             opened = True
             yield recording
@@ -154,10 +155,6 @@ class PublishedDataset(ABC):
         if side != "train" or self.chosen.val:
             return side
         return "val" if is_held_out(f"{self.name}/{item.group or item.key}", self.val) else side
-
-    def _skip(self, line: str) -> None:
-        if line not in self.skipped:
-            self.skipped.append(line)
 
     def _missing(self, what: str) -> DataNotFoundError:
         return DataNotFoundError(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Guess, Recording
 from tactileforge.data.frames.encoded import EncodedFrames
+from tactileforge.datasets.reading.notes import add_once
 from tactileforge.datasets.reading.official import OfficialSplit
 from tactileforge.datasets.reading.pickles import load_pickle
 from tactileforge.datasets.reading.published import PublishedDataset, RecordingItem, frame_times
@@ -152,7 +153,7 @@ class SparshTrajectories(PublishedDataset):
             try:
                 trajectories = batch.labels[1]
             except DataError as error:
-                self._skip(str(error))
+                add_once(self.skipped, error)
                 continue
             for number, trajectory in trajectories.items():
                 key = f"{batch.name}/{number}"

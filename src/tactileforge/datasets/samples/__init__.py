@@ -1,1 +1,1 @@
-"""Samples in tars of other programs: members whose names start alike, as webdataset has them."""
+"""Samples in tars of other programs: members with a common stem, as in webdataset."""

@@ -150,7 +150,7 @@ def _arrays(
 
 
 def _clips(samples: Mapping[str, dict[str, Blob]], doubts: list[str]) -> dict[str, Any]:
-    """Keys of clips whose frames are samples, by the names of these."""
+    """Keys of clips of one frame a sample, by the names of the samples."""
     keys = list(samples)
     signs = [sign for sign in "/_-" if all(_numbered(key, sign) for key in keys)]
     for sign in signs:
@@ -193,7 +193,7 @@ def _sensor(
 
 
 def _shape(parts: Mapping[str, Blob], frames: str) -> tuple[int, int]:
-    """Height and width of the first frame; 1 x 1 where it cannot be read."""
+    """Height and width of the first frame; 1 x 1 for an unreadable one."""
     kind = kind_of(frames)
     part = frames if frames in parts else next((one for one in parts if kind_of(one) == kind), "")
     try:

@@ -1,4 +1,4 @@
-"""Layouts of samples: configuration that says which part of a sample is what."""
+"""Layouts of samples: configuration of the meaning of each part."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ class SampleLayout:
 
     @property
     def parts(self) -> set[str]:
-        """Names of the parts that are read."""
+        """Names of the parts to read."""
         names = {self.image.removesuffix("?"), *(parse_place(one).part for one in self.numbers)}
         names |= {place.part for text in self.templates.values() for place in self.places(text)}
         if isinstance(self.background, BackgroundRule) and self.background.file:
@@ -176,7 +176,7 @@ class SampleLayout:
         return {name.lower() for name in names} - {""}
 
     def places(self, template: str) -> Iterator[Place]:
-        """Yields the places of a template that are no placeholders of the key."""
+        """Yields the places of a template, without placeholders of the key."""
         for name in fields_of(template):
             if name not in self.placeholders:
                 yield parse_place(name)

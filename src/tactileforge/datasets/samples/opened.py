@@ -1,4 +1,4 @@
-"""Recordings of samples: frames stay where they lie, values are read."""
+"""Recordings of samples: frames stay in their tar, values are read."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class SampleOpener:
         return _Opening(self.layout, unit, f"{self.path}, {unit.name}").recording(self.tar)
 
     def held_out_with(self, unit: Unit) -> str:
-        """Name of the unit that is held out together."""
+        """Name of the unit held out together."""
         template = self.layout.unit
         if not template:
             return unit.name
@@ -69,7 +69,7 @@ class _Opening(UnitValues):
     """One recording while it is opened."""
 
     def recording(self, tar: str) -> Recording:
-        """The recording, with a key that starts with the name of its tar."""
+        """The recording, with the name of its tar at the start of its key."""
         layout, frames = self.layout, self.frames
         times = self._times(frames)
         force = self._force(len(frames))

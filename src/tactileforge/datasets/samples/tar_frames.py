@@ -19,7 +19,7 @@ from tactileforge.untrusted import MAX_PIXELS
 
 
 class ArrayRows:
-    """Pictures of arrays in a tar, of which a clip reads its own rows alone.
+    """Pictures of arrays in a tar; a clip reads its own rows alone.
 
     Args:
         name: Name of the recording, for messages.
@@ -69,7 +69,7 @@ class ArrayRows:
 
 
 class TarVideo:
-    """Frames of a video in a tar, decoded where it lies.
+    """Frames of a video, decoded inside its tar.
 
     Args:
         name: Name of the part, for messages.

@@ -1,4 +1,4 @@
-"""Samples of a tar, and which of them make a recording."""
+"""Samples of a tar, and their grouping into recordings."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Unit:
 
 @dataclass
 class SampleTar:
-    """Recordings of a tar before they are opened, and what was left out.
+    """Recordings of a tar before opening, and the problems of the others.
 
     Attributes:
         units: Recordings, in the order of their first members.
@@ -93,7 +93,7 @@ def read_samples(path: Path, name: str, layout: SampleLayout) -> SampleTar:
 def grouped(
     members: Sequence[tuple[str, Blob]],
 ) -> tuple[dict[str, dict[str, Blob]], list[str], list[str]]:
-    """Samples by key; keys of samples with a part that comes twice; names without a key.
+    """Samples by key; keys of samples with a repeated part; names without a key.
 
     Args:
         members: Names and contents, see `members.TarIndex`.
@@ -121,7 +121,7 @@ def _units(
     path: Path,
     found: SampleTar,
 ) -> Iterator[Unit]:
-    """Yields the recordings of samples; those whose keys are unlike the layout's are noted."""
+    """Yields the recordings of samples; notes keys unlike the layout's."""
     pattern = _pattern(layout.key) if layout.key else None
     clips: dict[tuple[str, ...], list[Sample]] = {}
     unlike = []

@@ -35,7 +35,7 @@ class UnitValues:
         self._read: dict[tuple[int, str], Any] = {}
 
     def rows(self, text: str, count: int) -> NDArray[np.float64]:
-        """Numbers of a place, one row a frame: float64 (T, ...); NaN where there are none."""
+        """Numbers of a place, one row a frame: float64 (T, ...); NaN for missing ones."""
         place, samples = parse_place(text), self.unit.samples
         read = [self._value(place, i) for i in range(len(samples))]
         known = [as_numbers(one, f"{self.where}: {place}") for one in read if one is not None]
@@ -60,7 +60,7 @@ class UnitValues:
         return out
 
     def _value(self, place: Place, number: int) -> Any:
-        """Value of a sample, read once; None where it is optional and missing."""
+        """Value of a sample, read once; None for a missing optional one."""
         sample = self.unit.samples[number]
         if (number, str(place)) not in self._read:
             is_there = place.part in sample.parts
@@ -73,7 +73,7 @@ class UnitValues:
         return self._read[number, str(place)]
 
     def text(self, template: str) -> str:
-        """A template filled in; "" where a value of it is missing.
+        """A template filled in; "" with a missing value.
 
         Raises:
             DataError: Frames of the recording differ in it, or a value has no word.
@@ -90,12 +90,12 @@ class UnitValues:
         return texts.pop()
 
     def numbers(self, template: str) -> range:
-        """Numbers of the samples that a template is read from."""
+        """Numbers of the samples behind a template."""
         read = any(True for _ in self.layout.places(template))
         return range(len(self.unit.samples) if read else 1)
 
     def filled(self, template: str, number: int) -> str:
-        """A template filled in from one sample; "" where a value of it is missing.
+        """A template filled in from one sample; "" with a missing value.
 
         Raises:
             DataError: A part or name is missing, or a value is no text or has no word.
