@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import atexit
+import multiprocessing.util  # noqa: F401
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from multiprocessing import parent_process
+from multiprocessing import active_children
+from multiprocessing.process import BaseProcess
 from types import FrameType
 from typing import Any
+from weakref import WeakSet
 
 #: Signals that ask a program to end.
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 #: Handlers that `handled` has set.
 _OURS: set[Any] = set()
 _MASKS = threading.local()
+#: Processes started under `held`. A weak set, as each keeps a file descriptor open.
+_STARTED: WeakSet[BaseProcess] = WeakSet()
 
 
 def _hold_signals() -> None:
@@ -31,6 +37,7 @@ def _end_by_signals() -> None:
     for number in ENDING:
         if signal.getsignal(number) in _OURS:
             signal.signal(number, signal.SIG_DFL)
+    _STARTED.clear()
     _let_through()
 
 
@@ -107,34 +114,34 @@ def held() -> Iterator[None]:
     """Blocks signals in this thread, and in processes started meanwhile.
 
     Such a process unblocks them by `leave_to_parent`: a signal during its start would end it, and
-    with it the run of its parent.
+    with it the run of its parent. The exit of this program kills those that are left.
     """
+    others = set(active_children())
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
         yield
     finally:
+        _STARTED.update(set(active_children()) - others)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def leave_to_parent() -> None:
-    """Lets only the parent end this process, and no signal sent to both.
+    """Ignores signals in a process started under `held`, as only its parent ends it.
 
     A terminal, Slurm and systemd signal every process of a run. The parent still needs its workers
     then, to finish a step and save.
     """
-    for number in (signal.SIGINT, signal.SIGHUP):
+    for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGHUP))
-    if not hasattr(signal, "sigwaitinfo"):  # macOS does not name the sender of a signal
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGTERM,))
-        return
-    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGTERM,))
-    threading.Thread(target=_end_by_parent, daemon=True, name="end by parent").start()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
 
 
-def _end_by_parent() -> None:
-    parent = parent_process()
-    while parent and signal.sigwaitinfo((signal.SIGTERM,)).si_pid != parent.pid:
-        pass
-    os._exit(0)
+def _end_started() -> None:
+    # SIGTERM from the parent would not do: it is lost where one of another sender is still pending
+    for process in list(_STARTED):
+        if process.is_alive():
+            process.kill()
+
+
+# registered after the exit of multiprocessing, imported above, it runs before that waits
+atexit.register(_end_started)

@@ -1,11 +1,13 @@
 """A worker signalled during and after its start, in a module importable by its process."""
 
+import multiprocessing
 import os
 import signal
+import sys
 import time
 from multiprocessing.synchronize import Event
 
-from tactileforge.signals import leave_to_parent
+from tactileforge.signals import held, leave_to_parent
 
 
 def read(number: signal.Signals, ready: Event) -> None:
@@ -14,3 +16,19 @@ def read(number: signal.Signals, ready: Event) -> None:
     os.kill(os.getpid(), number)
     ready.set()
     time.sleep(600)
+
+
+def main(method: str, number: str) -> None:
+    """Leave a worker behind: its number is printed once it has survived the signals."""
+    context = multiprocessing.get_context(method)
+    ready = context.Event()
+    args = signal.Signals(int(number)), ready
+    with held():
+        worker = context.Process(target=read, args=args, daemon=True)
+        worker.start()
+    ready.wait()
+    print(worker.pid, flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
