@@ -8,8 +8,10 @@ import tactileforge
 from tactileforge.data.batches.clips import resize_frame
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.preprocess import SPARSH
+from tactileforge.hub import forces
 from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
+from tactileforge.sensors.light import changed_light
 
 pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
 
@@ -73,8 +75,20 @@ def test_calling_and_reading_heads_see_the_same() -> None:
         assert torch.equal(model(*given), model(*shown))
     assert torch.equal(model.force(*given), model.force(*shown))
     assert torch.equal(model.surface(*given), model.surface(*shown))
-    for key, value in model.force_inputs(*given).items():
-        assert torch.equal(value, model.force_inputs(*shown)[key])
+    inputs, others = model.force_inputs(*given), model.force_inputs(*shown)
+    assert inputs.keys() == others.keys()
+    assert all(torch.equal(value, others[key]) for key, value in inputs.items())
+
+
+def test_light_is_looked_at_once_for_all_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked = []
+    monkeypatch.setattr(
+        forces, "changed_light", lambda *images: looked.append(images) or changed_light(*images)
+    )
+    model = tactileforge.load("anytouch2.tiny")
+    inputs = model.force_inputs(touch(model, 60)[None], still(), "digit")
+    assert len(inputs) > 3
+    assert len(looked) == 1
 
 
 def test_imported_weights_see_frames_as_they_are() -> None:

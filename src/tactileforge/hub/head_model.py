@@ -269,9 +269,9 @@ class HeadModel(GroupedModel):
             inputs = self._readable(*self._pass(x, still, self._rows(names, "error")), scale)
             inputs |= forces.picture_columns(x, still, inputs["z"])
         if not forces.has_no_background(self.encoder, background):
-            inputs = {k: forces.without_light(v, x, still) for k, v in inputs.items()}
-            missing = next(iter(inputs.values())).isnan()
-            forces.warn_of_missing("force_inputs", missing, forces.LIGHT)
+            together = forces.without_light(torch.stack([*inputs.values()], -1), x, still)
+            inputs = dict(zip(inputs, together.unbind(-1), strict=True))
+            forces.warn_of_missing("force_inputs", together[..., 0].isnan(), forces.LIGHT)
         return inputs
 
     def _scale(self, names: Sequence[str]) -> Tensor | None:
