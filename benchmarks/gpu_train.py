@@ -37,6 +37,8 @@ from tactileforge.processes import cpus
 
 #: Timed duration of a row, s; warm-up steps; and largest number of timed steps.
 SECONDS, WARMUP, STEPS = 3.0, 3, 60
+#: Steps per synchronisation: waiting after each would add its launch latency to the time.
+ROUND = 5
 GIB = 2**30
 
 
@@ -76,13 +78,14 @@ def tiny_cases() -> list[Case]:
     return [*rows, *(Case("all five", batch=4, data=x, **size) for x in ("host", "loader"))]
 
 
-def measure(case: Case, device: torch.device, seconds: float) -> dict[str, Any]:
+def measure(case: Case, device: torch.device, seconds: float, steps: int) -> dict[str, Any]:
     """Times a case.
 
     Args:
         case: One of `cases`.
         device: Device of the step.
-        seconds: Duration of timing, s; at least two rounds of five steps are timed.
+        seconds: Duration of timing, s; at least two rounds are timed.
+        steps: Steps of a round.
 
     Returns:
         Clips per second, MFU, memory and operations; None for values unknown on this device.
@@ -99,7 +102,7 @@ def measure(case: Case, device: torch.device, seconds: float) -> dict[str, Any]:
         step(next(batches))
     finish(device)
     ready = time.perf_counter() - begun
-    times = timed(lambda: step(next(batches)), device, seconds)
+    times = timed(lambda: step(next(batches)), device, seconds, steps)
     per_step = statistics.median(times)
     flops = step_flops(case)
     peak = peak_of(torch.cuda.get_device_name()) if device.type == "cuda" else None
@@ -163,17 +166,18 @@ def count(subject: Subject, batch: Batch, device: torch.device) -> int:
     return counter.get_total_flops() * size
 
 
-def timed(step: Callable[[], None], device: torch.device, seconds: float) -> list[float]:
-    """Seconds per step, in rounds of five steps with one synchronisation at their end."""
+def timed(
+    step: Callable[[], None], device: torch.device, seconds: float, steps: int
+) -> list[float]:
+    """Seconds per step, in rounds of some steps with one synchronisation at their end."""
     times: list[float] = []
     end = time.perf_counter() + seconds
-    # Five steps per synchronisation: waiting after each would add its launch latency to the time.
-    while len(times) < 2 or (time.perf_counter() < end and 5 * len(times) < STEPS):
+    while len(times) < 2 or (time.perf_counter() < end and steps * len(times) < STEPS):
         start = time.perf_counter()
-        for _ in range(5):
+        for _ in range(steps):
             step()
         finish(device)
-        times.append((time.perf_counter() - start) / 5)
+        times.append((time.perf_counter() - start) / steps)
     return times
 
 
@@ -183,11 +187,11 @@ def finish(device: torch.device) -> None:
         torch.cuda.synchronize()
 
 
-def attempt(case: Case, device: torch.device, seconds: float) -> dict[str, Any]:
+def attempt(case: Case, device: torch.device, seconds: float, steps: int) -> dict[str, Any]:
     """A row of measurements, or of the error; frees memory."""
     row = dataclasses.asdict(case)
     try:
-        row |= measure(case, device, seconds)
+        row |= measure(case, device, seconds, steps)
     except torch.OutOfMemoryError:
         row["error"] = "out of memory"
     except Exception as error:  # a failed row must not end the others
@@ -236,10 +240,11 @@ def main() -> None:
     device = torch.device(options.device)
     end = time.perf_counter() + 60 * options.minutes
     torch.set_float32_matmul_precision("high")
+    duration, steps = (0.0, 1) if options.tiny else (SECONDS, ROUND)
     rows: list[dict[str, Any]] = []
     for case in tiny_cases() if options.tiny else cases():
         if time.perf_counter() < end:
-            rows.append(attempt(case, device, 0.2 if options.tiny else SECONDS))
+            rows.append(attempt(case, device, duration, steps))
         else:
             rows.append(dataclasses.asdict(case) | {"error": "out of time: --minutes"})
         what = "a training step in bf16 on one device; memory_gib is the peak, mfu of step_flops"

@@ -25,7 +25,7 @@ onnxruntime = pytest.importorskip("onnxruntime")
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxscript")
 
-NODE = {"name": "tactile_vit", "size": "tiny", "depth": 2, "frames": 4, "image_size": 32}
+NODE = {"name": "tactile_vit", "size": "tiny", "depth": 1, "frames": 4, "image_size": 32}
 SENSORS = ["digit", "gelsight", "universal", "dm", "digit"]
 
 
