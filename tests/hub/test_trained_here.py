@@ -6,6 +6,7 @@ import torch
 
 import tactileforge
 from tactileforge.data.batches.clips import resize_frame
+from tactileforge.encoders.feature_groups import SCALES
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.preprocess import SPARSH
 from tactileforge.hub import forces
@@ -66,6 +67,19 @@ def test_a_contact_near_the_edge_is_seen() -> None:
         assert (touched - calm).norm() > 0.1 * calm.norm()
 
 
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_vector_is_the_scaled_summary(name: str) -> None:
+    model = tactileforge.load(name)
+    clip, sensor = touch(model, 60), model.sensors[0] if model.sensors else "digit"
+    vector = model.encode(clip, still(), sensor)
+    assert len(vector) == model.vector_size == model.group_sizes["summary"]
+    summary = model.features(clip, still(), sensor, tap="summary")
+    torch.testing.assert_close(vector, SCALES["summary"] * summary)
+    assert torch.equal(model.encode(clip, still(), sensor, groups=["summary"]), vector)
+    reading = model.readings(clip, still(), sensor)
+    torch.testing.assert_close(reading.vector, vector, atol=1e-5, rtol=0)
+
+
 def test_calling_and_reading_heads_see_the_same() -> None:
     model = tactileforge.load("anytouch2.tiny")
     clip = touch(model, 60)
@@ -98,6 +112,7 @@ def test_imported_weights_see_frames_as_they_are() -> None:
     for recipe, same in (({}, False), ({"a": 1}, True)):
         header = make_header(encoder, node, licence="MIT", spacing=0.0, recipe=recipe)
         model = Model(encoder, header)
+        assert model.reading == ("projected" if not recipe else "summary")
         found = model.features(frames, "none", "digit")
         shown = model.features(small(model, frames), "none", "digit")
         assert torch.equal(found, shown) == same

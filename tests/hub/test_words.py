@@ -208,7 +208,7 @@ def test_a_run_matches_words_by_what_it_learned(run: Path, tmp_path: Path) -> No
     with torch.no_grad():
         text = tower.eval()([f"pressing {word}" for word in words])
         text = F.normalize(text @ state["heads.align.text_project.weight"].T, dim=1)
-    touch = F.normalize(model.encode(clips, clips[:, 0], "digit"), dim=1)
+    touch = F.normalize(model(clips, clips[:, 0], "digit"), dim=1)
     found = model.match_words(clips, words, clips[:, 0], "digit", template="pressing {}")
     torch.testing.assert_close(found.cosine, touch @ text.T, atol=1e-5, rtol=0)
     scale = state["heads.align.log_scale"].exp()
@@ -279,7 +279,7 @@ def test_a_frozen_clip_is_not_in_the_file_and_is_asked_for(
         model.match_words(*given)
     found = model.match_words(*given, text_encoder=place)
     text = model.heads["align"].text_project(clip(["ball", "bar"]))
-    touch = model.encode(given[0], "none", "digit")
+    touch = model(given[0], "none", "digit")
     torch.testing.assert_close(found.cosine, F.cosine_similarity(touch[None], text))
     assert saved(encoder, tower | {"frozen": False}, clip, path) is None
     recipe = {"objective": {"align": {}}, "text_encoder": tower | {"frozen": False}}

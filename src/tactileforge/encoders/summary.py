@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -40,28 +41,37 @@ def encode_summary(
     states: list[Tensor] = []
     hooks = [
         part.register_forward_hook(lambda _module, _given, state: states.append(state))
-        for part in _parts(encoder)
+        for part in summarised_parts(encoder)
     ]
     try:
         tokens, projected = encoder(frames, background, sensor)
     finally:
         for hook in hooks:
             hook.remove()
-    parts = [summarise(state, encoder.grid) for state in states or [tokens]]
-    return tokens, projected, torch.cat(parts, dim=1)
+    return tokens, projected, join_summary(states or [tokens], encoder.grid)
+
+
+def join_summary(states: Sequence[Tensor], grid: tuple[int, int, int]) -> Tensor:
+    """Summary of the outputs of `summarised_parts`, or of the tokens without such parts.
+
+    Args:
+        states: float32 (B, L, width) each; see `summarise`.
+        grid: Numbers of temporal slots, rows and columns of the patches.
+    """
+    return torch.cat([summarise(state, grid) for state in states], dim=1)
 
 
 def summary_width(encoder: Any) -> int:
     """Length of the summary of an encoder."""
-    count = max(1, len(_parts(encoder)))
+    count = max(1, len(summarised_parts(encoder)))
     width = int(encoder.width)
     if _second_stream(encoder):  # its channels are concatenated to the blocks': half of the width
         width //= 2
     return count * (CELLS**2 + 1) * width
 
 
-def _parts(encoder: Any) -> list[Any]:
-    """Modules with outputs to summarise: some blocks and any second stream."""
+def summarised_parts(encoder: Any) -> list[Any]:
+    """Modules with outputs to summarise: some blocks and any second stream; empty for none."""
     blocks = getattr(getattr(encoder, "transformer", None), "blocks", ())
     count = min(BLOCKS, len(blocks))
     chosen = [blocks[(i + 1) * len(blocks) // count - 1] for i in range(count)]

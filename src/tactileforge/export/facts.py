@@ -18,7 +18,8 @@ KEY = "tactileforge"
 #: Possible outputs of a graph, with type, shape and meaning.
 OUTPUTS = {
     "tokens": "float32 (B, L, width): prefix tokens, then patches",
-    "cls": "float32 (B, projected): what model.encode gives",
+    "cls": "float32 (B, projected): what model.features gives with tap=projected",
+    "vector": "float32 (B, n): what model.encode gives, of models trained here",
     "force": "float32 (B, n, 3): newton in the n newest frames; not a number without a scale",
 }
 #: Axes of the forces of the object on the gel, see `contracts`.

@@ -1,4 +1,4 @@
-"""The module to trace: an encoder, and its force head in newton."""
+"""The module to trace: an encoder, the vectors of its model, and its force head in newton."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from tactileforge.encoders.feature_groups import joint_vector
+from tactileforge.encoders.summary import join_summary, summarised_parts
 from tactileforge.encoders.views import ComputedViews
 from tactileforge.errors import ConfigError
 from tactileforge.export.squash import Squash
@@ -17,13 +19,15 @@ _NOWHERE = -(2**31)
 
 
 class GraphModule(nn.Module):
-    """An encoder with the outputs of a file: ``tokens``, ``cls`` and, with a head, ``force``.
+    """An encoder with the outputs of a file: ``tokens``, ``cls``, ``vector`` and ``force``.
+
+    ``vector`` is there for models trained here, and ``force`` with a head.
 
     The graph raises an error for a sensor unknown to the encoder, and gives NaN forces for a sensor
     without a force scale.
 
     Args:
-        encoder: Touch encoder in eval mode.
+        encoder: Touch encoder in eval mode, a copy: hooks are left in it.
         head: Force head; None for no forces.
         scale: Newton per unit of the head's output along x, y and z, for each sensor.
         squashed: Height and width of frames resized in training, pixels; None for imported weights.
@@ -44,8 +48,13 @@ class GraphModule(nn.Module):
         super().__init__()
         self.squash = None if squashed is None else Squash(squashed)
         self.encoder, self.head = encoder, head
-        self.outputs = ("tokens", "cls", "force")[: 2 if head is None else 3]
+        vector, force = ("vector",) * (self.squash is not None), ("force",) * (head is not None)
+        self.outputs = ("tokens", "cls", *vector, *force)
         self.frames, self.image_size = encoder.frames, encoder.image_size
+        self._states: list[Tensor] = []
+        if vector:  # hooks set in `forward` could not be traced
+            for part in summarised_parts(encoder):
+                part.register_forward_hook(lambda _part, _given, state: self._states.append(state))
         rows, scale = sensor_rows(encoder), scale or {}
         # Sensors with a common row have different force scales, so each needs its own number.
         numbered = bool(scale) and len(set(rows.values())) < len(rows)
@@ -63,7 +72,7 @@ class GraphModule(nn.Module):
         self._checks = numbered or (bool(encoder.sensors) and _reads_sensors(encoder))
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, ...]:
-        """Computes tokens (B, L, width), vectors (B, projected), and forces (B, T - 1, 3), N.
+        """Computes the outputs of `outputs`; see `facts.OUTPUTS` for their shapes.
 
         Args:
             frames: uint8 (B, T, 3, H, W), RGB, oldest first.
@@ -74,10 +83,15 @@ class GraphModule(nn.Module):
         if self.squash is not None:
             frames, background = self.squash(frames), self.squash(background)
         tokens, cls = self.encoder(frames, background, row)
+        vector: tuple[Tensor, ...] = ()
+        if self.squash is not None:
+            summary = join_summary(self._states or [tokens], self.encoder.grid)
+            vector = (joint_vector({"summary": summary}),)
+            self._states.clear()
         if self.head is None:
-            return tokens, cls
+            return tokens, cls, *vector
         force = self.head(ComputedViews.of(self.encoder, tokens, cls), {}).force
-        return tokens, cls, force * self.newton[sensor][:, None]
+        return tokens, cls, *vector, force * self.newton[sensor][:, None]
 
 
 def sensor_rows(encoder: Any) -> dict[str, int]:

@@ -126,8 +126,8 @@ def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str,
         if "force" in opened.heads:
             head, kept = opened.heads["force"], opened.header.heads["force"]
     check_float32(encoder)
-    module = GraphModule(encoder, head, kept.get("scale"), squashed)
-    module = copy.deepcopy(module).cpu().eval().requires_grad_(False)
+    module = GraphModule(*copy.deepcopy((encoder, head)), kept.get("scale"), squashed)
+    module = module.cpu().eval().requires_grad_(False)
     return module, {
         **known,
         "sensors": module.sensors,

@@ -33,7 +33,7 @@ class ModelReadings:
     """Vectors and forces of clips, from one pass of the encoder.
 
     Attributes:
-        vector: float32 (projected,), or (B, projected) for a batch; what `Model.encode` gives.
+        vector: float32 (n,), or (B, n) for a batch; what `Model.encode` gives.
         force: float32 (T - 1, 3), or (B, T - 1, 3): newton in frames 2..T, see `contracts`. None
             where the model has no force head, or does not know the scale of a sensor.
     """

@@ -50,22 +50,23 @@ class GroupedModel(FeatureModel):
                 tokens. May be left out where the model knows one sensor, or none.
             groups: Names of groups, or ``all``, that are put side by side, each times a fixed
                 factor with which a plain linear probe does well: see `groups` and
-                `feature_groups.joint_vector`. None gives the network's own projected vector, which
-                streams, exports and heads of classes read.
+                `feature_groups.joint_vector`. None takes ``summary``, the best single vector for a
+                linear probe; of imported weights the projected vector of their authors.
             unknown_sensor: ``error``, or ``universal`` to take the universal tokens, and warn.
             batch_size: Clips that are computed at once.
 
         Returns:
-            float32 (projected,), or (B, projected) for a batch, on the model's device; of groups
-            as many numbers as `group_sizes` tells for them together.
+            float32 (n,), or (B, n) for a batch, on the model's device: n is ``vector_size``, or
+            what `group_sizes` tells for the groups together.
 
         Raises:
             DataError: Frames or background are not what the model takes; says both.
             ConfigError: No background, no such sensor or group, or a batch size below 1.
         """
         clips = frames, background, sensor, unknown_sensor, batch_size
-        if groups is None:
+        if groups is None and self.reading == "projected":
             return self._tapped("projected", *clips)
+        groups = ["summary"] if groups is None else groups
         return joint_vector(self._grouped(None if groups == "all" else groups, *clips))
 
     def groups(

@@ -10,6 +10,8 @@ import torch
 from torch import Tensor
 
 from tactileforge.data.labels.displacement import displacement_mm
+from tactileforge.encoders.feature_groups import joint_vector
+from tactileforge.encoders.summary import encode_summary
 from tactileforge.encoders.views import ComputedViews
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import forces
@@ -127,7 +129,7 @@ class HeadModel(GroupedModel):
         names: Sequence[str] | None = None,
         unknown_sensor: Policy = "error",
     ) -> Classes:
-        """Classifies clips by a linear head on the vectors of `encode`.
+        """Classifies clips by a linear head on their projected vectors.
 
         Args:
             frames: uint8 clips as in `encode`; or one image (H, W, 3) or (3, H, W), shown as a
@@ -158,7 +160,9 @@ class HeadModel(GroupedModel):
             subtracts = background is not None and word != "none"
             layer = fitted_layer(head, self.encoder_hash, repr(self), subtracts, named)
         # the layer first: a wrong head is found before the encoder has done its work
-        vectors = self.encode(frames, background, sensor, unknown_sensor=unknown_sensor)
+        vectors = self.features(
+            frames, background, sensor, tap="projected", unknown_sensor=unknown_sensor
+        )
         return classes_of(vectors, layer)
 
     def read_head(
@@ -225,14 +229,14 @@ class HeadModel(GroupedModel):
         calibration = forces.opened_calibration(calibration)
         with torch.no_grad():
             if scale is None:
-                vector, force = self._read("projected", x, still, rows).float(), None
+                vector, force = self._scaled(self._read(self.reading, x, still, rows)), None
             else:
-                tokens, projected = self._pass(x, still, rows)
+                tokens, projected, vector = self._pass_for_vector(x, still, rows)
                 axes = None if calibration is None else self.axes_of(calibration, names)
                 newton = self._readable(tokens, projected, scale)
                 if axes and forces.reads_pictures(axes):
                     newton |= forces.picture_columns(x, still, newton["z"])
-                vector, force = projected.float(), forces.to_newton(newton, axes)
+                force = forces.to_newton(newton, axes)
                 # by the model's own newtons: a calibration scales a force, not the range of
                 # training
                 force = forces.within_scale(force, newton, scale)
@@ -293,6 +297,21 @@ class HeadModel(GroupedModel):
     def keep_fingerprint(self) -> None:
         """Keeps the hashes of the current weights: a fit for a model also fits its rounded copy."""
         self._fingerprint, self._encoder_hash = self.fingerprint, self.encoder_hash
+
+    def _pass_for_vector(self, *clips: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Tokens, projected class tokens, and the vectors of `encode`, from one pass."""
+        if self.reading == "projected":
+            tokens, projected = self._pass(*clips)
+            return tokens, projected, projected.float()
+        inputs = [part.to(self.device) for part in clips]
+        tokens, projected, summary = encode_summary(self.encoder, *inputs)
+        return tokens, projected, self._scaled(summary)
+
+    def _scaled(self, vector: Tensor) -> Tensor:
+        """Vectors of the tap `reading` as `encode` gives them."""
+        if self.reading == "projected":
+            return vector.float()
+        return joint_vector({"summary": vector.float()})
 
     def _readable(self, tokens: Tensor, projected: Tensor, scale: Tensor) -> dict[str, Tensor]:
         head, scale = self.heads["force"], scale.to(tokens.device)

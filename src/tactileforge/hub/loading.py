@@ -52,7 +52,7 @@ def load(
         >>> import numpy as np
         >>> rest = np.full((240, 320, 3), 110, np.uint8)
         >>> load("anytouch2.tiny").encode(np.stack([rest] * 4), rest, "digit").shape
-        torch.Size([512])
+        torch.Size([3840])
     """
     card = None
     if isinstance(name_or_file, Path):

@@ -48,7 +48,7 @@ class Model(HeadModel):
         header: Header of its file.
         card: Card of the zoo, or None.
         frames: Frames of a clip, T.
-        projected: Size of a vector.
+        projected: Size of a projected token; `encode` gives vectors of ``vector_size``.
         heads: ``torch.nn.ModuleDict``; empty where the file has none.
 
     Raises:
@@ -97,13 +97,13 @@ class Model(HeadModel):
             sensor: Name of the sensor, as in `encode`.
             hop: Seconds between the ends of neighbouring clips; at least one frame.
             times: float64, seconds of each frame, increasing; a file knows its own.
-            groups: Names of groups, ``all``, or None for the projected vector, as in `encode`.
+            groups: Names of groups, ``all``, or None for the usual vector, as in `encode`.
             unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
             batch_size: Clips that are read and computed at once.
 
         Returns:
-            float64 (n,), the time of each clip's last frame, s, and float32 (n, projected), or as
-            many numbers as the groups have.
+            float64 (n,), the time of each clip's last frame, s, and float32
+            (n, ``vector_size``), or as many numbers as the groups have.
 
         Raises:
             ConfigError: No times for frames without any, an invalid hop, or as in `encode`.
@@ -185,7 +185,9 @@ class Model(HeadModel):
         side = language_of(self.header, dict(self.heads), repr(self), self.projected)
         # the words first: a missing tower is found before the encoder has done its work
         text = side.vectors(words, template, text_encoder, self.device)
-        touch = self.encode(frames, background, sensor, unknown_sensor=unknown_sensor)
+        touch = self.features(
+            frames, background, sensor, tap="projected", unknown_sensor=unknown_sensor
+        )
         kept = side.temperature if temperature is None else temperature
         return match_vectors(touch, text, words, kept)
 

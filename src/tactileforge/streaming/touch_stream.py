@@ -52,7 +52,7 @@ class Prediction:
             image is invalid, the light has changed or the force is beyond the sensor's scale.
         slip: Whether it slips, see `contact.SlipEstimator`; None without forces.
         trouble: One of `sensors.health.TROUBLES`; "" for none.
-        embedding: Vector of the model, float32 (projected,); None if it is not requested.
+        embedding: Vector of the model, as of `encode`, float32 (n,); None if it is not requested.
     """
 
     number: int
