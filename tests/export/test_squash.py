@@ -33,6 +33,17 @@ def test_the_usual_sizes_of_cameras_are_opencvs_exactly(size: tuple[int, int]) -
     assert np.array_equal(found, resize_frame(image, (128, 128)))
 
 
+@pytest.mark.parametrize("wanted", [64, 96, 160, 224])
+@pytest.mark.parametrize("size", [(240, 320), (480, 640), (720, 1280)])
+def test_means_round_as_opencvs(size: tuple[int, int], wanted: int) -> None:
+    """Half to even; a few sums that OpenCV takes in float32 fall to the other side."""
+    if max(size) < 1.5 * wanted:
+        pytest.skip("interpolated")
+    image = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
+    found = Squash((wanted, wanted))(torch.from_numpy(image).movedim(-1, 0)).movedim(0, -1).numpy()
+    assert np.mean(found != resize_frame(image, (wanted, wanted))) < 1 / 80
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("size", "int8", "most"), [(None, False, 1e-4), ((240, 320), True, 0.5)])
 def test_the_graph_of_a_model_that_was_trained_here_is_encode(

@@ -38,8 +38,12 @@ class Squash(nn.Module):
         # the first sums are below 2 ** 24, so exact in float32; the second need float64
         sums = (rows @ images.float()).double() @ columns.double().T
         whole = rows[0].double().sum() * columns[0].double().sum()
-        half = torch.where(averages, 0.5, 0.375)  # OpenCV's interpolation cuts off an eighth
-        return torch.floor(sums / whole + half).float()
+        exact = sums / whole
+        # OpenCV rounds means half to even, those of 2 x 2 pixels half up, and cuts an eighth off
+        # what it interpolates
+        twice = (shrinks[0] == 2) & (shrinks[1] == 2)
+        rounded = torch.floor(exact + torch.where(averages, 0.5, 0.375))
+        return torch.where(averages & ~twice, torch.round(exact), rounded).float()
 
 
 def _ways(images: Tensor, axis: int, wanted: int) -> tuple[Tensor, Tensor, Tensor]:
