@@ -230,7 +230,8 @@ class TouchModule(L.LightningModule):
         total: Tensor = self.balance(losses, weights, self.global_step, self.encoder)
         if not total.requires_grad:  # every objective still has weight 0
             raise ConfigError(
-                f"no objective has a weight above 0 at step {self.global_step}; let one start at 0"
+                f"no objective has a weight above 0 at step {self.global_step}: the curriculum "
+                "starts them later. Add objective=pixel, or give curriculum=constant"
             )
         if (self.global_step + 1) % log_interval(self.trainer) == 0:
             self._log_step(total.detach(), logs_of(terms), weights, universal)

@@ -41,8 +41,10 @@ def with_photographs(init: str) -> tuple[str, bool]:
     Example:
         >>> with_photographs("anytouch2.tiny+imagenet")
         ('anytouch2.tiny', True)
+        >>> with_photographs("run:runs/mine")  # as other commands name it
+        ('runs/mine', False)
     """
-    return init.removesuffix(f"+{IMAGENET}"), init.endswith(f"+{IMAGENET}")
+    return init.removeprefix("run:").removesuffix(f"+{IMAGENET}"), init.endswith(f"+{IMAGENET}")
 
 
 def is_run(init: str) -> bool:

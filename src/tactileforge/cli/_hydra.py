@@ -27,6 +27,12 @@ from tactileforge.errors import ConfigError, TactileForgeError, nearest_name, un
 from tactileforge.processes import end_with_parent
 from tactileforge.registry import GROUPS
 
+#: Options of Hydra's own groups that come as packages, ``hydra-NAME-GROUP``; source: Hydra 1.3.
+_OF_PACKAGES = {
+    "launcher": ("joblib", "ray", "rq", "submitit"),
+    "sweeper": ("ax", "nevergrad", "optuna"),
+}
+
 
 def run(verb: str, command: Command, words: Words) -> Result:
     """Runs a command as a Hydra application: once, or once for each combination given to ``-m``.
@@ -227,11 +233,14 @@ def _told(name: str, said: str, words: Words) -> str:
     if match := re.search(r"Could not find '([\w/]+)/(.+?)'", said):
         if match[1].startswith("hydra/"):
             kind = match[1].partition("/")[2]
-            fix = f"Those of others are packages: pip install hydra-{match[2]}-{kind}"
-            return unknown(match[1], match[2], _of_hydra(match[1]), fix)
+            if match[2] in _OF_PACKAGES.get(kind, ()):
+                package = f"hydra-{match[2]}-{kind}"
+                return f"{match[1]}={match[2]} comes with {package}: pip install {package}"
+            return unknown(match[1], match[2], {*_of_hydra(match[1]), *_OF_PACKAGES.get(kind, ())})
         if package := package_of(GROUPS.get(match[1], match[1]), match[2]):
             return f"{match[1]}={match[2]} comes with {package}: pip install {package}"
-        return unknown(match[1], match[2], options(match[1], own))
+        fix = "" if own else "Options of your own need --config-dir DIR"
+        return unknown(match[1], match[2], options(match[1], own), fix)
     if match := re.search(r"You must specify '(\w+)'", said):
         return f"give {match[1]}=NAME; Known: {', '.join(options(match[1], own))}"
     if match := re.search(r"LexerNoViableAltException: (.*)|(mismatched input .*?)[;\n]", said):
