@@ -29,7 +29,8 @@ def fill(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Tensor]:
         elif len(shape) > 1:
             value = 0.1 * r
         else:
-            value = 1 + 0.2 * r if key.endswith(("weight", "gamma")) else 0.1 * r
+            near_one = ("weight", "gamma", "running_var")
+            value = 1 + 0.2 * r if key.endswith(near_one) else 0.1 * r
         state[key] = value.reshape(shape).float()
         if key.endswith("position_ids"):
             state[key] = torch.arange(size.numel())[None]
@@ -147,6 +148,77 @@ def t3(depths: tuple[int, int], *stems: str) -> Shapes:
         shapes |= {f"{name}.patch_embed.proj.weight": (768, 3, 16, 16)}
         shapes |= {f"{name}.patch_embed.proj.bias": (768,)}
     return shapes
+
+
+def dinov2(width: int, depth: int, side: int) -> Shapes:
+    """The transformer that FeelAnyForce refined, with positions of a larger picture."""
+    shapes = timm_blocks("blocks", width, depth) | norms(width, "norm")
+    shapes |= {f"blocks.{i}.ls{j}.gamma": (width,) for i in range(depth) for j in (1, 2)}
+    shapes |= {"cls_token": (1, 1, width), "pos_embed": (1, side * side + 1, width)}
+    shapes |= {"patch_embed.proj.weight": (width, 3, 14, 14), "patch_embed.proj.bias": (width,)}
+    return shapes | {"mask_token": (1, width)}
+
+
+def feelanyforce(width: int = 192, depth: int = 2, side: int = 37) -> Shapes:
+    """A whole file: the encoder, the head by its two sets of names, the decoder of depth."""
+    sizes = {0: (512, width), 3: (256, 512), 6: (128, 256), 9: (64, 128), 12: (3, 64)}
+    names = dict(
+        zip(sizes, ("bottleneck1", "bottleneck2", "bottleneck3", "bottleneck4"), strict=False)
+    )
+    head: Shapes = {}
+    for place, size in sizes.items():
+        for name in (f"regressor.{place}", names.get(place, "linear")):
+            head |= {f"{name}.bias": size[:1], f"{name}.weight_g": (size[0], 1)}
+            head |= {f"{name}.weight_v": size}
+        head |= {} if place == 12 else norms(size[0], f"regressor.{place + 1}")
+    decoder = {"decoder.fc.weight": (8, width), "decoder.deconvs.0.weight": (2, 2, 5, 5)}
+    touch = under("tactile_backbone.", dinov2(width, depth, side))
+    return touch | under("regressor.", head) | decoder
+
+
+def sparsh_x(width: int = 192, own: int = 2, shared: int = 1) -> Shapes:
+    """The image model: blocks of the image, then the blocks that all senses would share."""
+    shapes = {}
+    for key, size in timm_blocks("blocks", width, own).items():
+        _, number, rest = key.split(".", 2)
+        shapes[f"blocks.{number}.img.{rest}"] = size
+    shapes |= timm_blocks("fusion_blocks", width, shared) | norms(width, "norm")
+    names = [f"blocks.{i}.img" for i in range(own)] + [f"fusion_blocks.{i}" for i in range(shared)]
+    shapes |= {f"{name}.ls{j}.gamma": (width,) for name in names for j in (1, 2)}
+    shapes |= {"patch_embed.img.proj.weight": (width, 6, 16, 16)}
+    shapes |= {"patch_embed.img.proj.bias": (width,), "register_tokens": (1, 1, width)}
+    return shapes
+
+
+def sparsh_x_numbers(width: int = 192) -> dict[str, Tensor]:
+    """Its buffers: the published mean and deviation of both frames, and frequencies."""
+    mean, deviation = (0.09562227, 0.26593734, 0.32464101), (0.08179263, 0.17255498, 0.18509875)
+    numbers = {"img_avg": mean, "img_div": deviation}
+    buffers = {key: torch.tensor([*row, *row]).view(6, 1, 1) for key, row in numbers.items()}
+    return buffers | {"pos_embeds.img.frequency_bands": bands(width, 2)}
+
+
+def univtac() -> Shapes:
+    """A whole file: torchvision's ResNet-18 with 512 outputs, and decoders."""
+
+    def norm(name: str, channels: int) -> Shapes:
+        kinds = ("weight", "bias", "running_mean", "running_var")
+        return {f"{name}.{kind}": (channels,) for kind in kinds}
+
+    shapes: Shapes = {"conv1.weight": (64, 3, 7, 7)} | norm("bn1", 64)
+    given = 64
+    for stage, out in enumerate((64, 128, 256, 512), 1):
+        for number in range(2):
+            block = f"layer{stage}.{number}"
+            shapes |= {f"{block}.conv1.weight": (out, given, 3, 3)} | norm(f"{block}.bn1", out)
+            shapes |= {f"{block}.conv2.weight": (out, out, 3, 3)} | norm(f"{block}.bn2", out)
+            if given != out:
+                shapes |= {f"{block}.downsample.0.weight": (out, given, 1, 1)}
+                shapes |= norm(f"{block}.downsample.1", out)
+            given = out
+    shapes |= {"fc.weight": (512, 512), "fc.bias": (512,)}
+    decoders: Shapes = {"decoders.marker.ffn.2.weight": (126, 256), "decoders.rgb.fc.bias": (8,)}
+    return under("backbone.", shapes) | decoders
 
 
 def unitouch(width: int, depth: int) -> Shapes:
