@@ -24,7 +24,9 @@ def fill(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Tensor]:
     for i, (key, shape) in enumerate(sorted(shapes.items())):
         size = torch.Size(shape)
         r = noise(size.numel(), i)
-        if key.endswith("weight") and len(shape) > 1 and not key.endswith("embedding.weight"):
+        if key.endswith("weight_g"):
+            value = 1 + 0.2 * r
+        elif key.endswith("weight") and len(shape) > 1 and not key.endswith("embedding.weight"):
             value = r * (12 / (size.numel() / shape[0])) ** 0.5
         elif len(shape) > 1:
             value = 0.1 * r

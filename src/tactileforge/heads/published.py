@@ -16,8 +16,6 @@ from tactileforge.heads.force import ForceDecoder, Forces
 _HEADS = 16
 #: Widths of the hidden layers of FeelAnyForce's head.
 _REGRESSOR = (512, 256, 128, 64)
-#: Largest force of FeelAnyForce's data, N.
-FEELANYFORCE_NEWTON = 15.0
 
 
 class PublishedForce(nn.Module):
@@ -69,20 +67,15 @@ class PublishedProbe(nn.Module):
         return out
 
 
-class RegressorDecoder(nn.Sequential):
+def regressor_decoder(width: int) -> nn.Sequential:
     """Five layers to three numbers, (B, width) to (B, 3), with norms and GELU between them.
 
     Source: the layout of FeelAnyForce's weights.
-
-    Args:
-        width: Size of the input.
     """
-
-    def __init__(self, width: int) -> None:
-        layers: list[nn.Module] = []
-        for given, out in pairwise((width, *_REGRESSOR)):
-            layers += [nn.Linear(given, out), nn.LayerNorm(out), nn.GELU()]
-        super().__init__(*layers, nn.Linear(_REGRESSOR[-1], 3))
+    layers: list[nn.Module] = []
+    for given, out in pairwise((width, *_REGRESSOR)):
+        layers += [nn.Linear(given, out), nn.LayerNorm(out), nn.GELU()]
+    return nn.Sequential(*layers, nn.Linear(_REGRESSOR[-1], 3))
 
 
 class PublishedRegressor(nn.Module):
@@ -95,9 +88,9 @@ class PublishedRegressor(nn.Module):
         scale: Force that counts as 1, N; the paper's forces go up to 15 N.
     """
 
-    def __init__(self, encoder: Encoder, scale: float = FEELANYFORCE_NEWTON) -> None:
+    def __init__(self, encoder: Encoder, scale: float = 15.0) -> None:
         super().__init__()
-        self.decoder = RegressorDecoder(encoder.projected)
+        self.decoder = regressor_decoder(encoder.projected)
         self.scale = scale
 
     def forward(self, views: Views, batch: Batch) -> Forces:

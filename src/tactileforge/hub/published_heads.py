@@ -11,7 +11,6 @@ from torch import nn
 from tactileforge import registry
 from tactileforge.encoders.published import Converted
 from tactileforge.errors import ConfigError, check_names, unknown
-from tactileforge.heads.published import FEELANYFORCE_NEWTON
 from tactileforge.hub.files import fill_weights
 
 #: Sensor of a force head -> columns and signs that turn (Fx, Fy, -Fz) of ToucHD into the axes of
@@ -21,8 +20,8 @@ _FORCE: dict[str, tuple[list[int], list[float], list[float]]] = {
     "digit": ([0, 1, 2], [-1.0, 1.0, 1.0], [5.25, 10.61, 14.14]),
     "gelsight_mini": ([1, 0, 2], [1.0, 1.0, 1.0], [9.87, 6.84, 8.52]),
 }
-#: The one sensor of FeelAnyForce.
-_MINI = "gelsight_mini"
+#: The one sensor of FeelAnyForce, and the largest force in its paper, N.
+_MINI, _MINI_NEWTON = "gelsight_mini", 15.0
 #: Words in the names of the published files.
 _WORDS = {"digit": "digit", "gelsight": "gelsight_mini"}
 
@@ -68,9 +67,8 @@ def _force(layout: str, source: Path, sensor: str) -> dict[str, Any]:
     """Entry of a force head: its plugin, and the newton along each axis that count as 1."""
     if layout == "feelanyforce":
         check_names("sensor of FeelAnyForce's forces", [sensor] if sensor else [], [_MINI])
-        scale = [FEELANYFORCE_NEWTON] * 3
-        node = {"name": "published_regressor", "scale": FEELANYFORCE_NEWTON}
-        return {"node": node, "scale": {_MINI: scale}}
+        node = {"name": "published_regressor", "scale": _MINI_NEWTON}
+        return {"node": node, "scale": {_MINI: [_MINI_NEWTON] * 3}}
     kind = _sensor(source, sensor)
     columns, signs, scale = _FORCE[kind]
     node = {"name": "published_force", "columns": columns, "signs": signs}

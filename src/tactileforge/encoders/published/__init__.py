@@ -93,7 +93,7 @@ class Converted:
         unused: Names of unneeded tensors of the file, by reason.
         head: State dict of the published force head, to load strictly into
             ``tactileforge.heads.force.ForceDecoder(width, 1, 16)``, or for FeelAnyForce into
-            ``tactileforge.heads.published.RegressorDecoder(width)``; None without one.
+            ``tactileforge.heads.published.regressor_decoder(width)``; None without one.
         probe: State dict of the published head for classes, see `class_head`; None without one.
         temperature: Temperature of its alignment with other modalities; None where the file keeps
             none.

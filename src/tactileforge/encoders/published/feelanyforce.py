@@ -84,7 +84,7 @@ def _resized(positions: Tensor, side: int, wanted: int) -> Tensor:
 
 
 def force_head(state: State) -> dict[str, Tensor]:
-    """Force head of a file, as a state dict of `heads.published.RegressorDecoder`.
+    """Force head of a file, as a state dict of `heads.published.regressor_decoder`.
 
     The weights of the file are lengths and directions of rows; ours are their products.
 
