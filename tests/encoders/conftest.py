@@ -223,6 +223,39 @@ def univtac() -> Shapes:
     return under("backbone.", shapes) | decoders
 
 
+def unit(channels: tuple[int, ...] = (32, 32, 64), attends: tuple[int, ...] = (2,)) -> Shapes:
+    """A whole file: the encoder of a VQGAN, its code book, decoder and losses."""
+
+    def conv(name: str, given: int, out: int, kernel: int) -> Shapes:
+        return {f"{name}.weight": (out, given, kernel, kernel), f"{name}.bias": (out,)}
+
+    def residual(name: str, given: int, out: int) -> Shapes:
+        shapes = norms(given, f"{name}.norm1") | norms(out, f"{name}.norm2")
+        shapes |= conv(f"{name}.conv1", given, out, 3) | conv(f"{name}.conv2", out, out, 3)
+        return shapes | (conv(f"{name}.nin_shortcut", given, out, 1) if given != out else {})
+
+    def attention(name: str, width: int) -> Shapes:
+        shapes = norms(width, f"{name}.norm")
+        for layer in ("q", "k", "v", "proj_out"):
+            shapes |= conv(f"{name}.{layer}", width, width, 1)
+        return shapes
+
+    given, top = channels[0], channels[-1]
+    shapes = conv("conv_in", 3, given, 3)
+    for level, out in enumerate(channels):
+        for number in range(2):
+            shapes |= residual(f"down.{level}.block.{number}", given, out)
+            shapes |= attention(f"down.{level}.attn.{number}", out) if level in attends else {}
+            given = out
+        if level < len(channels) - 1:
+            shapes |= conv(f"down.{level}.downsample.conv", out, out, 3)
+    shapes |= residual("mid.block_1", top, top) | residual("mid.block_2", top, top)
+    shapes |= attention("mid.attn_1", top) | norms(top, "norm_out") | conv("conv_out", top, 3, 3)
+    rest: Shapes = {"quantize.embedding.weight": (1024, 3), "loss.discriminator.main.0.bias": (4,)}
+    rest |= {"decoder.conv_in.bias": (8,)} | conv("post_quant_conv", 3, 3, 1)
+    return under("encoder.", shapes) | conv("quant_conv", 3, 3, 1) | rest
+
+
 def unitouch(width: int, depth: int) -> Shapes:
     shapes: Shapes = {
         "modality_preprocessors.touch.cls_token": (1, 1, width),

@@ -261,10 +261,71 @@ def test_training_leaves_the_statistics_of_a_fixed_norm() -> None:
     assert len(list(norm.parameters())) == 2
 
 
-def test_a_vqgan_is_refused_by_name() -> None:
-    names = ("encoder.down.0.block.0.conv1.weight", "quantize.embedding.weight")
-    state = {name: torch.zeros(3, 3) for name in (*names, "quant_conv.weight", "loss.x")}
-    with pytest.raises(ConfigError, match=r"this is a VQGAN, as UniT has: .*recipe=mae"):
+def unit_map(x: Tensor, p: State, levels: int) -> Tensor:
+    """Map of UniT before its code book, as the VQGAN of taming transformers is published."""
+
+    def conv(x: Tensor, name: str, stride: int = 1, pad: int = 1) -> Tensor:
+        return F.conv2d(x, p[f"{name}.weight"], p[f"{name}.bias"], stride, pad)
+
+    def normed(x: Tensor, name: str) -> Tensor:
+        return F.group_norm(x, 32, p[f"{name}.weight"], p[f"{name}.bias"], 1e-6)
+
+    def residual(x: Tensor, name: str) -> Tensor:
+        y = normed(x, f"{name}.norm1")
+        y = normed(conv(y * y.sigmoid(), f"{name}.conv1"), f"{name}.norm2")
+        y = conv(y * y.sigmoid(), f"{name}.conv2")
+        shortcut = f"{name}.nin_shortcut"
+        return y + (conv(x, shortcut, pad=0) if f"{shortcut}.bias" in p else x)
+
+    def attended(x: Tensor, name: str) -> Tensor:
+        y = normed(x, f"{name}.norm")
+        query, key, value = (conv(y, f"{name}.{k}", pad=0).flatten(2).double() for k in "qkv")
+        scores = torch.einsum("bci,bcj->bij", query, key) / x.shape[1] ** 0.5
+        seen = torch.einsum("bij,bcj->bci", scores.softmax(2), value).float().view_as(x)
+        return x + conv(seen, f"{name}.proj_out", pad=0)
+
+    x = conv(x, "encoder.conv_in")
+    for level in range(levels):
+        for number in range(2):
+            x = residual(x, f"encoder.down.{level}.block.{number}")
+            if f"encoder.down.{level}.attn.{number}.q.bias" in p:
+                x = attended(x, f"encoder.down.{level}.attn.{number}")
+        if level < levels - 1:
+            x = conv(F.pad(x, (0, 1, 0, 1)), f"encoder.down.{level}.downsample.conv", 2, 0)
+    x = residual(x, "encoder.mid.block_1")
+    x = residual(attended(x, "encoder.mid.attn_1"), "encoder.mid.block_2")
+    x = normed(x, "encoder.norm_out")
+    return conv(conv(x * x.sigmoid(), "encoder.conv_out"), "quant_conv", pad=0)
+
+
+@pytest.mark.parametrize(
+    ("channels", "attends"),
+    [
+        ((32, 32, 64), (2,)),
+        pytest.param((128, 128, 256, 512), (3,), marks=pytest.mark.slow),  # as published
+    ],
+)
+def test_unit_is_the_encoder_of_a_vqgan(
+    published: ModuleType, channels: tuple[int, ...], attends: tuple[int, ...]
+) -> None:
+    """Blue, green, red, from 0 to 1; the map is what its heads read."""
+    state = published.fill(published.unit(channels, attends))
+    converted = convert(state)
+    options = converted.encoder_config
+    assert (options["channels"], options["attention"]) == (list(channels), list(attends))
+    blue_first = published.noise(2 * 3 * 128 * 160, 1000).view(2, 3, 128, 160).float() + 0.5
+    with torch.no_grad():
+        want = unit_map(blue_first, state, len(channels))
+        tokens, vector = run(converted.build(), blue_first.flip(1)[:, None])
+    assert want.shape == (2, 3, *(size >> (len(channels) - 1) for size in (128, 160)))
+    assert want.std() > 0.05
+    torch.testing.assert_close(tokens, want.flatten(2).mT, atol=2e-5, rtol=1e-4)
+    torch.testing.assert_close(vector, want.mean((2, 3)), atol=2e-5, rtol=1e-4)
+
+
+def test_another_vqgan_is_refused_by_name(published: ModuleType) -> None:
+    state = published.fill(published.unit()) | {"quantize.embedding.weight": torch.zeros(512, 3)}
+    with pytest.raises(ConfigError, match=r"a VQGAN, but not UniT's, .* the encoder vqgan"):
         convert(state)
 
 

@@ -109,6 +109,7 @@ FILES: dict[str, tuple[str, int, int, Callable[[ModuleType], dict[str, tuple[int
     "tvl": ("tvl", 1, 16, lambda p: p.tvl(192, 2)),
     "feelanyforce": ("feelanyforce", 1, 256, lambda p: p.feelanyforce()),
     "sparsh-x": ("sparsh_x", 2, 196, lambda p: p.sparsh_x()),
+    "unit": ("unit", 1, 1280, lambda p: p.unit()),
     "univtac": ("univtac", 1, 64, lambda p: p.univtac()),
     "clip": ("clip", 1, 16, clip),
     "openclip": ("clip", 1, 16, lambda p: p.openclip(192, 2)),

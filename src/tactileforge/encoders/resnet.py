@@ -8,21 +8,12 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge.encoders.backbone import Backbone, patches_at
-from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
+from tactileforge.encoders.convolutional import AS_THEY_ARE, ConvBackbone
 
 _WIDTH = 512
 _STRIDE = 32  # pixels of a frame for one place of the last map
 #: Channels of the four stages; each has two blocks, and all but the first halve the map.
 _STAGES = (64, 128, 256, _WIDTH)
-#: Frames as they are, squashed to size, grey levels / 255.
-UNIVTAC: dict[str, Any] = {
-    "offset": None,
-    "fit": "squash",
-    "filter": "bilinear",
-    "mean": (0.0, 0.0, 0.0),
-    "std": (1.0, 1.0, 1.0),
-}
 
 
 class FixedNorm(nn.Module):
@@ -75,12 +66,12 @@ class _Block(nn.Module):
         return out
 
 
-class ResNet18(Backbone):
+class ResNet18(ConvBackbone):
     """Encodes each frame of a clip to the places of the last map of a ResNet-18.
 
-    A token is one place of the map, with all channels; the vector is a linear layer on their mean.
-    Hidden patches are replaced by zeros. Norms keep the statistics of their weights, so the network
-    serves to use and to refine published weights rather than to train from random ones.
+    See `ConvBackbone` for tokens; the vector is a linear layer on their mean. Norms keep the
+    statistics of their weights, so the network serves to use and to refine published weights rather
+    than to train from random ones.
     Sources: He et al. 2016, and the layout of UniVTAC's weights.
 
     Args:
@@ -108,8 +99,6 @@ class ResNet18(Backbone):
         (torch.Size([1, 4, 512]), torch.Size([1, 512]))
     """
 
-    prefix = 0
-
     def __init__(
         self,
         frames: int = 1,
@@ -118,10 +107,9 @@ class ResNet18(Backbone):
         sensors: dict[str, int] | None = None,
         mask_ratio: float = 0.75,
         spacing: float = 0.0,
-        pixels: Mapping[str, Any] = UNIVTAC,
+        pixels: Mapping[str, Any] = AS_THEY_ARE,
     ) -> None:
-        super().__init__(_WIDTH, None, frames, spacing, image_size, _STRIDE, 1, mask_ratio, pixels)
-        self.sensors = dict(dict.fromkeys(PUBLISHED_SENSORS, 0) if sensors is None else sensors)
+        super().__init__(_WIDTH, frames, image_size, _STRIDE, sensors, mask_ratio, spacing, pixels)
         self.projected = projected
         self.conv1 = nn.Conv2d(3, _STAGES[0], 7, 2, 3, bias=False)
         self.bn1 = FixedNorm(_STAGES[0])
@@ -138,38 +126,9 @@ class ResNet18(Backbone):
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 
-    def sensor_ids(self, sensor: Sequence[str]) -> Tensor:
-        """Zeros (B,): the sensor is not used."""
-        zeros = torch.zeros(len(sensor), dtype=torch.int64)
-        return zeros.to(self.project.weight.device, non_blocking=True)
-
-    def encode(
-        self,
-        patches: Tensor,
-        sensor: Tensor,
-        kept: Tensor | None = None,
-        class_only: bool = False,
-    ) -> Tensor:
-        """Places of the last map, (B, slots * (K or N), 512); see `Backbone.encode`."""
-        x = self._pictures(patches, kept).to(self.conv1.weight.dtype)
-        x = self.pool(torch.relu(self.bn1(self.conv1(x))))
+    def map(self, pictures: Tensor) -> Tensor:
+        """Last map of pictures (n, 3, height, width), (n, 512, height / 32, width / 32)."""
+        x: Tensor = self.pool(torch.relu(self.bn1(self.conv1(pictures))))
         for stage in self.stages:
             x = stage(x)
-        places = x.flatten(2).mT.unflatten(0, (-1, self.grid[0]))
-        if kept is not None:
-            places = patches_at(places, kept)
-        return places.flatten(1, 2)
-
-    def _pictures(self, patches: Tensor, kept: Tensor | None) -> Tensor:
-        """Puts patches (B, slots, N, P) together again, to (B * slots, 3, height, width)."""
-        _, rows, columns = self.grid
-        if kept is not None:
-            shown = patches.new_zeros(len(patches), rows * columns).scatter(1, kept, 1.0)
-            patches = patches * shown[:, None, :, None]
-        x = patches.reshape(-1, rows, columns, 3, self.patch, self.patch)
-        return x.permute(0, 3, 1, 4, 2, 5).reshape(-1, 3, *self.image_size)
-
-    def pool_tokens(self, tokens: Tensor) -> Tensor:
-        """A linear layer on the mean of the tokens: (B, L, 512) to (B, projected)."""
-        out: Tensor = self.project(tokens.mean(1))
-        return out
+        return x

@@ -29,6 +29,7 @@ from tactileforge.encoders.published import (
     sparsh_x,
     t3,
     tvl,
+    unit,
     unitouch,
     univtac,
 )
@@ -45,6 +46,7 @@ from tactileforge.encoders.published.layout import (
 from tactileforge.encoders.published.refused import REFUSED
 from tactileforge.encoders.resnet import ResNet18
 from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.encoders.vqgan import VqganEncoder
 from tactileforge.errors import ConfigError, check_names
 
 __all__ = [
@@ -69,6 +71,7 @@ LAYOUTS: tuple[WeightLayout, ...] = (
     unitouch.LAYOUT,
     tvl.LAYOUT,
     univtac.LAYOUT,
+    unit.LAYOUT,
     *clip.LAYOUTS,
 )
 #: Tensor of the temperature of alignment.
@@ -79,6 +82,7 @@ _CLASSES: dict[str, type[Backbone]] = {
     "tactile_vit": TactileViT,
     "plain_vit": PlainViT,
     "resnet18": ResNet18,
+    "vqgan": VqganEncoder,
 }
 
 

@@ -44,8 +44,7 @@ REFUSED = (
     ),
     KnownFile(
         ("*quantize.embedding.weight", "*quant_conv.weight", "*encoder.down.0.block.0.conv1.*"),
-        "this is a VQGAN, as UniT has: its published output is a map of 3 channels for a head that "
-        "is trained on it for each task, not a vector of a touch. No encoder here has that form; "
-        "train one on the same data instead (recipe=mae)",
+        "this is a VQGAN, but not UniT's, which has 1024 codes of 3 numbers: what its map means is "
+        "not known here. Build the encoder vqgan of its shape and load its weights yourself",
     ),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from tactileforge.encoders.convolutional import AS_THEY_ARE
 from tactileforge.encoders.published.layout import (
     ConversionPlan,
     Keys,
@@ -11,7 +12,6 @@ from tactileforge.encoders.published.layout import (
     WeightLayout,
     norms,
 )
-from tactileforge.encoders.resnet import UNIVTAC
 
 #: Height and width of frames: a policy on it has maps of 8 x 8, and its decoders rebuild 256 x 256.
 _IMAGE = 256
@@ -31,7 +31,7 @@ def _plan(state: State) -> ConversionPlan:
         "spacing": 0.0,
         "image_size": _IMAGE,
         "projected": len(state["fc.weight"]),
-        "pixels": dict(UNIVTAC),
+        "pixels": dict(AS_THEY_ARE),
     }
     return ConversionPlan("resnet18", options, keys)
 
