@@ -77,7 +77,8 @@ class ConvBackbone(Backbone):
     ) -> Tensor:
         """Places of the map, (B, slots * (K or N), width); see `Backbone.encode`."""
         pictures = self._pictures(patches, kept).to(next(self.parameters()).dtype)
-        places = self.map(pictures).flatten(2).mT.unflatten(0, (-1, self.grid[0]))
+        places = self.map(pictures).flatten(2).mT
+        places = places.view(-1, self.grid[0], *places.shape[1:])
         if kept is not None:
             places = patches_at(places, kept)
         return places.flatten(1, 2)

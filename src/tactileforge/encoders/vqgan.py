@@ -45,8 +45,8 @@ class _Attention(nn.Module):
         """(n, width, h, w) to the same."""
         y = self.norm(x)
         query, key, value = (layer(y).flatten(2).mT for layer in (self.q, self.k, self.v))
-        seen = F.scaled_dot_product_attention(query, key, value).mT.unflatten(2, x.shape[2:])
-        out: Tensor = x + self.proj_out(seen)
+        seen = F.scaled_dot_product_attention(query, key, value).mT
+        out: Tensor = x + self.proj_out(seen.reshape(x.shape))
         return out
 
 

@@ -95,7 +95,8 @@ def force_head(state: State) -> dict[str, Tensor]:
         ConfigError: Tensors of the head are missing, left over, or do not fit together; the message
             lists them.
     """
-    kinds = {place: ("weight_g", "weight_v", "bias") for place in _LINEAR}
+    layer = ("weight_g", "weight_v", "bias")
+    kinds: dict[int, tuple[str, ...]] = dict.fromkeys(_LINEAR, layer)
     kinds |= {place + 1: ("weight", "bias") for place in _LINEAR[:-1]}
     wanted = {f"{_HEAD}.{place}.{kind}" for place, names in kinds.items() for kind in names}
     found = {key for key in state if key.startswith(f"{_HEAD}.")}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 
 from tactileforge.encoders.convolutional import AS_THEY_ARE
@@ -21,7 +23,7 @@ _SIZE = [128, 160]
 def _plan(state: State) -> ConversionPlan:
     """Plans the conversion; its frames are blue, green, red, so those channels are reversed."""
     levels = range(depth_of(state, "encoder.down"))
-    options = {
+    options: dict[str, Any] = {
         "channels": [len(state[f"encoder.down.{i}.block.0.conv1.weight"]) for i in levels],
         "blocks": depth_of(state, "encoder.down.0.block"),
         "attention": [i for i in levels if f"encoder.down.{i}.attn.0.q.weight" in state],
