@@ -44,8 +44,9 @@ class _Attention(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """(n, width, h, w) to the same."""
         y = self.norm(x)
-        query, key, value = (layer(y).flatten(2).mT for layer in (self.q, self.k, self.v))
-        seen = F.scaled_dot_product_attention(query, key, value).mT
+        # with an axis for the one head, which ONNX needs
+        query, key, value = (layer(y).flatten(2).mT[:, None] for layer in (self.q, self.k, self.v))
+        seen = F.scaled_dot_product_attention(query, key, value)[:, 0].mT
         out: Tensor = x + self.proj_out(seen.reshape(x.shape))
         return out
 
