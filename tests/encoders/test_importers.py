@@ -107,6 +107,10 @@ FILES: dict[str, tuple[str, int, int, Callable[[ModuleType], dict[str, tuple[int
     "t3": ("t3", 1, 196, lambda p: p.t3((1, 1), "digit", "mini")),
     "unitouch": ("unitouch", 1, 16, lambda p: p.unitouch(192, 2)),
     "tvl": ("tvl", 1, 16, lambda p: p.tvl(192, 2)),
+    "feelanyforce": ("feelanyforce", 1, 256, lambda p: p.feelanyforce()),
+    "sparsh-x": ("sparsh_x", 2, 196, lambda p: p.sparsh_x()),
+    "unit": ("unit", 1, 1280, lambda p: p.unit()),
+    "univtac": ("univtac", 1, 64, lambda p: p.univtac()),
     "clip": ("clip", 1, 16, clip),
     "openclip": ("clip", 1, 16, lambda p: p.openclip(192, 2)),
 }
@@ -120,6 +124,8 @@ def state_of(p: ModuleType, case: str) -> State:
 @cache
 def _state_of(p: ModuleType, case: str) -> State:
     state: State = p.fill(FILES[case][3](p))
+    if case == "sparsh-x":
+        state |= p.sparsh_x_numbers()
     for key in [key for key in state if key.endswith("patch_embed.proj.weight")]:
         prefix = key.removesuffix("patch_embed.proj.weight")
         if f"{prefix}norm.weight" in state and f"{prefix}pos_embed" not in state:

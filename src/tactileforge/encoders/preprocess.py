@@ -40,7 +40,7 @@ SPARSH: dict[str, Any] = {
 #: Amplification of differences for a model of photographs.
 GAIN = 1.5
 
-FITS = ("squash", "cover", "portrait", "pad")
+FITS = ("squash", "cover", "portrait", "pad", "letterbox")
 FILTERS = ("bilinear", "bicubic")
 
 
@@ -53,13 +53,15 @@ class Preprocess(nn.Module):
     - ``cover``: shorter side resized to ``edge``, then cropped to the centre;
     - ``portrait``: a wide frame turned a quarter clockwise, cropped to the centre of the right
       aspect ratio, then resized (Sparsh);
-    - ``pad``: padded to a square by black bars, turned a quarter anticlockwise, then resized (TVL).
+    - ``pad``: padded to a square by black bars, turned a quarter anticlockwise, then resized (TVL);
+    - ``letterbox``: padded to a square by black bars, then resized (FeelAnyForce).
 
     Args:
         size: Height and width of the result, pixels.
         offset: Grey level of a pixel without change from the background; None subtracts no
             background.
-        fit: Way to fit a frame to ``size``: ``squash``, ``cover``, ``portrait`` or ``pad``.
+        fit: Way to fit a frame to ``size``: ``squash``, ``cover``, ``portrait``, ``pad`` or
+            ``letterbox``.
         filter: Interpolation: ``bilinear`` or ``bicubic``.
         mean: Mean per channel, of values in [0, 1]; or one such row for each row of the sensor
             table.
@@ -155,11 +157,12 @@ class Preprocess(nn.Module):
     def resize(self, x: Tensor) -> Tensor:
         """Fits frames to the size: (B, T, 3, H, W) to (B, T, 3, height, width)."""
         size = self.size
-        if self.fit == "pad":
+        if self.fit in ("pad", "letterbox"):
             height, width = x.shape[-2:]
             side = max(height, width)
             bars = (side - width) // 2, (side - height) // 2
-            x = F.pad(x, (bars[0], bars[0], bars[1], bars[1])).rot90(1, (-2, -1))
+            x = F.pad(x, (bars[0], bars[0], bars[1], bars[1]))
+            x = x.rot90(1, (-2, -1)) if self.fit == "pad" else x
         elif self.fit == "portrait":
             x = x.rot90(-1, (-2, -1)) if x.shape[-2] < x.shape[-1] else x
             height, width = x.shape[-2:]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
@@ -13,6 +14,8 @@ from tactileforge.heads.force import ForceDecoder, Forces
 
 #: Attention heads of the published probes of AnyTouch 2.
 _HEADS = 16
+#: Widths of the hidden layers of FeelAnyForce's head.
+_REGRESSOR = (512, 256, 128, 64)
 
 
 class PublishedForce(nn.Module):
@@ -62,3 +65,40 @@ class PublishedProbe(nn.Module):
         """Computes logits, float (B, classes)."""
         out: Tensor = self.linear(self.pooler(views.full.tokens)[:, 0])
         return out
+
+
+def regressor_decoder(width: int) -> nn.Sequential:
+    """Five layers to three numbers, (B, width) to (B, 3), with norms and GELU between them.
+
+    Source: the layout of FeelAnyForce's weights.
+    """
+    layers: list[nn.Module] = []
+    for given, out in pairwise((width, *_REGRESSOR)):
+        layers += [nn.Linear(given, out), nn.LayerNorm(out), nn.GELU()]
+    return nn.Sequential(*layers, nn.Linear(_REGRESSOR[-1], 3))
+
+
+class PublishedRegressor(nn.Module):
+    """The force head of FeelAnyForce: the three forces of the newest frame, from its class vector.
+
+    The file predicts newton along the axes of the authors' force sensor, z positive in presses.
+
+    Args:
+        encoder: The touch encoder (given by the framework).
+        scale: Force that counts as 1, N; the paper's forces go up to 15 N.
+    """
+
+    def __init__(self, encoder: Encoder, scale: float = 15.0) -> None:
+        super().__init__()
+        self.decoder = regressor_decoder(encoder.projected)
+        self.scale = scale
+
+    def forward(self, views: Views, batch: Batch) -> Forces:
+        """Predicts normalised forces of the newest frame, (B, 1, 3), but not their changes."""
+        force = self.decoder(views.full.cls)[:, None] / self.scale
+        return Forces(force, torch.zeros_like(force))
+
+    def hidden(self, views: Views) -> Tensor:
+        """Input of the last layer, float (B, 1, 64)."""
+        out: Tensor = self.decoder[:-1](views.full.cls)
+        return out[:, None]

@@ -10,7 +10,7 @@ from torch import nn
 
 from tactileforge import registry
 from tactileforge.encoders.published import Converted
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, check_names, unknown
 from tactileforge.hub.files import fill_weights
 
 #: Sensor of a force head -> columns and signs that turn (Fx, Fy, -Fz) of ToucHD into the axes of
@@ -20,6 +20,8 @@ _FORCE: dict[str, tuple[list[int], list[float], list[float]]] = {
     "digit": ([0, 1, 2], [-1.0, 1.0, 1.0], [5.25, 10.61, 14.14]),
     "gelsight_mini": ([1, 0, 2], [1.0, 1.0, 1.0], [9.87, 6.84, 8.52]),
 }
+#: The one sensor of FeelAnyForce, and the largest force in its paper, N.
+_MINI, _MINI_NEWTON = "gelsight_mini", 15.0
 #: Words in the names of the published files.
 _WORDS = {"digit": "digit", "gelsight": "gelsight_mini"}
 
@@ -45,9 +47,7 @@ def published_heads(
     entries: dict[str, Any] = {}
     states = {}
     if converted.head is not None:
-        columns, signs, scale = _FORCE[_sensor(source, sensor)]
-        node = {"name": "published_force", "columns": columns, "signs": signs}
-        entries["force"] = {"node": node, "scale": {_sensor(source, sensor): scale}}
+        entries["force"] = _force(converted.name, source, sensor)
         states["force"] = {f"decoder.{key}": x for key, x in converted.head.items()}
     if converted.probe is not None:
         name = "published_probe" if "pooler.queries" in converted.probe else "classify"
@@ -61,6 +61,18 @@ def published_heads(
         heads[name] = registry.build("heads", entry["node"], encoder=encoder)
         fill_weights(heads[name], states[name], f"{source}, head {name}")
     return heads, entries
+
+
+def _force(layout: str, source: Path, sensor: str) -> dict[str, Any]:
+    """Entry of a force head: its plugin, and the newton along each axis that count as 1."""
+    if layout == "feelanyforce":
+        check_names("sensor of FeelAnyForce's forces", [sensor] if sensor else [], [_MINI])
+        node = {"name": "published_regressor", "scale": _MINI_NEWTON}
+        return {"node": node, "scale": {_MINI: [_MINI_NEWTON] * 3}}
+    kind = _sensor(source, sensor)
+    columns, signs, scale = _FORCE[kind]
+    node = {"name": "published_force", "columns": columns, "signs": signs}
+    return {"node": node, "scale": {kind: scale}}
 
 
 def _sensor(source: Path, sensor: str) -> str:

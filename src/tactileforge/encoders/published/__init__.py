@@ -21,7 +21,18 @@ from torch import Tensor
 from tactileforge import registry
 from tactileforge.encoders.backbone import Backbone
 from tactileforge.encoders.plain_vit import PlainViT
-from tactileforge.encoders.published import anytouch, clip, sparsh, t3, tvl, unitouch
+from tactileforge.encoders.published import (
+    anytouch,
+    clip,
+    feelanyforce,
+    sparsh,
+    sparsh_x,
+    t3,
+    tvl,
+    unit,
+    unitouch,
+    univtac,
+)
 from tactileforge.encoders.published.anytouch import class_head, force_head
 from tactileforge.encoders.published.files import read_tensors
 from tactileforge.encoders.published.layout import (
@@ -32,7 +43,10 @@ from tactileforge.encoders.published.layout import (
     gather_tensors,
     source_keys,
 )
+from tactileforge.encoders.published.refused import REFUSED
+from tactileforge.encoders.resnet import ResNet18
 from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.encoders.vqgan import VqganEncoder
 from tactileforge.errors import ConfigError, check_names
 
 __all__ = [
@@ -51,16 +65,25 @@ __all__ = [
 LAYOUTS: tuple[WeightLayout, ...] = (
     *anytouch.LAYOUTS,
     *sparsh.LAYOUTS,
+    sparsh_x.LAYOUT,
+    feelanyforce.LAYOUT,
     t3.LAYOUT,
     unitouch.LAYOUT,
     tvl.LAYOUT,
+    univtac.LAYOUT,
+    unit.LAYOUT,
     *clip.LAYOUTS,
 )
 #: Tensor of the temperature of alignment.
 _SCALE = "logit_scale"
 #: Tensors of a head for classes.
 _CLASS_HEADS = {"head.weight", "head.probe.0.weight"}
-_CLASSES: dict[str, type[Backbone]] = {"tactile_vit": TactileViT, "plain_vit": PlainViT}
+_CLASSES: dict[str, type[Backbone]] = {
+    "tactile_vit": TactileViT,
+    "plain_vit": PlainViT,
+    "resnet18": ResNet18,
+    "vqgan": VqganEncoder,
+}
 
 
 @dataclass(frozen=True)
@@ -73,7 +96,8 @@ class Converted:
         state: State dict of the encoder, to load strictly.
         unused: Names of unneeded tensors of the file, by reason.
         head: State dict of the published force head, to load strictly into
-            ``tactileforge.heads.force.ForceDecoder(width, 1, 16)``; None without one.
+            ``tactileforge.heads.force.ForceDecoder(width, 1, 16)``, or for FeelAnyForce into
+            ``tactileforge.heads.published.regressor_decoder(width)``; None without one.
         probe: State dict of the published head for classes, see `class_head`; None without one.
         temperature: Temperature of its alignment with other modalities; None where the file keeps
             none.
@@ -92,7 +116,8 @@ class Converted:
         """Summary in words of the used and unused tensors."""
         count = sum(tensor.numel() for tensor in self.state.values()) / 1e6
         options = self.encoder_config
-        what = f"{options['size']}, {options['depth']} blocks, {options['frames']} frames"
+        shape = f"{options['size']}, {options['depth']} blocks" if "size" in options else ""
+        what = f"{shape or options['name']}, {options['frames']} frames"
         lines = [f"{self.name}: {what}; {len(self.state)} tensors, {count:.1f} M numbers"]
         if self.head is not None:
             lines.append(f"force head: {len(self.head)} tensors")
@@ -114,17 +139,16 @@ def recognise(state: State) -> WeightLayout:
         state: Tensors of the file, see `read_tensors`.
 
     Raises:
-        ConfigError: No layout matches; lists the nearest ones and their missing tensors.
+        ConfigError: No layout matches; says what the file is if it is known (`refused`), else lists
+            the nearest layouts and their missing tensors.
     """
     candidates = [(layout, *layout.locate(state)) for layout in LAYOUTS]
     for layout, _, lost in candidates:
         if not lost:
             return layout
-    if any("head.pooler.query_tokens" in key for key in state):
-        raise ConfigError(
-            "this file holds a force head of AnyTouch 2 but no encoder: import "
-            "checkpoint-4frames.pth, and read the head with published.force_head"
-        )
+    for known in REFUSED:
+        if known.fits(state):
+            raise ConfigError(known.reason)
     candidates.sort(key=lambda row: len(row[2]) / len(row[0].marks))
     near = "; ".join(f"{x.title} lacks {first_names(lost, 3)}" for x, _, lost in candidates[:3])
     raise ConfigError(
@@ -163,16 +187,15 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
     _refuse_other_numbers(layout, {prefix + key: inner[key] for key in used & inner.keys()})
     made = {} if missing else gather_tensors(plan, inner)
     _refuse(layout, missing, unexpected, [] if missing else _wrong(plan, made))
-    # a head for classes may have a pooler too, but only the force head has a second layer of probe
+    head = layout.head(state) if layout.head else None
     is_anytouch = layout.name.startswith("anytouch")
-    has_head = is_anytouch and {"head.pooler.query_tokens", "head.probe.2.weight"} <= state.keys()
-    has_probe = is_anytouch and not has_head and bool(_CLASS_HEADS & state.keys())
+    has_probe = is_anytouch and head is None and bool(_CLASS_HEADS & state.keys())
     return Converted(
         layout.name,
         {"name": plan.encoder, **plan.options},
         made,
         {why: names for why, names in unused.items() if why},
-        force_head(state) if has_head else None,
+        head,
         class_head(state) if has_probe else None,
         _temperature(state),
     )

@@ -122,6 +122,12 @@ def force_head(state: State) -> dict[str, Tensor]:
     return _head(keys, state, "the force head of AnyTouch 2")
 
 
+def _found_head(state: State) -> dict[str, Tensor] | None:
+    # a head for classes may have a pooler too, but only the force head has a second layer of probe
+    has_head = {_QUERIES, "head.probe.2.weight"} <= state.keys()
+    return force_head(state) if has_head else None
+
+
 def _head(keys: Keys, state: State, what: str) -> dict[str, Tensor]:
     theirs = {key: tensor for key, tensor in state.items() if key.startswith("head.")}
     missing = sorted(set(source_keys(keys)) - theirs.keys())
@@ -172,6 +178,7 @@ LAYOUTS = (
         prefixes=_PREFIXES,
         unused=_UNUSED,
         outside=_OUTSIDE,
+        head=_found_head,
     ),
     WeightLayout(
         name="anytouch1",
@@ -185,6 +192,7 @@ LAYOUTS = (
             "video_position_embedding.weight": "made, but not used by AnyTouch 1",
         },
         outside=_OUTSIDE,
+        head=_found_head,
     ),
     WeightLayout(
         name="anytouch1",
@@ -194,5 +202,6 @@ LAYOUTS = (
         prefixes=_PREFIXES,
         unused=_UNUSED,
         outside=_OUTSIDE,
+        head=_found_head,
     ),
 )

@@ -52,6 +52,8 @@ class WeightLayout:
             marks; "" for none.
         unused: Reasons why tensors below the prefix are not needed, by pattern of their names.
         outside: Reason why tensors outside of the prefix are not needed.
+        head: Function from the tensors of a file to the state dict of its force head, or to None;
+            None for layouts without one.
     """
 
     name: str
@@ -62,6 +64,7 @@ class WeightLayout:
     beside: str = ""
     unused: Mapping[str, str] = field(default_factory=dict)
     outside: str = "not part of the touch encoder"
+    head: Callable[[State], dict[str, Tensor] | None] | None = None
 
     def locate(self, state: State) -> tuple[str, list[str]]:
         """Finds the prefix with the most marks, and the missing marks."""

@@ -62,23 +62,28 @@ def _plan(state: State) -> ConversionPlan:
     keys: Keys = {"stems.0.embed.weight": _EMBED, "stems.0.embed.bias": "patch_embed.proj.bias"}
     keys |= norms({"norm_out": "norm"}) | blocks("transformer.blocks", "blocks", depth, TIMM_BLOCK)
     for i in range(depth):
-        keys |= {f"transformer.blocks.{i}.scale{j}": f"blocks.{i}.ls{j}.gamma" for j in (1, 2)}
+        keys |= layer_scales(f"transformer.blocks.{i}", f"blocks.{i}")
     change: dict[str, Callable[[Tensor], Tensor]] = {
-        "stems.0.embed.weight": _video_patches if video else _image_patches,
+        "stems.0.embed.weight": _video_patches if video else image_patches,
         "registers": lambda x: x[0],
         "stems.0.position": lambda x: x[0].view(slots, -1, width).flip(0).flatten(0, 1),
     }
     if learned:
         keys["stems.0.position"] = "pos_embed"
     else:
-        _check_bands(state, width, 3 if video else 2)
+        check_bands(state.get(_BANDS), _BANDS, width, 3 if video else 2)
     if (registers := state.get("register_tokens")) is not None and registers.numel():
         keys["registers"] = "register_tokens"
         options["registers"] = registers.shape[1]
     return ConversionPlan("plain_vit", options, keys, change)
 
 
-def _image_patches(x: Tensor) -> Tensor:
+def layer_scales(ours: str, theirs: str) -> Keys:
+    """Key map of the two LayerScales of a block."""
+    return {f"{ours}.scale{j}": f"{theirs}.ls{j}.gamma" for j in (1, 2)}
+
+
+def image_patches(x: Tensor) -> Tensor:
     """Reverses frames: (width, frames * colours, rows, columns), newest first, to a matrix."""
     return x.view(len(x), -1, 3, *x.shape[2:]).flip(1).transpose(1, 2).flatten(1)
 
@@ -96,18 +101,27 @@ def _image_size(state: State, slots: int) -> list[int]:
     return _SIZES[count // slots]
 
 
-def _check_bands(state: State, width: int, axes: int) -> None:
-    """Compares the file's fixed positions with those computed by our encoder."""
-    bands = state.get(_BANDS)
+def check_bands(bands: Tensor | None, name: str, width: int, axes: int) -> None:
+    """Compares a file's fixed positions with those computed by our encoder.
+
+    Args:
+        bands: Frequencies of the file, (axes, count); None where it has none.
+        name: Name of this tensor.
+        width: Size of a token.
+        axes: Number of axes of the positions.
+
+    Raises:
+        ConfigError: There are none, or others.
+    """
     if bands is None:
-        raise ConfigError(f"not a whole Sparsh file; missing: pos_embed or {_BANDS}")
+        raise ConfigError(f"not a whole Sparsh file; missing: {name}, or learned positions")
     count = -(-width // (2 * axes))
     expected = (10000 ** -(torch.arange(count) / count)).expand(axes, -1)
     if bands.shape != (axes, count) or not torch.allclose(
         bands.float(), expected, rtol=_precision(bands), atol=1e-7
     ):
         raise ConfigError(
-            f"Sparsh: {_BANDS} {tuple(bands.shape)} is not 10000 ** (-k / {count}) on {axes} axes: "
+            f"Sparsh: {name} {tuple(bands.shape)} is not 10000 ** (-k / {count}) on {axes} axes: "
             "its positions are made in another way than the published ones"
         )
 
@@ -133,7 +147,7 @@ def _layout(
             "blocks.0.attn.qkv.weight": (None, None),
             "blocks.0.ls1.gamma": (None,),
             "norm.weight": (None,),
-            **(registers if _TEACHER in prefixes else {}),
+            **(registers if TEACHER in prefixes else {}),
         },
         plan=_plan,
         prefixes=prefixes,
@@ -149,14 +163,14 @@ def _layout(
 
 _IMAGE: Shape = (None, 6, None, None)
 _VIDEO: Shape = (None, 3, 2, None, None)
-_TEACHER = "teacher_encoder.backbone."
+TEACHER = "teacher_encoder.backbone."
 _TARGET = ("target_encoder.backbone.", "target_encoder.")
 _TASK = ("model_encoder.backbone.", "model_encoder.", "")
 LAYOUTS = (
     _layout("sparsh_ijepa", "Sparsh I-JEPA", _IMAGE, *_TARGET),
     _layout("sparsh_vjepa", "Sparsh V-JEPA", _VIDEO, *_TARGET, *_TASK),
-    _layout("sparsh_dinov2", "Sparsh DINOv2", _IMAGE, _TEACHER, beside="ibot_patch_loss.center"),
-    _layout("sparsh_dino", "Sparsh DINO", _IMAGE, _TEACHER),
+    _layout("sparsh_dinov2", "Sparsh DINOv2", _IMAGE, TEACHER, beside="ibot_patch_loss.center"),
+    _layout("sparsh_dino", "Sparsh DINO", _IMAGE, TEACHER),
     _layout("sparsh_mae", "Sparsh MAE", _IMAGE, "encoder.backbone.", "encoder."),
     _layout("sparsh", "Sparsh (encoder alone)", _IMAGE, *_TASK),
 )
