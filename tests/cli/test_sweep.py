@@ -158,7 +158,7 @@ def test_flags_that_do_not_go_together_are_one_line(capsys: pytest.CaptureFixtur
         ("hydra/launcher=joblip", "did you mean 'joblib'? Known: basic, joblib, ray"),
         ("hydra/sweeper=nevergrad", "comes with hydra-nevergrad-sweeper: pip install hydra-never"),
         ("objective=pixl", "did you mean 'pixel'?"),
-        ("objective=pixl", "Options of your own need --config-dir DIR"),
+        ("scale=mine", "tiny. Options of your own need --config-dir DIR"),
         ("data=null", "data=null: give the name of an option. Known: aloha, anytouch2, cloth"),
         ("objective=null", "objective=null: give the name of an option. Known: align"),
     ],

@@ -47,13 +47,9 @@ def unknown_values(source: TaskSource, chosen: Mapping[str, Any]) -> str:
         known = {recording_fact(source, n, name) for n in range(len(source.recordings))}
         for value in map(str, wanted if isinstance(wanted, list) else [wanted]):
             if value not in known:
-                held = (name, value) == ("side", "val")
-                fix = (
-                    "The data hold nothing out: give them val: SHARE, or split by folds"
-                    if held
-                    else ""
-                )
-                return unknown(f"value of {name}", value, known, fix)
+                text = unknown(f"value of {name}", value, known)
+                is_whole = (name, value) == ("side", "val")
+                return f"{text}. The data hold nothing out: give val: SHARE" if is_whole else text
     return ""
 
 
