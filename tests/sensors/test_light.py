@@ -87,6 +87,17 @@ def test_a_touch_is_not_light(depth, size):
 
 
 @pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
+@pytest.mark.parametrize("sigma", [0.08, 0.15, 0.22])
+@pytest.mark.parametrize("colours", [(40, 8, -40), (30, 25, 20), (-20, -30, -25)])
+def test_a_broad_smooth_imprint_is_not_light(colours, sigma, size):
+    """It has no edges, but leaves the borders as they were; sigma in shares of the shorter side."""
+    x, y = grid(size)
+    far = np.hypot((x - 0.5) * size[1] / min(size), (y - 0.5) * size[0] / min(size))
+    touched = resting(size) + np.array(colours) * np.exp(-((far / sigma) ** 2) / 2)[..., None]
+    assert not LightCheck(shown(resting(size)))(shown(touched, 1))
+
+
+@pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
 @pytest.mark.parametrize("quarter", range(4))
 def test_a_touch_at_the_border_is_no_leak(quarter, size):
     """A long bar on the border: a slope bright in one colour, and dark in another."""

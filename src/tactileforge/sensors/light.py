@@ -40,6 +40,8 @@ _AGREE, _ROUNDS, _FLAT = 60, 3, 25.0
 #: border, grey levels, if it is also this share of its light (of a few grey levels more: dark ones
 #: are noisy), or clear by itself; and smallest median of all, grey levels.
 _WIDE, _WEAKEST, _FAINTEST, _DARK, _CLEAR, _MEDIAN = 3, 1.5, 0.03, 3.0, 3.0, 4.0
+#: Smallest share of the strongest change that a border shows where the light has changed.
+_REACH = 0.25
 #: Leak: tolerance for a colour darker, or brighter inwards, grey levels and share of the change;
 #: smallest ratio of the weakest colour to the strongest at the border; smallest share of the change
 #: at the border, and largest at the opposite one (a bar across the picture reaches both).
@@ -81,10 +83,13 @@ class LightCheck:
         strongest = _nearly_largest(_over_colours(np.maximum, np.abs(change)))
         if strongest < _LEAST:
             return False
-        if _is_all_over(_borders(change), self._at_borders):
+        at_borders = _borders(change)
+        if _is_all_over(at_borders, self._at_borders):
             return True
-        # the fit can at best halve the edges, so with more than twice the limit it is not needed
-        if _edges(change) < 2 * _EDGE:
+        # a broad smooth imprint has few edges too, but leaves the borders as they were. The fit can
+        # at best halve the edges, so with more than twice the limit it is not needed
+        reaches_border = np.abs(at_borders).max() > _REACH * strongest
+        if reaches_border and _edges(change) < 2 * _EDGE:
             left = _edges(self._without_gain(change))
             if left < min(_EDGE, _SHARE * strongest):
                 return True
