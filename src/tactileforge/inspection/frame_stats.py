@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frames, Recording
 from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.pixel_contract import checked_pixels
+from tactileforge.data.frames.small import shrink, strongest
 from tactileforge.errors import DataError
 from tactileforge.pages import images
 
 #: Frames of a recording to decode, and frames of a strip.
 FRAMES = 24
 STRIP = 8
-#: Width of small frames, pixels; averaging removes noise, so that faint contact shows.
-_WIDTH = 128
 #: Frames of the background for its median.
 _BACKGROUND = 15
 #: Frames in memory at once.
@@ -108,7 +107,7 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
         rows=rows,
         shape=recording.frames.shape,
         change=change.astype(np.float64),
-        contact=_strongest(frames[most] - still),
+        contact=strongest(frames[most] - still),
         ground=float(np.median(away[least])),
         saturated=saturated,
         frozen=_frozen(digests, recording.times[rows]),
@@ -169,15 +168,6 @@ def evenly(length: int, count: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, length - 1, min(length, count)).round().astype(np.int64))
 
 
-def shrink(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Shrink a frame to a small width by averaging pixels."""
-    height, width = frame.shape[:2]
-    if width > _WIDTH:
-        size = (_WIDTH, max(1, round(height * _WIDTH / width)))
-        frame = cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
-    return frame.astype(np.float32)
-
-
 def amplify(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Show a difference as an image around mid-grey; the strongest 0.5 % is clipped."""
     # at least 8 levels to full scale: the noise of a recording without contact stays grey
@@ -188,11 +178,6 @@ def amplify(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
 def _chunks(frames: Frames, rows: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
     for start in range(0, len(rows), _CHUNK):
         yield checked_pixels(frames.read(rows[start : start + _CHUNK]), "frames", 4)
-
-
-def _strongest(difference: NDArray[np.float32]) -> float:
-    smooth = cv2.GaussianBlur(difference, (0, 0), 1.0)
-    return float(np.quantile(np.abs(smooth).mean(axis=-1), 0.99))
 
 
 def _saturated(frame: NDArray[np.uint8]) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.data.labels.force_axes import ForceAxes
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.specs import spec
 
@@ -44,6 +45,9 @@ FIXES = {
     "force_out_of_range": "is it grams (x 0.00981) or mN (x 0.001)? sign: of a layout multiplies",
     "pulling_force": "pressing is positive: does z point out of the gel (sign: [1, 1, -1]), or was "
     "the sensor of force not tared?",
+    "axes_exchanged": "in contact, z is the largest and of one sign: are the columns in the order "
+    "x, y, z of the gel?",
+    "untared_force": "was the sensor of force tared? Or does something touch in the background?",
     "stuck_force": "did the sensor of force stop? leave the cells empty from there on",
     "tiny_pictures": "give the pictures as they were taken",
     "views_elsewhere": "give the views times on the clock of the frames",
@@ -98,24 +102,30 @@ class Doubts:
         self._spellings: dict[str, str] = {}
         self._alike: tuple[str, str] | None = None
         self._strongest, self._felt = 0.0, ""
+        self._axes = ForceAxes()
 
     def add(self, recording: Recording) -> None:
         """Check a recording."""
         self.total += 1
         for flag in check_labels(recording):
-            if flag.reason in FIXES:
-                value, count, words = self._worst.get(flag.reason, (-np.inf, 0, ""))
-                if flag.value > value:
-                    value, words = flag.value, f"{recording.key}: {flag.words}"
-                self._worst[flag.reason] = value, count + 1, words
+            self.flag(recording, flag)
         self._classes(recording)
         force = recording.force
         if force is not None and np.isfinite(force).any():
             known = force[np.isfinite(force).any(axis=1)]
             self._compare_with_scale(recording.sensor, known)
+            self._axes.add(force)
             self._force_frames += len(known)
             self._range[0] = np.fmin(self._range[0], np.fmin.reduce(known))
             self._range[1] = np.fmax(self._range[1], np.fmax.reduce(known))
+
+    def flag(self, recording: Recording, found: Suspicion) -> None:
+        """Add a suspicion of a recording, if it is one of `FIXES`."""
+        if found.reason in FIXES:
+            value, count, words = self._worst.get(found.reason, (-np.inf, 0, ""))
+            if found.value > value:
+                value, words = found.value, f"{recording.key}: {found.words}"
+            self._worst[found.reason] = value, count + 1, words
 
     def _compare_with_scale(self, sensor: str, force: NDArray[np.floating]) -> None:
         with suppress(ConfigError):  # the sensor is not installed here
@@ -173,6 +183,10 @@ class Doubts:
                 f"the largest force is {self._felt}, less than a hundredth of the scale of its "
                 "sensor: is it kN (x 1000)? sign: of a layout multiplies"
             )
+        axis = self._axes.pressing()
+        if "force" in labels and axis and "axes_exchanged" not in self._worst:
+            fix = FIXES["axes_exchanged"]
+            out.append(f"forces of all recordings are largest along {axis}, with one sign; {fix}")
         if "object" in labels and self._alike is not None:
             one, other = self._alike
             out.append(
@@ -218,6 +232,11 @@ def _force(recording: Recording) -> Iterator[Suspicion]:
         if times > RANGE:
             words = f"{largest[axis]:.3g} N along {'xyz'[axis]}, {times:.2g} times the scale"
             yield Suspicion("force_out_of_range", times, words)
+    axes = ForceAxes()
+    axes.add(force)
+    if axis := axes.pressing():
+        words = f"largest along {axis}, with one sign, {min(axes.ratio, 1e3):.2g} times z"
+        yield Suspicion("axes_exchanged", axes.ratio, words)
     if words := _stuck(force, recording.times):
         yield Suspicion("stuck_force", float(words.split()[0]), words)
     normal = force[:, 2]
