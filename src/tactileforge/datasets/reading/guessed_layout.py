@@ -37,7 +37,10 @@ _BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:r
 _FORCES = {
     axis: re.compile(rf"(?:force|f)[_ .]?{axis}\b.*|{axis}[_ .]?force\b.*") for axis in "xyz"
 }
-_TIME, _FRAME = re.compile(r"t|times?(?:tamps?)?(?:_s)?|seconds"), re.compile(r"frame(?:_?i?d?x?)?")
+_TIME = re.compile(
+    r"t|times?(?:tamps?)?(?:_s)?|(?:\w+\.)*(?:(?:time)?stamp[._])?(?:secs?|seconds?)"
+)
+_FRAME = re.compile(r"frame(?:_?i?d?x?)?")
 _OBJECT = re.compile(r"object(?:_name)?|label|class|name|material")
 
 
