@@ -46,6 +46,7 @@ from tactileforge.data.frames.cut import held_clips
 from tactileforge.data.frames.encoded import Blob, EncodedFrames, LazyImages
 from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ArrayFrames, ImageFrames, VideoFrames
+from tactileforge.data.frames.pictures import upright_size
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.data.labels.align import estimate_lag, nearest
 from tactileforge.data.labels.missing import stated
@@ -230,6 +231,7 @@ __all__ = [
     "take_steps",
     "to_json",
     "unknown",
+    "upright_size",
     "v4l2",
     "view_of",
     "warn_of_slow_frames",
