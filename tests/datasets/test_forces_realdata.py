@@ -30,7 +30,7 @@ def test_no_alarm(realdata: Path) -> None:
     for one in (*parts, *wholes):
         assert untared(one) is None
         reasons = {flag.reason for flag in check_labels(one)}
-        assert {"axes_exchanged", "stuck_force"}.isdisjoint(reasons)
+        assert {"axes_exchanged", "stuck_force", "forces_apart"}.isdisjoint(reasons)
     for one in wholes:
         assert one.force is not None
         turned = replace(one, force=one.force[:, [2, 1, 0]])

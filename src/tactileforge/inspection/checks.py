@@ -114,7 +114,14 @@ REASONS = {
     "stuck_force": Reason(
         "The force is stuck",
         "The same force other than 0 stays for more than a second and a quarter of the recording, "
-        "where strain gauges have noise: the sensor of force may have stopped.",
+        "or for two seconds between samples with noise, which strain gauges have: the sensor of "
+        "force may have stopped.",
+        "s",
+    ),
+    "forces_apart": Reason(
+        "Forces start late or end early",
+        "More than a second and a tenth of the recording has no force before the first, or after "
+        "the last: its sensor was not running, or its times are late.",
         "s",
     ),
     "pulling_force": Reason(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.labels.force_axes import ForceAxes
+from tactileforge.data.labels.force_runs import away, stuck
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.specs import spec
 
@@ -27,9 +28,6 @@ RANGE = 3.0
 PULL = 0.05
 #: Smallest side of a picture in which a contact has a shape, pixels.
 TINY = 8
-#: Longest plausible run of one and the same force other than 0, s, and share of the recording:
-#: strain gauges have noise.
-_STUCK, _STUCK_SHARE = 1.0, 0.25
 #: Largest force of a whole set as a share of the scale, below which its unit is doubtful.
 _FAINT = 0.01
 #: Objects whose spelling is compared; the first of a set, so that memory does not grow with it.
@@ -49,6 +47,7 @@ FIXES = {
     "x, y, z of the gel?",
     "untared_force": "was the sensor of force tared? Or does something touch in the background?",
     "stuck_force": "did the sensor of force stop? leave the cells empty from there on",
+    "forces_apart": "did its sensor start later, or stop earlier? Or is its clock another?",
     "tiny_pictures": "give the pictures as they were taken",
     "views_elsewhere": "give the views times on the clock of the frames",
 }
@@ -221,6 +220,8 @@ def _force(recording: Recording) -> Iterator[Suspicion]:
     force = recording.force
     if force is None or not np.isfinite(force).any():
         return
+    if words := away(force, recording.times):
+        yield Suspicion("forces_apart", float(words.split()[0]), words)
     # an axis without any value was not measured; as NaN, it would be the largest of all
     force = np.where(np.isfinite(force).any(axis=0), force, 0.0)
     scale = np.ones(3)
@@ -237,26 +238,12 @@ def _force(recording: Recording) -> Iterator[Suspicion]:
     if axis := axes.pressing():
         words = f"largest along {axis}, with one sign, {min(axes.ratio, 1e3):.2g} times z"
         yield Suspicion("axes_exchanged", axes.ratio, words)
-    if words := _stuck(force, recording.times):
+    if words := stuck(force, recording.times):
         yield Suspicion("stuck_force", float(words.split()[0]), words)
     normal = force[:, 2]
     pull = -float(np.nanmin(normal))
     if pull > PULL * max(scale[2], float(np.nanmax(np.abs(normal)))):
         yield Suspicion("pulling_force", pull, f"down to {-pull:.3g} N along z")
-
-
-def _stuck(force: NDArray[np.floating], times: NDArray[np.float64]) -> str:
-    """Longest time of one and the same force other than 0, in words; "" for a plausible one."""
-    if len(force) != len(times) or len(force) < _FRAMES:
-        return ""
-    same = (force[1:] == force[:-1]).all(axis=1) & (force[1:] != 0).any(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
-    runs = edges.reshape(-1, 2)
-    longest = max((float(times[stop] - times[start]) for start, stop in runs), default=0.0)
-    # a whole recording of one force is said of the set, or is a still that was filmed
-    if longest <= max(_STUCK, _STUCK_SHARE * float(times[-1] - times[0])) or same.all():
-        return ""
-    return f"{longest:.3g} s of one and the same force"
 
 
 def _views(recording: Recording) -> Iterator[Suspicion]:
