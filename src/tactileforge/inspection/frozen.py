@@ -16,7 +16,7 @@ _CHUNK, _MOST = 8, 480
 
 def digest_of(frame: NDArray[np.uint8]) -> bytes:
     """Hash of the pixels of a frame."""
-    return hashlib.blake2b(np.ascontiguousarray(frame), digest_size=16).digest()
+    return hashlib.blake2b(frame.tobytes(), digest_size=16).digest()
 
 
 def frozen_time(recording: Recording, rows: Sequence[int], digests: Sequence[bytes]) -> float:
@@ -35,7 +35,7 @@ def frozen_time(recording: Recording, rows: Sequence[int], digests: Sequence[byt
     """
     count, times = len(recording.frames), recording.times
     nexts = [row + 1 for row in rows if row + 1 < count]
-    after = {}
+    after: dict[int, bytes] = {}
     for at in range(0, len(nexts), _CHUNK):
         chunk = nexts[at : at + _CHUNK]
         after |= dict(zip(chunk, map(digest_of, recording.frames.read(chunk)), strict=True))

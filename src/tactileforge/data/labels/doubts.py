@@ -235,8 +235,8 @@ def _force(recording: Recording) -> Iterator[Suspicion]:
             yield Suspicion("force_out_of_range", times, words)
     axes = ForceAxes()
     axes.add(force)
-    if axis := axes.pressing():
-        words = f"largest along {axis}, with one sign, {min(axes.ratio, 1e3):.2g} times z"
+    if pressing := axes.pressing():
+        words = f"largest along {pressing}, with one sign, {min(axes.ratio, 1e3):.2g} times z"
         yield Suspicion("axes_exchanged", axes.ratio, words)
     if words := stuck(force, recording.times):
         yield Suspicion("stuck_force", float(words.split()[0]), words)

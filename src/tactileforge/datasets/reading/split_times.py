@@ -11,8 +11,7 @@ Cells: TypeAlias = Mapping[str, str]
 
 _SECONDS = re.compile(r"(?<![a-z])(secs?|seconds?)(?![a-z])")
 #: Beginnings of words for a part of a second, how many make one, and their seconds.
-_PARTS = (("nano", 10**9), ("n", 10**9), ("micro", 10**6), ("u", 10**6))
-_PARTS += (("milli", 10**3), ("m", 10**3))
+_PARTS = {"nano": 10**9, "n": 10**9, "micro": 10**6, "u": 10**6, "milli": 10**3, "m": 10**3}
 
 
 def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[Cells], float]:
@@ -33,7 +32,7 @@ def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[
     """
     header = {name.casefold().strip(): name for name in (rows[0][1] if rows else {})}
     plain = column.casefold().strip()
-    for begin, count in _PARTS if _SECONDS.search(plain) else ():
+    for begin, count in _PARTS.items() if _SECONDS.search(plain) else ():
         for word in (_SECONDS.sub(rf"{begin}\1", plain), _SECONDS.sub(begin, plain)):
             beside = header.get(word)
             if beside is not None and all(_fits(cells, column, beside, count) for _, cells in rows):
