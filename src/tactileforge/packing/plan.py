@@ -15,7 +15,6 @@ import numpy as np
 
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.frames.stamp import stamp_of
-from tactileforge.data.frames.untared import add_untared
 from tactileforge.data.labels.doubts import Doubts
 from tactileforge.data.labels.plausible import impossible
 from tactileforge.data.shards import shards
@@ -92,7 +91,6 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
     doubts = Doubts()
     for recording in chain.from_iterable(by_split.values()):
         doubts.add(recording)
-    add_untared(doubts, [*chain.from_iterable(by_split.values())])
     notes = [*getattr(dataset, "notes", ()), *doubts.of_each(), *doubts.of_all({"force"})]
     return PackPlan(jobs, skipped, sum(map(len, by_split.values())), whole, notes)
 
