@@ -284,6 +284,10 @@ def test_waiting_counts_and_writing_does_not() -> None:
         pace.took(30.0, 1 << 16)
     assert pace.waits() == pytest.approx(1000 - 10 * 29 - 29 - 22 * 30)
     assert "longer than its size allows" in str(pace.error())
+    both = downloads._Pace(downloads.SILENCE)
+    both.sends()
+    both.took(downloads.SILENCE, 0)
+    assert "longer than its size allows" in str(both.error()), "at one time, that of all counts"
 
 
 def test_time_in_all_is_bounded(serve: Callable[[Answer], str]) -> None:

@@ -77,6 +77,7 @@ def test_a_place_that_can_be_written_is_left_as_it_is(tmp_path: Path) -> None:
         ("file", True, "is a file, not a folder"),
         ("folder", False, "a folder is there"),
         ("x" * 300 + "/a", False, "cannot be written"),
+        ("x" * 240, False, "File name too long"),
     ],
 )
 def test_a_place_that_cannot_be_written_is_named(
@@ -214,6 +215,9 @@ WRITERS = [
     (["bench", "suite=sim", "model=[pixels]"], "out"),
     (["record", "sensor=sim"], "out"),
     (["calibrate", "data=sim"], "out"),
+    (["calibrate", "depth", "data=sim", "ball_mm=4"], "out"),
+    (["data", "embed", "data=sim", "model=anytouch2.tiny"], "out"),
+    (["zoo", "pack", "run=nothing"], "out"),
     (["plugins", "new", "objective", "mine"], "out"),
 ]
 
@@ -233,6 +237,29 @@ def test_every_verb_looks_at_its_place_before_it_works(
     assert err.count("\n") == 1
     assert "is a file, not a folder); give another out=" in err
     assert [path.name for path in tmp_path.rglob("*")] == ["file"]
+
+
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EROFS, errno.ENOSPC, errno.ENAMETOOLONG])
+@pytest.mark.parametrize(("words", "key"), WRITERS, ids=[" ".join(row[0][:2]) for row in WRITERS])
+def test_every_verb_names_a_place_that_refuses_it(
+    words: list[str],
+    key: str,
+    number: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A folder that is read-only for its user, such a disk, a full one, and a name too long."""
+    monkeypatch.chdir(tmp_path)
+
+    def refused(part: Path, content: bytes) -> int:
+        raise OSError(number, os.strerror(number), str(part))
+
+    monkeypatch.setattr(Path, "write_bytes", refused)
+    assert cli.run([*words, f"{key}=a.yaml"]) == 1
+    err = capsys.readouterr().err
+    assert err == f"error: a.yaml: cannot be written ({os.strerror(number)}); give another out=\n"
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("words", [["zoo", "get", "mae.tiny"], ["bench", "model=[pixels]"]])

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -229,6 +230,11 @@ def test_no_room_is_an_error_with_numbers(tmp_path: Path) -> None:
     with pytest.raises(TactileForgeError, match=r"MB are left, and a checkpoint takes 1,000,000,0"):
         checkpoints.check_room(tmp_path / LAST, 10**15)
     checkpoints.check_room(tmp_path / LAST, 10)
+    with pytest.MonkeyPatch.context() as patch:
+        left = SimpleNamespace(free=2_500_000)
+        patch.setattr(checkpoints.shutil, "disk_usage", lambda path: left)
+        with pytest.raises(TactileForgeError, match=r"2\.5 MB are left, .* takes 3\.0 MB"):
+            checkpoints.check_room(tmp_path / LAST, 3_000_000)
 
 
 @pytest.mark.slow

@@ -194,7 +194,8 @@ def check_writable(path: Path, fix: str = "give another out=", folder: bool = Fa
             place = place.parent
         if not place.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, f"{place} is a file, not a folder")
-        with new_part(place / "probe") as part:
+        # by its own name: a part has a longer one, which may be too long
+        with new_part(place / ("probe" if folder else path.name)) as part:
             part.write_bytes(bytes(_BLOCK))
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         reason = getattr(error, "strerror", None) or str(error)

@@ -46,9 +46,11 @@ from tactileforge.data.frames.cut import held_clips
 from tactileforge.data.frames.encoded import Blob, EncodedFrames, LazyImages
 from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ArrayFrames, ImageFrames, VideoFrames
+from tactileforge.data.frames.pictures import upright_size
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.data.labels.align import estimate_lag, nearest
 from tactileforge.data.labels.missing import stated
+from tactileforge.data.labels.newtons import NEWTONS, named_unit, newtons_of
 from tactileforge.data.shards.shards import describe_recording, read_shard, write_shard
 from tactileforge.datasets.reading.notes import add_once
 from tactileforge.datasets.reading.official import OfficialSplit
@@ -116,6 +118,7 @@ __all__ = [
     "CHECKSUMS",
     "EMA",
     "NEUTRAL_BACKGROUND",
+    "NEWTONS",
     "SPECS",
     "VERSION",
     "AfterStep",
@@ -206,9 +209,11 @@ __all__ = [
     "load_yaml",
     "locked",
     "masked_mean",
+    "named_unit",
     "names",
     "nearest",
     "new_part",
+    "newtons_of",
     "open_picture",
     "open_sensor",
     "page_jpeg",
@@ -226,6 +231,7 @@ __all__ = [
     "take_steps",
     "to_json",
     "unknown",
+    "upright_size",
     "v4l2",
     "view_of",
     "warn_of_slow_frames",

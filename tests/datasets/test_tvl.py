@@ -60,6 +60,13 @@ def test_swapped_folders(root: Path, levels: Make) -> None:
     assert levels(recording.frames) == levels(recording.image) == [4, 5]
 
 
+def test_views_as_large_as_touches_are_no_swapped_folders(root: Path, make_images: Make) -> None:
+    make_images("hct/data1/rec_1/vision/{}-0.03.jpg", range(12), (24, 32))
+    for recording in Tvl(str(root), split="all", val=0).recordings("train"):
+        assert "/tactile/" in recording.frames.paths[0]
+        assert "/vision/" in recording.image.paths[0]
+
+
 def test_without_captions(root: Path, write: Make, levels: Make) -> None:
     for name in ("train.csv", "test.csv"):
         (root / "hct/data1" / name).unlink()

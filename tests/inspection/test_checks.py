@@ -45,12 +45,29 @@ def overexposed(array: Any, share: float = 0.12) -> None:
 
 def scaled(factor: float, axis: int = 2) -> dict[str, Any]:
     force = np.zeros((90, 3), np.float32)
+    force[:, 2] = np.linspace(0, 9, 90)
     force[:, axis] = np.linspace(0, factor, 90)
+    return {"force": force}
+
+
+def late(row: int) -> dict[str, Any]:
+    force = np.zeros((90, 3), np.float32)
+    force[:, 2] = np.linspace(0, 9, 90)
+    force[:row] = np.nan
+    force[-1] = 0  # nothing touches in the last frame
+    return {"force": force}
+
+
+def exchanged() -> dict[str, Any]:
+    force = np.zeros((90, 3), np.float32)
+    force[:, 0] = np.linspace(0, 6, 90)
+    force[:, 2] = 0.25 * force[:, 0]
     return {"force": force}
 
 
 def stuck(row: int) -> dict[str, Any]:
     force = np.random.default_rng(0).normal(2, 0.1, (90, 3)).astype(np.float32)
+    force[0] = 0  # nothing touches in the first frame
     force[row:] = force[row]
     return {"force": force}
 
@@ -86,6 +103,13 @@ FAULTS: dict[str, tuple[dict[str, Any], float, str]] = {
     "force_out_of_range": (scaled(60), 60 / 14.14, "60 N along z, 4.2 times the scale"),
     "pulling_force": (scaled(-2), 2, "down to -2 N along z"),
     "stuck_force": (stuck(40), 1.63, "s of one and the same force"),
+    "forces_apart": (late(40), 40 / 30, "1.33 s until the first force"),
+    "axes_exchanged": (exchanged(), 4, "largest along x, with one sign, 4 times z"),
+    "untared_force": (
+        {"force": np.full((90, 3), 1.4, np.float32) + np.arange(90)[:, None] * np.float32(1e-3)},
+        1.4 / 5.25,
+        "(1.4, 1.4, 1.4) N where nothing touches",
+    ),
     "no_background": ({"no_contact": None}, 0, "no frame without contact"),
     "tiny_pictures": (
         {"frames": tiny(90), "no_contact": tiny(1), "force": None},

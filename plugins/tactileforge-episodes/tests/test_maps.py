@@ -123,7 +123,7 @@ def test_a_unit_that_is_not_known_is_named(rig):
         ("    sensor: digit\n", "", "'sensor' is missing; for example sensor: gelsight_mini"),
         ("colours: bgr", "colours: gbr", "'gbr', which is not of type"),
         ("tier: 1", "tier: 9", "tier is 9; give 1 to 5"),
-        ("unit: gf", "unit: lbf", "'lbf', which is not of type"),
+        ("unit: gf", "unit: stone", "unknown unit 'stone'"),
         ("unit: ms", "unit: minutes", "'minutes', which is not of type"),
         ("[null, null, 0]", "[null, null, -1]", "give columns from 0, or null"),
         ("sensor: digit", "sensor: digit\n    white: 0", "give the value of white"),
@@ -170,6 +170,13 @@ def test_two_fingers_of_one_name_are_refused(rig):
     data = Episodes(str(rig), map=str(rig / "own.yaml"), val=0)
     assert [one.object for one in data.recordings("train")] == ["pen"]
     assert "two arrays of touch are called 'pixels'; give `finger` a placeholder" in data.skipped[0]
+
+
+def test_a_force_in_another_unit_by_its_key(rig):
+    lbf = OWN.replace("/load", "/load_lbf").replace(" unit: gf,", "")
+    (rig / "own.yaml").write_text(lbf)
+    with pytest.raises(ConfigError, match=r"load_lbf' is in lbf by its name.*unit: lbf"):
+        list(Episodes(str(rig), map=str(rig / "own.yaml"), val=0).recordings("train"))
 
 
 def test_a_force_of_the_gel_that_has_no_such_column(rig):

@@ -173,6 +173,19 @@ def test_data_sets_of_others_are_read(tmp_path: Path) -> None:
         all_of(root, **options, force=["observation.force.digit"], force_columns=[3, 4, 5])
 
 
+@pytest.mark.parametrize("named", [["x_kg", "y_kg", "z_kg"], {"axes": ["Fx [kg]", "Fy", "Fz"]}])
+def test_forces_in_another_unit_by_their_names(tmp_path: Path, named: object) -> None:
+    root = tmp_path / "set"
+    write_dataset([touch(0)], root, LeRobotOptions())
+    about = json.loads((root / folder.INFO).read_text())
+    about["features"]["observation.force.digit"]["names"] = named
+    (root / folder.INFO).write_text(json.dumps(about))
+    with pytest.raises(ConfigError, match=r"is in kgf by its name .*force_sign=\[9.80665,"):
+        all_of(root)
+    (one,) = all_of(root, force_sign=[9.80665, 9.80665, 9.80665])
+    np.testing.assert_allclose(one.force, touch(0).force * 9.80665, rtol=1e-6)
+
+
 def test_forces_of_several_sensors_are_columns_of_one_feature(tmp_path: Path) -> None:
     root = tmp_path / "set"
     write_dataset([touch(0)], root, LeRobotOptions())

@@ -159,6 +159,13 @@ class Recordings:
                         yield from split_parts(recording, self.val, split)
                     else:
                         yield recording
+            tagged, images = reader.tagged
+            if 0 < tagged < images:
+                self._noted.add(
+                    reader.layout.name,
+                    f"{tagged} of {images} images have an EXIF orientation, and are turned by it; "
+                    "were all taken the same way up?",
+                )
         # one bad file is skipped, but a whole set of them is a mistake in the layout
         if failed and not opened and split == "train":
             raise DataError(f"not one of {len(failed)} recordings can be opened; {failed[0]}")

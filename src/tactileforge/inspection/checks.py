@@ -10,15 +10,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from tactileforge.contracts import Recording
+from tactileforge.data.frames.untared import NO_CONTACT, untared
 from tactileforge.data.labels.align import Lag, estimate_lag
 from tactileforge.data.labels.doubts import GAP, RANGE, TINY, Suspicion
 from tactileforge.inspection.findings import Reason
 from tactileforge.inspection.frame_stats import FrameStats, changes
 from tactileforge.pages.page import percent
 
-#: Smallest change of a contact, grey levels. Noise of real videos reaches 1.8 here, and the
-#: faintest touches 2.5 (a sponge on a GelSight Mini, 0.5 N of simulated force).
-NO_CONTACT = 2.0
 #: Change of half of the image of another background, grey levels. Touch is local: real videos with
 #: a fitting background stay below 2, and below 0.5 in the air.
 NEW_GROUND = 6.0
@@ -101,10 +99,29 @@ REASONS = {
         f"More than {RANGE:g} times what the sensor's force scale is: wrong unit, or sensor?",
         "times the scale",
     ),
+    "axes_exchanged": Reason(
+        "Axes of the force look exchanged",
+        "In contact, a shear has one sign and is larger than the normal force, which is what "
+        "pressing does: the columns may not be in the order x, y, z.",
+        "times the normal force",
+    ),
+    "untared_force": Reason(
+        "The force is not tared",
+        "Where the picture is that of the background, the force is more than a twentieth of the "
+        "scale: the sensor of force has an offset, or something touches in the background.",
+        "times the scale",
+    ),
     "stuck_force": Reason(
         "The force is stuck",
         "The same force other than 0 stays for more than a second and a quarter of the recording, "
-        "where strain gauges have noise: the sensor of force may have stopped.",
+        "or for two seconds between samples with noise, which strain gauges have: the sensor of "
+        "force may have stopped.",
+        "s",
+    ),
+    "forces_apart": Reason(
+        "Forces start late or end early",
+        "More than a second and a tenth of the recording has no force before the first, or after "
+        "the last: its sensor was not running, or its times are late.",
         "s",
     ),
     "pulling_force": Reason(
@@ -139,6 +156,8 @@ def check_pixels(recording: Recording, seen: FrameStats) -> Iterator[Suspicion]:
         if seen.ground > NEW_GROUND:
             words = f"half of the image differs by {seen.ground:.2g} grey levels"
             yield Suspicion("background_changed", seen.ground, words)
+    if found := untared(recording):
+        yield found
     if seen.saturated > SATURATED:
         yield Suspicion("saturated", seen.saturated, f"{percent(seen.saturated)} of the pixels")
     if seen.frozen > FROZEN:

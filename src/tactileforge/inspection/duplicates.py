@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactileforge.inspection.checks import NO_CONTACT
+from tactileforge.data.frames.untared import NO_CONTACT
 from tactileforge.inspection.frame_stats import FrameStats
 
 #: Largest difference of small images of the same frames encoded again, grey levels.

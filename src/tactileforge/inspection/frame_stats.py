@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frames, Recording
 from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.pixel_contract import checked_pixels
+from tactileforge.data.frames.small import shrink, strongest
 from tactileforge.errors import DataError
+from tactileforge.inspection.frozen import digest_of, frozen_time
 from tactileforge.pages import images
 
 #: Frames of a recording to decode, and frames of a strip.
 FRAMES = 24
 STRIP = 8
-#: Width of small frames, pixels; averaging removes noise, so that faint contact shows.
-_WIDTH = 128
 #: Frames of the background for its median.
 _BACKGROUND = 15
 #: Frames in memory at once.
@@ -45,7 +45,7 @@ class FrameStats:
             change.
         ground: Median difference in the frame of smallest change.
         saturated: Share of pixels with a channel at 0 or 255, in the worst frame.
-        frozen: Longest run of identical frames among those decoded, s.
+        frozen: Longest run of identical frames around those decoded, s.
         digest: Hash of the pixels of all decoded frames.
         signature: int16 (STRIP, 24, 32), grey frames for comparison.
         frame: uint8 (h, w, 3), small frame of largest change.
@@ -75,7 +75,7 @@ class FrameStats:
 
 
 def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
-    """Decode at most `FRAMES` frames and the background.
+    """Decode at most `FRAMES` frames, each with the next, and the background.
 
     Args:
         recording: The recording.
@@ -95,7 +95,7 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
     for chunk in _chunks(recording.frames, rows.tolist()):
         for frame in chunk:
             saturated = max(saturated, _saturated(frame))
-            digests.append(hashlib.blake2b(frame.tobytes(), digest_size=16).digest())
+            digests.append(digest_of(frame))
             small.append(shrink(frame))
     frames = np.stack(small)
     # the median of the frames is the picture without contact if contact moves or is rare
@@ -108,10 +108,10 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
         rows=rows,
         shape=recording.frames.shape,
         change=change.astype(np.float64),
-        contact=_strongest(frames[most] - still),
+        contact=strongest(frames[most] - still),
         ground=float(np.median(away[least])),
         saturated=saturated,
-        frozen=_frozen(digests, recording.times[rows]),
+        frozen=frozen_time(recording, rows.tolist(), digests),
         digest=hashlib.blake2b(b"".join(digests), digest_size=16).digest(),
         signature=_signature(frames[shown]),
         frame=frames[most].round().astype(np.uint8),
@@ -169,15 +169,6 @@ def evenly(length: int, count: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, length - 1, min(length, count)).round().astype(np.int64))
 
 
-def shrink(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Shrink a frame to a small width by averaging pixels."""
-    height, width = frame.shape[:2]
-    if width > _WIDTH:
-        size = (_WIDTH, max(1, round(height * _WIDTH / width)))
-        frame = cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
-    return frame.astype(np.float32)
-
-
 def amplify(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Show a difference as an image around mid-grey; the strongest 0.5 % is clipped."""
     # at least 8 levels to full scale: the noise of a recording without contact stays grey
@@ -190,23 +181,9 @@ def _chunks(frames: Frames, rows: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
         yield checked_pixels(frames.read(rows[start : start + _CHUNK]), "frames", 4)
 
 
-def _strongest(difference: NDArray[np.float32]) -> float:
-    smooth = cv2.GaussianBlur(difference, (0, 0), 1.0)
-    return float(np.quantile(np.abs(smooth).mean(axis=-1), 0.99))
-
-
 def _saturated(frame: NDArray[np.uint8]) -> float:
     ends = (frame == 0) | (frame == 255)
     return float((ends[..., 0] | ends[..., 1] | ends[..., 2]).mean())
-
-
-def _frozen(digests: Sequence[bytes], times: NDArray[np.float64]) -> float:
-    longest, start = 0.0, 0
-    for i in range(1, len(digests)):
-        if digests[i] != digests[i - 1]:
-            start = i
-        longest = max(longest, float(times[i] - times[start]))
-    return longest
 
 
 def _signature(frames: NDArray[np.float32]) -> NDArray[np.int16]:

@@ -28,7 +28,7 @@ from tactileforge.pages.page import (
 )
 
 #: Reasons without pixels, checked on all recordings.
-_COUNTED = ("no_background", "gaps_in_time", *FIXES)
+_COUNTED = ("no_background", "gaps_in_time", *(name for name in FIXES if name != "untared_force"))
 _SHOWN = 12
 _LINES = 100
 

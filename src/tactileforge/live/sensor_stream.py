@@ -8,14 +8,14 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.calibration.file import Calibration
 from tactileforge.contracts import Frame, Sensor
+from tactileforge.data.frames.pictures import rgb_pixels
 from tactileforge.depth import DepthReader
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, DataError
 from tactileforge.hub.model import Model
 from tactileforge.markers.motion import Motion, marker_motion
 from tactileforge.markers.track import MarkerTracker
@@ -23,6 +23,7 @@ from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import Capture
 from tactileforge.streaming.contact import ContactOptions, SlipOptions
 from tactileforge.streaming.touch_stream import Prediction, TouchStream
+from tactileforge.untrusted import open_picture
 
 #: Number of readings kept for the page.
 HISTORY = 512
@@ -221,12 +222,13 @@ def read_background(path: str) -> NDArray[np.uint8]:
     Raises:
         ConfigError: The file is not a readable RGB image of 8 bits per channel.
     """
-    image = cv2.imread(path, cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise ConfigError(f"background.image={path}: not a readable image")
-    if image.dtype == np.uint8 and image.shape[2:] == (4,) and (image[..., 3] == 255).all():
-        image = image[..., :3]
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        found = f"{image.dtype} {image.shape}"
-        raise ConfigError(f"background.image={path}: {found}; save it as RGB, 8 bits a channel")
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+    where = f"background.image={path}"
+    try:
+        with open_picture(path) as image:
+            if len(image.getbands()) < 3 and image.mode not in ("P", "PA"):
+                raise ConfigError(f"{where}: {image.mode} pixels; save it as RGB, 8 bits a channel")
+            return rgb_pixels(image, where)
+    except DataError as error:
+        raise ConfigError(str(error)) from error
+    except (OSError, SyntaxError, ValueError) as error:
+        raise ConfigError(f"{where}: not a readable image ({error})") from error

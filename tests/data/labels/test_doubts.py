@@ -121,3 +121,14 @@ def test_views_of_another_time() -> None:
 def test_every_reason_is_explained() -> None:
     assert set(FIXES) <= set(REASONS)
     assert {flag.reason for flag in check_labels(touch(size=1))} <= set(REASONS)
+
+
+def test_axes_in_another_order() -> None:
+    wave = np.sin(np.linspace(0, 9, 20))
+    force = np.stack([0.3 * wave, 0.2 * wave, np.linspace(0.1, 6, 20)], axis=1)
+    assert said(touch(0, force=force)) == []
+    (line,) = said(touch(0, force=force), touch(1, force=force[:, [2, 1, 0]]))
+    assert line.startswith("axes exchanged in 1 of 2 recordings (a/1: largest along x, with one")
+    stills = [touch(k, count=1, force=force[k : k + 1, [0, 2, 1]]) for k in range(20)]
+    (line,) = said(*stills)
+    assert line.startswith("forces of all recordings are largest along y, with one sign; in contac")

@@ -174,3 +174,44 @@ def test_names_that_give_no_times(tmp_path: Path, make_image: MakeFile) -> None:
     layout = {k: v for k, v in SEQUENCE.items() if k != "fps"}
     with pytest.raises(ConfigError, match=r"names such as '0' and '1' give no times; give .* fps:"):
         read(tmp_path, **layout, times="names")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "part", "count"),
+    [
+        ("secs", "nsecs", 10**9),
+        ("stamp.sec", "stamp.nanosec", 10**9),
+        ("Sec", "Nanosec", 10**9),
+        ("tv_sec", "tv_usec", 10**6),
+        ("header.stamp.secs", "header.stamp.nsecs", 10**9),
+        ("seconds", "milliseconds", 10**3),
+    ],
+)
+def test_times_in_two_columns(
+    tmp_path: Path, make_video: MakeFile, write: MakeFile, seconds: str, part: str, count: int
+) -> None:
+    """Frames at 12.5 a second across two whole seconds, and forces at 100 Hz."""
+    make_video("0.avi", count=25)
+    frames = [DATE * 1000 + 700 + 80 * i for i in range(25)]
+    rows = [f"{ms // 1000},{ms % 1000 * count // 1000}\n" for ms in frames]
+    write("0_times.csv", f"{seconds},{part}\n" + "".join(rows))
+    times = {"file": "{stem}_times.csv", "column": seconds}
+    forces = [DATE * 1000 + 700 + 10 * i for i in range(200)]
+    rows = [
+        f"{ms // 1000},{ms % 1000 * count // 1000},0,0,{(ms - forces[0]) / 1000}\n" for ms in forces
+    ]
+    write("0.csv", f"{seconds},{part},fx,fy,fz\n" + "".join(rows))
+    (one,), notes = read(tmp_path, **VIDEO, times=times, force={**FORCE, "time": seconds})
+    np.testing.assert_allclose(one.times, np.arange(25) * 0.08, atol=1e-6)
+    assert one.force is not None
+    np.testing.assert_allclose(one.force[:, 2], np.arange(25) * 0.08, atol=1e-5)
+    assert notes == []
+
+
+def test_seconds_beside_whole_nanoseconds_are_refused(
+    tmp_path: Path, make_video: MakeFile, write: MakeFile
+) -> None:
+    make_video("0.avi", count=10)
+    write("0.csv", "sec,nsec\n" + "".join(f"{DATE},{DATE}{i * 10**8:09d}\n" for i in range(10)))
+    with pytest.raises(DataError, match="is not after that of the frame before"):
+        read(tmp_path, **VIDEO, times={"file": "{stem}.csv", "column": "sec"})

@@ -108,3 +108,67 @@ def test_what_is_not_clear_is_said() -> None:
     rate = name_times([f"{DATE * 1000 + 100 * i}" for i in range(9)], FPS)
     assert rate.times is not None
     assert rate.doubt == "names come 10 times a second and fps is 30; the names count"
+
+
+NS = [1699999999123456789 + 33333333 * i for i in range(40)]
+DAYS = [datetime.fromtimestamp(ns / 1e9, UTC) for ns in NS]
+
+
+def of_parts(text: str, divide: int = 1) -> list[str]:
+    """Names of seconds, and of the rest in a unit."""
+    return [text.format(ns // 10**9, ns % 10**9 // divide, i) for i, ns in enumerate(NS)]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        of_parts("{0}.{1:09d}"),
+        of_parts("{0}_{1:09d}"),
+        of_parts("{0}_{1}"),
+        of_parts("{0}-{1:06d}", 1000),
+        of_parts("{0}_{1:03d}", 10**6),
+        of_parts("{0}_{1}", 10**6),
+        of_parts("{2:06d}_{0}_{1:09d}"),
+        of_parts("{0}_{1:03d}_{2}", 10**6),
+        [f"frame_{i:06d}_{ns // 10**6}" for i, ns in enumerate(NS)],
+        [day.strftime("%Y-%m-%dT%H-%M-%S.%f") for day in DAYS],
+        [day.strftime("%Y%m%dT%H%M%S%f") for day in DAYS],
+        [day.strftime("%Y%m%d_%H%M%S") + f"{day.microsecond // 1000:03d}" for day in DAYS],
+        [day.strftime("%d-%m-%Y_%H-%M-%S-%f") for day in DAYS],
+        [day.strftime("%m-%d-%Y %I-%M-%S.%f %p") for day in DAYS],
+        [day.strftime("%d-%b-%Y-%H-%M-%S-%f") for day in DAYS],
+        [day.strftime("touch_%H_%M_%S_%f") for day in DAYS],
+        [day.strftime("%H:%M:%S.%f") for day in DAYS],
+    ],
+    ids=lambda names: names[0],
+)
+@pytest.mark.parametrize("fps", [30.0, 15.0, None])
+def test_names_with_stamps_of_any_kind_give_times(names: list[str], fps: float | None) -> None:
+    found = name_times(names, fps)
+    assert found.times is not None
+    np.testing.assert_allclose(found.times, np.arange(40) / 30, atol=1.1e-3)
+    assert bool(found.doubt) == (fps == 15.0), "another rate is said"
+
+
+def test_times_of_day_go_on_after_midnight() -> None:
+    found = name_times(["23-59-59.950", "23-59-59.984", "00-00-00.017", "00-00-00.051"], 30.0)
+    assert found.times is not None
+    np.testing.assert_allclose(found.times, [0, 0.034, 0.067, 0.101])
+
+
+def test_counters_behind_seconds_are_no_parts_of_them() -> None:
+    for first in (0, 1000):
+        names = [f"{DATE + i // 30}_{first + i:04d}" for i in range(900)]
+        found = name_times(names, FPS)
+        assert found.times is None
+        assert "do not increase" in found.doubt
+
+
+def test_nanoseconds_without_their_zeros_are_no_fractions() -> None:
+    found = name_times(sorted(of_parts("{0}.{1}"), key=float), FPS)
+    assert found.times is None
+    assert "lack their leading zeros" in found.doubt
+
+
+def test_a_doubt_without_a_rate() -> None:
+    assert name_times([f"{t:.6f}" for t in TRUE], None).doubt.endswith("a second")

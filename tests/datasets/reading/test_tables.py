@@ -220,3 +220,14 @@ def test_a_lag_in_milliseconds_is_no_loss_of_all_forces(tmp_path: Path, write: W
     assert np.isfinite(read_force(replace(FORCE, lag_s=0.1), path, TIMES, "digit")[1:, 2]).all()
     still = write("f.csv", "frame,fx,fy,fz\n0,0,0,1\n")
     assert read_force(replace(FORCE, lag_s=0.1), still, TIMES[:1], "digit").shape == (1, 3)
+
+
+def test_forces_in_another_unit(tmp_path: Path, write: Write) -> None:
+    path = write("f.csv", "fx_kg,fy_kg,fz_kg\n0.1,0,0.5\n" + ",,\n" * 4)
+    keys = {"file": "f.csv", "columns": ["fx_kg", "fy_kg", "fz_kg"], "sign": [1, 1, -1]}
+    with pytest.raises(ConfigError, match=r"'x': force: 'fx_kg' is in kgf by its name"):
+        layout(force=keys)
+    table = layout(force={**keys, "force_unit": "kgf"}).force
+    assert table is not None
+    force = read_force(table, path, TIMES, "digit")
+    np.testing.assert_allclose(force[0], [0.980665, 0, -4.903325], rtol=1e-6)

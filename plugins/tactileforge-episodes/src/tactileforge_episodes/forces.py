@@ -5,12 +5,24 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
+from tactileforge.plugin import DataError, newtons_of
 from tactileforge_episodes.map_keys import ForceKeys
 from tactileforge_episodes.refs import ArrayRef, numbers
 
-#: Newton of each unit.
-_NEWTON = {"N": 1.0, "mN": 1e-3, "kgf": 9.80665, "gf": 9.80665e-3}
+
+def newtons(about: ForceKeys, where: str = "map: touch.force") -> float:
+    """Newton of the unit of an array.
+
+    Args:
+        about: Its key, unit and signs.
+        where: Place of the unit, for errors.
+
+    Raises:
+        ConfigError: The unit is unknown, or not stated where the key names one.
+    """
+    keys = (about.key,) if isinstance(about.key, str) else about.key
+    sign = [1.0 if one == "mean" else float(one) for one in about.sign]
+    return max(newtons_of([key] * 3, about.unit, sign, where, "unit") for key in keys)
 
 
 def read_force(
@@ -39,5 +51,5 @@ def read_force(
     for axis, (column, sign) in enumerate(zip(about.columns, about.sign, strict=True)):
         if column is not None:
             factor = 1.0 if sign == "mean" else float(sign)
-            force[:, axis] = values[:, column].astype(np.float64) * (factor * _NEWTON[about.unit])
+            force[:, axis] = values[:, column].astype(np.float64) * (factor * newtons(about))
     return force

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.plugin import ConfigError, check_data_licence, load_yaml, strict, unknown
+from tactileforge_episodes.forces import newtons
 from tactileforge_episodes.map_keys import EpisodeMap, TouchKeys
 
 _FOLDER = "tactileforge_episodes.maps"
@@ -76,5 +77,7 @@ def _check(where: str, touch: TouchKeys) -> None:
         raise ConfigError(f"{where}: touch.white is {touch.white}; give the value of white")
     if touch.force and any(column is not None and column < 0 for column in touch.force.columns):
         raise ConfigError(f"{where}: touch.force.columns: give columns from 0, or null")
+    if touch.force:
+        newtons(touch.force, f"{where}: touch.force")
     if isinstance(touch.parts, dict) and any(not 0 <= a < b for a, b in touch.parts.values()):
         raise ConfigError(f"{where}: touch.parts: give first column, and the one after the last")

@@ -107,7 +107,8 @@ class ForceKeys:
     Attributes:
         key: Path of the array.
         columns: Columns x, y and z; null where an axis is not measured.
-        unit: Unit of the values.
+        unit: Unit of the values, such as ``N``, ``kgf`` or ``lbf``; null for newton, unless the key
+            says another.
         sign: Factor of each axis that gives the axes of the gel: x right, y down, z into it, with
             pressing positive; ``mean`` turns z so that its mean is positive.
         frame: ``gel`` for the force on the gel; anything else is of another frame, and makes no
@@ -116,7 +117,7 @@ class ForceKeys:
 
     key: Keys
     columns: tuple[int | None, int | None, int | None] = (0, 1, 2)
-    unit: Literal["N", "mN", "kgf", "gf"] = "N"
+    unit: str | None = None
     sign: tuple[float, float, float | Literal["mean"]] = (1.0, 1.0, 1.0)
     frame: str = "gel"
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
+from tactileforge.plugin import NEWTONS, ConfigError, DataError, named_unit
 from tactileforge_lerobot.reading import Reading, TouchFeature
 from tactileforge_lerobot.rows import EpisodeRows
 
@@ -36,11 +36,31 @@ class Forces:
         Raises:
             DataError: A table is damaged, or the first rows may be of a contact.
         """
+        self._check_unit(rows, touch)
         forces = self._zeroed(rows, touch, episodes) * np.asarray(self.reading.sign, np.float64)
         if self.reading.turn_z:
             forces[:, 2] *= self._turn(touch, episodes)
         with np.errstate(over="ignore"):
             return forces.astype(np.float32)
+
+    def _check_unit(self, rows: EpisodeRows, touch: TouchFeature) -> None:
+        """Raises a `ConfigError` for another unit than newton by the names, without a factor."""
+        named = rows.info.features[touch.force].get("names")
+        if isinstance(named, Mapping):
+            named = next(iter(named.values()), None)
+        names = [*named] if isinstance(named, list) else []
+        for column, factor in zip(touch.columns, self.reading.sign, strict=True):
+            name = str(names[column]) if column < len(names) else ""
+            unit = named_unit(name) or named_unit(touch.force)
+            if unit in ("", "N") or abs(factor) != 1:
+                continue
+            newton = NEWTONS.get(unit)
+            signs = [f"{one * (newton or 1):.6g}" for one in self.reading.sign]
+            factors = f"data.force_sign=[{','.join(signs)}]" if newton else "factors to newton"
+            raise ConfigError(
+                f"{rows.root}: {touch.force} is in {unit} by its name {name!r}: give {factors}, or "
+                "correct the name in meta/info.json"
+            )
 
     def _zeroed(
         self, rows: EpisodeRows, touch: TouchFeature, episodes: Sequence[EpisodeRows]

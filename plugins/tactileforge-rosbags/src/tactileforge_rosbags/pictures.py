@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, EncodedFrames, LazyImages, open_picture
+from tactileforge.plugin import (
+    DataError,
+    EncodedFrames,
+    LazyImages,
+    open_picture,
+    upright_size,
+)
 from tactileforge_rosbags.bags import Bag
 from tactileforge_rosbags.map_keys import PictureKeys
 from tactileforge_rosbags.series import Scan, Series, placed, scan
@@ -65,7 +71,7 @@ def size_of(message: Any) -> tuple[int, int]:
         return int(image.shape[0]), int(image.shape[1])
     try:
         with open_picture(BytesIO(image)) as opened:
-            kind, size = str(opened.format), (opened.height, opened.width)
+            kind, size = str(opened.format), upright_size(opened)
     except (OSError, SyntaxError, TypeError, ValueError) as error:
         raise DataError(
             f"format {message.format!r}: no readable picture ({len(image)} bytes)"

@@ -10,6 +10,7 @@ import numpy as np
 
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.frames.cut import frame_period, is_slow
+from tactileforge.data.frames.untared import add_untared
 from tactileforge.data.labels.doubts import Doubts
 
 log = logging.getLogger(__name__)
@@ -37,6 +38,7 @@ def log_doubts(
     doubts = Doubts()
     for recording in chain(train, val):
         doubts.add(recording)
+    add_untared(doubts, [*train, *val])
     for line in (*getattr(dataset, "notes", ()), *doubts.of_each()):
         log.warning("data: %s", line)
     periods = [frame_period(one.times) for one in train if len(one.times) > 1]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import check_range, size_text
+from tactileforge.data.frames.pictures import orientation
 from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.untrusted import open_picture
@@ -30,6 +31,8 @@ GROUPS = {"background": "background.", "image": "image.", "surface": "surface.",
 #: Codecs of groups without tolerance for loss (coded displacements); the others have the
 #: recording's.
 _LOSSLESS = {"surface": "png"}
+#: OpenCV turns some formats by their EXIF orientation; `check_upright` has seen to that.
+_AS_STORED = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 _PNG = b"\x89PNG"
 #: Bytes of a block of a tar file (POSIX ustar): a member is a header block and whole blocks of
 #: content.
@@ -88,6 +91,16 @@ def image_size(data: bytes) -> tuple[int, int]:
             place += 2 + int.from_bytes(segment[2:4])
     with open_picture(io.BytesIO(data)) as opened:
         return opened.height, opened.width
+
+
+def check_upright(data: bytes, where: str) -> None:
+    """Raises a `DataError` for an image with an EXIF orientation: decoders differ in heeding it."""
+    if b"Exif" not in data and b"eXIf" not in data and b"EXIF" not in data:
+        return
+    with open_picture(io.BytesIO(data)) as opened:
+        turned = orientation(opened)
+    if turned != 1:
+        raise DataError(f"{where}: has the EXIF orientation {turned}; encode its upright pixels")
 
 
 class PackedFrames:
@@ -185,7 +198,7 @@ class PackedFrames:
             raise DataError(
                 f"{self.name}, {self.group} {i}: {data[24]} bits a channel; pack 8 bits a channel"
             )
-        frame = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
+        frame = cv2.imdecode(np.frombuffer(data, np.uint8), _AS_STORED)
         if frame is None:
             raise DataError(f"{self.name}, {self.group} {i}: cannot be decoded; pack it again")
         out: NDArray[np.uint8] = frame

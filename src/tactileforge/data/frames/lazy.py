@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import Crop, Cropped, check_range, size_text
-from tactileforge.data.frames.pictures import check_depth, rgb_pixels
+from tactileforge.data.frames.pictures import check_depth, orientation, rgb_pixels, upright_size
 from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
 from tactileforge.data.frames.video import VIDEO_SUFFIXES, VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.untrusted import open_picture
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+T = TypeVar("T")
 
 __all__ = ["VIDEO_SUFFIXES", "ArrayFrames", "Crop", "ImageFrames", "VideoFrames"]
 
@@ -26,6 +33,9 @@ class ImageFrames(Cropped):
     Args:
         paths: Paths of the files, oldest first.
         crop: Left, top, width, height in pixels; None shows everything.
+
+    Attributes:
+        tagged: Number of images that their EXIF orientation turns or mirrors.
 
     Raises:
         DataNotFoundError: A file does not exist.
@@ -41,9 +51,10 @@ class ImageFrames(Cropped):
 
     def __init__(self, paths: Sequence[str | Path], crop: Crop | None = None) -> None:
         self.paths = [str(path) for path in paths]
+        self.tagged = 0
         if not self.paths:
             raise DataError("an image sequence without images")
-        sizes = [_image(path, decode=False)[0] for path in self.paths]
+        sizes = [self._opened(path) for path in self.paths]
         for path, size in zip(self.paths, sizes, strict=True):
             if size != sizes[0]:
                 raise DataError(
@@ -51,6 +62,11 @@ class ImageFrames(Cropped):
                     "frames of one recording have one size; move the file out, or resize it"
                 )
         super().__init__(self.paths[0], sizes[0], crop)
+
+    def _opened(self, path: str) -> tuple[int, int]:
+        size, turned = _image(path, _size_of)
+        self.tagged += turned
+        return size
 
     def __len__(self) -> int:
         return len(self.paths)
@@ -60,10 +76,10 @@ class ImageFrames(Cropped):
         check_range(indices, len(self), self.paths[0])
         out = np.empty((len(indices), *self.shape, 3), np.uint8)
         for place, i in enumerate(indices):
-            size, frame = _image(self.paths[i], decode=True)
-            if size != self.full_shape:
+            frame = _image(self.paths[i], partial(rgb_pixels, where=self.paths[i]))
+            if frame.shape[:2] != self.full_shape:
                 raise DataError(
-                    f"{self.paths[i]}: its size has changed to {size_text(size)} pixels"
+                    f"{self.paths[i]}: its size has changed to {size_text(frame.shape[:2])} pixels"
                 )
             out[place] = self._show(frame)
         return out
@@ -104,13 +120,17 @@ class ArrayFrames:
         return self.array[list(indices)]
 
 
-def _image(path: str, decode: bool) -> tuple[tuple[int, int], NDArray[np.uint8]]:
-    """Height and width of an image file, and its pixels on request."""
+def _size_of(image: Image.Image) -> tuple[tuple[int, int], bool]:
+    """Height and width of an open image, and whether it has an orientation."""
+    return upright_size(image), orientation(image) != 1
+
+
+def _image(path: str, read: Callable[[Image.Image], T]) -> T:
+    """What is read from an image file of 8 bits a channel."""
     try:
         with open_picture(path) as image:
             check_depth(image, path)
-            pixels = rgb_pixels(image, path) if decode else np.empty(0, np.uint8)
-            return (image.height, image.width), pixels
+            return read(image)
     except FileNotFoundError:
         raise DataNotFoundError(f"{path}: no such file; correct the path") from None
     except (OSError, SyntaxError, ValueError) as error:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +16,17 @@ if TYPE_CHECKING:
 
 #: Modes of Pillow with an alpha channel.
 _ALPHA = frozenset({"LA", "La", "PA", "RGBA", "RGBa"})
+#: Tag of the orientation (Exif 2.32, section 4.6.4), and what puts rows and columns upright.
+_TAG = 0x0112
+_UPRIGHT: dict[int, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
+    2: lambda a: a[:, ::-1],
+    3: lambda a: a[::-1, ::-1],
+    4: lambda a: a[::-1],
+    5: lambda a: a.swapaxes(0, 1),
+    6: lambda a: np.rot90(a, -1),
+    7: lambda a: a[::-1, ::-1].swapaxes(0, 1),
+    8: lambda a: np.rot90(a),
+}
 #: Modes without a fixed RGB: colours depend on the ink, or on a white point.
 _PRINT = frozenset({"CMYK", "LAB"})
 
@@ -38,8 +51,35 @@ def check_depth(image: Image.Image, where: str) -> None:
         raise DataError(f"{where}: {image.mode} pixels; convert it to RGB, 8 bits a channel")
 
 
+def orientation(image: Image.Image) -> int:
+    """Orientation of an open picture by its EXIF tag, 1 to 8; 1 without a tag, for upright.
+
+    Only the header is read: a PNG may have its EXIF behind the pixels, and counts as without then.
+    Pillow turns TIFF by itself.
+    """
+    if image.format == "TIFF" or (image.format == "PNG" and "exif" not in image.info):
+        return 1
+    try:
+        found = image.getexif().get(_TAG, 1)
+    except (
+        OSError,
+        SyntaxError,
+        TypeError,
+        ValueError,
+        struct.error,
+    ):  # a damaged EXIF says nothing
+        return 1
+    return found if found in _UPRIGHT else 1
+
+
+def upright_size(image: Image.Image) -> tuple[int, int]:
+    """Height and width of an open picture, pixels, as `rgb_pixels` gives it."""
+    sideways = orientation(image) >= 5
+    return (image.width, image.height) if sideways else (image.height, image.width)
+
+
 def rgb_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
-    """Decode a picture to uint8 (H, W, 3).
+    """Decode a picture to uint8 (H, W, 3), upright by its EXIF orientation.
 
     Args:
         image: Open image.
@@ -50,6 +90,11 @@ def rgb_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
         OSError: It cannot be decoded.
     """
     check_depth(image, where)
+    pixels, turned = _decoded(image, where), orientation(image)
+    return np.ascontiguousarray(_UPRIGHT[turned](pixels)) if turned in _UPRIGHT else pixels
+
+
+def _decoded(image: Image.Image, where: str) -> NDArray[np.uint8]:
     if image.mode in _ALPHA or "transparency" in image.info:
         pixels = np.asarray(image.convert("RGBA"))
         if pixels[..., 3].min() < 255:

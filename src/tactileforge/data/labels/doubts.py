@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.data.labels.force_axes import ForceAxes
+from tactileforge.data.labels.force_runs import away, stuck
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.specs import spec
 
@@ -26,9 +28,6 @@ RANGE = 3.0
 PULL = 0.05
 #: Smallest side of a picture in which a contact has a shape, pixels.
 TINY = 8
-#: Longest plausible run of one and the same force other than 0, s, and share of the recording:
-#: strain gauges have noise.
-_STUCK, _STUCK_SHARE = 1.0, 0.25
 #: Largest force of a whole set as a share of the scale, below which its unit is doubtful.
 _FAINT = 0.01
 #: Objects whose spelling is compared; the first of a set, so that memory does not grow with it.
@@ -44,7 +43,11 @@ FIXES = {
     "force_out_of_range": "is it grams (x 0.00981) or mN (x 0.001)? sign: of a layout multiplies",
     "pulling_force": "pressing is positive: does z point out of the gel (sign: [1, 1, -1]), or was "
     "the sensor of force not tared?",
+    "axes_exchanged": "in contact, z is the largest and of one sign: are the columns in the order "
+    "x, y, z of the gel?",
+    "untared_force": "was the sensor of force tared? Or does something touch in the background?",
     "stuck_force": "did the sensor of force stop? leave the cells empty from there on",
+    "forces_apart": "did its sensor start later, or stop earlier? Or is its clock another?",
     "tiny_pictures": "give the pictures as they were taken",
     "views_elsewhere": "give the views times on the clock of the frames",
 }
@@ -98,24 +101,30 @@ class Doubts:
         self._spellings: dict[str, str] = {}
         self._alike: tuple[str, str] | None = None
         self._strongest, self._felt = 0.0, ""
+        self._axes = ForceAxes()
 
     def add(self, recording: Recording) -> None:
         """Check a recording."""
         self.total += 1
         for flag in check_labels(recording):
-            if flag.reason in FIXES:
-                value, count, words = self._worst.get(flag.reason, (-np.inf, 0, ""))
-                if flag.value > value:
-                    value, words = flag.value, f"{recording.key}: {flag.words}"
-                self._worst[flag.reason] = value, count + 1, words
+            self.flag(recording, flag)
         self._classes(recording)
         force = recording.force
         if force is not None and np.isfinite(force).any():
             known = force[np.isfinite(force).any(axis=1)]
             self._compare_with_scale(recording.sensor, known)
+            self._axes.add(force)
             self._force_frames += len(known)
             self._range[0] = np.fmin(self._range[0], np.fmin.reduce(known))
             self._range[1] = np.fmax(self._range[1], np.fmax.reduce(known))
+
+    def flag(self, recording: Recording, found: Suspicion) -> None:
+        """Add a suspicion of a recording, if it is one of `FIXES`."""
+        if found.reason in FIXES:
+            value, count, words = self._worst.get(found.reason, (-np.inf, 0, ""))
+            if found.value > value:
+                value, words = found.value, f"{recording.key}: {found.words}"
+            self._worst[found.reason] = value, count + 1, words
 
     def _compare_with_scale(self, sensor: str, force: NDArray[np.floating]) -> None:
         with suppress(ConfigError):  # the sensor is not installed here
@@ -173,6 +182,10 @@ class Doubts:
                 f"the largest force is {self._felt}, less than a hundredth of the scale of its "
                 "sensor: is it kN (x 1000)? sign: of a layout multiplies"
             )
+        axis = self._axes.pressing()
+        if "force" in labels and axis and "axes_exchanged" not in self._worst:
+            fix = FIXES["axes_exchanged"]
+            out.append(f"forces of all recordings are largest along {axis}, with one sign; {fix}")
         if "object" in labels and self._alike is not None:
             one, other = self._alike
             out.append(
@@ -207,6 +220,8 @@ def _force(recording: Recording) -> Iterator[Suspicion]:
     force = recording.force
     if force is None or not np.isfinite(force).any():
         return
+    if words := away(force, recording.times):
+        yield Suspicion("forces_apart", float(words.split()[0]), words)
     # an axis without any value was not measured; as NaN, it would be the largest of all
     force = np.where(np.isfinite(force).any(axis=0), force, 0.0)
     scale = np.ones(3)
@@ -218,26 +233,17 @@ def _force(recording: Recording) -> Iterator[Suspicion]:
         if times > RANGE:
             words = f"{largest[axis]:.3g} N along {'xyz'[axis]}, {times:.2g} times the scale"
             yield Suspicion("force_out_of_range", times, words)
-    if words := _stuck(force, recording.times):
+    axes = ForceAxes()
+    axes.add(force)
+    if pressing := axes.pressing():
+        words = f"largest along {pressing}, with one sign, {min(axes.ratio, 1e3):.2g} times z"
+        yield Suspicion("axes_exchanged", axes.ratio, words)
+    if words := stuck(force, recording.times):
         yield Suspicion("stuck_force", float(words.split()[0]), words)
     normal = force[:, 2]
     pull = -float(np.nanmin(normal))
     if pull > PULL * max(scale[2], float(np.nanmax(np.abs(normal)))):
         yield Suspicion("pulling_force", pull, f"down to {-pull:.3g} N along z")
-
-
-def _stuck(force: NDArray[np.floating], times: NDArray[np.float64]) -> str:
-    """Longest time of one and the same force other than 0, in words; "" for a plausible one."""
-    if len(force) != len(times) or len(force) < _FRAMES:
-        return ""
-    same = (force[1:] == force[:-1]).all(axis=1) & (force[1:] != 0).any(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
-    runs = edges.reshape(-1, 2)
-    longest = max((float(times[stop] - times[start]) for start, stop in runs), default=0.0)
-    # a whole recording of one force is said of the set, or is a still that was filmed
-    if longest <= max(_STUCK, _STUCK_SHARE * float(times[-1] - times[0])) or same.all():
-        return ""
-    return f"{longest:.3g} s of one and the same force"
 
 
 def _views(recording: Recording) -> Iterator[Suspicion]:

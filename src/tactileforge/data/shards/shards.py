@@ -28,6 +28,7 @@ from tactileforge.data.frames.image_codecs import (
     CODECS,
     GROUPS,
     PackedFrames,
+    check_upright,
     encode_image,
     image_size,
     member_name,
@@ -107,6 +108,9 @@ def _add(tar: tarfile.TarFile, stem: str, packed: Packed) -> None:
         tar.addfile(info, io.BytesIO(content))
 
     pictures = {group: getattr(packed, group) for group in GROUPS if getattr(packed, group)}
+    for group, encoded in pictures.items():
+        for number, picture in enumerate(encoded):
+            check_upright(picture, f"{stem}.{member_name(group, number, packed.codec)}")
     about = packed.head | {
         "codec": packed.codec,
         "pictures": {

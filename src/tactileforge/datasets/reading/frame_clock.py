@@ -18,6 +18,7 @@ from tactileforge.datasets.reading.layout import DatasetLayout
 from tactileforge.datasets.reading.layout_keys import ClockKeys
 from tactileforge.datasets.reading.name_times import name_times
 from tactileforge.datasets.reading.order import by_pattern
+from tactileforge.datasets.reading.split_times import part_of_second
 from tactileforge.datasets.reading.tables import read_cells
 from tactileforge.errors import ConfigError, DataError
 
@@ -119,8 +120,12 @@ class Clocks:
                 f"{path}: {len(rows)} times for {count} frames; give one a frame, or the column of "
                 "the names of images (key:)"
             )
+        part = part_of_second(column, rows)
         return np.array(
-            [_value(cells[column], f"{where}, column {column!r}") for where, cells in rows]
+            [
+                _value(cells[column], f"{where}, column {column!r}") + part(cells)
+                for where, cells in rows
+            ]
         )
 
 

@@ -14,6 +14,7 @@ from tactileforge.contracts import Frames, Guess
 from tactileforge.data.frames.companions import is_companion
 from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
 from tactileforge.data.labels.missing import stated
+from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.datasets.reading.files import read_rows
 from tactileforge.datasets.reading.name_times import name_times
 from tactileforge.datasets.reading.order import name_keys
@@ -36,7 +37,10 @@ _BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:r
 _FORCES = {
     axis: re.compile(rf"(?:force|f)[_ .]?{axis}\b.*|{axis}[_ .]?force\b.*") for axis in "xyz"
 }
-_TIME, _FRAME = re.compile(r"t|times?(?:tamps?)?(?:_s)?|seconds"), re.compile(r"frame(?:_?i?d?x?)?")
+_TIME = re.compile(
+    r"t|times?(?:tamps?)?(?:_s)?|(?:\w+\.)*(?:(?:time)?stamp[._])?(?:secs?|seconds?)"
+)
+_FRAME = re.compile(r"frame(?:_?i?d?x?)?")
 _OBJECT = re.compile(r"object(?:_name)?|label|class|name|material")
 
 
@@ -184,7 +188,16 @@ def _force(
                 table["frame"] = frame
         else:
             continue
-        doubts.append("force: taken for newton, x right, y down, z into the gel, pressing positive")
+        units = {unit for name in columns if name and (unit := named_unit(name))} or {"N"}
+        if len(units) > 1 or not units <= NEWTONS.keys():
+            doubts.append(f"force: {path.name} has it in {' and '.join(sorted(units))}, left out")
+            return {}
+        (unit,) = units
+        table |= {} if unit == "N" else {"force_unit": unit}
+        said = "newton" if unit == "N" else unit
+        doubts.append(
+            f"force: taken for {said}, x right, y down, z into the gel, pressing positive"
+        )
         return {"force": table}
     return {}
 

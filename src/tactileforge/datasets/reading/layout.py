@@ -12,6 +12,7 @@ from typing import Any
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.frames.lazy import Crop
 from tactileforge.data.labels.clock import seconds_of
+from tactileforge.data.labels.newtons import newtons_of
 from tactileforge.datasets.reading.clock_keys import parse_order, parse_times
 from tactileforge.datasets.reading.layout_keys import (
     ActionKeys,
@@ -265,7 +266,10 @@ def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
     if keys.unit is not None:
         seconds_of(keys.unit, where)
     columns_or_none = tuple("" if name is None else str(name) for name in names)
-    return FrameTable(**{**vars(keys), "columns": columns_or_none})
+    newton = newtons_of(columns_or_none, keys.force_unit, keys.sign, where, "force_unit")
+    table = {key: value for key, value in vars(keys).items() if key != "force_unit"}
+    sign = tuple(factor * newton for factor in keys.sign)
+    return FrameTable(**{**table, "columns": columns_or_none, "sign": sign})
 
 
 def _action(keys: LayoutKeys, where: str) -> str | FrameTable | tuple[ActionRange, ...] | None:

@@ -60,7 +60,12 @@ class LabelKeys:
 
 @dataclass(frozen=True)
 class ForceKeys:
-    """Keys of forces; see `FrameTable`."""
+    """Keys of forces; see `FrameTable`.
+
+    Attributes:
+        force_unit: Unit of the forces, see `newtons.NEWTONS`; None for newton, unless the names of
+            the columns say another.
+    """
 
     file: str = field(metadata={"example": '"{stem}.csv"'})
     columns: tuple[str | int | None, ...] = field(metadata={"example": "[fx, fy, fz]"})
@@ -71,6 +76,7 @@ class ForceKeys:
     key: str | None = None
     unit: str | None = None
     partial: bool = False
+    force_unit: str | None = None
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,15 @@ from tactileforge.data.labels.clock import UNITS, date_unit
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _DATE = re.compile(
     r"(20\d\d)[-_.]?([01]\d)[-_.]?([0-3]\d)[-_T ]{0,2}"
-    r"([0-2]\d)[-_.h:]?([0-5]\d)[-_.m:]?([0-5]\d)(?:[-_.,s](\d{1,9})(?!\d))?"
+    r"([0-2]\d)[-_.h:]?([0-5]\d)[-_.m:]?([0-5]\d)"
+    r"(?:[-_.,s](\d{1,9})(?!\d)|(\d{9}|\d{6}|\d{3})(?!\d))?"
 )
+#: A time of day with a part of a second, in names without a date of the year first.
+_DAYTIME = re.compile(
+    r"(?<!\d)([01]?\d|2[0-3])[-_.h:]([0-5]\d)[-_.m:]([0-5]\d)[-_.,s:](\d{3,9})(?!\d)"
+)
+#: Seconds since 1970 and what stands behind the point.
+_POINT = re.compile(r"(?<!\d)(\d{10})\.(\d{1,9})(?!\d)")
 _NS = {unit: round(seconds * 1e9) for unit, seconds in UNITS.items()}
 #: Largest relative deviation of the step of stamps without a unit from that of the frame rate.
 _CLOSE = 0.3
@@ -30,8 +37,8 @@ _CLOSE = 0.3
 _RATES = 1.0, 300.0
 #: Largest median step of a frame counter; below it, gaps count as dropped frames.
 _DROPPED = 10
-#: End of a doubt's message: its consequence.
-_ELSE = ", where fps is {:g}; frames are spread evenly"
+#: Nanoseconds of a day.
+_DAY = 24 * 3600 * 10**9
 
 
 @dataclass(frozen=True)
@@ -68,12 +75,19 @@ def name_times(stems: Sequence[str], fps: float | None, unit: str | None = None)
     dates = _dates(stems)
     if dates is not None and unit is None and not _is_counter(dates):
         return _dated(dates, fps)
+    if _lost_zeros(stems):
+        return NameTimes(
+            doubt="the nanoseconds behind the point lack their leading zeros, so names give "
+            "no times, and a wrong order"
+        )
     columns = _columns(stems)
     if not columns:
         return NameTimes()
     stamps = _stamps(columns, unit)
     if stamps is not None and not _is_counter(stamps):
         return _dated(stamps, fps)
+    if unit is None and (daytime := _daytimes(stems)):
+        return _of_day(daytime, fps)
     rising = [column for column in columns if all(a < b for a, b in pairwise(column))]
     if not rising:
         return NameTimes()
@@ -109,7 +123,8 @@ def _dates(stems: Sequence[str]) -> list[int] | None:
             date = datetime(*map(int, found.groups()[:6])).replace(tzinfo=UTC)  # type: ignore[arg-type]
         except ValueError:
             return None
-        out.append(int(date.timestamp()) * 10**9 + int((found[7] or "").ljust(9, "0")))
+        part = found[7] or found[8] or ""
+        out.append(int(date.timestamp()) * 10**9 + int(part.ljust(9, "0")))
     return out
 
 
@@ -122,12 +137,66 @@ def _stamps(columns: Sequence[Sequence[Decimal]], unit: str | None) -> list[int]
         stamps = [int(number * _NS[found]) for number in column]
         if found == "s" and all(number == int(number) for number in column):
             after = columns[place + 1] if place + 1 < len(columns) else None
-            if after is not None and max(after) >= 1000 and max(after) < 10**9:
-                part = 1 if max(after) >= 10**6 else 1000
+            part = _part_ns(after) if after is not None else 0
+            if after is not None and part:
                 stamps = [a + int(b) * part for a, b in zip(stamps, after, strict=True)]
         if len(set(stamps)) > 1:
             return stamps
     return None
+
+
+def _part_ns(column: Sequence[Decimal]) -> int:
+    """Nanoseconds of a unit of the numbers behind whole seconds; 0 for numbers that count images.
+
+    A counter goes up by 1 all along, and within a second not beyond the fastest camera.
+    """
+    largest = max(column)
+    if largest >= 10**9 or largest <= _RATES[1] or any(one != int(one) for one in column):
+        return 0
+    if len(column) > 1 and all(after - before == 1 for before, after in pairwise(column)):
+        return 0
+    return 1 if largest >= 10**6 else 1000 if largest >= 1000 else 10**6
+
+
+def _lost_zeros(stems: Sequence[str]) -> bool:
+    """Whether nanoseconds behind a point are written without leading zeros: 7.5 for 7.000000005."""
+    found = [_POINT.search(stem) for stem in stems]
+    if not all(found):
+        return False
+    parts = [(int(one[1]) * 10**9, one[2]) for one in found if one]
+    widths = {len(part) for _, part in parts}
+    if len(widths) == 1 or max(widths) < 9:
+        return False
+    as_written = np.diff(sorted(whole + int(part.ljust(9, "0")) for whole, part in parts))
+    as_count = np.diff(sorted(whole + int(part) for whole, part in parts))
+    return bool(as_count.std() < as_written.std())
+
+
+def _daytimes(stems: Sequence[str]) -> list[int] | None:
+    """Times of day in names, ns, over midnight; None without them, or for what is no time."""
+    found = [_DAYTIME.search(stem) for stem in stems]
+    if not all(found):
+        return None
+    out: list[int] = []
+    for one in found:
+        assert one is not None
+        seconds = (int(one[1]) * 60 + int(one[2])) * 60 + int(one[3])
+        now = seconds * 10**9 + int(one[4].ljust(9, "0"))
+        days = 0 if not out else out[-1] // _DAY + (now < out[-1] % _DAY - _DAY // 2)
+        out.append(now + days * _DAY)
+    steps = np.diff(out)
+    # a counter behind numbers goes up evenly and is faster than a camera
+    is_camera = (steps > 0).all() and _RATES[0] <= 1e9 / float(np.median(steps)) <= _RATES[1]
+    return out if is_camera else None
+
+
+def _of_day(times: list[int], fps: float | None) -> NameTimes:
+    since = _since(times)
+    rate = 1 / float(np.median(np.diff(since)))
+    if not fps or 1 / 1.5 < rate / fps < 1.5:
+        return NameTimes(since)
+    words = f"names are times of day, {rate:.3g} a second, and fps is {fps:g}; the names count"
+    return NameTimes(since, doubt=words)
 
 
 def _dated(stamps: list[int], fps: float | None) -> NameTimes:
@@ -154,8 +223,8 @@ def _seconds(numbers: Sequence[Decimal], fps: float | None, alone: bool) -> Name
     if fps and abs(rate / fps - 1) <= _CLOSE:
         return NameTimes(times)
     is_likely = alone and _RATES[0] <= rate <= _RATES[1] and float(np.ptp(steps)) > 1e-6
-    doubt = f"names may be seconds, {rate:.3g} a second{_ELSE}" if is_likely else ""
-    return NameTimes(doubt=doubt.format(fps))
+    doubt = f"names may be seconds, {rate:.3g} a second{_else(fps)}" if is_likely else ""
+    return NameTimes(doubt=doubt)
 
 
 def _counted(numbers: list[int], fps: float | None) -> NameTimes:
@@ -176,10 +245,13 @@ def _counted(numbers: list[int], fps: float | None) -> NameTimes:
     for unit, ns in _NS.items():
         rate = 1e9 / (usual * ns)
         if unit != "s" and _RATES[0] <= rate <= _RATES[1]:
-            return NameTimes(
-                doubt=f"names may be times in {unit}, {rate:.3g} a second{_ELSE}".format(fps)
-            )
+            return NameTimes(doubt=f"names may be times in {unit}, {rate:.3g} a second{_else(fps)}")
     return NameTimes(doubt="the numbers in names leave some out; frames are spread evenly")
+
+
+def _else(fps: float | None) -> str:
+    """End of a doubt: its consequence."""
+    return f", where fps is {fps:g}; frames are spread evenly" if fps else ""
 
 
 def _since(stamps: Sequence[int]) -> NDArray[np.float64]:

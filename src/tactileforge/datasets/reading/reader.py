@@ -42,6 +42,7 @@ class LayoutReader:
     Attributes:
         odd: One line for each match of a pattern other than a file; filled by `touches`.
         doubts: Names of doubtful touches, each with the doubt as a phrase.
+        tagged: Numbers of opened images with an EXIF orientation, and of all.
 
     Raises:
         DataNotFoundError: The folder does not exist.
@@ -52,6 +53,7 @@ class LayoutReader:
         self.folder = root / layout.path
         self.odd: list[str] = []
         self.doubts: list[tuple[str, str]] = []
+        self.tagged = (0, 0)
         self._of(ImageRows(self.folder, []))
         self._backgrounds: dict[Path, FileFrames] = {}
         if not self.folder.is_dir():
@@ -127,6 +129,8 @@ class LayoutReader:
                 f"{touch.paths[0]}: {len(frames)} frames, all of them background; remove the file, "
                 f"or give layout {self.layout.name!r} another background"
             )
+        if isinstance(frames, ImageFrames):
+            self.tagged = (self.tagged[0] + frames.tagged, self.tagged[1] + len(frames))
         return frames
 
     def label(self, touch: LayoutTouch, frames: FileFrames) -> Iterator[Recording]:

@@ -17,10 +17,9 @@ from tactileforge.data.labels.align import resample
 from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.plausible import impossible_row, limits
 from tactileforge.datasets.reading.files import read_text
-from tactileforge.datasets.reading.layout import (
-    check_action,
-)
+from tactileforge.datasets.reading.layout import check_action
 from tactileforge.datasets.reading.layout_keys import FrameTable
+from tactileforge.datasets.reading.split_times import part_of_second
 from tactileforge.datasets.reading.table_clock import on_frames
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 
@@ -85,8 +84,10 @@ def _on_a_clock(
     named = [name for name in table.columns if name]
     clock: list[float] = []
     forces = []
-    for where, cells in read_cells(path, [*named, table.time]):
-        now = _number(cells[table.time], f"{where}, column {table.time!r}")
+    rows = read_cells(path, [*named, table.time])
+    part = part_of_second(table.time, rows)
+    for where, cells in rows:
+        now = _number(cells[table.time], f"{where}, column {table.time!r}") + part(cells)
         if math.isnan(now) or (clock and now <= clock[-1]):
             raise DataError(
                 f"{where}: the time {cells[table.time]!r} is not after that of the row before; "

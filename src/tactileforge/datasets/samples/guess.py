@@ -12,6 +12,7 @@ from typing import Any
 from tactileforge.contracts import Guess
 from tactileforge.data.frames.encoded import Blob
 from tactileforge.data.labels.clock import UNITS
+from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.data.shards.foreign import is_foreign
 from tactileforge.datasets.samples.members import read_members
 from tactileforge.datasets.samples.opened import shown
@@ -218,7 +219,12 @@ def _values(parts: Mapping[str, Blob], doubts: list[str]) -> dict[str, Any]:
         if kind_of(part) == "json":
             found |= {key: one for key, one in _json(part, parts).items() if key not in found}
     if "force" in found:
-        doubts.append("force: taken for newton, x right, y down, z into the gel, pressing positive")
+        unit = named_unit(str(found["force"]["values"]))
+        found["force"] |= {"unit": unit} if unit in NEWTONS and unit != "N" else {}
+        said = found["force"].get("unit", "newton")
+        doubts.append(
+            f"force: taken for {said}, x right, y down, z into the gel, pressing positive"
+        )
     return found
 
 

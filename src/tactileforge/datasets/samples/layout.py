@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.labels.clock import UNITS
+from tactileforge.data.labels.newtons import newtons_of
 from tactileforge.datasets.reading.layout import check_sensor, given, parse_background, several
 from tactileforge.datasets.reading.layout_keys import BackgroundRule
 from tactileforge.datasets.samples.places import (
@@ -51,7 +52,8 @@ class SampleForce:
         values: Place of three values or more, or a list of the places of x, y and z, null for an
             axis that was not measured.
         columns: Columns of x, y and z in one place; null for an axis that was not measured.
-        unit: ``N``, ``mN``, ``kgf`` or ``gf``.
+        unit: ``N``, ``mN``, ``kgf``, ``gf``, ``lbf`` or ``ozf``; null for newton, unless the names
+            of the places say another.
         sign: Factors of x, y and z that give x right, y down, and z into the gel.
     """
 
@@ -59,7 +61,7 @@ class SampleForce:
         metadata={"example": "json:force"}
     )
     columns: tuple[int | None, int | None, int | None] = (0, 1, 2)
-    unit: Literal["N", "mN", "kgf", "gf"] = "N"
+    unit: str | None = None
     sign: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
@@ -212,9 +214,18 @@ def parse_samples(config: Any) -> SampleLayout:
         check_kind(layout.image.removesuffix("?"), (*PICTURES, *VIDEOS, "npy"), f"{where}.image")
     for place in layout.numbers:
         check_kind(parse_place(place).part, ("npy", *TEXTS), f"{where}: {place}")
+    if layout.force:
+        newtons(layout.force)
     if not 1 <= layout.tier <= 5:
         raise ConfigError(f"{where}.tier is {layout.tier}, but must be 1 to 5")
     return layout
+
+
+def newtons(keys: SampleForce) -> float:
+    """Newton of the unit of forces; see `newtons.newtons_of`."""
+    places = (keys.values,) * 3 if isinstance(keys.values, str) else keys.values
+    names = [place or "" for place in places]
+    return newtons_of(names, keys.unit, keys.sign, "data.layout.force", "unit")
 
 
 def _check_frames(layout: SampleLayout, where: str) -> None:
@@ -265,6 +276,5 @@ def words_of(layout: SampleLayout) -> Mapping[str, Mapping[str, str]]:
     }
 
 
-#: Seconds of each unit, and newtons of each unit of force.
+#: Seconds of each unit.
 SECONDS = UNITS
-NEWTONS = {"N": 1.0, "mN": 1e-3, "kgf": 9.80665, "gf": 9.80665e-3}

@@ -15,7 +15,7 @@ from tactileforge.data.frames.encoded import Blob, EncodedFrames
 from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.datasets.reading.layout import check_action, check_sensor, parse_background
-from tactileforge.datasets.samples.layout import NEWTONS, SECONDS, SampleLayout
+from tactileforge.datasets.samples.layout import SECONDS, SampleLayout, newtons
 from tactileforge.datasets.samples.places import (
     VIDEOS,
     fields_of,
@@ -172,7 +172,7 @@ class _Opening(UnitValues):
         force = np.stack([empty if axis is None else axis for axis in axes], axis=1)
         if np.isnan(force).all():
             return None
-        factors = np.array(keys.sign) * NEWTONS[keys.unit]
+        factors = np.array(keys.sign) * newtons(keys)
         return np.asarray(force * factors, np.float32)
 
     def _action(

@@ -249,7 +249,9 @@ def read_picture(path: Path) -> Tensor:
     """
     if not path.is_file():
         raise DataNotFoundError(f"{path} does not exist; give the folder of the ball presses")
-    picture = cv2.imread(str(path))
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if picture is None:
         raise DataError(f"{path} is not an image")
+    if picture.dtype != np.uint8:
+        raise DataError(f"{path}: {picture.dtype} pixels; convert it to 8 bits a channel")
     return torch.from_numpy(picture[..., ::-1].copy()).permute(2, 0, 1)

@@ -1,0 +1,82 @@
+"""Forces other than 0 where nothing touches, by the pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+import numpy as np
+
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data.frames.small import shrink, strongest
+from tactileforge.data.labels.doubts import Doubts, Suspicion
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.sensors.specs import spec
+
+#: Smallest offset, as a share of the scale of its axis; fainter touches may not show in pictures.
+_OFFSET = 0.05
+#: Largest difference from the background of a picture without contact, grey levels: noise of real
+#: videos reaches 1.8, and the faintest touches begin at 2.5.
+NO_CONTACT = 2.0
+#: Recordings of a set that are looked at before training.
+_LOOKED = 8
+
+
+def untared(recording: Recording) -> Suspicion | None:
+    """Find a force that stays while nothing touches; decodes a few frames where it may be.
+
+    Args:
+        recording: The recording; needs a background to tell.
+
+    Raises:
+        DataError: A frame cannot be decoded.
+    """
+    force, rest = recording.force, recording.no_contact
+    if (
+        force is None
+        or rest is None
+        or _is_spread(recording)
+        or len(force) != len(recording.frames)
+    ):
+        return None
+    scale = np.ones(3)
+    with suppress(ConfigError):  # the sensor is not installed here
+        scale = np.array(spec(recording.sensor).force_scale)
+    known = np.flatnonzero(np.isfinite(force).any(axis=1))
+    if not len(known) or rest.shape != recording.frames.shape:
+        return None
+    level = np.nanmax(np.abs(force[known]) / scale, axis=1)
+    rows = sorted({0, len(known) - 1, int(level.argmin())})
+    if level[rows].max() <= _OFFSET:
+        return None
+    still = np.median([shrink(frame) for frame in rest.read(range(min(len(rest), 5)))], axis=0)
+    frames = recording.frames.read([int(known[row]) for row in rows])
+    change = [strongest(shrink(frame) - still.astype(np.float32)) for frame in frames]
+    resting = [row for row, level_ in zip(rows, change, strict=True) if level_ < NO_CONTACT]
+    if not resting or level[resting].min() <= _OFFSET:
+        return None
+    row = min(resting, key=lambda row: float(level[row]))
+    values = ", ".join(f"{axis:.2g}" for axis in np.nan_to_num(force[known[row]]))
+    return Suspicion("untared_force", float(level[row]), f"({values}) N where nothing touches")
+
+
+def add_untared(doubts: Doubts, recordings: Sequence[Recording]) -> None:
+    """Look at some recordings of a set.
+
+    Args:
+        doubts: Doubts about the set, which are added to.
+        recordings: Recordings of the set.
+    """
+    able = [one for one in recordings if one.force is not None and one.no_contact is not None]
+    for place in np.unique(np.linspace(0, len(able) - 1, min(_LOOKED, len(able))).round()):
+        with suppress(DataError):  # told where it is read
+            if found := untared(able[int(place)]):
+                doubts.flag(able[int(place)], found)
+
+
+def _is_spread(recording: Recording) -> bool:
+    """Whether the background is of frames from all over the recording, which may touch."""
+    rest = recording.no_contact
+    if not isinstance(rest, FrameSubset) or not len(rest):
+        return False
+    return 2 * (max(rest.rows) - min(rest.rows)) >= len(recording.frames) > 1

@@ -1,0 +1,63 @@
+"""Stretches of a recording where forces stay the same, or are not there yet."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Longest plausible run of one and the same force other than 0, s, and share of the recording:
+#: strain gauges have noise.
+_STUCK, _STUCK_SHARE = 1.0, 0.25
+#: The same for a sensor with noise before and after: at most this share of its other samples equal
+#: the one before.
+_NOISY_STUCK, _NOISE = 2.0, 0.1
+#: Rows from which constant forces are no coincidence.
+_FRAMES = 10
+#: Longest plausible time without forces before the first or after the last, s, and share of the
+#: recording; and share of the rows between that have one, for forces that are not rare.
+_AWAY, _AWAY_SHARE, _WHOLE = 1.0, 0.1, 0.9
+
+
+def stuck(force: NDArray[np.floating], times: NDArray[np.float64]) -> str:
+    """Longest time of one and the same force other than 0, in words; "" for a plausible one.
+
+    Args:
+        force: Forces, (T, 3), N.
+        times: Times of the rows, (T,), s.
+    """
+    if len(force) != len(times) or len(force) < _FRAMES:
+        return ""
+    same = (force[1:] == force[:-1]).all(axis=1) & (force[1:] != 0).any(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
+    runs = edges.reshape(-1, 2)
+    # a whole recording of one force is said of the set, or is a still that was filmed
+    if not len(runs) or same.all():
+        return ""
+    lengths = times[runs[:, 1]] - times[runs[:, 0]]
+    start, stop = runs[int(lengths.argmax())]
+    longest = float(lengths.max())
+    others = np.delete(same, slice(start, stop))
+    is_noisy = len(others) >= _FRAMES and others.mean() <= _NOISE
+    most = max(_STUCK, _STUCK_SHARE * float(times[-1] - times[0]))
+    most = min(most, _NOISY_STUCK) if is_noisy else most
+    return f"{longest:.3g} s of one and the same force" if longest > most else ""
+
+
+def away(force: NDArray[np.floating], times: NDArray[np.float64]) -> str:
+    """Time without forces before the first or after the last, in words; "" for a short one.
+
+    Args:
+        force: Forces, (T, 3), N; NaN for a missing one.
+        times: Times of the rows, (T,), s.
+    """
+    known = np.flatnonzero(np.isfinite(force).any(axis=1))
+    if len(force) != len(times) or not len(known):
+        return ""
+    if len(known) < _WHOLE * max(2, known[-1] - known[0] + 1):
+        return ""
+    late, early = float(times[known[0]] - times[0]), float(times[-1] - times[known[-1]])
+    if max(late, early) <= max(_AWAY, _AWAY_SHARE * float(times[-1] - times[0])):
+        return ""
+    if late >= early:
+        return f"{late:.3g} s until the first force"
+    return f"{early:.3g} s after the last force"

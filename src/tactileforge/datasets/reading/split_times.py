@@ -1,0 +1,45 @@
+"""Times in two columns, whole seconds and the part of a second, as ROS and C write them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeAlias
+
+#: Cells of a row, by their columns.
+Cells: TypeAlias = Mapping[str, str]
+
+_SECONDS = re.compile(r"(?<![a-z])(secs?|seconds?)(?![a-z])")
+#: Beginnings of words for a part of a second, how many make one, and their seconds.
+_PARTS = {"nano": 10**9, "n": 10**9, "micro": 10**6, "u": 10**6, "milli": 10**3, "m": 10**3}
+
+
+def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[Cells], float]:
+    """Function from the cells of a row to the part of a second beside its whole seconds.
+
+    Args:
+        column: Column of the seconds, such as ``secs``, ``sec`` or ``stamp.sec``.
+        rows: Place and cells of each row.
+
+    Returns:
+        The function; 0 for every row without a second column, or where the numbers are not whole
+        seconds and parts of one.
+
+    Example:
+        >>> rows = [("row 2", {"stamp.sec": "17", "stamp.nanosec": "250000000"})]
+        >>> part_of_second("stamp.sec", rows)(rows[0][1])
+        0.25
+    """
+    header = {name.casefold().strip(): name for name in (rows[0][1] if rows else {})}
+    plain = column.casefold().strip()
+    for begin, count in _PARTS.items() if _SECONDS.search(plain) else ():
+        for word in (_SECONDS.sub(rf"{begin}\1", plain), _SECONDS.sub(begin, plain)):
+            beside = header.get(word)
+            if beside is not None and all(_fits(cells, column, beside, count) for _, cells in rows):
+                return lambda cells, beside=beside, count=count: int(cells[beside]) / count  # type: ignore[misc]
+    return lambda cells: 0.0
+
+
+def _fits(cells: Cells, column: str, beside: str, count: int) -> bool:
+    whole, part = cells[column], cells[beside]
+    return whole.isdecimal() and part.isdecimal() and int(part) < count
