@@ -58,6 +58,13 @@ def late(row: int) -> dict[str, Any]:
     return {"force": force}
 
 
+def sparse(every: int) -> dict[str, Any]:
+    force = np.full((90, 3), np.nan, np.float32)
+    force[::every] = 0
+    force[::every, 2] = np.linspace(0, 9, 90)[::every]
+    return {"force": force}
+
+
 def exchanged() -> dict[str, Any]:
     force = np.zeros((90, 3), np.float32)
     force[:, 0] = np.linspace(0, 6, 90)
@@ -104,6 +111,7 @@ FAULTS: dict[str, tuple[dict[str, Any], float, str]] = {
     "pulling_force": (scaled(-2), 2, "down to -2 N along z"),
     "stuck_force": (stuck(40), 1.63, "s of one and the same force"),
     "forces_apart": (late(40), 40 / 30, "1.33 s until the first force"),
+    "forces_between": (sparse(3), 0.66, "30 of 88 frames from the first force to the last have"),
     "axes_exchanged": (exchanged(), 4, "largest along x, with one sign, 4 times z"),
     "untared_force": (
         {"force": np.full((90, 3), 1.4, np.float32) + np.arange(90)[:, None] * np.float32(1e-3)},

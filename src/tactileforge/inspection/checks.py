@@ -124,6 +124,12 @@ REASONS = {
         "the last: its sensor was not running, or its times are late.",
         "s",
     ),
+    "forces_between": Reason(
+        "Frames between have no force",
+        "A clip learns force where all of its frames have one. With a label in every third frame, "
+        "hardly any clip does. Forces on times of their own are interpolated.",
+        "share of the frames",
+    ),
     "pulling_force": Reason(
         "Pulling",
         "The normal force is negative, but an object cannot pull the gel: pressing has to be "

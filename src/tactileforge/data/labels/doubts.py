@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.labels.force_axes import ForceAxes
-from tactileforge.data.labels.force_runs import away, stuck
+from tactileforge.data.labels.force_runs import away, between, stuck
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.specs import spec
 
@@ -48,6 +48,8 @@ FIXES = {
     "untared_force": "was the sensor of force tared? Or does something touch in the background?",
     "stuck_force": "did the sensor of force stop? leave the cells empty from there on",
     "forces_apart": "did its sensor start later, or stop earlier? Or is its clock another?",
+    "forces_between": "a clip learns force where all of its frames have one: label those between, "
+    "or give forces on times of their own (time:), which are interpolated",
     "tiny_pictures": "give the pictures as they were taken",
     "views_elsewhere": "give the views times on the clock of the frames",
 }
@@ -222,6 +224,9 @@ def _force(recording: Recording) -> Iterator[Suspicion]:
         return
     if words := away(force, recording.times):
         yield Suspicion("forces_apart", float(words.split()[0]), words)
+    share, words = between(force)
+    if words:
+        yield Suspicion("forces_between", share, words)
     # an axis without any value was not measured; as NaN, it would be the largest of all
     force = np.where(np.isfinite(force).any(axis=0), force, 0.0)
     scale = np.ones(3)

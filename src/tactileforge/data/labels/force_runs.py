@@ -43,6 +43,20 @@ def stuck(force: NDArray[np.floating], times: NDArray[np.float64]) -> str:
     return f"{longest:.3g} s of one and the same force" if longest > most else ""
 
 
+def between(force: NDArray[np.floating]) -> tuple[float, str]:
+    """Share of the frames from the first force to the last that have none, and in words.
+
+    Args:
+        force: Forces, (T, 3), N; NaN for a missing one.
+    """
+    known = np.flatnonzero(np.isfinite(force).any(axis=1))
+    count = int(known[-1] - known[0]) + 1 if len(known) else 0
+    if count == len(known):
+        return 0.0, ""
+    words = f"{len(known)} of {count} frames from the first force to the last have one"
+    return 1 - len(known) / count, words
+
+
 def away(force: NDArray[np.floating], times: NDArray[np.float64]) -> str:
     """Time without forces before the first or after the last, in words; "" for a short one.
 
