@@ -7,7 +7,7 @@ changes from frame to frame, and gel that sticks to the object stands still.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -190,6 +190,8 @@ class ContactSolver:
         kernel = self.kernel
         old = pose if state.pose is None else state.pose
         entered = self.overlap(pose)
+        if not bool((entered > 0).any() | state.pressure.any() | state.shear.any()):
+            return replace(state, pose=pose, felt=state.pressure)  # clear of the gel, as before
         # Fields are kept in the frames of the objects: a turn of the object turns the old shear.
         before = rotated(state.shear, old[:, 2] - pose[:, 2])
         tilted = entered - kernel.lift(before)
