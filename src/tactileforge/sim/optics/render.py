@@ -145,7 +145,9 @@ class Optics:
     def _scattered(self, dent: Tensor) -> Tensor:
         """Change by the coarse features, (B, 3, H, W)."""
         coarse = self._coarse(dent).clamp(-self._limits, self._limits)
-        change = torch.einsum("bkhw,kchw->bchw", coarse, self._smooth)
+        change = coarse[:, :1] * self._smooth[0]
+        for number, weight in enumerate(self._smooth[1:], 1):
+            change.addcmul_(coarse[:, number, None], weight)
         return self._coarse.enlarge(change)
 
     def _shade(self, dent: Tensor, out: Tensor) -> None:
