@@ -89,7 +89,7 @@ class Shape:
         axis = (np.arange(pixels) - (pixels - 1) / 2) * spacing_mm
         return self.heights(axis).astype(np.float32)
 
-    def heights(self, axis: Array) -> Array:
+    def heights(self, axis: NDArray[np.floating]) -> Array:
         """Heights on the square grid of the places ``axis`` along x and y, mm (n, n)."""
         # Beyond its radius a shape ends: its outlines are evaluated in the middle only.
         near = np.abs(axis) <= self.radius + _AROUND

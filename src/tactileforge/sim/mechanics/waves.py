@@ -97,4 +97,5 @@ def table(response: Tensor, odd: tuple[int, ...] = ()) -> Tensor:
 def exchanged(spectrum: Tensor, *axes: int) -> Tensor:
     """Spectra with cosines and sines exchanged along axes."""
     m = spectrum.shape[-1] // 2
-    return spectrum.unflatten(-2, (2, m)).unflatten(-1, (2, m)).flip(axes).view(spectrum.shape)
+    apart = spectrum.view(*spectrum.shape[:-2], 2, m, 2, m)
+    return apart.flip(axes).view(spectrum.shape)
