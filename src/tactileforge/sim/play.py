@@ -158,7 +158,8 @@ class _Film:
 
     def shots(self, first: int, part: ContactState) -> Iterator[SimFrames]:
         """Renders a batch of moments; ``first`` is the number of its first frame."""
-        fields = self.surface.fields(part)
+        touched = bool(part.strain[:, 0].any())
+        fields = self.surface.fields(part) if touched else None
         for place, view in self.views:
             pictures, displaced = view.pictures(first, self.surface, fields, part)
             force, torque = part.force.cpu().numpy(), part.torque.cpu().numpy()

@@ -78,14 +78,14 @@ class SensorView:
         self.codec = Codec(self.optics.unit.camera, self.shrink)
 
     def pictures(
-        self, first: int, surface: GelSurface, fields: Fields, part: ContactState
+        self, first: int, surface: GelSurface, fields: Fields | None, part: ContactState
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
         """Renders a batch of moments.
 
         Args:
             first: Number of the first frame, the seed of its noise.
             surface: Surface of the gel.
-            fields: Fields of these moments, from `GelSurface.fields`.
+            fields: Fields of these moments, from `GelSurface.fields`; None for untouched gels.
             part: The moments.
 
         Returns:
@@ -93,7 +93,11 @@ class SensorView:
         """
         # From the strain, not the force: on lifting, a viscous gel stays dented without a force.
         touched = (part.strain[:, 0].amax((1, 2)) > 0)[:, None, None]
-        dent = torch.where(touched, surface.picture(fields, part, self.places), 0.0)
+        if fields is None:
+            dent = self.places.new_zeros(len(part.pose), *self.places.shape[:2])
+        else:
+            dent = surface.picture(fields, part, self.places)
+            dent = dent if bool(touched.all()) else torch.where(touched, dent, 0.0)
         drift = None if self.drift is None else self.drift[first : first + len(dent)]
         at_markers, at_cells = self._lateral(surface, part)
         pictures = self.optics.render(dent, self._motion(at_markers), first, drift)

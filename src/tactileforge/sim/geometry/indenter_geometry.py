@@ -30,6 +30,8 @@ FILLET = 0.2
 CELLS = 4.0
 #: Largest distance of any part of a shape from its middle, mm.
 REACH = 12.0
+#: Margin around a shape's radius, which is measured in steps of 0.1 mm.
+_AROUND = 0.3
 
 
 @dataclass(frozen=True)
@@ -85,8 +87,15 @@ class Shape:
                 f"{limit:.3g} mm"
             )
         axis = (np.arange(pixels) - (pixels - 1) / 2) * spacing_mm
-        x, y = np.meshgrid(axis, axis)
-        return self.height(x, y).astype(np.float32)
+        return self.heights(axis).astype(np.float32)
+
+    def heights(self, axis: NDArray[np.floating]) -> Array:
+        """Heights on the square grid of the places ``axis`` along x and y, mm (n, n)."""
+        # Beyond its radius a shape ends: its outlines are evaluated in the middle only.
+        near = np.abs(axis) <= self.radius + _AROUND
+        out = np.full((len(axis), len(axis)), DEEP)
+        out[np.ix_(near, near)] = self.height(*np.meshgrid(axis[near], axis[near]))
+        return out
 
 
 def shape_of(

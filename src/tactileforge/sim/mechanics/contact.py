@@ -89,29 +89,34 @@ def _settle(
     t = torch.zeros_like(pressure)
     previous = torch.zeros_like(depth)  # G of the step before; 0 restarts from steepest descent
     for count in range(_STEPS):
-        active = pressure > 0
-        residual = torch.where(active, gap, 0.0)
-        clear = torch.where(touching, gap, 0.0)
-        worst = torch.maximum(residual.abs().amax((1, 2)), (-clear).amax((1, 2)))
+        active = pressure.sign()  # 1 in contact, 0 elsewhere
+        residual = gap * active
+        worst = torch.maximum(residual.amax((1, 2)), -gap.amin((1, 2)))
         settled = worst <= limit
         if is_check_step(count, overlap.device) and bool(settled.all()):
             break
         squares = _dot(residual, residual)  # G
         ratio = torch.where(previous > 0, squares / previous.clamp(min=1e-30), 0.0)
-        t = torch.where(active, residual + ratio[:, None, None] * t, 0.0)  # g + delta G/G_old t
+        # g + delta G/G_old t
+        t = torch.addcmul(residual, ratio[:, None, None], t.mul_(active))
         r = _yielding(kernel, t, soft)
-        tau = _dot(residual, t) / _dot(t, r).clamp(min=1e-30)
-        stepped = (pressure - tau[:, None, None] * t).clamp(min=0)
+        tau = (_dot(residual, t) / _dot(t, r).clamp(min=1e-30))[:, None, None]
+        stepped = torch.addcmul(pressure, tau, t, value=-1).clamp_(min=0)
         # Free points that the object enters (I_ol) join the contact by a step along g. The old
         # direction is conjugate on the old contact only, so a changed contact drops it (delta = 0).
-        joins = (stepped == 0) & (gap < 0) & touching
-        stepped = torch.where(joins, stepped - tau[:, None, None] * gap, stepped)
-        stepped = stepped.clamp(min=0)
-        changed = joins.flatten(1).any(1) | ((stepped == 0) & active).flatten(1).any(1)
+        entered = gap.clamp(max=0).mul_(stepped == 0)
+        stepped.addcmul_(tau, entered, value=-1).clamp_(min=0)
+        changed = ((stepped == 0).logical_and_(active) | (entered < 0)).flatten(1).any(1)
         previous = torch.where(changed, 0.0, squares)
         # A settled contact is frozen: its pressure must not depend on the rest of the batch.
-        pressure = torch.where(settled[:, None, None], pressure, stepped)
-        gap = _yielding(kernel, pressure, soft) - overlap
+        kept = settled[:, None, None]
+        pressure = torch.where(kept, pressure, stepped)
+        # On the same contact the gap follows from the step; else the gel is asked anew.
+        follows = torch.addcmul(gap, tau, r, value=-1)
+        if bool((changed & ~settled).any()):
+            anew = _yielding(kernel, pressure, soft) - overlap
+            follows = torch.where(changed[:, None, None], anew, follows)
+        gap = torch.where(kept, gap, follows)
     return pressure, worst / depth.clamp(min=1e-9), settled
 
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import torch
 from torch import Tensor
 
 from tactileforge.errors import ConfigError
+from tactileforge.sim.mechanics.waves import COLUMNS, ROWS, Waves, exchanged, table
 
 #: Beyond this product of wave number and thickness a layer is a half-space.
 _THICK = 30.0
@@ -138,27 +139,28 @@ class Kernel:
     tangent: Tensor
     coupling: Tensor
 
-    def spectrum(self, traction: Tensor) -> Tensor:
-        """Fourier transform of a field (..., n, n), padded."""
-        out: Tensor = torch.fft.rfft2(traction, s=(2 * self.points, 2 * self.points))
-        return out
-
-    def back(self, spectrum: Tensor) -> Tensor:
-        """The field (..., n, n) of a spectrum."""
-        n = self.points
-        return inverse_transform(spectrum)[..., :n, :n]
+    @cached_property
+    def _solver(self) -> _Solver:
+        return _Solver.of(self)
 
     def press(self, pressure: Tensor) -> Tensor:
         """Depth (mm) of the surface under a pressure (MPa), both (..., n, n)."""
-        return self.back(self.normal * self.spectrum(pressure))
+        by = self._solver
+        return by.waves.field(by.waves.spectrum(pressure).mul_(by.normal))
 
     def drag(self, shear: Tensor) -> Tensor:
         """Lateral displacement (mm) of the surface under shear traction (MPa): (..., 2, n, n)."""
-        return self.back(self.dragged(self.spectrum(shear)))
+        by = self._solver
+        spectrum = by.waves.spectrum(shear)
+        turned = exchanged(spectrum, ROWS, COLUMNS).mul_(by.mixed)
+        return by.waves.field(spectrum.mul_(by.straight).add_(turned.flip(-3)))
 
     def spread(self, pressure: Tensor) -> Tensor:
         """Lateral displacement (mm) of the surface under pressure (MPa): (..., 2, n, n)."""
-        return self.back(1j * self.coupling * self.spectrum(pressure)[..., None, :, :])
+        by = self._solver
+        spectrum = by.waves.spectrum(pressure)
+        x, y = exchanged(spectrum, COLUMNS), exchanged(spectrum, ROWS)
+        return by.waves.field(torch.stack([x, y], -3).mul_(by.coupling))
 
     def lift(self, shear: Tensor) -> Tensor:
         """Depth (mm) of the surface under shear traction (MPa), from (..., 2, n, n).
@@ -166,7 +168,11 @@ class Kernel:
         By reciprocity it is the transpose of `spread`: the gel bulges ahead of a dragging object,
         and sinks behind it.
         """
-        return self.back(self.lifted(self.spectrum(shear)))
+        by = self._solver
+        x, y = by.waves.spectrum(shear).unbind(-3)
+        lifted = exchanged(x, COLUMNS).mul_(by.coupling[0])
+        lifted.addcmul_(exchanged(y, ROWS), by.coupling[1])
+        return by.waves.field(lifted.neg_())
 
     def lifted(self, shear: Tensor) -> Tensor:
         """The spectrum of the depth, for one of the shear traction: (..., 2n, n+1)."""
@@ -178,6 +184,38 @@ class Kernel:
         xx, xy, yy = self.tangent
         x, y = shear.unbind(-3)
         return torch.stack([xx * x + xy * y, xy * x + yy * y], -3)
+
+
+@dataclass(frozen=True)
+class _Solver:
+    """A kernel as factors of the spectra of `waves`.
+
+    Attributes:
+        waves: Transforms of fields.
+        normal: (2 m, 2 m), for pressure to depth.
+        straight: (2, 2 m, 2 m), the parts xx and yy for shear to lateral displacement.
+        mixed: (2 m, 2 m), the part xy.
+        coupling: (2, 2 m, 2 m), x and y, for pressure to lateral displacement.
+    """
+
+    waves: Waves
+    normal: Tensor
+    straight: Tensor
+    mixed: Tensor
+    coupling: Tensor
+
+    @classmethod
+    def of(cls, kernel: Kernel) -> _Solver:
+        m = kernel.points + 1
+        xx, xy, yy = kernel.tangent[:, :m]
+        right, down = kernel.coupling[:, :m]
+        return cls(
+            Waves.of(kernel.points, str(kernel.normal.device)),
+            table(kernel.normal[:m]),
+            table(torch.stack([xx, yy])),
+            table(xy, (ROWS, COLUMNS)),
+            torch.stack([table(right, (COLUMNS,)), table(down, (ROWS,))]),
+        )
 
 
 def kernel(gel: Gel, points: int, spacing: float, device: str = "cpu") -> Kernel:
@@ -228,13 +266,17 @@ def _kernel(
     qy = 2 * math.pi * torch.fft.fftfreq(large, spacing, dtype=torch.float64)[:, None]
     wave = torch.hypot(qx, qy)
     x, y = (q / wave.clamp(min=1e-12) for q in (qx, qy))
+    # The shortest wave of a grid has no sine: a response that is odd in it is 0.
+    odd_x, odd_y = torch.where(qx < qx.max(), x, 0.0), torch.where(qy > qy.min(), y, 0.0)
     of = compliance(gel, wave)
     more = of.along - of.across
     # In axes of the wave compliance is diagonal (along, across); n n^T turns it into x and y.
-    even = torch.stack([of.normal, of.across + more * x**2, more * x * y, of.across + more * y**2])
+    even = torch.stack(
+        [of.normal, of.across + more * x**2, more * odd_x * odd_y, of.across + more * y**2]
+    )
     even = _cut(even.to(torch.complex128), points).real
     # Coupling is odd in the wave vector: times i, its response in space is real.
-    odd = _cut(1j * torch.stack([of.coupling * x, of.coupling * y]), points).imag
+    odd = _cut(1j * torch.stack([of.coupling * odd_x, of.coupling * odd_y]), points).imag
     normal, tangent = even[0], even[1:]
     return Kernel(
         points,
@@ -251,5 +293,6 @@ def _cut(spectrum: Tensor, points: int) -> Tensor:
     field = torch.fft.irfft2(spectrum, s=(large, large))
     rows = torch.arange(-points, points) % large
     part = field[..., rows, :][..., rows]
+    part[..., 0, 0] = 0  # the corner, too far to act on any point, has no opposite to be odd with
     out: Tensor = torch.fft.rfft2(torch.fft.ifftshift(part, dim=(-2, -1)))
     return out

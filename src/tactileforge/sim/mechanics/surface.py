@@ -89,21 +89,44 @@ class GelSurface:
         Returns:
             float32 (B, H, W), mm into the gel, from its surface at rest.
         """
-        n = self.n
-        x, y = _unplaced(places, contact.pose)
-        there = torch.stack([x, y], -1).div_(self.spacing)
+        # Frame by frame: what belongs to one fits a processor's cache.
+        x, y = (part.contiguous() for part in places.unbind(-1))
+        spots, far = torch.view_as_complex(places), x.square().addcmul_(y, y)
+        out = places.new_empty(len(contact.pose), *places.shape[:2])
+        for frame, depth in enumerate(out):
+            turn, shift, plane, high = _affine(contact, frame)
+            reach = (x * plane[0]).addcmul_(y, plane[1]).addcmul_(far, plane[2]).add_(high)
+            depth.copy_(self._frame(fields, contact, frame, spots * turn + shift, reach))
+        return out
+
+    def _frame(
+        self, fields: Fields, contact: ContactState, frame: int, spots: Tensor, reach: Tensor
+    ) -> Tensor:
+        """One frame of `picture`, (H, W).
+
+        Args:
+            fields: Fields of the moments.
+            contact: The moments.
+            frame: Number of the moment.
+            spots: complex64 (H, W), places of the pixels in the object's frame, mm.
+            reach: float32 (H, W), overlap of the object's lowest plane with the gel, mm.
+        """
+        n, here = self.n, slice(frame, frame + 1)
+        there = torch.view_as_real(spots.mul_(2 / (n * self.spacing)))[None]
         # Points lie at the centres of cells; the solver's grid sits in the middle of the wide one,
         # whose points are those of the grid and one between each two of them.
-        depth = F.grid_sample(fields.depth, (there - 0.25) / n, align_corners=False)[:, 0]
-        there *= 2 / n
-        heights = self.fine.expand(len(x), -1, -1, -1)
-        reach = contact.overlap(x, y, _sample(heights, there, "border"))
+        wide = (there / 2).sub_(0.25 / n)
+        depth = F.grid_sample(fields.depth[here], wide, align_corners=False)[0, 0]
+        fine = self.fine if len(self.fine) == 1 else self.fine[here]
+        more = reach.sub_(_sample(fine, there, "border")[0])
         if fields.strain is not None:
-            reach -= contact.give[:, None, None] * _sample(fields.strain, there)
-        more = torch.where(there.abs().amax(-1) < 1, reach - depth, -torch.inf)
-        more *= self._shared(contact.give)
-        filled = more.clamp(max=0).mul_(_sample(fields.inside, there)).nan_to_num_()
-        return depth.add_(filled).add_(more.clamp_(min=0))
+            more -= contact.give[frame] * _sample(fields.strain[here], there)[0]
+        more -= depth
+        x, y = there[0].abs().unbind(-1)
+        more *= torch.maximum(x, y) < 1
+        more *= self._shared(contact.give[frame])
+        inside = _sample(fields.inside[here], there)[0]
+        return depth.add_(more.clamp(min=0)).addcmul_(more.clamp_(max=0), inside)
 
     def lateral(self, contact: ContactState, places: Tensor) -> Tensor:
         """Lateral displacement of points of the surface.
@@ -129,13 +152,13 @@ class GelSurface:
         return torch.stack([cos * x - sin * y, sin * x + cos * y], -1)
 
     def _shared(self, give: Tensor) -> Tensor:
-        """Share of the finest shape of soft objects taken by the gel, (B, 1, 1); 1 for rigid ones.
+        """Share of the finest shape of soft objects taken by the gel; 1 for rigid ones.
 
         A wave q on a bed of springs of compliance g presses the gel against its stiffness
         k = q / (2 (1 - nu^2)) over the modulus: the gel takes 1 / (1 + g k) of it.
         """
         stiff = math.pi / self.spacing / (2 * (1 - self.poisson**2))
-        return 1 / (1 + stiff * give[:, None, None])
+        return 1 / (1 + stiff * give)
 
     def _spectrum(self, field: Tensor) -> Tensor:
         """Fourier transform of a field, centred on a zero-padded grid of twice its width."""
@@ -153,6 +176,24 @@ def _continued(pressure: Tensor) -> Tensor:
     touching = F.avg_pool2d((pressure > 0).float(), 3, 1, 1)
     near = F.avg_pool2d(pressure, 3, 1, 1) / touching.clamp(min=1 / 9)
     return torch.where(touching > 0.99, pressure, near)
+
+
+def _affine(contact: ContactState, frame: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Maps from places in the image to the object's frame, and to its overlap without its heights.
+
+    Returns:
+        Factor and shift of places as complex numbers x + i y, mm; factors (3,) of x, y and their
+        squared length, and the constant, of the overlap of the object's lowest plane with the gel,
+        mm.
+    """
+    pose = contact.pose[frame]
+    cos, sin = torch.cos(pose[2]), torch.sin(pose[2])
+    turn = torch.complex(cos, -sin)
+    shift = -torch.complex(pose[0], pose[1]) * turn
+    tilt = pose[4:]
+    across, down = cos * tilt[0] - sin * tilt[1], sin * tilt[0] + cos * tilt[1]
+    high = contact.depth[frame] - shift.real * tilt[0] - shift.imag * tilt[1]
+    return turn, shift, torch.stack([-across, -down, -contact.bend[frame]]), high
 
 
 def _sample(field: Tensor, there: Tensor, padding: str = "zeros") -> Tensor:

@@ -7,7 +7,7 @@ changes from frame to frame, and gel that sticks to the object stands still.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -15,7 +15,7 @@ from torch import Tensor
 from tactileforge.errors import ConfigError
 from tactileforge.sim.mechanics import contact, friction
 from tactileforge.sim.mechanics.gel import Gel, kernel
-from tactileforge.sim.mechanics.overlap import Overlap, overlapping, rotated
+from tactileforge.sim.mechanics.overlap import Overlap, rotated
 
 #: Tolerance of the first pressure of a step. It only bounds the shear, and is solved again after.
 _FIRST = 5 * contact.TOLERANCE
@@ -48,16 +48,6 @@ class ContactState:
     depth: Tensor
     bend: Tensor
     give: Tensor
-
-    def overlap(self, x: Tensor, y: Tensor, heights: Tensor) -> Tensor:
-        """Overlap of the objects with the undeformed gels, mm, (B, ...).
-
-        Args:
-            x: Places along the objects' own x, mm, (B, ...).
-            y: Places along their y, mm, (B, ...).
-            heights: Heights of the objects there above their lowest planes, mm, (B, ...).
-        """
-        return overlapping(x, y, heights, self.pose, self.depth, self.bend)
 
 
 def contacts(
@@ -190,6 +180,8 @@ class ContactSolver:
         kernel = self.kernel
         old = pose if state.pose is None else state.pose
         entered = self.overlap(pose)
+        if not bool((entered > 0).any() | state.pressure.any() | state.shear.any()):
+            return replace(state, pose=pose, felt=state.pressure)  # clear of the gel, as before
         # Fields are kept in the frames of the objects: a turn of the object turns the old shear.
         before = rotated(state.shear, old[:, 2] - pose[:, 2])
         tilted = entered - kernel.lift(before)

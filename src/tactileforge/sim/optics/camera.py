@@ -68,7 +68,8 @@ class CameraModel:
             levels = torch.arange(_STEPS * 255 + 1, device=light.device) / (_STEPS * 255)
             table = levels.pow_(self.gamma).mul_(255)
             light.clamp_(0, 255).mul_(_STEPS).add_(0.5)
-            torch.take(table, light.long(), out=light)
+            places = light.to(torch.int32).flatten()
+            torch.index_select(table, 0, places, out=light.view(-1))
         return light
 
 
@@ -94,12 +95,23 @@ class Lens:
         """(B, 3, k H, k W) to (B, 3, H, W)."""
         if self.kernel.numel() == 1:
             return picture
+        if self.shrink == 1 and picture.device.type == "cpu" and not picture.requires_grad:
+            return self._blurred(picture)
         x = F.pad(picture, (self.reach,) * 4, mode="replicate").flatten(0, 1)[None]
         count, step = x.shape[1], self.shrink
         across = self.kernel[None].expand(count, -1, -1, -1).contiguous()
         x = F.conv2d(x, across, stride=(1, step), groups=count)
         x = F.conv2d(x, across.transpose(2, 3).contiguous(), stride=(step, 1), groups=count)
         return x.view(*picture.shape[:2], *x.shape[-2:])
+
+    def _blurred(self, picture: Tensor) -> Tensor:
+        """The same without shrinking, two to four times as fast on a CPU."""
+        out, spot = torch.empty_like(picture), self.kernel.flatten().numpy()
+        for before, after in zip(picture.flatten(0, 1), out.flatten(0, 1), strict=True):
+            cv2.sepFilter2D(
+                before.numpy(), -1, spot, spot, dst=after.numpy(), borderType=cv2.BORDER_REPLICATE
+            )
+        return out
 
 
 class Codec:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import cv2
 import torch
 import torch.nn.functional as F
 from torch import Tensor
@@ -89,7 +90,7 @@ class Coarse:
         shrink = max(1, round(CELL / spacing))
         height, width = (math.ceil(n / shrink) for n in size)
         down, right = size[0] * spacing / height, size[1] * spacing / width
-        self.size = height, width
+        self.size, self.full = (height, width), size
         self._rows = [_blur(height, blur / down).to(device) for blur in BLURS]
         self._columns = [_blur(width, blur / right).T.contiguous().to(device) for blur in BLURS]
         self._down = _difference(height, down).to(device)
@@ -114,7 +115,12 @@ class Coarse:
 
     def enlarge(self, field: Tensor) -> Tensor:
         """A field (..., h, w) of the grid, enlarged to the image's resolution (..., H, W)."""
-        return self._taller @ (field @ self._wider)
+        if field.device.type != "cpu" or field.requires_grad:
+            return self._taller @ (field @ self._wider)
+        out = field.new_empty(*field.shape[:-2], *self.full)
+        for small, large in zip(field.flatten(0, -3), out.flatten(0, -3), strict=True):
+            cv2.resize(small.numpy(), self.full[::-1], large.numpy())  # bilinear
+        return out
 
     def _shadow(self, sharp: Tensor, path: list[tuple[int, int, float]]) -> Tensor:
         """Darkness of the surface in the shadow of a light, 0 to 1."""

@@ -60,6 +60,8 @@ class Optics:
         self._smooth = torch.einsum("kpc,phw->kchw", how.coarse, ground).to(device)
         self._limits = how.limits[:, None, None].to(device)
         self._background = unit.background.to(device)
+        # The lens is linear: it blurs what never changes once, and then only changes.
+        self._still = self.lens(self._background[None])
         seed = torch.Generator().manual_seed(unit.seed)
         height, width = self.shown = height // shrink, width // shrink
         bank = torch.randn(3, height + _MARGIN, width + _MARGIN, generator=seed)
@@ -105,22 +107,35 @@ class Optics:
         return pictures
 
     def _light(self, dent: Tensor, motion: Tensor | None) -> Tensor:
-        """The light at the camera, grey levels (B, 3, H, W)."""
+        """The light behind the lens, grey levels (B, 3, H, W)."""
+        dented = dent.flatten(1).any(1).nonzero().flatten()
+        whole = len(dented) == len(dent)
+        change = self._change(dent if whole else dent[dented]) if len(dented) else None
+        if self.markers is not None:
+            out = self._background.repeat(len(dent), 1, 1, 1)
+            if change is not None:
+                out.index_add_(0, dented, change)
+            self.markers.paint(out, motion, self.unit.spacing)
+            return self.lens(out)
+        if change is not None and whole:
+            return self.lens(change).add_(self._still)
+        out = self._still.repeat(len(dent), 1, 1, 1)
+        return out if change is None else out.index_add_(0, dented, self.lens(change))
+
+    def _change(self, dent: Tensor) -> Tensor:
+        """Change of the light by dents, grey levels (B, 3, H, W)."""
         out = self._scattered(dent)
         self._shade(dent, out)
-        out += self._background
         if any(self.unit.face):
             # Flat against an object, the coating shows it: fully from a few tenths of a mm on.
             pressed = (dent / _PRESSED).clamp_(0, 1)
             for channel, change in enumerate(self.unit.face):
                 out[:, channel].add_(pressed, alpha=change)
-        if self.markers is not None:
-            self.markers.paint(out, motion, self.unit.spacing)
         return out
 
     def _film(self, light: Tensor, first: int | None) -> Tensor:
-        """The camera's image of light, float32 (B, 3, H, W)."""
-        out = self.unit.camera.tone(self.lens(light)) + 0.5
+        """The camera's image of the light behind its lens, float32 (B, 3, H, W)."""
+        out = self.unit.camera.tone(light).add_(0.5)
         if first is not None:
             for number, picture in enumerate(out, first):
                 picture += self._grain(number)
@@ -130,7 +145,9 @@ class Optics:
     def _scattered(self, dent: Tensor) -> Tensor:
         """Change by the coarse features, (B, 3, H, W)."""
         coarse = self._coarse(dent).clamp(-self._limits, self._limits)
-        change = torch.einsum("bkhw,kchw->bchw", coarse, self._smooth)
+        change = coarse[:, :1] * self._smooth[0]
+        for number, weight in enumerate(self._smooth[1:], 1):
+            change.addcmul_(coarse[:, number, None], weight)
         return self._coarse.enlarge(change)
 
     def _shade(self, dent: Tensor, out: Tensor) -> None:

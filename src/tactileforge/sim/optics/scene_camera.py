@@ -72,7 +72,7 @@ def _relief(shape: Shape, size: int, side: float) -> tuple[_Image, _Image]:
     fine = 2 * size
     spacing = side / fine
     axis = (np.arange(fine) - (fine - 1) / 2) * spacing
-    high = DEEP - shape.height(*np.meshgrid(axis, axis))
+    high = DEEP - shape.heights(axis)
     down, right = np.gradient(high, spacing)
     slope = np.stack([right, down], axis=-1)
     small = (size, size)
