@@ -93,9 +93,12 @@ def nearest_name(name: str, known: Iterable[str]) -> str:
     Example:
         >>> nearest_name("trian", ["train", "report"])
         "; did you mean 'train'?"
+        >>> nearest_name("fx", ["FX", "FY"])
+        "; did you mean 'FX'?"
     """
-    near = get_close_matches(name, list(known), n=1)
-    return f"; did you mean {near[0]!r}?" if near else "."
+    spelled = {one.casefold(): one for one in known}
+    near = get_close_matches(name.casefold(), list(spelled), n=1)
+    return f"; did you mean {spelled[near[0]]!r}?" if near else "."
 
 
 def check_names(what: str, names: Iterable[str], known: Collection[str], fix: str = "") -> None:

@@ -124,6 +124,7 @@ class VqganEncoder(ConvBackbone):
         ConfigError: The levels do not halve the size evenly.
 
     Example:
+        >>> import torch
         >>> encoder = VqganEncoder([32, 32, 64], image_size=(32, 48)).eval()
         >>> frames = torch.zeros(1, 1, 3, 48, 48, dtype=torch.uint8)
         >>> tokens, vector = encoder(frames, frames[:, 0], encoder.sensor_ids(["digit"]))

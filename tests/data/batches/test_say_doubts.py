@@ -74,6 +74,13 @@ def test_slow_frames(caplog: pytest.LogCaptureFixture) -> None:
     assert lines(caplog, Made(fps=2), frames=1) == [], "one frame has no spacing"
 
 
+def test_recordings_shorter_than_a_clip(caplog: pytest.LogCaptureFixture) -> None:
+    (line,) = lines(caplog, Made(fps=1000))
+    assert line.startswith("data: 3 of 3 recordings last less than half a clip (0.2 s)")
+    assert line.endswith("(made/train0 lasts 0.039 s): is their rate (fps:) too high?")
+    assert lines(caplog, Made(fps=1000), frames=1) == []
+
+
 def test_what_the_reader_has_noticed(caplog: pytest.LogCaptureFixture) -> None:
     assert lines(caplog, Made(notes=["a/x: two orders"])) == ["data: a/x: two orders"]
 

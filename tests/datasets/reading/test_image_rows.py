@@ -71,7 +71,10 @@ def test_a_table_of_many_sequences_asks_for_the_column_of_names(
 
 def test_rows_that_name_nothing(images: Path, write: MakeFile, make_image: MakeFile) -> None:
     write("forces.csv", "file,fx,fy,fz\nrun/7.png,1,2,3\n")
-    with pytest.raises(DataError, match=r"row 2: 'run/7\.png' names no image .*'run/0\.png'"):
+    with pytest.raises(DataError, match=r"row 2: 'run/7\.png' names no image .*'run/\d\.png'"):
+        read(images, **STILLS, force=FORCE)
+    write("forces.csv", "file,fx,fy,fz\nrun/2.pngg,1,2,3\n")
+    with pytest.raises(DataError, match=r"'run/2\.pngg' names no image .*'run/2\.png'"):
         read(images, **STILLS, force=FORCE)
     write("forces.csv", "file,fx,fy,fz\nrun/1.png,1,2,3\n./run/1.png,1,2,3\n")
     with pytest.raises(DataError, match=r"row 3: 'run/1\.png' has a row already"):

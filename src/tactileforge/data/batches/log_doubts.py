@@ -41,6 +41,16 @@ def log_doubts(
     add_untared(doubts, [*train, *val])
     for line in (*getattr(dataset, "notes", ()), *doubts.of_each()):
         log.warning("data: %s", line)
+    span = (frames - 1) * spacing
+    # stills are shown as clips on purpose
+    short = [one for one in train if len(one.times) > 1 and one.times[-1] - one.times[0] < span / 2]
+    if short:
+        first = short[0]
+        log.warning(
+            "data: %d of %d recordings last less than half a clip (%.3g s), so their frames are "
+            "repeated (%s lasts %.3g s): is their rate (fps:) too high?",
+            *(len(short), len(train), span, first.key, first.times[-1] - first.times[0]),
+        )
     periods = [frame_period(one.times) for one in train if len(one.times) > 1]
     slow = [period for period in periods if is_slow(period, spacing, frames)]
     if slow:

@@ -70,5 +70,5 @@ def _force(recording: Recording, force: NDArray[np.floating], row: int) -> str:
     most = ", ".join(f"{axis:g}" for axis in limits(recording.sensor))
     return (
         f"{recording.key}, row {row}: a force of ({values}) N, where {recording.sensor} can feel "
-        f"({most}) N at most; correct its units"
+        f"({most}) N at most; say its unit (force_unit: of a layout), or correct it"
     )

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from posixpath import normpath
 
 from tactileforge.datasets.reading.tables import Row, read_cells
 from tactileforge.errors import ConfigError, DataError
 
+#: Largest number of names that a slip is compared with.
+_COMPARED = 2000
 #: Default columns of image names, for a layout without ``key``.
 KEYS = ("file", "image", "filename", "file_name", "name", "path", "img")
 
@@ -80,9 +83,10 @@ class ImageRows:
             fix = "correct the row, or remove it"
             if sum(image.name == name for image in images) > 1:
                 fix = f"several are called so; give the path from {self.folder} on"
-            first = self._spellings(images[0], path, is_shared)[0]
+            usual = [self._spellings(image, path, is_shared)[0] for image in images]
+            near = (get_close_matches(name, usual[:_COMPARED], n=1) or usual)[0]
             raise DataError(
-                f"{where}: {name!r} names no image in {self.folder} (one that there is: {first!r});"
+                f"{where}: {name!r} names no image in {self.folder} (one that there is: {near!r});"
                 f" {fix}"
             )
 

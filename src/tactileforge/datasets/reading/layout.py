@@ -254,7 +254,10 @@ def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
         return None
     names = list(keys.columns)
     if len(names) != 3:
-        raise ConfigError(f"{where}: columns are those of x, y and z, not {names}")
+        raise ConfigError(
+            f"{where}: columns are those of x, y and z, not {names}; give null to an axis that was "
+            "not measured: [fx, null, fz]"
+        )
     columns = [name for name in names if name is not None]
     if not columns or len(set(columns)) < len(columns):
         raise ConfigError(

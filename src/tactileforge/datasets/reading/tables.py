@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from io import StringIO
 from pathlib import Path
@@ -112,7 +113,8 @@ def _force(
     if impossible_row(force[None], sensor) is not None:
         raise DataError(
             f"{where}: a force of ({', '.join(f'{axis:g}' for axis in row)}) N, where {sensor} "
-            f"can feel {limits(sensor)} N at most; correct its units, or empty the cells"
+            f"can feel {limits(sensor)} N at most; say its unit (force_unit: gf, mN, ...), or "
+            "empty the cells"
         )
     return force
 
@@ -254,7 +256,10 @@ def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[tuple[str, dic
                 )
             line = reader.line_num
             if None in cells:
-                raise DataError(f"{where}: more cells than the header has; quote the commas")
+                raise DataError(
+                    f"{where}: more cells than the header has; quote commas of texts, and write a "
+                    "point for those of decimals"
+                )
             rows.append((where, {name: value.strip() for name, value in cells.items()}))
     return rows
 
@@ -268,9 +273,12 @@ def _number(cell: str, where: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise DataError(
-            f"{where}: {cell!r} is not a finite number; leave the cell empty for no label"
-        )
+        fix = "leave the cell empty for no label"
+        if re.fullmatch(r"[-+]?\d+,\d+", cell):
+            fix = f"write a point for its comma: {cell.replace(',', '.')}"
+        elif match := re.match(r"[-+]?\d+(\.\d+)?(?=\s*[^\W\d])", cell):
+            fix = f"write the number alone: {match[0]}"
+        raise DataError(f"{where}: {cell!r} is not a finite number; {fix}")
     return value
 
 
