@@ -85,9 +85,17 @@ def test_a_table_of_forces_of_single_images_and_a_background(tmp_path: Path) -> 
         rows.append(f"{number}.png,{number}")
     Image.fromarray(np.full((32, 24, 3), 90, np.uint8)).save(tmp_path / "background.png")
     (tmp_path / "forces.csv").write_text("\n".join(rows) + "\n")
-    found = read(tmp_path, guess_layout(tmp_path))
+    guess = guess_layout(tmp_path)
+    assert not [doubt for doubt in guess.doubts if "left out" in doubt]
+    found = read(tmp_path, guess)
     assert sorted(float(touch.force[0, 2]) for touch in found) == list(range(6))
     assert found[0].background()[0, 0, 0] == 90
+
+    (tmp_path / "forces.csv").write_text("\n".join(rows).replace(",", ";") + "\n")
+    (tmp_path / "notes.csv").write_text("day,weather\n1,rain\n")
+    doubts = guess_layout(tmp_path).doubts
+    (line,) = [doubt for doubt in doubts if "left out" in doubt]
+    assert line.startswith("labels: forces.csv and 1 more are left out, since no force and no name")
 
 
 def test_the_command_reads_keeps_and_says_what_is_doubtful(

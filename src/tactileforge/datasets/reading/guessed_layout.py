@@ -65,6 +65,7 @@ def guess_layout(root: Path) -> Guess | None:
     layout |= _background(root, files, layout, doubts)
     layout |= _force(root, touches, layout, tables, doubts)
     layout |= _object(root, touches, layout, tables, doubts)
+    doubts += _left_out(root, _of(files, {".csv"}), layout)
     kind = "videos" if "videos" in layout else f"images, each {layout['each']} a recording"
     options = {"root": str(root), "layouts": {"guessed": layout}}
     return Guess(options=options, format=f"a folder of {kind}", score=0.1, doubts=doubts)
@@ -238,6 +239,23 @@ def _object(
         doubts.append("object: named by the folder of an image")
         return {"object": "{folder}"}
     return {}
+
+
+def _left_out(root: Path, tables: Sequence[Path], layout: Mapping[str, Any]) -> list[str]:
+    """Doubt about tables of which nothing is read."""
+    read = [re.escape(layout[key]["file"]) for key in ("force", "labels") if key in layout]
+    pattern = re.compile(
+        "|".join(read).replace(r"\{stem\}", "[^/]+").replace(r"\{folder\}", "[^/]+")
+    )
+    names = [path.relative_to(root).as_posix() for path in tables]
+    left = [name for name in names if not pattern.fullmatch(name)]
+    if not left:
+        return []
+    more = f" and {len(left) - 1} more are" if len(left) > 1 else " is"
+    fix = "give force: or labels: of the layout, if it has some (commas, decimals with points)"
+    return [
+        f"labels: {left[0]}{more} left out, since no force and no name of an object was seen; {fix}"
+    ]
 
 
 def _column(header: Sequence[str], pattern: re.Pattern[str]) -> str | None:
