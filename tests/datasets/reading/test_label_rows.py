@@ -38,6 +38,15 @@ def test_a_row_finds_its_file_however_it_spells_it(
     assert [one.object for one in read(tmp_path, **TOUCH)] == ["bolt", "nut"]
 
 
+def test_files_without_a_row_are_noted(tmp_path: Path, make_image: Make, write: Make) -> None:
+    for number in range(3):
+        make_image(f"{number}.png")
+    write("labels.csv", "file,object\n1.png,nut\n")
+    data = Recordings(str(tmp_path), {"a": TOUCH}, val=0)
+    assert [one.object for one in data.recordings("train")] == [None, "nut", None]
+    assert data.notes == ["a/0.png: has no row in labels.csv (and 1 more)"]
+
+
 @pytest.mark.parametrize("spelled", ["take\\0.png", "TAKE/0.PNG", "./take/0.png"])
 def test_a_row_finds_a_file_in_a_folder(
     tmp_path: Path, make_image: Make, write: Make, spelled: str

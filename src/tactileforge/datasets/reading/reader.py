@@ -146,6 +146,8 @@ class LayoutReader:
         video = frames if isinstance(frames, VideoFrames) else None
         clock = self._clocks.times(touch.paths, video, partial(self._path, touch=touch))
         self._doubt(touch, clock.doubt)
+        if layout.labels and not row.cells:
+            self._doubt(touch, f"has no row in {layout.labels}")
         times = clock.times
         force = self._force(touch, clock)
         phrases = [row.fill(phrase, spaced=True) for phrase in layout.text]
