@@ -230,7 +230,7 @@ def test_int8(vit: TactileViT, any_size: Exported, rounded: Path) -> None:
     nodes = onnx.load(done.path).graph.node
     assert sum("Integer" in node.op_type for node in nodes) == 4 + 2  # embed and project
     # two products in attention a block, two of resizing: none of them has weights
-    assert sum(node.op_type == "MatMul" for node in nodes) == 2 * 2 + 2
+    assert sum(node.op_type == "MatMul" for node in nodes) == 2 + 2
 
 
 @pytest.mark.slow
