@@ -145,7 +145,7 @@ def test_frames_become_forces(scripted, model):
     assert len(messages) == 5
     for message in messages:
         assert message["sensor"] == "left"
-        assert len(message["embedding"]) == 512
+        assert len(message["embedding"]) == model.vector_size
         assert message["contact"] is False
         assert message["slip"] is False
         assert math.isfinite(sum(message["force"]))
