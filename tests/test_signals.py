@@ -78,11 +78,12 @@ def test_a_forked_process_ends_by_the_signal() -> None:
 
 @pytest.mark.parametrize("number", ENDING)
 @pytest.mark.parametrize("method", ["fork", "forkserver", "spawn"])
+@pytest.mark.parametrize("how", ["main", "nested"])
 def test_a_worker_ends_with_its_parent_and_by_no_signal(
-    number: signal.Signals, method: str
+    number: signal.Signals, method: str, how: str
 ) -> None:
     """A signal that is pending while it starts would hide one of the parent: it was never ended."""
-    words = [sys.executable, signalled.__file__, method, str(int(number))]
+    words = [sys.executable, signalled.__file__, how, method, str(int(number))]
     done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     with pytest.raises(ProcessLookupError):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
-import multiprocessing.util  # noqa: F401
 import os
 import signal
 import threading
@@ -11,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing import active_children
 from multiprocessing.process import BaseProcess
+from multiprocessing.util import Finalize
 from types import FrameType
 from typing import Any
 from weakref import WeakSet
@@ -22,6 +21,8 @@ _OURS: set[Any] = set()
 _MASKS = threading.local()
 #: Processes started under `held`. A weak set, as each keeps a file descriptor open.
 _STARTED: WeakSet[BaseProcess] = WeakSet()
+#: Number of the process that kills those at its exit.
+_kills_in = 0
 
 
 def _hold_signals() -> None:
@@ -121,6 +122,7 @@ def held() -> Iterator[None]:
     try:
         yield
     finally:
+        _kill_at_exit()
         _STARTED.update(set(active_children()) - others)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
@@ -136,12 +138,19 @@ def leave_to_parent() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
 
 
+def _kill_at_exit() -> None:
+    global _kills_in
+    if _kills_in != os.getpid():  # a forked process has the variable, and not the finalizer
+        # multiprocessing sends its children SIGTERM then, and waits
+        Finalize(None, _end_started, exitpriority=100)
+        _kills_in = os.getpid()
+
+
 def _end_started() -> None:
     # SIGTERM from the parent would not do: it is lost where one of another sender is still pending
+    if threading.current_thread() is threading.main_thread():
+        # torch raises an error in the handler of this signal, for workers that it did not end
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     for process in list(_STARTED):
         if process.is_alive():
             process.kill()
-
-
-# registered after the exit of multiprocessing, imported above, it runs before that waits
-atexit.register(_end_started)

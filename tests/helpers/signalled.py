@@ -30,5 +30,12 @@ def main(method: str, number: str) -> None:
     print(worker.pid, flush=True)
 
 
+def nested(*words: str) -> None:
+    """The same in a process of its own, as a job of a sweep: it ends without `atexit`."""
+    job = multiprocessing.get_context("spawn").Process(target=main, args=words)
+    job.start()
+    job.join()
+
+
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    (main if sys.argv[1] == "main" else nested)(*sys.argv[2:])

@@ -98,6 +98,17 @@ def test_a_broad_smooth_imprint_is_not_light(colours, sigma, size):
 
 
 @pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
+@pytest.mark.parametrize("window", ["round", "frame"])
+@pytest.mark.parametrize("gain", [1.3, 0.8])
+def test_light_is_told_behind_a_window(gain, window, size):
+    x, y = grid(size)
+    away = {"round": np.hypot, "frame": np.maximum}[window]
+    far = away(abs(x - 0.5), abs(y - 0.5))
+    rest = resting(size) * (far < 0.4)[..., None]
+    assert LightCheck(shown(rest))(shown(gain * rest, 1))
+
+
+@pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
 @pytest.mark.parametrize("quarter", range(4))
 def test_a_touch_at_the_border_is_no_leak(quarter, size):
     """A long bar on the border: a slope bright in one colour, and dark in another."""

@@ -9,6 +9,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from tactileforge.errors import ConfigError
+
 #: Largest number of summarised blocks, evenly spaced up to the last.
 BLOCKS = 4
 #: Rows and columns of the cells to average.
@@ -57,7 +59,16 @@ def join_summary(states: Sequence[Tensor], grid: tuple[int, int, int]) -> Tensor
     Args:
         states: float32 (B, L, width) each; see `summarise`.
         grid: Numbers of temporal slots, rows and columns of the patches.
+
+    Raises:
+        ConfigError: A part gives no tokens.
     """
+    for state in states:
+        if not isinstance(state, Tensor) or state.dim() != 3:
+            raise ConfigError(
+                "blocks of this encoder (encoder.transformer.blocks) do not give (B, L, width), "
+                "as a summary needs: give groups= without it, or call its blocks otherwise"
+            )
     return torch.cat([summarise(state, grid) for state in states], dim=1)
 
 

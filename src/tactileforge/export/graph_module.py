@@ -19,9 +19,9 @@ _NOWHERE = -(2**31)
 
 
 class GraphModule(nn.Module):
-    """An encoder with the outputs of a file: ``tokens``, ``cls``, ``vector`` and ``force``.
+    """An encoder with the outputs of a file: ``tokens``, ``cls``, ``force`` and ``vector``.
 
-    ``vector`` is there for models trained here, and ``force`` with a head.
+    ``force`` is there with a head, and ``vector`` for models trained here.
 
     The graph raises an error for a sensor unknown to the encoder, and gives NaN forces for a sensor
     without a force scale.
@@ -49,7 +49,7 @@ class GraphModule(nn.Module):
         self.squash = None if squashed is None else Squash(squashed)
         self.encoder, self.head = encoder, head
         vector, force = ("vector",) * (self.squash is not None), ("force",) * (head is not None)
-        self.outputs = ("tokens", "cls", *vector, *force)
+        self.outputs = ("tokens", "cls", *force, *vector)
         self.frames, self.image_size = encoder.frames, encoder.image_size
         self._states: list[Tensor] = []
         if vector:  # hooks set in `forward` could not be traced
@@ -91,7 +91,7 @@ class GraphModule(nn.Module):
         if self.head is None:
             return tokens, cls, *vector
         force = self.head(ComputedViews.of(self.encoder, tokens, cls), {}).force
-        return tokens, cls, *vector, force * self.newton[sensor][:, None]
+        return tokens, cls, force * self.newton[sensor][:, None], *vector
 
 
 def sensor_rows(encoder: Any) -> dict[str, int]:

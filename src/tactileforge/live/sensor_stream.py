@@ -89,7 +89,7 @@ class Reading(Prediction):
         if self.motion is not None:
             message |= self.motion.message()
         if self.embedding is not None:
-            message["embedding"] = [round(float(x), 5) for x in self.embedding]
+            message["embedding"] = [float(f"{x:.5g}") for x in self.embedding]
         return message
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
@@ -136,7 +137,14 @@ def _follow() -> None:
 
 
 def _work(job: bytes) -> ShardNote:
-    return run_packed(job, _done.__setitem__)
+    try:
+        return run_packed(job, _done.__setitem__)
+    except Exception as error:
+        try:
+            pickle.loads(pickle.dumps(error))
+        except Exception:  # the pool would break, and wait for ever for this living process
+            raise TactileForgeError(f"{type(error).__name__}: {error}") from None
+        raise
 
 
 def _on_ray(jobs: Sequence[ShardJob], processes: int | None, tick: Tick) -> Made:

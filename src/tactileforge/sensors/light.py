@@ -42,6 +42,8 @@ _AGREE, _ROUNDS, _FLAT = 60, 3, 25.0
 _WIDE, _WEAKEST, _FAINTEST, _DARK, _CLEAR, _MEDIAN = 3, 1.5, 0.03, 3.0, 3.0, 4.0
 #: Smallest share of the strongest change that a border shows where the light has changed.
 _REACH = 0.25
+#: Largest level of the borders, as a share of the median, at which they are dark.
+_DIM = 1 / 3
 #: Leak: tolerance for a colour darker, or brighter inwards, grey levels and share of the change;
 #: smallest ratio of the weakest colour to the strongest at the border; smallest share of the change
 #: at the border, and largest at the opposite one (a bar across the picture reaches both).
@@ -71,6 +73,8 @@ class LightCheck:
         self._still = self._small(background)
         self._colours = _by_colour(self._still)
         self._at_borders = _borders(self._still)
+        # a gel behind a round window, or in a frame: its borders tell nothing
+        self._is_dark_around = self._at_borders.max() < _DIM * np.median(self._still)
 
     def __call__(self, picture: NDArray[np.uint8]) -> bool:
         """Whether the light has changed, all over or where nothing touches.
@@ -89,7 +93,7 @@ class LightCheck:
         # a broad smooth imprint has few edges too, but leaves the borders as they were. The fit can
         # at best halve the edges, so with more than twice the limit it is not needed
         reaches_border = np.abs(at_borders).max() > _REACH * strongest
-        if reaches_border and _edges(change) < 2 * _EDGE:
+        if (reaches_border or self._is_dark_around) and _edges(change) < 2 * _EDGE:
             left = _edges(self._without_gain(change))
             if left < min(_EDGE, _SHARE * strongest):
                 return True

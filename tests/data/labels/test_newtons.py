@@ -20,11 +20,18 @@ from tactileforge.errors import ConfigError
         "N": ["fz_n", "Fz [N]", "force_newton", "fzN", "FN", "fz_kg_in_N"],
         "mv": ["fz_mV"],
         "counts": ["Fz [counts]"],
-        "": ["fz", "force_z", "f.z", "Force Z", "z", "gel_fz", "", "data/6d_force", "fz_raw"],
+        "": ["fz", "force_z", "f.z", "Force Z", "z", "gel_fz", "", "data/6d_force", "fz_raw", "Fg"],
     }.items(),
 )
 def test_units_are_read_from_names(unit: str, names: list[str]) -> None:
     assert {name: named_unit(name) for name in names} == dict.fromkeys(names, unit)
+
+
+@pytest.mark.parametrize(
+    "name", ["force.gr_left", "bar_force_z", "force_kp1", "obs/force_rg/g", "fz_un", "lb_force_z"]
+)
+def test_parts_of_ordinary_names_are_no_units(name: str) -> None:
+    assert not named_unit(name)
 
 
 def test_newtons_of_units() -> None:

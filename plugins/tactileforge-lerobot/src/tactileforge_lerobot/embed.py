@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tactileforge.plugin import Model
     from tactileforge_lerobot.episode import Episode
 
-_VECTORS = ("pooled", "cls", "projected")
+_VECTORS = ("pooled", "cls", "projected", "encode")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +29,8 @@ class EmbedOptions:
     """Options of encoding touch as vectors.
 
     Attributes:
-        vector: ``pooled``, the mean of the patch tokens; ``cls``, the class token; or
-            ``projected``, the vector of ``model.encode`` and ``model.stream``.
+        vector: ``pooled``, the mean of the patch tokens; ``cls``, the class token; ``projected``;
+            or ``encode``, the vector of ``model.encode`` and ``model.stream``.
         unknown_sensor: Treatment of a sensor outside of the model's training: ``error``, or
             ``universal``.
         batch_size: Clips per batch.
@@ -119,8 +119,10 @@ class TouchVectors:
         pooled = self.options.vector == "pooled"
         tap: Any = "patches" if pooled else self.options.vector
         unknown_sensor: Any = self.options.unknown_sensor
-        vectors = self.model.features(
-            frames, background, part.sensor, tap=tap, unknown_sensor=unknown_sensor
-        )
+        clip = frames, background, part.sensor
+        if self.options.vector == "encode":
+            vectors = self.model.encode(*clip, unknown_sensor=unknown_sensor)
+        else:
+            vectors = self.model.features(*clip, tap=tap, unknown_sensor=unknown_sensor)
         out: NDArray[np.float32] = (vectors.mean((1, 2, 3)) if pooled else vectors).cpu().numpy()
         return out

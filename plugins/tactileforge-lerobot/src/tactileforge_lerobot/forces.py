@@ -51,7 +51,7 @@ class Forces:
         names = [*named] if isinstance(named, list) else []
         for column, factor in zip(touch.columns, self.reading.sign, strict=True):
             name = str(names[column]) if column < len(names) else ""
-            unit = named_unit(name) or named_unit(touch.force)
+            unit = named_unit(name)
             if unit in ("", "N") or abs(factor) != 1:
                 continue
             newton = NEWTONS.get(unit)

@@ -90,7 +90,9 @@ def rgb_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
         OSError: It cannot be decoded.
     """
     check_depth(image, where)
-    pixels, turned = _decoded(image, where), orientation(image)
+    # before the pixels, which may be followed by a tag that no other door reads
+    turned = orientation(image)
+    pixels = _decoded(image, where)
     return np.ascontiguousarray(_UPRIGHT[turned](pixels)) if turned in _UPRIGHT else pixels
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.small import shrink, strongest
 from tactileforge.data.labels.doubts import Doubts, Suspicion
-from tactileforge.errors import ConfigError, DataError
+from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.sensors.specs import spec
 
 #: Smallest offset, as a share of the scale of its axis; fainter touches may not show in pictures.
@@ -69,7 +69,7 @@ def add_untared(doubts: Doubts, recordings: Sequence[Recording]) -> None:
     """
     able = [one for one in recordings if one.force is not None and one.no_contact is not None]
     for place in np.unique(np.linspace(0, len(able) - 1, min(_LOOKED, len(able))).round()):
-        with suppress(DataError):  # told where it is read
+        with suppress(TactileForgeError, OSError):  # told where it is read
             if found := untared(able[int(place)]):
                 doubts.flag(able[int(place)], found)
 

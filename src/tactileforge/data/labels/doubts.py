@@ -26,6 +26,8 @@ GAP = 2.5
 RANGE = 3.0
 #: Smallest pulling force, as a share of the scale of the normal force and of the largest one here.
 PULL = 0.05
+#: Largest share of frames without a force between others: a few are lost to cleaning.
+SPARSE = 0.05
 #: Smallest side of a picture in which a contact has a shape, pixels.
 TINY = 8
 #: Largest force of a whole set as a share of the scale, below which its unit is doubtful.
@@ -44,7 +46,7 @@ FIXES = {
     "pulling_force": "pressing is positive: does z point out of the gel (sign: [1, 1, -1]), or was "
     "the sensor of force not tared?",
     "axes_exchanged": "in contact, z is the largest and of one sign: are the columns in the order "
-    "x, y, z of the gel?",
+    "x, y, z of the gel? (A slide to one side with much friction looks alike.)",
     "untared_force": "was the sensor of force tared? Or does something touch in the background?",
     "stuck_force": "did the sensor of force stop? leave the cells empty from there on",
     "forces_apart": "did its sensor start later, or stop earlier? Or is its clock another?",
@@ -225,8 +227,10 @@ def _force(recording: Recording) -> Iterator[Suspicion]:
     if words := away(force, recording.times):
         yield Suspicion("forces_apart", float(words.split()[0]), words)
     share, words = between(force)
-    if words:
+    if share > SPARSE:
         yield Suspicion("forces_between", share, words)
+    axes = ForceAxes()
+    axes.add(force)
     # an axis without any value was not measured; as NaN, it would be the largest of all
     force = np.where(np.isfinite(force).any(axis=0), force, 0.0)
     scale = np.ones(3)
@@ -238,8 +242,6 @@ def _force(recording: Recording) -> Iterator[Suspicion]:
         if times > RANGE:
             words = f"{largest[axis]:.3g} N along {'xyz'[axis]}, {times:.2g} times the scale"
             yield Suspicion("force_out_of_range", times, words)
-    axes = ForceAxes()
-    axes.add(force)
     if pressing := axes.pressing():
         words = f"largest along {pressing}, with one sign, {min(axes.ratio, 1e3):.2g} times z"
         yield Suspicion("axes_exchanged", axes.ratio, words)

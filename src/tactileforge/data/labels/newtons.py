@@ -25,8 +25,14 @@ _SPELLED = {unit.casefold(): unit for unit in NEWTONS} | {
 #: Units of a reading before it is a force.
 _NO_FORCE = frozenset(("mv", "volt", "volts", "counts", "adc", "lsb", "psi", "kpa", "mpa", "bar"))
 _PART = re.compile(r"[^\W\d_]+")
+#: Spellings that are also parts of ordinary names (left, bottom: `lb`): units at the end alone.
+_SHORT = frozenset(("g", "gr", "grm", "kg", "kgs", "kp", "kilo", "kilos", "lb", "lbs", "oz", "bar"))
+#: Words before a unit that is parted by a point or a slash.
+_BEFORE = frozenset(("x", "y", "z", "fx", "fy", "fz", "f", "force", "forces"))
 #: A unit behind the name of an axis, without a mark between them: `fzKg`, `forcemN`.
-_GLUED = re.compile(r"(?:force|f)?[xyz]?(kgf?|gf|g|lbf?|lbs|ozf?|[kmu]n|n)", re.IGNORECASE)
+_GLUED = re.compile(
+    r"(?:force|f?[xyz])(kgf?|gf|g|lbf?|lbs|ozf?|[km]?n)|f(kgf|gf|lbf|ozf|[km]?n)", re.IGNORECASE
+)
 #: Largest relative difference of a sign from the factor of its unit.
 _CLOSE = 0.02
 
@@ -41,13 +47,25 @@ def named_unit(name: str) -> str:
         >>> named_unit("fz_kg"), named_unit("Fz [lbf]"), named_unit("force_z_n"), named_unit("fz")
         ('kgf', 'lbf', 'N', '')
     """
-    parts = _PART.findall(name)
-    found = [_SPELLED.get(part.casefold(), "") for part in parts]
-    found += [part.casefold() for part in parts if part.casefold() in _NO_FORCE]
-    units = [unit for unit in found if unit]
-    if not units and (glued := _GLUED.fullmatch(parts[-1] if parts else "")):
-        units = [_SPELLED[glued[1].casefold()]]
+    parts = list(_PART.finditer(name))
+    units = [unit for place in range(len(parts)) if (unit := _unit_at(name, parts, place))]
+    if not units and (glued := _GLUED.fullmatch(parts[-1][0] if parts else "")):
+        units = [_SPELLED[(glued[1] or glued[2]).casefold()]]
     return "N" if "N" in units else units[-1] if units else ""
+
+
+def _unit_at(name: str, parts: Sequence[re.Match[str]], place: int) -> str:
+    part, word = parts[place], parts[place][0].casefold()
+    unit = word if word in _NO_FORCE else _SPELLED.get(word, "")
+    if word == "un":
+        return unit if part[0] == "uN" else ""
+    if word not in _SHORT:
+        return unit
+    rest = name[part.end() :].casefold()
+    mark = name[part.start() - 1 : part.start()]
+    before = parts[place - 1][0].casefold() if place else "f"
+    is_last = re.fullmatch(r"[\W_]*[xyz]?", rest) is not None
+    return unit if is_last and (mark not in ("/", ".") or before in _BEFORE) else ""
 
 
 def newtons_of(

@@ -186,8 +186,9 @@ def _daytimes(stems: Sequence[str]) -> list[int] | None:
         out.append(now + days * _DAY)
     steps = np.diff(out)
     # a counter behind numbers goes up evenly and is faster than a camera
+    is_even = len(steps) > 1 and np.ptp(steps) == 0
     is_camera = (steps > 0).all() and _RATES[0] <= 1e9 / float(np.median(steps)) <= _RATES[1]
-    return out if is_camera else None
+    return out if is_camera and not is_even else None
 
 
 def _of_day(times: list[int], fps: float | None) -> NameTimes:

@@ -33,7 +33,9 @@ def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[
     header = {name.casefold().strip(): name for name in (rows[0][1] if rows else {})}
     plain = column.casefold().strip()
     for begin, count in _PARTS.items() if _SECONDS.search(plain) else ():
-        for word in (_SECONDS.sub(rf"{begin}\1", plain), _SECONDS.sub(begin, plain)):
+        # `nsec`, or the word alone; a letter alone may be anything, such as a mass m
+        alone = [_SECONDS.sub(begin, plain)] if len(begin) > 1 else []
+        for word in (_SECONDS.sub(rf"{begin}\1", plain), *alone):
             beside = header.get(word)
             if beside is not None and all(_fits(cells, column, beside, count) for _, cells in rows):
                 return lambda cells, beside=beside, count=count: int(cells[beside]) / count  # type: ignore[misc]
