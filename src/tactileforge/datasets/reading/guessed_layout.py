@@ -65,7 +65,8 @@ def guess_layout(root: Path) -> Guess | None:
     layout |= _background(root, files, layout, doubts)
     layout |= _force(root, touches, layout, tables, doubts)
     layout |= _object(root, touches, layout, tables, doubts)
-    doubts += _left_out(root, _of(files, {".csv"}), layout)
+    told = [path for path in _of(files, {".csv"}) if any(path.name in one for one in doubts)]
+    doubts += _left_out(root, [*set(_of(files, {".csv"})) - set(told)], layout)
     kind = "videos" if "videos" in layout else f"images, each {layout['each']} a recording"
     options = {"root": str(root), "layouts": {"guessed": layout}}
     return Guess(options=options, format=f"a folder of {kind}", score=0.1, doubts=doubts)
@@ -247,7 +248,7 @@ def _left_out(root: Path, tables: Sequence[Path], layout: Mapping[str, Any]) -> 
     pattern = re.compile(
         "|".join(read).replace(r"\{stem\}", "[^/]+").replace(r"\{folder\}", "[^/]+")
     )
-    names = [path.relative_to(root).as_posix() for path in tables]
+    names = sorted(path.relative_to(root).as_posix() for path in tables)
     left = [name for name in names if not pattern.fullmatch(name)]
     if not left:
         return []
