@@ -36,6 +36,8 @@ from tactileforge.testing.emulators import PtyDevice
 BUFFERS, BIT, BITS = 4, 8, 16
 HEADER, CHECKSUM = b"\x20\x4e", "crc16_modbus"
 FPS = 30.0
+#: Numbers of wrenches that are told apart: a force of their size has to be plausible, N.
+MODULUS = 1000
 
 
 class SyntheticCamera:
@@ -103,11 +105,11 @@ def number_of(picture: NDArray[np.uint8]) -> int:
 
 
 def packets(rate: float, start: float) -> Iterator[bytes]:
-    """Yields packets of wrenches with their number (Fx) and their delay of sending in ms (Fy)."""
+    """Yields packets of wrenches with their number (Fx, modulo) and their delay in ms (Fy)."""
     number = 0
     while True:
         late = time.monotonic() - start - number / rate
-        body = HEADER + struct.pack("<6f", number, late * 1e3, 0, 0, 0, 0)
+        body = HEADER + struct.pack("<6f", number % MODULUS, late * 1e3, 0, 0, 0, 0)
         yield body + CHECKSUMS[CHECKSUM].of(body)
         number += 1
 
@@ -142,7 +144,7 @@ def of_camera(recording: Recording, camera: SyntheticCamera) -> dict[str, Any]:
 
 def of_force(path: Path, clock: float, start: float, rate: float) -> dict[str, Any]:
     times, wrenches = read_raw(path)["force"]
-    numbers = wrenches[:, 0].astype(np.float64)
+    numbers = np.unwrap(wrenches[:, 0].astype(np.float64), period=MODULUS)
     sent = start + numbers / rate + wrenches[:, 1].astype(np.float64) / 1e3
     return {
         "samples": len(times),
