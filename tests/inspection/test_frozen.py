@@ -1,4 +1,4 @@
-"""Frames that stop in the middle of a recording, however long it is."""
+"""Identical frames in the middle of a recording of any length."""
 
 import numpy as np
 import pytest

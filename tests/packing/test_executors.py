@@ -1,4 +1,4 @@
-"""Errors of the processes that make shards."""
+"""Errors of packing processes."""
 
 import pickle
 

@@ -1,4 +1,4 @@
-"""Base class of encoders that are convolutional networks: places of a map are their tokens."""
+"""Base class of convolutional encoders: places of a map are their tokens."""
 
 from __future__ import annotations
 
@@ -11,15 +11,6 @@ from torch import Tensor
 
 from tactileforge.encoders.backbone import Backbone, patches_at
 from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
-
-#: Frames as they are, squashed to size, grey levels / 255.
-AS_THEY_ARE: dict[str, Any] = {
-    "offset": None,
-    "fit": "squash",
-    "filter": "bilinear",
-    "mean": (0.0, 0.0, 0.0),
-    "std": (1.0, 1.0, 1.0),
-}
 
 
 class ConvBackbone(Backbone):

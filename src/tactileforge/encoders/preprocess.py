@@ -36,6 +36,14 @@ SPARSH: dict[str, Any] = {
     "mean": (0.0, 0.0, 0.0),
     "std": (1.0, 1.0, 1.0),
 }
+#: Frames as they are, squashed to size, grey levels / 255.
+AS_THEY_ARE: dict[str, Any] = {
+    "offset": None,
+    "fit": "squash",
+    "filter": "bilinear",
+    "mean": (0.0, 0.0, 0.0),
+    "std": (1.0, 1.0, 1.0),
+}
 
 #: Amplification of differences for a model of photographs.
 GAIN = 1.5

@@ -8,7 +8,8 @@ from typing import Any
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.encoders.convolutional import AS_THEY_ARE, ConvBackbone
+from tactileforge.encoders.convolutional import ConvBackbone
+from tactileforge.encoders.preprocess import AS_THEY_ARE
 
 _GROUPS = 32  # of a norm
 _EPS = 1e-6
@@ -97,7 +98,7 @@ class _Middle(nn.Module):
 
 
 class VqganEncoder(ConvBackbone):
-    """Encodes each frame of a clip to the map that a VQGAN would look up in its code book.
+    """Encodes each frame of a clip to the map before the code book of a VQGAN.
 
     See `ConvBackbone` for tokens; the vector is their mean, and has as few numbers as a token. What
     was trained is the map: give a probe or a head all tokens.

@@ -89,7 +89,7 @@ class FeatureModel(nn.Module):
 
     @property
     def reading(self) -> Literal["summary", "projected"]:
-        """What `encode` gives without groups: ``summary``; ``projected`` of imported weights.
+        """Vector of `encode` without groups: ``summary``; ``projected`` of imported weights.
 
         A linear probe on the summary of a model trained here reads more than on its projected class
         token (on real touches .736 against .681, and .510 against .425 held out; see

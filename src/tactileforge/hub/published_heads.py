@@ -64,7 +64,7 @@ def published_heads(
 
 
 def _force(layout: str, source: Path, sensor: str) -> dict[str, Any]:
-    """Entry of a force head: its plugin, and the newton along each axis that count as 1."""
+    """Entry of a force head: its plugin, and newton per unit of its output along each axis."""
     if layout == "feelanyforce":
         check_names("sensor of FeelAnyForce's forces", [sensor] if sensor else [], [_MINI])
         node = {"name": "published_regressor", "scale": _MINI_NEWTON}

@@ -50,7 +50,7 @@ def frozen_time(recording: Recording, rows: Sequence[int], digests: Sequence[byt
 
 
 def _follow(recording: Recording, digest: bytes, rows: range) -> int:
-    """The last of some rows up to which frames are identical; the first of them is."""
+    """Last of the rows with frames identical to the first."""
     last = rows[0]
     for at in range(1, len(rows), _CHUNK):
         chunk = rows[at : at + _CHUNK]

@@ -32,7 +32,7 @@ def tagged(orientation: int, ending: str) -> bytes:
 
 
 def upright(data: bytes) -> NDArray[np.uint8]:
-    """What Pillow makes of the tag."""
+    """Pixels by Pillow, upright by the tag."""
     with Image.open(BytesIO(data)) as image:
         return np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
 

@@ -126,7 +126,7 @@ def _size_of(image: Image.Image) -> tuple[tuple[int, int], bool]:
 
 
 def _image(path: str, read: Callable[[Image.Image], T]) -> T:
-    """What is read from an image file of 8 bits a channel."""
+    """Read an image file of 8 bits a channel, by a function of the open image."""
     try:
         with open_picture(path) as image:
             check_depth(image, path)

@@ -23,7 +23,7 @@ _LOOKED = 8
 
 
 def untared(recording: Recording) -> Suspicion | None:
-    """Find a force that stays while nothing touches; decodes a few frames where it may be.
+    """Find a force without contact; decodes a few frames of doubtful recordings.
 
     Args:
         recording: The recording; needs a background to tell.
@@ -75,7 +75,7 @@ def add_untared(doubts: Doubts, recordings: Sequence[Recording]) -> None:
 
 
 def _is_spread(recording: Recording) -> bool:
-    """Whether the background is of frames from all over the recording, which may touch."""
+    """Whether the background has frames from all over the recording, perhaps in contact."""
     rest = recording.no_contact
     if not isinstance(rest, FrameSubset) or not len(rest):
         return False

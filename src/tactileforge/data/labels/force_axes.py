@@ -1,4 +1,4 @@
-"""Axes of forces that look exchanged: shear with the size and sign of pressing."""
+"""Exchanged axes of forces: shear with the size and sign of pressing."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ForceAxes:
         self._negative += (touching < 0).sum(axis=0)
 
     def pressing(self) -> str:
-        """The axis that presses in place of z, ``x`` or ``y``; "" where z does, or few rows tell.
+        """Axis of pressing in place of z, ``x`` or ``y``; "" for z, or with few rows.
 
         Example:
             >>> axes = ForceAxes()

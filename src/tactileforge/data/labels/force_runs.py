@@ -1,4 +1,4 @@
-"""Stretches of a recording where forces stay the same, or are not there yet."""
+"""Stretches of a recording with constant forces, or without any."""
 
 from __future__ import annotations
 

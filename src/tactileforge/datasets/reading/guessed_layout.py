@@ -65,8 +65,8 @@ def guess_layout(root: Path) -> Guess | None:
     layout |= _background(root, files, layout, doubts)
     layout |= _force(root, touches, layout, tables, doubts)
     layout |= _object(root, touches, layout, tables, doubts)
-    told = [path for path in _of(files, {".csv"}) if any(path.name in one for one in doubts)]
-    doubts += _left_out(root, [*set(_of(files, {".csv"})) - set(told)], layout)
+    untold = [path for path in _of(files, {".csv"}) if not any(path.name in x for x in doubts)]
+    doubts += _left_out(root, untold, layout)
     kind = "videos" if "videos" in layout else f"images, each {layout['each']} a recording"
     options = {"root": str(root), "layouts": {"guessed": layout}}
     return Guess(options=options, format=f"a folder of {kind}", score=0.1, doubts=doubts)
@@ -243,7 +243,7 @@ def _object(
 
 
 def _left_out(root: Path, tables: Sequence[Path], layout: Mapping[str, Any]) -> list[str]:
-    """Doubt about tables of which nothing is read."""
+    """Doubt about unread tables."""
     read = [re.escape(layout[key]["file"]) for key in ("force", "labels") if key in layout]
     pattern = re.compile(
         "|".join(read).replace(r"\{stem\}", "[^/]+").replace(r"\{folder\}", "[^/]+")

@@ -146,7 +146,7 @@ def _stamps(columns: Sequence[Sequence[Decimal]], unit: str | None) -> list[int]
 
 
 def _part_ns(column: Sequence[Decimal]) -> int:
-    """Nanoseconds of a unit of the numbers behind whole seconds; 0 for numbers that count images.
+    """Nanoseconds of a unit of the numbers behind whole seconds; 0 for counters of images.
 
     A counter goes up by 1 all along, and within a second not beyond the fastest camera.
     """
@@ -173,7 +173,7 @@ def _lost_zeros(stems: Sequence[str]) -> bool:
 
 
 def _daytimes(stems: Sequence[str]) -> list[int] | None:
-    """Times of day in names, ns, over midnight; None without them, or for what is no time."""
+    """Times of day in names, ns, over midnight; None without plausible ones."""
     found = [_DAYTIME.search(stem) for stem in stems]
     if not all(found):
         return None

@@ -1,4 +1,4 @@
-"""Published files that are known by name, but cannot be imported, and why."""
+"""Published files recognised by name and refused, with reasons."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tactileforge.encoders.published.layout import State
 
 @dataclass(frozen=True)
 class KnownFile:
-    """A published file that is not imported.
+    """A refused published file.
 
     Attributes:
         marks: Patterns of names of tensors; each fits at least one tensor of such a file.

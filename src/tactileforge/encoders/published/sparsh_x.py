@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from torch import Tensor
 
+from tactileforge.encoders.preprocess import AS_THEY_ARE
 from tactileforge.encoders.published.layout import (
     ConversionPlan,
     Keys,
@@ -27,13 +26,7 @@ _IMAGE = 224  # pixels; the files do not hold it
 _EMBED = "patch_embed.img.proj"
 _BANDS = "pos_embeds.img.frequency_bands"
 #: Its cut from the fisheye picture is not published: the central square is taken.
-_PIXELS: dict[str, Any] = {
-    "offset": None,
-    "fit": "cover",
-    "filter": "bilinear",
-    "mean": (0.0, 0.0, 0.0),
-    "std": (1.0, 1.0, 1.0),
-}
+_PIXELS = AS_THEY_ARE | {"fit": "cover"}
 
 
 def _plan(state: State) -> ConversionPlan:

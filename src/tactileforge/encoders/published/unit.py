@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 
-from tactileforge.encoders.convolutional import AS_THEY_ARE
+from tactileforge.encoders.preprocess import AS_THEY_ARE
 from tactileforge.encoders.published.layout import (
     ConversionPlan,
     Keys,

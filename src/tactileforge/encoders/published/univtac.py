@@ -1,10 +1,10 @@
-"""UniVTAC's tactile encoder: a ResNet-18 trained on simulated touch to rebuild what made it."""
+"""UniVTAC's tactile encoder: a ResNet-18 trained on simulated touch."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from tactileforge.encoders.convolutional import AS_THEY_ARE
+from tactileforge.encoders.preprocess import AS_THEY_ARE
 from tactileforge.encoders.published.layout import (
     ConversionPlan,
     Keys,
