@@ -25,7 +25,7 @@ from omegaconf import OmegaConf
 import tactileforge
 from tactileforge.calibration.features import force_features
 from tactileforge.calibration.fit import BEFORE, MEAN, AxisFit, fit_axis, folds, hardly_pressed
-from tactileforge.calibration.force import candidates
+from tactileforge.calibration.force import candidates, keep_axes
 from tactileforge.contracts import AXES, Recording
 from tactileforge.datasets.recordings import Recordings
 
@@ -38,6 +38,7 @@ SECONDS = 10.0
 ALL = ("change", "head", "pictures", "both")
 
 Inputs = Mapping[str, NDArray[np.float64]]
+Rows = dict[str, dict[str, Any]]
 
 
 def trial(root: str, name: str) -> Recording:
@@ -69,49 +70,60 @@ def score(predicted: NDArray[np.float64], force: NDArray[np.float64]) -> dict[st
     }
 
 
-def fitted(inputs: Inputs, force: NDArray[np.float64], axis: str, names: Sequence[str]) -> AxisFit:
-    """A fit of some of the candidates to frames in time order."""
-    known = [one for one in candidates("both", axis, inputs) if one.name in names]
-    raw = axis if names == ALL else None
-    return fit_axis(inputs, known, force, folds([len(force)]), axis, raw)
-
-
-def later(recording: Recording, inputs: Inputs, axis: str) -> dict[str, Any]:
-    """Scores after the first ten seconds, by fits to these."""
-    assert recording.force is not None
-    times, force = recording.times, recording.force[:, AXES.index(axis)].astype(np.float64)
-    usable = np.isfinite(force) & np.all([np.isfinite(x) for x in inputs.values()], axis=0)
-    early, late = usable & (times < SECONDS), usable & (times >= SECONDS)
-    first = {name: values[early] for name, values in inputs.items()}
-    rest = {name: values[late] for name, values in inputs.items()}
-    truth, level = force[late], float(force[early].mean())
-    fit = fitted(first, force[early], axis, ALL)
-    kept = None if axis in hardly_pressed(recording.force[early]) else fit.axis
-    row: dict[str, Any] = {
-        "frames": [int(early.sum()), int(late.sum())],
-        "range": [round(float(np.ptp(force[part])), 2) for part in (early, late)],
-        "chosen": kept.chosen if kept else "left out",
-        MEAN: score(np.full(len(truth), level), truth),
-        BEFORE: score(rest[axis], truth),
-        "calibrated": score(kept(rest) if kept else rest[axis], truth),
-    }
-    for name in ALL:
-        alone = fitted(first, force[early], axis, [name]).axis
-        row[f"{name} alone"] = None if alone is None else score(alone(rest), truth)
-    return row
-
-
-def blocks(inputs: Inputs, force: NDArray[np.float64], axis: str) -> dict[str, Any]:
-    """Errors on five blocks of time of the whole trial, each predicted from the others."""
-    fit = fitted(inputs, force, axis, ALL)
-    # an axis that is left out stays what the model says
-    predicted = fit.predicted if fit.axis or fit.before is None else fit.before
+def fitted(inputs: Inputs, forces: NDArray[np.float64]) -> dict[str, AxisFit]:
+    """Fits of all axes to frames in time order, with all candidates."""
+    fold = folds([len(forces)])
     return {
-        "range": round(float(np.ptp(fit.measured)), 2),
-        "chosen": fit.axis.chosen if fit.axis else "left out",
-        "calibrated": score(predicted, fit.measured),
-        "errors": {name: round(error, 3) for name, error in fit.errors.items()},
+        axis: fit_axis(inputs, candidates("both", axis, inputs), column, fold, axis, axis)
+        for axis, column in zip(AXES, forces.T, strict=True)
     }
+
+
+def alone(inputs: Inputs, force: NDArray[np.float64], axis: str, name: str) -> AxisFit:
+    """A fit of one candidate."""
+    known = [one for one in candidates("both", axis, inputs) if one.name == name]
+    return fit_axis(inputs, known, force, folds([len(force)]), axis)
+
+
+def later(inputs: Inputs, times: NDArray[np.float64], forces: NDArray[np.float64]) -> Rows:
+    """Scores after the first ten seconds, by fits to these."""
+    parts = times < SECONDS, times >= SECONDS
+    first, rest = ({name: values[part] for name, values in inputs.items()} for part in parts)
+    early, late = (forces[part] for part in parts)
+    kept, _ = keep_axes(fitted(first, early), hardly_pressed(early))
+    rows: Rows = {}
+    for axis, fitting, truth in zip(AXES, early.T, late.T, strict=True):
+        fit = kept[axis].axis if axis in kept else None
+        rows[axis] = {
+            "frames": [len(fitting), len(truth)],
+            "range": [round(float(np.ptp(force)), 2) for force in (fitting, truth)],
+            "chosen": fit.chosen if fit else "left out",
+            MEAN: score(np.full(len(truth), fitting.mean()), truth),
+            BEFORE: score(rest[axis], truth),
+            "calibrated": score(fit(rest) if fit else rest[axis], truth),
+        }
+        for name in ALL:
+            single = alone(first, fitting, axis, name).axis
+            rows[axis][f"{name} alone"] = None if single is None else score(single(rest), truth)
+    return rows
+
+
+def blocks(inputs: Inputs, forces: NDArray[np.float64]) -> Rows:
+    """Errors on five blocks of time of the whole trial, each predicted from the others."""
+    fits = fitted(inputs, forces)
+    kept, _ = keep_axes(fits, hardly_pressed(forces))
+    rows: Rows = {}
+    for axis, fit in (fits | kept).items():
+        # an axis that is left out stays what the model says
+        predicted = fit.predicted if axis in kept or fit.before is None else fit.before
+        chosen = kept[axis].axis if axis in kept else None
+        rows[axis] = {
+            "range": round(float(np.ptp(fit.measured)), 2),
+            "chosen": chosen.chosen if chosen else "left out",
+            "calibrated": score(predicted, fit.measured),
+            "errors": {name: round(error, 3) for name, error in fit.errors.items()},
+        }
+    return rows
 
 
 def main(words: Sequence[str]) -> None:
@@ -122,11 +134,15 @@ def main(words: Sequence[str]) -> None:
         recording = trial(root, name)
         assert recording.force is not None
         inputs = inputs_of(recording, folder / f"{name}.npz")
-        for column, axis in enumerate(AXES):
-            force = recording.force[:, column].astype(np.float64)
+        forces = np.asarray(recording.force, np.float64)
+        within = blocks(inputs, forces)
+        usable = np.isfinite([*inputs.values(), *forces.T]).all(0)
+        inputs = {key: values[usable] for key, values in inputs.items()}
+        after = later(inputs, recording.times[usable], forces[usable])
+        for axis in AXES:
             rows[f"{name} {axis}"] = {
-                "ten seconds, then the rest": later(recording, inputs, axis),
-                "five blocks of time": blocks(inputs, force, axis),
+                "ten seconds, then the rest": after[axis],
+                "five blocks of time": within[axis],
             }
     save("newtons", {"model": MODEL, "seconds": SECONDS, "rows": rows})
 

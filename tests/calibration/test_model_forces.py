@@ -204,6 +204,33 @@ def test_ten_seconds_of_a_real_trial_calibrate_the_rest(realdata: Path, name: st
 @pytest.mark.slow
 @pytest.mark.realdata
 @pytest.mark.parametrize("name", ["touchd_force_gelsight_mini", "touchd_force_digit"])
+def test_shear_along_a_hardly_pressed_axis_is_read_with_the_scale_of_another(
+    realdata: Path, name: str
+) -> None:
+    recording = trial(realdata, name)
+    first, rest = recording.part(0, 300), recording.part(300, len(recording.frames))
+    model = tactileforge.load("anytouch2.tiny")
+    done = calibrate([first], CalibrateOptions(), model=model)
+    force = done.calibration.force
+    (axis,) = [axis for axis, found in force.axes.items() if found.chosen == "scaled"]
+    assert force.left_out == {}
+    (note,) = [note for note in done.notes if note.startswith(f"force {axis} is the model's times")]
+    assert note.endswith("press along it too")
+    column = "xyz".index(axis)
+    truth = rest.force[:, column]
+    said = done.calibration.forces(rest, model)[:, column]
+    known = np.isfinite(truth) & np.isfinite(said)
+    plain = said / force.axes[axis].weights[axis]
+    scores = [
+        1 - np.mean((values - truth)[known] ** 2) / np.var(truth[known]) for values in (said, plain)
+    ]
+    assert scores[0] > 0.5
+    assert scores[1] < 0.25
+
+
+@pytest.mark.slow
+@pytest.mark.realdata
+@pytest.mark.parametrize("name", ["touchd_force_gelsight_mini", "touchd_force_digit"])
 def test_the_shipped_model_reads_real_forces(realdata: Path, name: str) -> None:
     """Zero shot, shear too: neither these units nor any real force was in its training."""
     recording = trial(realdata, name)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.calibration.file import AXES, Axis
+from tactileforge.calibration.judged import Frames, short
 from tactileforge.errors import DataError
 
 #: Number of blocks of time, held out in turn, and fewest of them to choose a penalty.
@@ -22,12 +23,12 @@ _PENALTIES = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-6)
 #: change on blocks of ten seconds, and was three times worse in the thirteen seconds after.
 _TIE = 0.75
 #: The same for the model without a calibration: a calibration is wanted.
-_TIE_BEFORE = 0.98
+TIE_BEFORE = 0.98
 #: Smallest share of explained variance of an accepted fit.
 _LEAST_R2 = 0.2
 #: Smallest range of a force for a fit, N, and as a share of the largest range of an axis: of less,
 #: a fit says little about forces like those along the other axes.
-_LEAST_RANGE, _LEAST_SHARE = 1e-3, 0.15
+LEAST_RANGE, _LEAST_SHARE = 1e-3, 0.15
 #: Names of two baselines: the mean force, and the model without a calibration.
 MEAN, BEFORE = "mean", "as it is"
 
@@ -63,6 +64,7 @@ class AxisFit:
         predicted: Force predicted by the best fit to the other folds, float64 (N,), newton.
         fold: Number of the fold of each frame, int64 (N,).
         before: Force of the uncalibrated model, float64 (N,), newton; None without a model.
+        raw: Name of the input with the force of the uncalibrated model; "" without a model.
     """
 
     axis: Axis | None
@@ -71,34 +73,7 @@ class AxisFit:
     predicted: NDArray[np.float64]
     fold: NDArray[np.int64]
     before: NDArray[np.float64] | None = None
-
-
-@dataclass
-class _Known:
-    """Frames with a measured force and all inputs, in blocks of time.
-
-    Attributes:
-        inputs: Inputs by name, float64 (N,) each.
-        force: Measured force, float64 (N,), newton.
-        fold: Number of the fold of each frame, int64 (N,).
-    """
-
-    inputs: dict[str, NDArray[np.float64]]
-    force: NDArray[np.float64]
-    fold: NDArray[np.int64]
-    blocks: NDArray[np.int64] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.blocks = np.unique(self.fold)
-
-    def losses(self, predicted: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Squared errors summed over each block, over the number of all frames, float64 (K,)."""
-        squares = (predicted - self.force) ** 2
-        return np.array([squares[self.fold == k].sum() for k in self.blocks]) / len(squares)
-
-    def columns(self, names: Sequence[str]) -> NDArray[np.float64]:
-        """Inputs side by side, float64 (N, n)."""
-        return np.stack([self.inputs[name] for name in names], 1)
+    raw: str = ""
 
 
 def folds(lengths: Sequence[int]) -> NDArray[np.int64]:
@@ -123,7 +98,7 @@ def hardly_pressed(forces: NDArray[np.floating]) -> list[str]:
     """
     known = [column[np.isfinite(column)] for column in forces.T]
     ranges = [float(np.ptp(column)) if len(column) else 0.0 for column in known]
-    least = max(_LEAST_RANGE, _LEAST_SHARE * max(ranges))
+    least = max(LEAST_RANGE, _LEAST_SHARE * max(ranges))
     return [name for name, size in zip(AXES, ranges, strict=True) if size < least]
 
 
@@ -157,23 +132,23 @@ def fit_axis(
         out = known.fold == number
         level[out] = known.force[~out].mean()
     before = None if raw is None else known.inputs[raw]
-    errors = {MEAN: _rmse(known, level)}
+    errors = {MEAN: known.rmse(level)}
     best: tuple[Candidate, NDArray[np.float64]] | None = None
-    if float(np.ptp(known.force)) >= _LEAST_RANGE:
+    if float(np.ptp(known.force)) >= LEAST_RANGE:
         for candidate in candidates:
             predicted = _held_out(known, candidate)
-            error = _rmse(known, predicted)
+            error = known.rmse(predicted)
             errors[candidate.name] = min(error, errors.get(candidate.name, error))
-            enough = _r2(known, predicted) >= _LEAST_R2 and _better(known, predicted, level, 1)
-            if enough and (best is None or _better(known, predicted, best[1], _TIE)):
+            enough = known.r2(predicted) >= _LEAST_R2 and known.better(predicted, level, 1)
+            if enough and (best is None or known.better(predicted, best[1], _TIE)):
                 best = candidate, predicted
     if before is not None:
-        errors[BEFORE] = _rmse(known, before)
-        if best is not None and not _better(known, best[1], before, _TIE_BEFORE):
+        errors[BEFORE] = known.rmse(before)
+        if best is not None and not known.better(best[1], before, TIE_BEFORE):
             best = None
     axis = None if best is None else _axis(known, *best, errors, raw)
     predicted = level if best is None else best[1]
-    return AxisFit(axis, errors, known.force, predicted, known.fold, before)
+    return AxisFit(axis, errors, known.force, predicted, known.fold, before, raw or "")
 
 
 def _known(
@@ -181,7 +156,7 @@ def _known(
     force: NDArray[np.floating],
     fold: NDArray[np.int64],
     name: str,
-) -> _Known:
+) -> Frames:
     known = np.isfinite(force)
     for values in inputs.values():
         known &= np.isfinite(values)
@@ -191,20 +166,10 @@ def _known(
             f"force {name}: {len(measured)} frames with a force; give {_LEAST_FRAMES} or more, "
             "spread over a ramp or several presses"
         )
-    return _Known({key: values[known] for key, values in inputs.items()}, measured, fold[known])
+    return Frames(measured, fold[known], {key: values[known] for key, values in inputs.items()})
 
 
-def _better(
-    known: _Known, predicted: NDArray[np.float64], simpler: NDArray[np.float64], tie: float
-) -> bool:
-    """Whether predictions win, by more than a tie and the standard error over blocks."""
-    ours, theirs = known.losses(predicted), known.losses(simpler)
-    gains = theirs - ours
-    noise = float(np.std(gains, ddof=1) * len(gains) ** 0.5)
-    return bool(ours.sum() < tie**2 * theirs.sum() and gains.sum() > noise)
-
-
-def _held_out(known: _Known, candidate: Candidate) -> NDArray[np.float64]:
+def _held_out(known: Frames, candidate: Candidate) -> NDArray[np.float64]:
     """Predictions of each block by a fit to the others, float64 (N,).
 
     The penalty of a fit is chosen by its own blocks, so the held-out one has no say in it.
@@ -252,7 +217,7 @@ def _path(
 
 
 def _axis(
-    known: _Known,
+    known: Frames,
     candidate: Candidate,
     predicted: NDArray[np.float64],
     errors: dict[str, float],
@@ -261,25 +226,12 @@ def _axis(
     names = candidate.inputs
     offset, weights = _chosen(candidate, known.columns(names), known.force, known.fold)
     return Axis(
-        offset=_short(offset),
-        weights={name: _short(weight) for name, weight in zip(names, weights, strict=True)},
-        rmse=_rmse(known, predicted),
-        r2=_short(_r2(known, predicted)),
-        span=[_short(float(known.force.min())), _short(float(known.force.max()))],
+        offset=short(offset),
+        weights={name: short(weight) for name, weight in zip(names, weights, strict=True)},
+        rmse=known.rmse(predicted),
+        r2=known.r2(predicted),
+        span=[short(float(known.force.min())), short(float(known.force.max()))],
         before=errors[BEFORE] if raw is not None else None,
         chosen=candidate.name,
         errors=errors,
     )
-
-
-def _r2(known: _Known, predicted: NDArray[np.float64]) -> float:
-    return 1 - float(known.losses(predicted).sum()) / float(np.var(known.force))
-
-
-def _rmse(known: _Known, predicted: NDArray[np.float64]) -> float:
-    return _short(float(np.sqrt(known.losses(predicted).sum())))
-
-
-def _short(value: float) -> float:
-    """Rounds to seven significant digits."""
-    return float(f"{value:.7g}")

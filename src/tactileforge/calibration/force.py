@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from tactileforge.calibration.fit import (
     hardly_pressed,
 )
 from tactileforge.calibration.pictures import CHANGE, MOMENTS, PICTURES, SHAPE
+from tactileforge.calibration.scale import share_scale
 from tactileforge.contracts import Recording
 from tactileforge.errors import DataError
 
@@ -74,21 +75,50 @@ def fit_forces(
         lowest = [min(fitted(wanted[-1], force).errors.values()) for force in tried]
         lag = float(lags[np.argmin(lowest)])
     fits = {name: fitted(name, earlier(name, lag)) for name in wanted}
-    measured = [press.force for press in presses if press.force is not None]
-    unpressed = hardly_pressed(np.concatenate(measured))
-    axes = {
-        name: fit.axis
-        for name, fit in fits.items()
-        if fit.axis is not None and name not in unpressed
-    }
-    left_out = {name: fit.errors for name, fit in fits.items() if name not in axes}
-    told = [_left_out(name, fits[name], name in unpressed) for name in left_out]
-    if not axes:
+    measured = np.concatenate([press.force for press in presses if press.force is not None])
+    kept, told = keep_axes(fits, hardly_pressed(measured))
+    left_out = {name: fit.errors for name, fit in fits.items() if name not in kept}
+    if not kept:
         raise DataError(f"forces do not follow from {kind}: {'; '.join(told)}")
     notes += told
     of = model.fingerprint if with_model and model is not None else ""
-    kept = {name: fits[name] for name in axes}
+    axes = {name: fit.axis for name, fit in kept.items() if fit.axis is not None}
     return ForceModel(kind, round(lag, 4), axes, of, left_out), kept
+
+
+def keep_axes(
+    fits: Mapping[str, AxisFit], unpressed: Sequence[str]
+) -> tuple[dict[str, AxisFit], list[str]]:
+    """Keeps the axes with a fit; also a line on each of the others.
+
+    A shear axis without a fit takes the scale of the other one, or else of the normal force.
+
+    Args:
+        fits: Fit of each axis, by name.
+        unpressed: Names of axes that were hardly pressed.
+    """
+    good = {name: fit for name, fit in fits.items() if fit.axis and name not in unpressed}
+    kept, notes = {}, []
+    for name, fit in fits.items():
+        pressed = name not in unpressed
+        tried = [] if name == "z" else [(key, share_scale(good[key], fit, pressed)) for key in good]
+        scaled = next(((key, found) for key, found in tried if found is not None), None)
+        if name in good:
+            kept[name] = fit
+        elif scaled is not None:
+            kept[name] = scaled[1]
+            notes.append(_scaled(name, *scaled))
+        else:
+            notes.append(_left_out(name, fit, not pressed))
+    return kept, notes
+
+
+def _scaled(name: str, source: str, fit: AxisFit) -> str:
+    assert fit.axis is not None
+    return (
+        f"force {name} is the model's times {fit.axis.weights[fit.raw]:.3g}, the scale of "
+        f"{source}: its own range is {np.ptp(fit.measured):.2g} N; press along it too"
+    )
 
 
 def _left_out(name: str, fit: AxisFit, unpressed: bool) -> str:

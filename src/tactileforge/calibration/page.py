@@ -79,9 +79,10 @@ def _candidates(force: ForceModel) -> Markup:
     ]
     text = (
         "Error of each candidate on blocks of time that it did not see, N. A simpler one is kept "
-        "where a richer one wins less than a quarter or the standard error over blocks; an axis is "
-        "left out where none beats the mean force and the model as it is and explains a fifth of "
-        "the variance, or where the axis was hardly pressed."
+        "where a richer one wins less than a quarter or the standard error over blocks. An axis "
+        "has no fit where none beats the mean force and the model as it is and explains a fifth "
+        "of the variance, or where it was hardly pressed; it takes the scale of another axis "
+        "(scaled), or is left out."
     )
     head = ("axis", *known, "text|chosen")
     return paragraph(text) + table("candidates", head, rows)
