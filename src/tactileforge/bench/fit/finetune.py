@@ -80,6 +80,7 @@ class _Run:
                 "fine-tune on the recordings of one sensor"
             )
         self.clips = by_size[0][0]
+        # copies: the next task, seed and learning rate start from the weights as they were
         self.subject = copy.copy(subject)
         self.subject.encoder = copy.deepcopy(subject.encoder).requires_grad_(True)
         self.tap = choice.kind.tap

@@ -155,12 +155,14 @@ def pretrain(job: PretrainJob) -> None:
     _claim(job)
     if job.finished:
         return
+    # what failed before is tried again, from its last checkpoint if there is one
     (job.folder / _FAILED).unlink(missing_ok=True)
     words = [f"resume={job.folder}"]
     if not job.has_checkpoint:
         words = [*job.words, f"hydra.run.dir={job.folder}"]
     print(command("train", *words), flush=True)
     status, output = run_program([sys.executable, "-m", "tactileforge", "train", *words])
+    # 128 + SIGINT: stopped by the user, which is no failure to be noted
     if status == 130:
         raise KeyboardInterrupt(f"stopped in {job.folder}")
     if status:

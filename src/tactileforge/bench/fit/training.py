@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -146,20 +146,17 @@ class ProbeEnsemble:
             factor = 0.5 * (1 + math.cos(math.pi * self.done / self.steps))
             for group, rate in zip(self.optimiser.param_groups, self.rates, strict=True):
                 group["lr"] = rate * factor
-        losses = self._losses(rows, truth)
+
+        def loss(params: Params) -> Tensor:
+            return self.model.loss(functional_call(self.model, params, (rows,)), truth)
+
+        losses: Tensor = vmap(loss)(self._stacked())
         self.optimiser.zero_grad(set_to_none=True)
         # members share no parameter, so the gradient of the sum is each member's own
         losses.sum().backward()  # type: ignore[no-untyped-call]
         self.optimiser.step()
         self.done += 1
         return losses.detach()
-
-    def _losses(self, rows: Tensor, truth: Values) -> Tensor:
-        def loss(params: Params) -> Tensor:
-            return self.model.loss(functional_call(self.model, params, (rows,)), truth)
-
-        out: Tensor = vmap(loss)(self._stacked())
-        return out
 
     @torch.no_grad()
     def predict(self, examples: Examples, places: NDArray[np.int64]) -> tuple[Tensor, Values]:
@@ -231,8 +228,13 @@ def train_probes(
     best: list[Params] = [{} for _ in outcomes]
     for epoch in range(1, training.epochs + 1):
         total = torch.zeros(len(outcomes))
-        for some, rng in _batches(train_on, training.batch, epoch):
-            total += members.step(*examples.mirrored(some, rng)).cpu() * len(some) / len(train_on)
+        # the order depends on the epoch alone, so that all members and all runs share it
+        rng = np.random.default_rng([epoch, len(train_on)])
+        order = rng.permutation(train_on)
+        for some in np.split(order, range(training.batch, len(order), training.batch)):
+            # in the order of the file: features are mapped, and rows side by side read faster
+            batch = examples.mirrored(np.sort(some), rng)
+            total += members.step(*batch).cpu() * len(some) / len(train_on)
         losses, decoded = members.predict(examples, select_on)
         # once an epoch: the sum of its losses is finite only if all of them are
         if not torch.isfinite(total).all():
@@ -260,12 +262,3 @@ def seeded_probe(build: Callable[[], nn.Module], seed: int) -> Probe:
         probe = build()
     assert isinstance(probe, Probe)
     return probe
-
-
-def _batches(
-    places: NDArray[np.int64], size: int, epoch: int
-) -> Iterator[tuple[NDArray[np.int64], np.random.Generator]]:
-    rng = np.random.default_rng([epoch, len(places)])
-    order = rng.permutation(places)
-    for some in np.split(order, range(size, len(order), size)):
-        yield np.sort(some), rng

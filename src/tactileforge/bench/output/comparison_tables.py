@@ -115,6 +115,13 @@ def main_table(results: Results, all_scores: Scores) -> Table | None:
         return None
     table, names = Columns(results, all_scores), titles(results)
     columns = [table.column(task, models) for task in results.tasks]
+    # tasks that were not run at all have no column, so a footnote names them
+    listed = {"", *(task.name for task in results.tasks)}
+    others = [
+        ("‡", f"Task {skipped.task} was not run. {sentences(skipped)}")
+        for skipped in results.not_run
+        if skipped.task not in listed
+    ]
     return Table(
         name="main",
         title=f"Models compared: {results.suite}",
@@ -124,15 +131,8 @@ def main_table(results: Results, all_scores: Scores) -> Table | None:
             [TableEntry(names[model.name]), *entries, TableEntry(_seeds(table, model))]
             for model, *entries in zip(models, *columns, strict=True)
         ],
-        notes=[*table.notes.items(), *_other_tasks(results)],
+        notes=[*table.notes.items(), *others],
     )
-
-
-def _other_tasks(results: Results) -> list[tuple[str, str]]:
-    """Tasks without a run and without a column."""
-    listed = {"", *(task.name for task in results.tasks)}
-    rest = (skipped for skipped in results.not_run if skipped.task not in listed)
-    return [("‡", f"Task {skipped.task} was not run. {sentences(skipped)}") for skipped in rest]
 
 
 def _seeds(table: Columns, model: ResultModel) -> str:

@@ -18,6 +18,7 @@ from tactileforge.pages.figures import curve_figure
 from tactileforge.pages.page import Section, details, heading, legend, panel, panels, paragraph
 from tactileforge.pages.templating import joined
 
+#: Points of a loss curve that are drawn.
 _CURVE = 200
 
 
@@ -104,6 +105,7 @@ def _limits(readings: Sequence[Predictions]) -> dict[str, tuple[float, float]]:
         truth = np.concatenate(parts)
         truth = truth[np.isfinite(truth)]
         low, high = (float(truth.min()), float(truth.max())) if len(truth) else (0.0, 1.0)
+        # so that the outermost points do not lie on the frame; a little where all values are equal
         room = max(0.12 * (high - low), 0.01)
         limits[axis] = (low - room, high + room)
     return limits

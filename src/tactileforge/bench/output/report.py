@@ -37,7 +37,9 @@ def bench_page(
         rows: Published numbers.
         gate: The release gate, where it was measured.
     """
-    parts = [_compared(results, scores)]
+    grid = comparison_tables.main_table(results, scores)
+    body = render_html(grid) if grid else paragraph("There is no model, or no task.")
+    parts = [Section("models", "Models", body)]
     for name, title, grid in (
         ("gate", "Release gate", gate),
         ("ablation", "Ablations", comparison_tables.ablation_table(results, scores)),
@@ -68,12 +70,15 @@ def _top(results: Results, scores: Scores) -> Markup:
             if key in results.versions
         ),
     }
-    lines = [
-        *_leaders(results, scores),
-        _ran(results, scores),
-        *_warnings(results, scores),
-    ]
-    return facts(about) + verdict(lines)
+    every = len(results.tasks) * len(results.models)
+    count = sum(
+        (task.name, model.name) in scores for task in results.tasks for model in results.models
+    )
+    ran = "bad", f"{every - count} of {every} pairs of a model and a task were not run; see below."
+    # a pair may have numbers and yet be listed: one of its seeds or metrics was not run
+    if count == every and not results.not_run:
+        ran = "good", f"All {every} pairs of a model and a task were run."
+    return facts(about) + verdict([*_leaders(results, scores), ran, *_warnings(results, scores)])
 
 
 def _leaders(results: Results, scores: Scores) -> list[tuple[str, str]]:
@@ -103,16 +108,6 @@ def _leaders(results: Results, scores: Scores) -> list[tuple[str, str]]:
     return [("plain", text)]
 
 
-def _ran(results: Results, scores: Scores) -> tuple[str, str]:
-    every = len(results.tasks) * len(results.models)
-    count = sum(
-        (task.name, model.name) in scores for task in results.tasks for model in results.models
-    )
-    if count == every and not results.not_run:
-        return "good", f"All {every} pairs of a model and a task were run."
-    return "bad", f"{every - count} of {every} pairs of a model and a task were not run; see below."
-
-
 def _warnings(results: Results, scores: Scores) -> list[tuple[str, str]]:
     lines = []
     test = [task.title for task in results.tasks if task.selection == "test"]
@@ -131,12 +126,6 @@ def _warnings(results: Results, scores: Scores) -> list[tuple[str, str]]:
     if bad:
         lines.append(("bad", f"{bad} probes gave no finite number in at least one seed."))
     return lines + [("plain", f"{hint}.") for hint in edge_rates(results, scores)]
-
-
-def _compared(results: Results, scores: Scores) -> Section:
-    grid = comparison_tables.main_table(results, scores)
-    body = render_html(grid) if grid else paragraph("There is no model, or no task.")
-    return Section("models", "Models", body)
 
 
 def _details(results: Results, scores: Scores) -> Section:

@@ -19,6 +19,7 @@ from tactileforge.errors import DataError
 
 #: Metrics that are sums over clips.
 METRICS = ("accuracy", "balanced_accuracy", "r2")
+#: Draws of groups; ends of intervals are percentiles 2.5 and 97.5 of them.
 DRAWS = 2000
 _SEED = 20261122
 
@@ -131,6 +132,7 @@ def compared_over_tasks(
     Raises:
         DataError: The networks of a task were not tested on the same groups.
     """
+    # a seed for each task: tasks have groups of their own, and are drawn independently
     parts = [_bootstrap(*task, seed=_SEED + number) for number, task in enumerate(tasks)]
     return _interval(
         float(np.mean([value for value, _ in parts])), np.mean([draws for _, draws in parts], 0)

@@ -51,6 +51,7 @@ def read_predictions(path: Path) -> Predictions:
     if truth.shape != predicted.shape or truth.ndim not in (1, 2) or not truth.size:
         shapes = f"{truth.shape} and {predicted.shape}"
         raise DataError(f"{path}: truth and predicted are {shapes}, not both (N,) or (N, K)")
+    # one column of classes is stored without its axis
     truth, predicted = (part.reshape(len(truth), -1) for part in (truth, predicted))
     both = np.stack([truth, predicted])
     if names and (both.dtype.kind != "i" or both.min() < 0 or both.max() >= len(names)):

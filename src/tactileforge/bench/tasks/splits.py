@@ -17,6 +17,7 @@ from tactileforge.bench.tasks.suite import SplitPlan, Task
 from tactileforge.bench.tasks.targets import Target
 from tactileforge.errors import ConfigError, DataError
 
+#: What `Recording.part` adds to a key: first frame, and the one after the last.
 _PART = re.compile(r"\[(\d+):(\d+)\]")
 
 
@@ -60,13 +61,18 @@ def build_splits(
     stratum = _strata(numbers, of, target)
     if plan.folds:
         names = {n: recording_fact(source, n, plan.group) for n in numbers}
-        fold = _folds(names, stratum, plan.folds)
+        dealt = [name for group in _ordered(names, stratum).values() for name in group]
+        if len(dealt) < plan.folds:
+            raise ConfigError(f"{plan.folds} folds of {len(dealt)} groups; give split.folds fewer")
+        # in turn along the strata: folds differ by one group at most, and nearly so in classes
+        fold = {name: place % plan.folds for place, name in enumerate(dealt)}
         tests = [[n for n in numbers if fold[names[n]] == k] for k in range(plan.folds)]
     else:
         tests = [[n for n in numbers if matches_filter(source, n, plan.test)]]
     splits = []
     for test in tests:
         rest = [n for n in numbers if n not in set(test) and matches_filter(source, n, plan.train)]
+        # of what is left to train: the test is chosen first, and takes no part in selection
         validation = _validation(plan, source, rest, stratum)
         train = [n for n in rest if n not in set(validation)]
         for name, chosen in (("train", train), ("validation", validation), ("test", test)):
@@ -156,6 +162,7 @@ def check_leakage(
 def _span(key: str) -> tuple[str, float, float]:
     """Key of the whole recording, and the range of frames of this part."""
     start, stop = 0, float("inf")
+    # parts of parts: each counts its frames from the start of the one before
     for part in _PART.finditer(key):
         start, stop = start + int(part[1]), start + int(part[2])
     return _PART.sub("", key), start, stop
@@ -184,15 +191,6 @@ def _ordered(names: Mapping[int, str], stratum: Mapping[int, int]) -> dict[int, 
         only = strata[name].pop() if len(strata[name]) == 1 else -1
         by_stratum.setdefault(only, []).append(name)
     return dict(sorted(by_stratum.items()))
-
-
-def _folds(names: Mapping[int, str], stratum: Mapping[int, int], folds: int) -> dict[str, int]:
-    """Assigns groups to stratified folds."""
-    dealt = [name for group in _ordered(names, stratum).values() for name in group]
-    if len(dealt) < folds:
-        raise ConfigError(f"{folds} folds of {len(dealt)} groups; give split.folds fewer")
-    # in turn along the strata: folds differ by one group at most, in size and nearly so in classes
-    return {name: i % folds for i, name in enumerate(dealt)}
 
 
 def _validation(
@@ -244,6 +242,7 @@ def _check_classes(
             continue
         for use in uses:
             rows = [getattr(split, use) for split in splits]
+            # all folds are measured together; but each trains a probe of its own
             if use == "test":
                 rows = [np.concatenate(rows)]
             for places in rows:

@@ -55,6 +55,7 @@ def group_kernels(known: Tensor, asked: Tensor, sizes: Sequence[int] = ()) -> Ke
     for own, new in zip(torch.split(known, sizes, 1), torch.split(asked, sizes, 1), strict=True):
         gram, cross = (own @ own.T).double(), (new @ own.T).double()
         scale = gram.diagonal().mean()
+        # a group in which nothing varies has a kernel of zeros, and keeps it
         scale = torch.where(scale > 0, scale, 1.0)
         grams.append(gram / scale)
         crosses.append(cross / scale)
