@@ -210,11 +210,8 @@ def left_out(module: nn.Module, state: Mapping[str, torch.Tensor]) -> list[str]:
     """
     current = {key: value.shape for key, value in module.state_dict().items()}
     kept = (key for key in state if key.startswith(("heads.", "objectives.")))
-    return sorted({_part(key) for key in kept if current.get(key) != state[key].shape})
-
-
-def _part(key: str) -> str:
-    return ".".join(key.split(".")[:2])
+    parts = {key: ".".join(key.split(".")[:2]) for key in kept}
+    return sorted({part for key, part in parts.items() if current.get(key) != state[key].shape})
 
 
 def _widened(value: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:

@@ -81,7 +81,12 @@ class FiniteWatch:
         # every rank raises, or none: a rank that went on alone would wait for the others for ever
         count = torch.tensor(float(len(bad)), device=named[0][1].device)
         if sum_over_ranks(count):
-            parts = sorted({_part(name) for name in bad}) or ["those of another process"]
+            # the encoder, or one head or objective
+            words = [name.split(".") for name in bad]
+            named_parts = {
+                ".".join(w[:2]) if w[0] in ("heads", "objectives") else w[0] for w in words
+            }
+            parts = sorted(named_parts) or ["those of another process"]
             raise NotFiniteError(
                 f"step {step}: weights are not finite ({', '.join(parts)}){self.began()}"
             )
@@ -132,9 +137,3 @@ def _averages(optimizers: Iterable[Any], module: nn.Module) -> Iterator[tuple[st
             for key, value in state.items():
                 if isinstance(value, Tensor):
                     yield f"{names.get(id(parameter), 'optimiser')}.{key}", value
-
-
-def _part(name: str) -> str:
-    """Part of the model with a given tensor: the encoder, a head or an objective."""
-    words = name.split(".")
-    return ".".join(words[:2]) if words[0] in ("heads", "objectives") else words[0]

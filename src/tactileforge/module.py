@@ -146,15 +146,10 @@ class TouchModule(L.LightningModule):
         batches = _epoch_batches(self.trainer) / self.trainer.accumulate_grad_batches
         self.epoch_steps = max(1, math.ceil(batches)) if math.isfinite(batches) else total
         self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch_steps)
-        parts = self._parts()
+        parts = {"encoder": self.encoder}
+        parts |= {f"head.{key}": head for key, head in self.heads.items()}
+        parts |= {f"objective.{key}": objective for key, objective in self.objectives.items()}
         self._changing = {place: changing(place, parts) for place in self.plan.values}
-
-    def _parts(self) -> dict[str, Any]:
-        """Encoder, heads and objectives, by their place in the configuration."""
-        heads = {f"head.{key}": head for key, head in self.heads.items()}
-        return {"encoder": self.encoder, **heads} | {
-            f"objective.{key}": objective for key, objective in self.objectives.items()
-        }
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Adds the steps of the run and of an epoch, the number of processes, and scores.
@@ -271,6 +266,7 @@ class TouchModule(L.LightningModule):
         Every process computes all of them, so that the result is the same with any number of
         processes.
         """
+        # a stream of its own: training draws the same with any number of validations
         seed_step(self.seed, batch_idx, -1)
         weights = self.current_weights()
         if not batch.get("paired", True):
@@ -335,7 +331,13 @@ class TouchModule(L.LightningModule):
         weights: Mapping[str, float],
         universal: float,
     ) -> None:
-        logs, total = self._shared(means, total)
+        # one message for all values; that of a rank is its share of the joint mean
+        *values, total = mean_over_ranks(
+            torch.stack([*(mean.value for mean in means.values()), total])
+        ).unbind()
+        counts = torch.stack([mean.count for mean in means.values()]).tolist()
+        rows = zip(means, values, counts, strict=True)
+        logs = {name: value for name, value, count in rows if count}  # a label on some rank
         if not torch.isfinite(total):
             raise NotFiniteError(f"step {self.global_step}{self.finite.began()}")
         self.unlabelled = [key for key in self.objectives if key in means and key not in logs]
@@ -349,19 +351,6 @@ class TouchModule(L.LightningModule):
         self.log_dict(self.balance.logs(weights))
         self.log_dict({place: getattr(*owner) for place, owner in self._changing.items()})
         self.log_dict({"universal": universal, "lr": float(optimizer.param_groups[0]["lr"])})
-
-    def _shared(self, means: Mapping[str, Mean], total: Tensor) -> tuple[dict[str, Tensor], Tensor]:
-        """Averages logged values and the loss over ranks, in one message.
-
-        The value of a rank is its share of the joint mean. Values without a label on any rank are
-        left out.
-        """
-        *values, total = mean_over_ranks(
-            torch.stack([*(mean.value for mean in means.values()), total])
-        ).unbind()
-        counts = torch.stack([mean.count for mean in means.values()]).tolist()
-        rows = zip(means, values, counts, strict=True)
-        return {name: value for name, value, count in rows if count}, total
 
 
 def _epoch_batches(trainer: L.Trainer) -> float:

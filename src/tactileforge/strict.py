@@ -57,7 +57,8 @@ def build(kind: type[_T], where: str, given: Any) -> _T:
     missing = [
         spec
         for spec in _fields(kind)
-        if _required(spec) and values.get(spec.name, TO_GIVE) == TO_GIVE
+        if spec.default is MISSING and spec.default_factory is MISSING
+        if values.get(spec.name, TO_GIVE) == TO_GIVE
     ]
     if missing and not where:
         raise ConfigError(f"give {' '.join(f'{spec.name}=...' for spec in missing)}")
@@ -109,6 +110,7 @@ def _fit(where: str, value: Any, hint: Any) -> tuple[bool, Any]:
     if origin is Literal:
         return value in inner, value
     if hint is float:
+        # type(), not isinstance: True is an int in Python
         good = type(value) in (int, float)
         return good, float(value) if good else value
     if hint in (int, str, bool):
@@ -169,10 +171,6 @@ def _name(hint: Any) -> str:
 
 def _fields(kind: Any) -> Sequence[Field[Any]]:
     return [spec for spec in fields(kind) if spec.init]
-
-
-def _required(spec: Field[Any]) -> bool:
-    return spec.default is MISSING and spec.default_factory is MISSING
 
 
 def _default(spec: Field[Any]) -> Any:
