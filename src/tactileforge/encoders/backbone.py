@@ -136,6 +136,7 @@ class Backbone(nn.Module):
         """Cuts (B, T, 3, height, width) into (B, slots, N, 3 * tube * patch * patch)."""
         slots, rows, columns = self.grid
         x = x.reshape(len(x), slots, self.tube, 3, rows, self.patch, columns, self.patch)
+        # colour before time within a patch, as the weights of a Conv3d are flattened
         x = x.permute(0, 1, 4, 6, 3, 2, 5, 7)
         return x.flatten(4).flatten(2, 3)
 
@@ -193,6 +194,7 @@ class TactileViews:
         frames = batch["frames"]
         _, rows, columns = encoder.grid
         count = rows * columns
+        # one draw for masks and sensors, in the constructor: see above
         noise = rand_rows(len(frames), count + 1, device=frames.device)
         self.order = noise[:, :count].argsort(dim=1)
         self.sensor = encoder.sensor_ids(batch["sensor"])

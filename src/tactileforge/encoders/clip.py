@@ -71,6 +71,7 @@ class ClipTower(nn.Module):
         with torch.set_grad_enabled(torch.is_grad_enabled() and not self.frozen):
             if isinstance(batch, Tensor):
                 size = (self.image_size, self.image_size)
+                # clamped: bicubic interpolation overshoots
                 x = F.interpolate(batch.float() / 255, size, mode="bicubic", antialias=True).clamp(
                     0, 1
                 )

@@ -59,6 +59,7 @@ class PhotoStream(nn.Module):
         self.project = nn.Linear(len(deviation), width)
         nn.init.orthogonal_(self.project.weight)
         nn.init.zeros_(self.project.bias)
+        # from the start: the norms of the network keep the statistics of photographs
         self.train(self.training)
 
     def train(self, mode: bool = True) -> PhotoStream:
@@ -75,6 +76,7 @@ class PhotoStream(nn.Module):
             kept: int64 (B, K), visible spatial positions; None for all.
         """
         with torch.no_grad():
+            # hidden patches are mid-grey to the network, and their tokens are left out after it
             maps = self.maps(patches, kept)
             if kept is not None:
                 maps = patches_at(maps, kept)

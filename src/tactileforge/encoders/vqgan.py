@@ -11,8 +11,8 @@ from torch.nn import functional as F
 from tactileforge.encoders.convolutional import ConvBackbone
 from tactileforge.encoders.preprocess import AS_THEY_ARE
 
-_GROUPS = 32  # of a norm
-_EPS = 1e-6
+#: Groups and epsilon of a norm, as in the published VQGAN (Esser et al. 2021).
+_GROUPS, _EPS = 32, 1e-6
 
 
 class _Residual(nn.Module):

@@ -59,6 +59,7 @@ class MeanReadout(nn.Module):
         super().__init__()
         self.frames, self.prefix = frames, prefix
         self.linear = nn.Linear(width, 3 * frames)
+        # starts near no force, as above
         nn.init.normal_(self.linear.weight, std=0.01)
         nn.init.zeros_(self.linear.bias)
 

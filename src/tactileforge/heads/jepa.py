@@ -45,6 +45,7 @@ class JepaHead(nn.Module):
     def __init__(
         self,
         encoder: Encoder,
+        # width and momentum as in V-JEPA, whose predictor has 12 blocks
         width: int = 384,
         depth: int = 6,
         heads: int = 6,

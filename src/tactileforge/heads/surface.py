@@ -38,6 +38,7 @@ class SurfaceHead(nn.Module):
         x = x.view(-1, slots, rows, columns, self.tube, 3, *self.cell)
         x = x.permute(0, 1, 4, 5, 2, 6, 3, 7)
         x = torch.reshape(x, (-1, 3, rows * self.cell[0], columns * self.cell[1]))
+        # a grid that does not divide the surface has cells of another size
         if x.shape[2:] != SHAPE:
             x = F.interpolate(x, SHAPE, mode="bilinear", align_corners=False)
         return x.view(-1, slots * self.tube, 3, *SHAPE)

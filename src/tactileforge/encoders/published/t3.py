@@ -74,6 +74,7 @@ def _plan(state: State) -> ConversionPlan:
         "stems": len(stems),
         "stem_depth": stem_depth,
         "sensors": sensors,
+        # torch's default in the trunk; its stems have timm's, see `plain_vit`
         "eps": 1e-5,
         "pool": "class",
         "pixels": {
