@@ -171,6 +171,7 @@ def _scale(chosen: Sequence[Recording], options: CalibrateOptions) -> tuple[floa
     if options.mm_per_pixel is not None:
         return options.mm_per_pixel, "given"
     if options.punch_mm is not None:
+        # presses of a series that are not named so are all taken for the punch's
         punched = [recording for recording in chosen if recording.object == "punch"] or chosen
         scales = [
             punch_mm_per_pixel(

@@ -121,6 +121,7 @@ def _read_by(model: ForceReader, recording: Recording) -> Iterator[dict[str, NDA
     held = held_clips(recording.times, ends, model.frames, model.spacing)
     for start in range(0, len(held), _CHUNK):
         rows = held[start : start + _CHUNK]
+        # a frame is in several clips, and is decoded once
         known, places = np.unique(rows, return_inverse=True)
         pictures = model.squash(recording.frames.read(known.tolist()))
         clips = pictures[places.reshape(rows.shape)]

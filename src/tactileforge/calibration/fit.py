@@ -200,6 +200,7 @@ def _better(
     """Whether predictions win, by more than a tie and the standard error over blocks."""
     ours, theirs = known.losses(predicted), known.losses(simpler)
     gains = theirs - ours
+    # standard error of a sum of n gains: sqrt(n) times the deviation of one
     noise = float(np.std(gains, ddof=1) * len(gains) ** 0.5)
     return bool(ours.sum() < tie**2 * theirs.sum() and gains.sum() > noise)
 
@@ -239,9 +240,11 @@ def _path(
     ends = np.cumsum([len(group) for group in candidate.groups])[:-1]
     spreads = [np.sqrt(part.var(0).sum()) for part in np.split(columns, ends, 1)]
     sizes = [len(group) for group in candidate.groups]
+    # a group has variance 1 as a whole: many inputs weigh no more than a few
     factor = np.repeat([1 / spread if spread > 0 else 0.0 for spread in spreads], sizes)
     middle, level = columns.mean(0), float(force.mean())
     scaled = (columns - middle) * factor
+    # one decomposition for all penalties
     values, axes = np.linalg.eigh(scaled.T @ scaled)
     along = axes.T @ (scaled.T @ (force - level))
     found = []

@@ -80,9 +80,11 @@ class Speed(Callback):
     ) -> None:
         """Adds the waiting time for the batch, if the device was idle meanwhile."""
         waited = getattr(trainer.train_dataloader, "waited", 0.0)
+        # while the device still computes the last step, the wait for the next batch costs nothing
         if self._done is None or self._done.query():  # type: ignore[no-untyped-call]
             self._waiting += waited - self._seen
         self._seen = waited
+        # counted once for each set of active objectives: counting itself slows a step down
         if self.peak and _active(pl_module) not in self._counted:
             self._counter = FlopCounterMode(display=False)
             self._counter.__enter__()  # type: ignore[no-untyped-call]
@@ -101,6 +103,7 @@ class Speed(Callback):
         active = _active(pl_module) if self.peak else frozenset()
         self._stop_counting(active)
         stepped = (trainer.fit_loop.total_batch_idx + 1) % trainer.accumulate_grad_batches == 0
+        # the first step starts the clock: workers start in it, and kernels are compiled
         if self._start is None:
             self._restart()
             return

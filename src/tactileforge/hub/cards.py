@@ -28,6 +28,7 @@ from tactileforge.hub.gates import TOKENS, Gate, gate_passes
 from tactileforge.licences import check_licence
 from tactileforge.run_folder import CONFIG
 
+# libyaml, where PyYAML was built with it: every card is read to look up a name
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -181,6 +182,7 @@ class Card:
         if weight and weight.purpose:
             return weight.purpose
         paragraph = " ".join(self.text.partition("\n")[2].strip().partition("\n\n")[0].split())
+        # a full stop after a capital, as in a name, ends no sentence
         return re.split(r"(?<=[a-z0-9)])\. ", paragraph)[0].rstrip(".")
 
     def trained_on(self, weight: Weight | None) -> tuple[list[str], list[str]]:
@@ -203,6 +205,7 @@ def _recipe_folders() -> Iterator[Traversable]:
     """Folders of recipes and cards: the zoo's, and those of installed packages."""
     yield zoo_folder() / "recipe"
     for name in conf_packages():
+        # metadata may outlive a package that was removed by hand
         with suppress(ModuleNotFoundError):
             if (folder := files(name) / "recipe").is_dir():
                 yield folder
@@ -324,6 +327,7 @@ def _check(card: Card) -> None:
                 f"{where}, gates: {gate.model} with {gate.tokens}: no such weights, or tokens that "
                 f"are not {' or '.join(TOKENS)}; write them with tactileforge zoo gate"
             )
+    # None: the clip of the card itself
     for row in [None, *card.weights]:
         frames, spacing = card.clip(row)
         spaced = 0 < spacing < math.inf if frames > 1 else spacing == 0

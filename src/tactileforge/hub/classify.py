@@ -112,6 +112,7 @@ def read_class_head(path: str | Path) -> ClassHead:
     try:
         with safe_open(path, "pt") as file:
             facts = _facts((file.metadata() or {}).get(_KEY))
+            # by its shape, before it is read: a damaged one could ask for any amount of memory
             shape = tuple(file.get_slice("weight").get_shape())
             if shape[0] != len(facts.names) or len(shape) != 2 or shape[1] > _WIDEST:
                 raise ConfigError(f"weight is {shape} for {len(facts.names)} classes")
@@ -210,6 +211,7 @@ def packed_layer(heads: Any, names: Sequence[str] | None, model: str) -> Layer:
             f"names: the head was not trained on {', '.join(map(repr, strange))}; give names of "
             "objects of its training data, spelled as there"
         )
+    # a class is a hash of a name, so two objects may share one
     for place, row in enumerate(rows):
         if row in rows[:place]:
             other = names[rows.index(row)]

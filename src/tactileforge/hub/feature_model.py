@@ -274,6 +274,7 @@ def check_device(device: str | torch.device) -> torch.device:
     """
     try:
         parsed = torch.device(device)
+        # torch.device takes names of absent devices, too: only using one tells
         torch.empty(0, device=parsed)
     except (RuntimeError, AssertionError, TypeError, NotImplementedError) as error:
         reason = str(error).strip().splitlines()[0]

@@ -63,6 +63,7 @@ def check_nodes(path: Path, header: Header) -> None:
     ]:
         for key, value in node.items():
             _check_argument(path, f"{node['name']}.{key}", value)
+            # a larger number could only be damage or malice, and would build for ever
             if key in _STACKS and isinstance(value, int) and value > tensors:
                 raise DataError(
                     f"{path}: {node['name']}.{key} is {value}, and the file has {tensors} tensors; "

@@ -108,6 +108,7 @@ def save_checkpoint(
                     f"{name} has numbers that are not finite in {dtype}: "
                     + ("pack it with dtype=float32" if tensor.isfinite().all() else "train again")
                 )
+        # safetensors refuses tensors that share memory, or are not contiguous
         state[name] = kept.clone(memory_format=torch.contiguous_format)
     path = Path(path)
     metadata = replace(header, dtype=dtype).metadata(has_place=True)
@@ -117,6 +118,7 @@ def save_checkpoint(
         save_file(state, part, metadata=metadata)
         part.chmod(mode)
         seal_checkpoint(part)
+        # on the disk before it gets its name: a crash leaves the old file, or the new one
         with part.open("rb+") as file:
             os.fsync(file.fileno())
         part.replace(path)
@@ -158,6 +160,7 @@ def open_model(
     header = read_header(path)
     check_plugin(path, header)
     check_nodes(path, header)
+    # so far by the header alone: nothing of the file was built
     node = dict(header.encoder)
     with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
         encoder = build(path, "encoders", node)
@@ -166,17 +169,15 @@ def open_model(
     except SafetensorError as error:
         raise DataError(f"{path}: damaged: {error}; fetch or write it again") from error
     other = changed_options(encoder, frames, image_size)
+    # heads were trained on clips of the encoder's own number and size of frames
     heads = {} if other else _open_heads(path, header, encoder, state)
-    state = {key: x for key, x in state.items() if not _is_of_head(key, header)}
+    of_heads = tuple(map(_of_head, header.heads))
+    state = {key: x for key, x in state.items() if not key.startswith(of_heads)}
     fill_weights(encoder, state, str(path))
     if other:
         encoder = rebuild_encoder(node, encoder, other)
     encoder.requires_grad_(False)
     return encoder.eval(), heads, header
-
-
-def _is_of_head(key: str, header: Header) -> bool:
-    return any(key.startswith(_of_head(name)) for name in header.heads)
 
 
 def _open_heads(

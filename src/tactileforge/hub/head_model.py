@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 class HeadModel(GroupedModel):
     """Reading of heads, as base of `hub.model.Model`; see there for arguments and attributes."""
 
+    # set where weights are rounded, see `keep_fingerprint`; else computed when they are asked for
     _fingerprint = _encoder_hash = ""
 
     def force(

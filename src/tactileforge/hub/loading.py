@@ -63,6 +63,7 @@ def load(
         card, weight = cards.find_card(name_or_file)
         path = store.fetch_weights(card, weight)
 
+    # here: an unknown name is an error before torch is imported, which takes seconds
     from tactileforge.hub.files import open_model
     from tactileforge.hub.model import Model
     from tactileforge.hub.precision import set_precision

@@ -109,11 +109,6 @@ def open_run(
     return encoder, heads, header
 
 
-def _entry(name: str, node: Mapping[str, Any], sensors: Iterable[str]) -> dict[str, Any]:
-    entry: dict[str, Any] = {"node": node}
-    return entry | {"scale": _scales(sensors)} if name == "force" else entry
-
-
 def _heads(
     config: Mapping[str, Any],
     encoder: Any,
@@ -126,6 +121,7 @@ def _heads(
     entries: dict[str, dict[str, Any]] = {}
     for name in (*KEPT_HEADS, ALIGN):
         node = config.get("head", {}).get(name)
+        # another plugin under this name is not what `Model` reads
         if not node or node["name"] != name:
             continue
         own = _below(f"heads.{name}.", state)
@@ -135,7 +131,9 @@ def _heads(
             heads[name], entries[name], own = found
         else:
             heads[name] = registry.build("heads", node, encoder=encoder)
-            entries[name] = _entry(name, node, sensors)
+            entries[name] = {"node": node}
+            if name == "force":
+                entries[name]["scale"] = _scales(sensors)
         files.fill_weights(heads[name], own, f"{run}, head {name}")
     return heads, entries
 
@@ -156,6 +154,7 @@ def _choose(
     if wanted not in ("trained", "slow", None):
         raise ConfigError(unknown("encoder", wanted, ("trained", "slow")))
     trained = _below("encoder.", state)
+    # an EMA has the names of the encoder behind `.network.`: one of them finds its place
     first = next(iter(trained), "")
     places = [key.removesuffix(first) for key in state if key.endswith(f".network.{first}")]
     slow = [place for place in places if _below(place, state).keys() == trained.keys()]
@@ -181,6 +180,7 @@ def _without_folders(value: Any) -> Any:
     if isinstance(value, list):
         return [_without_folders(item) for item in value]
     if isinstance(value, str):
+        # a model may be packed on another system than it was trained on
         for kind in (PurePosixPath, PureWindowsPath):
             if kind(value).is_absolute() or value.startswith("~"):
                 return kind(value).name

@@ -22,6 +22,7 @@ def takes_any_sensor(encoder: Any) -> bool:
     if not hasattr(encoder, "sensor_ids"):
         return False
     try:
+        # asked by a name that no sensor has
         encoder.sensor_ids([""])
     except ConfigError:
         return False

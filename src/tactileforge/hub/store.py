@@ -133,6 +133,7 @@ def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha2
     )
     with writing(target):
         part.replace(target)
+        # after the file: a record never names one that is not there
         with new_part(_record(card, weight)) as record:
             record.write_text(json.dumps(asdict(kept), indent=2) + "\n", "utf-8")
             record.replace(_record(card, weight))
@@ -173,6 +174,7 @@ def _verify(path: Path, digest: str, size: int, fix: str) -> None:
     actual = path.stat().st_size
     if actual != size:
         raise DataError(f"{path}: {actual} bytes, expected {size}; {fix}")
+    # after the size, which costs nothing to compare
     if (found_digest := sha256(path)) != digest:
         raise DataError(f"{path}: its sha256 is {found_digest}, expected {digest}; {fix}")
 
@@ -233,6 +235,7 @@ def _address(name: str, url: str) -> tuple[str, dict[str, str]]:
     except ImportError as error:
         raise ConfigError(f"{url} needs: pip install huggingface_hub") from error
     repo, file, revision = match.groups()
+    # that of the user's login, for models whose authors ask for terms to be accepted
     token = get_token()
     headers = {"Authorization": f"Bearer {token}"} if token else {}
     return hf_hub_url(repo, file, revision=revision), headers

@@ -70,6 +70,7 @@ def _pass(encoder: Any, tap: str, *inputs: Tensor) -> tuple[Tensor, Tensor, Tens
     if not getattr(encoder, "norm_tokens", False) or tap in ("tokens", "patches", *_CLASS):
         return (*encoder(*inputs), None)
     before: list[Tensor] = []
+    # the encoder norms its tokens itself: the hook keeps what it norms
     hook = encoder.norm_out.register_forward_pre_hook(lambda _, given: before.append(given[0]))
     try:
         tokens, projected = encoder(*inputs)

@@ -61,6 +61,7 @@ def cut_clips(
     for end, now in enumerate(seconds):
         if now < due or (rows := _rows(seconds, end, frames, spacing, period)) is None:
             continue
+        # half a frame early: times of frames waver, and a hop would end at the next one
         due = now + hop - period / 2
         yield float(now), video.read(rows)
     if due == -math.inf:
@@ -74,6 +75,7 @@ def cut_clips(
 def _rows(times: Times, end: int, frames: int, spacing: float, period: float) -> list[int] | None:
     """Frames of the clip ending with frame ``end``; None if there is no such clip."""
     reach = frames * clip_step(period, spacing)
+    # of the frames within reach alone: the search does not grow with the video
     first = int(np.searchsorted(times, times[end] - reach))
     rows = clip_rows(times[first : end + 1], frames, spacing, period)
     return None if rows is None else [first + row for row in rows]
