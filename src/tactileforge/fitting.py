@@ -71,9 +71,11 @@ def fit(
         except RuntimeError as error:
             if trainer.world_size == 1 or not _LOST.search(str(error)):
                 raise
+            fix = f"Go on from its checkpoint: tactileforge train resume={shlex.quote(str(folder))}"
+            if not (folder / run_folder.LAST).is_file():
+                fix = "Nothing was saved before: give the same command again"
             raise TactileForgeError(
-                f"another process of the run has died ({str(error).splitlines()[0][:120]}). "
-                f"{_kept(folder)}"
+                f"another process of the run has died ({str(error).splitlines()[0][:120]}). {fix}"
             ) from error
         except SystemExit as stop:  # Lightning turns Ctrl-C into it
             done = trainer.global_step
@@ -86,13 +88,6 @@ def fit(
             raise ConfigError(f"trainer.val_check_interval: {error}") from error
     if saver.interrupted:
         raise KeyboardInterrupt(f"stopped at step {trainer.global_step}")
-
-
-def _kept(folder: Path) -> str:
-    """Advice on how to continue an interrupted run."""
-    if not (folder / run_folder.LAST).is_file():
-        return "Nothing was saved before: give the same command again"
-    return f"Go on from its checkpoint: tactileforge train resume={shlex.quote(str(folder))}"
 
 
 def _way_back(folder: Path, numbers: str) -> str:

@@ -96,7 +96,11 @@ def typed(where: str, value: Any, hint: Any) -> Any:
     if not fits:
         takes_list = get_origin(hint) in (list, tuple, Sequence) and isinstance(value, str)
         fix = f"; give a list: [{_short(value)[1:-1]}]" if takes_list else ""
-        raise ConfigError(f"{where} is {_short(value)}, which is not of type {_name(hint)}{fix}")
+        is_class = get_origin(hint) is None and isinstance(hint, type)
+        # without modules, and in the words of YAML
+        name = re.sub(r"\b([a-z_]+\.)+", "", str(hint)).replace("NoneType", "null")
+        name = hint.__name__ if is_class else name
+        raise ConfigError(f"{where} is {_short(value)}, which is not of type {name}{fix}")
     return made
 
 
@@ -161,12 +165,6 @@ def _pairs(where: str, value: Any, inner: Sequence[Any]) -> tuple[bool, Any]:
 def _short(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
-
-
-def _name(hint: Any) -> str:
-    if get_origin(hint) is None and isinstance(hint, type):
-        return hint.__name__
-    return re.sub(r"\b([a-z_]+\.)+", "", str(hint)).replace("NoneType", "null")
 
 
 def _fields(kind: Any) -> Sequence[Field[Any]]:

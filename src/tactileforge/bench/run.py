@@ -76,6 +76,7 @@ class Bench:
         sources: dict[str, TaskSource | TactileForgeError] = {}
         for task in tasks:
             for metric in task.metrics:
+                # an unknown metric is an error before data is opened
                 metrics.metric_kind(metric)
             source = _source(task, sources)
             try:
@@ -182,6 +183,7 @@ class Bench:
                 (result.outcomes[0].seed if choice.kind.trained else number, result)
                 for result in done
             ]
+        # of the first network alone: a head fits one encoder
         class_heads.keep_class_head(self.writer.folder, prepared, subjects[0], measured[0][1])
         rows = self._cells(entry, prepared, choice, measured)
         self.writer.cells(prepared.task.name, entry.name, self._key(prepared, subjects), rows)
@@ -250,6 +252,7 @@ class Bench:
     def _knows(
         self, prepared: PreparedTask, entry: ModelEntry, subjects: Sequence[FrozenEncoder]
     ) -> bool:
+        # all networks of a row know the same sensors
         strange = subjects[0].unknown(prepared.sensors)
         if not strange or prepared.task.unknown_sensor == "universal":
             return True

@@ -103,6 +103,7 @@ def calibrate(
     first = chosen[0]
     notes: list[str] = []
     sizes = {recording.frames.shape for recording in chosen}
+    # the scale is in mm per pixel, so pictures of two sizes have two
     if len(sizes) > 1:
         shapes = " and ".join(f"{h} x {w}" for h, w in sorted(sizes))
         raise DataError(f"frames of {shapes} pixels: calibrate recordings of one size")

@@ -125,6 +125,7 @@ def _read_by(model: ForceReader, recording: Recording) -> Iterator[dict[str, NDA
         known, places = np.unique(rows, return_inverse=True)
         pictures = model.squash(recording.frames.read(known.tolist()))
         clips = pictures[places.reshape(rows.shape)]
+        # the model warns of changed light itself
         inputs = model.force_inputs(clips, rest, recording.sensor)
         yield {name: value[:, -1].cpu().double().numpy() for name, value in inputs.items()}
 

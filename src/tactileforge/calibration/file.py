@@ -255,6 +255,7 @@ def parse_calibration(text: str, where: str) -> Calibration:
         content = strict.mapping(where, unsealed_yaml(text))
     except ValueError as error:
         raise ConfigError(f"{where}: {error}; correct it, or calibrate again") from error
+    # before the types: another version may have other keys
     if (version := content.pop("version", None)) != VERSION:
         raise ConfigError(
             f"{where}: version {version}, but this tactileforge reads {VERSION}; calibrate again"

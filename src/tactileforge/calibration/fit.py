@@ -152,6 +152,7 @@ def fit_axis(
         DataError: There are too few forces.
     """
     known = _known(inputs, force, fold, name)
+    # the mean force of the other blocks: what a fit has to beat
     level = np.empty_like(known.force)
     for number in known.blocks:
         out = known.fold == number

@@ -220,7 +220,9 @@ class TactileViews:
         """Features of visible tubes: ``mask_ratio`` of the positions are hidden in every slot."""
         encoder = self.encoder
         count = self.order.shape[1]
+        # one at least: attention over no patch gives NaN
         keep = max(1, round(count * (1 - encoder.mask_ratio)))
+        # in the order of their places, as tokens come without a mask
         kept = self.order[:, :keep].sort(dim=1).values
         masked = self.order[:, keep:].sort(dim=1).values
         hidden = encoder.encode(self.patches, self.sensor, kept)

@@ -55,6 +55,7 @@ class PhotoStream(nn.Module):
         self.network = Lite0().requires_grad_(False)
         sizes = zip(_DEVIATIONS, Lite0.channels, strict=True)
         deviation = torch.cat([torch.full((count,), value) for value, count in sizes])
+        # constants: not in state dicts
         self.register_buffer("deviation", deviation, persistent=False)
         self.project = nn.Linear(len(deviation), width)
         nn.init.orthogonal_(self.project.weight)

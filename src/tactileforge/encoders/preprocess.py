@@ -113,6 +113,7 @@ class Preprocess(nn.Module):
                     f"encoder.pixels.{name} has shape {tuple(numbers.shape)}: give three numbers, "
                     "or three for each row of the sensor table"
                 )
+            # not in state dicts: they are options, which every file of weights has in its header
             self.register_buffer(name, numbers.float()[..., None, None], persistent=False)
         self.mean: Tensor
         self.std: Tensor

@@ -79,4 +79,5 @@ class RelativeBias(nn.Module):
             rows = self.rows[places[:, :, None], places[:, None, :]]
         among = self.table[:, rows].transpose(0, 1)
         ahead = self.ahead.view(1, -1, 1, 1).expand(len(among), -1, among.shape[2], self.prefix)
+        # queries of class and sensor tokens have no bias
         return F.pad(torch.cat([ahead, among], dim=3), (0, 0, self.prefix, 0))

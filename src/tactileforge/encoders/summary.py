@@ -50,6 +50,7 @@ def encode_summary(
     finally:
         for hook in hooks:
             hook.remove()
+    # encoders without blocks like ours have their tokens alone
     return tokens, projected, join_summary(states or [tokens], encoder.grid)
 
 

@@ -61,6 +61,7 @@ class _Halved(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(n, width, h, w) to (n, width, h / 2, w / 2)."""
+        # as in the published weights; padding=1 of the convolution would shift the map
         out: Tensor = self.conv(F.pad(x, (0, 1, 0, 1)))
         return out
 

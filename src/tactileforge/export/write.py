@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import logging
-import os
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,7 +17,7 @@ from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.export.facts import AXES_OF_FORCE, OUTPUTS, Exported, need_onnx
 from tactileforge.export.graph_module import GraphModule, check_float32
 from tactileforge.export.program import ProgramFile, compare_outputs, sizes_of, trace
-from tactileforge.files import new_part
+from tactileforge.files import new_part, sync
 from tactileforge.hub import forces
 from tactileforge.hub.files import describe_input
 from tactileforge.hub.loading import load
@@ -91,9 +90,7 @@ def export(
         )
         # again, now with metadata: they hold the measured error
         file.save(part, done.text())
-        # on the disk before it gets its name: a crash leaves the old file, or the new one
-        with part.open("rb+") as written:
-            os.fsync(written.fileno())
+        sync(part)
         part.replace(path)
     return done
 

@@ -62,6 +62,7 @@ class AlignHead(nn.Module):
         if tower is None:
             return None
         width: int = tower.width  # type: ignore[assignment]
+        # without a bias, as in CLIP
         return nn.Linear(width, encoder.projected, bias=False)
 
     def forward(self, views: Views, batch: Batch) -> Aligned:

@@ -136,5 +136,6 @@ class ForceHead(nn.Module):
             return full.tokens
         slots, rows, columns = full.grid
         patches = full.tokens[:, full.prefix :].reshape(-1, slots, rows * columns, self.width)
+        # against the first slot: what has changed since the clip began
         changes = (patches[:, 1:] - patches[:, :1]).flatten(1, 2)
         return torch.cat([full.tokens, self.norm(changes)], dim=1)

@@ -203,6 +203,7 @@ def zoo_folder() -> Traversable:
 
 def _recipe_folders() -> Iterator[Traversable]:
     """Folders of recipes and cards: the zoo's, and those of installed packages."""
+    # first: `read_card` takes the first of two cards with one name
     yield zoo_folder() / "recipe"
     for name in conf_packages():
         # metadata may outlive a package that was removed by hand
@@ -241,6 +242,7 @@ def find_card(model: str) -> tuple[Card, Weight]:
         ConfigError: Unknown name or tag, or a card without weights.
     """
     name, _, tag = model.partition(".")
+    # the name of a card wins over a file that is called so
     if name not in card_names() and (
         "/" in model or model.endswith((".safetensors", ".ckpt", ".pth"))
     ):
@@ -291,6 +293,7 @@ def parse_card(name: str, text: str, recipe: bool) -> Card:
     except yaml.YAMLError as error:
         raise ConfigError(f"{where}: {error}") from error
     front = strict.mapping(where, front)
+    # few cards have them; the other lists are written even where they are empty
     front.setdefault("gates", [])
     for key, kind in (("weights", Weight), ("results", CardResult), ("gates", Gate)):
         rows = front.get(key)
@@ -312,6 +315,7 @@ def _check(card: Card) -> None:
     for weight in card.weights:
         place = f"{where}, weights {weight.tag!r}"
         check_licence(f"{place}: licence", weight.licence)
+        # tags stand in names of files, and on the command line
         if not re.fullmatch(r"[a-z0-9][a-z0-9_-]*", weight.tag) or tags.count(weight.tag) > 1:
             raise ConfigError(f"{place}: tags are lower-case words, each used once")
         if bool(weight.file) + bool(weight.url) + bool(weight.layout) != 1:

@@ -89,6 +89,7 @@ class ClassHead:
     def save(self, path: Path) -> None:
         """Writes it, whole or not at all."""
         with new_part(path) as part:
+            # the layer of a fit is transposed, which safetensors refuses
             tensors = {"weight": self.weight.contiguous(), "bias": self.bias.contiguous()}
             save_file(tensors, part, metadata={_KEY: json.dumps(asdict(self.facts))})
             part.replace(path)
@@ -172,12 +173,14 @@ def fitted_layer(
             f"the head of {fitted.facts.task} was fitted to another encoder than {model}: "
             "run tactileforge bench with this model"
         )
+    # None: the encoder takes no background
     if fitted.facts.background not in (None, subtracts):
         fix = "give background=, a frame without contact" if not subtracts else "background='none'"
         known = "with" if fitted.facts.background else "without"
         raise ConfigError(
             f"the head of {fitted.facts.task} was fitted to pictures {known} a background: {fix}"
         )
+    # universal tokens fit no sensor in particular, so a head may be read with them
     if strange := set(sensors) - {*fitted.facts.sensors, "universal"}:
         raise ConfigError(
             f"the head of {fitted.facts.task} was fitted to pictures of "

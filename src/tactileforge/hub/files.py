@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from torch import Tensor, nn
 
 from tactileforge import registry
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.files import new_part, writing
+from tactileforge.files import new_part, sync, writing
 from tactileforge.hub.file_checks import build, check_nodes, check_plugin, towers_of
 from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
@@ -35,6 +34,7 @@ def make_header(
         spacing: Seconds between the frames of a clip; 0 for one frame.
         known: Further fields of `Header`.
     """
+    # from metadata; an encoder that was built in a script has no package
     plugin = next(
         (p for p in registry.list_plugins() if (p.kind, p.name) == ("encoders", node["name"])), None
     )
@@ -101,6 +101,7 @@ def save_checkpoint(
     state = {}
     for name, tensor in tensors.items():
         kept = tensor.detach().cpu()
+        # whole numbers, such as counters, stay what they are
         if kept.is_floating_point():
             kept = kept.to(DTYPES[dtype])
             if not torch.isfinite(kept).all():
@@ -118,9 +119,7 @@ def save_checkpoint(
         save_file(state, part, metadata=metadata)
         part.chmod(mode)
         seal_checkpoint(part)
-        # on the disk before it gets its name: a crash leaves the old file, or the new one
-        with part.open("rb+") as file:
-            os.fsync(file.fileno())
+        sync(part)
         part.replace(path)
 
 
@@ -204,6 +203,7 @@ def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) ->
             finite; lists them.
     """
     own = encoder.state_dict()
+    # all faults in one error: names that are missing and left over explain each other
     wrong = {
         "missing": sorted(own.keys() - state.keys()),
         "unexpected": sorted(state.keys() - own.keys()),
@@ -223,4 +223,5 @@ def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) ->
             if keys
         ]
         raise DataError(f"{where}: these are not the weights of this encoder: {'; '.join(lines)}")
+    # weights of a file may be float16
     encoder.load_state_dict({key: value.to(own[key].dtype) for key, value in state.items()})

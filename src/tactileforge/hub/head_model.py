@@ -274,6 +274,7 @@ class HeadModel(GroupedModel):
             inputs = self._readable(*self._pass(x, still, self._rows(names, "error")), scale)
             inputs |= forces.picture_columns(x, still, inputs["z"])
         if not forces.has_no_background(self.encoder, background):
+            # stacked, so that the light of a frame is looked at once
             together = forces.without_light(torch.stack([*inputs.values()], -1), x, still)
             inputs = dict(zip(inputs, together.unbind(-1), strict=True))
             forces.warn_of_missing("force_inputs", together[..., 0].isnan(), forces.LIGHT)

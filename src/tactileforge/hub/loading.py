@@ -69,6 +69,7 @@ def load(
     from tactileforge.hub.precision import set_precision
     from tactileforge.hub.runs import open_run
 
+    # a Path has no word before it: a folder can only be a run
     is_path = isinstance(name_or_file, Path)
     is_run = path.is_dir() if is_path else str(name_or_file).startswith("run:")
     encoder, heads, header = (open_run if is_run else open_model)(path, frames, image_size)

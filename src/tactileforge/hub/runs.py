@@ -59,6 +59,7 @@ def read_run(
     if (known := config["encoder"].get("sensors")) and (trained := kept.get("sensors")):
         # rows of other sensors were never trained
         config["encoder"]["sensors"] = {name: known[name] for name in known if name in trained}
+    # popped: the recipe in a header is not this run
     checkpoint = read_own(run, config.pop("run", None), ("global_step",))
     kind, state = _choose(checkpoint["state_dict"], encoder, run)
     with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
@@ -66,6 +67,7 @@ def read_run(
         files.fill_weights(built, state, str(run))
         heads: dict[str, nn.Module] = {}
         entries: dict[str, dict[str, Any]] = {}
+        # heads were trained on the encoder itself, not on its EMA
         if kind == "trained":
             known = built.sensors or kept.get("sensors", ())
             heads, entries = _heads(config, built, checkpoint["state_dict"], run, known)
@@ -75,6 +77,7 @@ def read_run(
         licence=licence,
         spacing=config["batch"]["spacing"] if built.frames > 1 else 0.0,
         name=name,
+        # of the code that trained it, where that is recorded
         commit=kept.get("commit") or commit(),
         versions=kept.get("versions", {}),
         data={"name": config["data"]["name"], "licences": kept.get("licences", [])},

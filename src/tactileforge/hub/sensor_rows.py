@@ -70,6 +70,7 @@ def row_each(encoder: Any, names: Sequence[str], policy: Policy, any_sensor: boo
     if policy not in ("error", "universal"):
         raise ConfigError(f"unknown_sensor={policy!r}: give error or universal")
     if any_sensor:
+        # nobody looks at these rows
         return torch.zeros(len(names), dtype=torch.int64)
     known: dict[str, int] = encoder.sensors
     universal: int | None = getattr(encoder, "universal", None)

@@ -102,6 +102,7 @@ def read_import(card: Card, weight: Weight) -> Import:
         imported = strict.build(Import, str(record), load_json(record.read_text("utf-8")))
     except (ValueError, ConfigError) as error:
         raise DataError(f"{record}: damaged ({error}); {fix}") from error
+    # a record names a file beside it, and no other place
     if Path(imported.file).name != imported.file:
         raise DataError(f"{record}: damaged (file {imported.file!r}); {fix}")
     return imported
@@ -191,6 +192,7 @@ def _download(card: Card, weight: Weight, target: Path) -> None:
             more = f"at least {weight.bytes + 1} bytes, expected {weight.bytes}"
             raise DataError(f"{name}: {more}; {other}") from error
         except OSError as error:
+            # the network is not to blame
             if full(error):
                 raise
             terms = "; its authors ask for terms to be accepted there" if weight.gated else ""
@@ -227,6 +229,7 @@ def _address(name: str, url: str) -> tuple[str, dict[str, str]]:
         if url.partition(":")[0] not in ("https", "http", "file"):
             raise ConfigError(f"{name}: {url}: use https://, http://, file:// or hf://")
         return url, {}
+    # with a revision: the newest file may be another than the card names
     match = re.fullmatch(r"hf://([^/@]+/[^/@]+)/([^@]+)@([^@]+)", url)
     if not match:
         raise ConfigError(f"{url}: write hf://OWNER/REPO/FILE@REVISION")

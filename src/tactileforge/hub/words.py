@@ -195,6 +195,7 @@ def language_of(header: Header, heads: Mapping[str, Any], model: str, width: int
 
 def _weight(header: Header) -> cards.Weight | None:
     """Weights on the card of an imported model; its file has no say."""
+    # a file could name any place to load a tower from: only a card of ours may
     if not header.source.get("layout"):
         return None
     try:

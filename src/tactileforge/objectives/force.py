@@ -75,6 +75,7 @@ class Force(nn.Module):
         of_delta = self._errors(prediction.delta, force.diff(dim=1), self.deviation[1])
         loss = masked_mean((of_force + self.delta * of_delta).mean(1)[:, first:], valid)
         newton = ((prediction.force.detach() - force[:, 1:]) * scale).abs().mean(1)[:, first:]
+        # millinewton, in which benchmarks of touch print forces
         logs = {
             f"mae_{axis}_mN": masked_mean(1000 * newton[:, i], valid[:, i])
             for i, axis in enumerate(AXES[first:])

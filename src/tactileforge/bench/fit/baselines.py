@@ -34,6 +34,7 @@ class Flat(Baseline):
 
     def __init__(self) -> None:
         super().__init__(_SIZE, _SIZE)
+        # the width is that of what it reads of a blank clip
         blank = torch.zeros(1, 2, 3, _SIZE, _SIZE, dtype=torch.uint8)
         self.width = self.projected = self(blank, blank[:, 0], torch.zeros(1))[1].shape[1]
 

@@ -145,12 +145,14 @@ def untrained_encoder(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         encoder = registry.build("encoders", header.encoder)
+    # steps and origin are those of the trained weights, not of these
     return FrozenEncoder(name, encoder, replace(header, source={}), device=device)
 
 
 def baseline_encoder(word: str, device: str = "cpu") -> FrozenEncoder:
     """No encoder of touch at all: see `baselines.BASELINES`."""
     encoder = BASELINES[word][0]()
+    # its two frames are as far apart as the first and the last of a clip
     header = files.make_header(encoder, {"name": word}, licence="Apache-2.0", spacing=0.2)
     return FrozenEncoder(word, encoder, header, device=device)
 

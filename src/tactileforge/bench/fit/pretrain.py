@@ -152,6 +152,7 @@ def pretrain(job: PretrainJob) -> None:
         ConfigError: The folder holds a run of other settings.
         KeyboardInterrupt: It was stopped; the same call goes on with it.
     """
+    # first: a finished run of other settings is not taken for this one
     _claim(job)
     if job.finished:
         return
@@ -166,6 +167,7 @@ def pretrain(job: PretrainJob) -> None:
     if status == 130:
         raise KeyboardInterrupt(f"stopped in {job.folder}")
     if status:
+        # what the command line prints last, before it ends
         reason = output.strip().rpartition("error: ")[2] or f"exit status {status}"
         write_text(job.folder / _FAILED, " ".join(reason.split()))
 
@@ -207,6 +209,7 @@ def _launch(folder: Path, runs: Sequence[PretrainJob], words: Sequence[str]) -> 
     write_text(listed, json.dumps(rows, indent=2))
     command = sys.argv
     names = ",".join(rows)
+    # hydra.main takes its words from sys.argv alone
     sys.argv = ["tactileforge", "-m", f"job={names}", f"jobs={listed.resolve()}", *words]
     sys.argv.append(f"hydra.sweep.dir={folder.resolve()}/hydra")
     try:
@@ -251,6 +254,7 @@ def curves(name: str, folder: Path) -> Iterator[LossCurve]:
     metrics = read_metrics(folder)
     for key, curve in metrics.items():
         kind, _, objective = key.partition("/")
+        # further scalars of an objective have a second slash
         if kind != "train" or "/" in objective:
             continue
         thin = curve.thinned()

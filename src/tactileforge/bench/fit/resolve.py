@@ -46,12 +46,7 @@ class PreparedTask:
     @property
     def clips(self) -> NDArray[np.int64]:
         """Clips of the source used by any split: int64, ascending."""
-        used = [
-            places
-            for split in self.splits
-            for places in (split.train, split.validation, split.test)
-        ]
-        return self.target.clips[np.unique(np.concatenate(used))]
+        return self.target.clips[np.unique(np.concatenate([one.every for one in self.splits]))]
 
     @property
     def test_units(self) -> list[str]:
@@ -90,6 +85,7 @@ def prepare_task(task: Task, source: TaskSource, fitted: bool = True) -> Prepare
             metrics.part_of(metric, target.parts)
         except ConfigError as error:
             raise ConfigError(f"tasks.{task.name}.metrics: {error}") from error
+    # asked once, for its error: a target that cannot be mirrored is found before features
     if task.flips:
         for part in target.parts.values():
             part.flipped(True, True)

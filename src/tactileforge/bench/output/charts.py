@@ -55,6 +55,7 @@ def scatter(
         limits: Lower and upper limit of both axes.
         unit: Unit of the values; errors of N are given in mN.
     """
+    # spread evenly and not drawn, so that a page is the same each time
     rows = np.unique(np.linspace(0, len(truth) - 1, POINTS).round().astype(int))
     error = rmse(truth, predicted)
     told = f"{1000 * error:.0f} mN" if unit == "N" else f"{error:.3g} {unit}".rstrip()
@@ -118,6 +119,7 @@ def _name(axes: Any, names: Sequence[str], totals: NDArray[np.int64]) -> None:
     rows = [f"{name} ({total})" for name, total in zip(short, totals.tolist(), strict=True)]
     places = range(count) if count <= NAMED else ()
     size = 9 if count <= 8 else 8
+    # names may have dollar signs, which would be read as formulas
     axes.set_xticks(places, short if places else (), rotation=90, fontsize=size, parse_math=False)
     axes.set_yticks(places, rows if places else (), fontsize=size, parse_math=False)
     axes.set(xlim=(-0.5, count - 0.5), ylim=(count - 0.5, -0.5), aspect="equal")

@@ -148,6 +148,7 @@ def ablation_table(results: Results, all_scores: Scores) -> Table | None:
         return None
     pairs = [(model, full_model(results, model)) for model in ablations]
     fulls = list({full.name: full for _, full in pairs if full}.values())
+    # each full model above its ablations
     ordered: list[tuple[ResultModel, ResultModel | None]] = []
     for full in fulls:
         ordered += [(full, None), *(pair for pair in pairs if pair[1] == full)]

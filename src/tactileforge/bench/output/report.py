@@ -48,11 +48,20 @@ def bench_page(
         if grid:
             parts.append(Section(name, title, render_html(grid)))
     parts += draw_figures(folder, results, scores)
-    parts += [
-        _details(results, scores),
-        *_published(results, scores, rows),
-        _about(results),
-    ]
+    body = paragraph("Every metric of each task, in the setting of the main table.")
+    for task in results.tasks:
+        grid = setting_tables.details_table(results, scores, task)
+        body += details(task.title, render_html(grid) if grid else paragraph("There is no model."))
+    parts.append(Section("details", "All metrics", body))
+    # numbers of others, apart from ours: they may come from another split or epoch
+    theirs = Markup()
+    for beside in published.beside_tables(results, scores, rows):
+        theirs += render_html(beside, heading=True)
+    if every := published.published_table(rows):
+        theirs += details(f"{every.title}: all of the zoo", render_html(every))
+    if theirs:
+        parts.append(Section("theirs", "Published", theirs))
+    parts.append(_about(results))
     return page(f"Touch encoders compared: {results.suite}", _top(results, scores), parts)
 
 
@@ -126,25 +135,6 @@ def _warnings(results: Results, scores: Scores) -> list[tuple[str, str]]:
     if bad:
         lines.append(("bad", f"{bad} probes gave no finite number in at least one seed."))
     return lines + [("plain", f"{hint}.") for hint in edge_rates(results, scores)]
-
-
-def _details(results: Results, scores: Scores) -> Section:
-    body = paragraph("Every metric of each task, in the setting of the main table.")
-    for task in results.tasks:
-        grid = setting_tables.details_table(results, scores, task)
-        inner = render_html(grid) if grid else paragraph("There is no model.")
-        body += details(task.title, inner)
-    return Section("details", "All metrics", body)
-
-
-def _published(results: Results, scores: Scores, rows: Sequence[PublishedScore]) -> list[Section]:
-    body = Markup()
-    for beside in published.beside_tables(results, scores, rows):
-        body += render_html(beside, heading=True)
-    every = published.published_table(rows)
-    if every:
-        body += details(f"{every.title}: all of the zoo", render_html(every))
-    return [Section("theirs", "Published", body)] if body else []
 
 
 def _about(results: Results) -> Section:

@@ -21,6 +21,7 @@ from tactileforge.errors import DataError
 METRICS = ("accuracy", "balanced_accuracy", "r2")
 #: Draws of groups; ends of intervals are percentiles 2.5 and 97.5 of them.
 DRAWS = 2000
+# Any number (a date), but always the same: a gate is reproduced to the last digit.
 _SEED = 20261122
 
 Sums = NDArray[np.float64]

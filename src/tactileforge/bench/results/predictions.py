@@ -39,6 +39,7 @@ def read_predictions(path: Path) -> Predictions:
         DataError: The file is absent or damaged, or its arrays do not fit each other.
     """
     try:
+        # a pickle in it would be executed
         with np.load(path, allow_pickle=False) as file:
             arrays = {key: file[key] for key in file.files}
     except (OSError, ValueError, zipfile.BadZipFile) as error:

@@ -167,13 +167,6 @@ class Percent(Metric):
         return out
 
 
-def _f1(part: TargetPart) -> Metric:
-    """F1 of the second class if there are two; else the mean over classes."""
-    if len(part.names) == 2:
-        return Percent(BinaryF1Score())
-    return Percent(MulticlassF1Score(len(part.names), average="macro"))
-
-
 def _rmse(reduce: Callable[[Tensor], Tensor]) -> Metric:
     """Root mean squared errors of force, mN, reduced over the axes."""
     rmse = MeanSquaredError(squared=False, num_outputs=3)
@@ -215,7 +208,17 @@ METRICS: dict[str, MetricKind] = {
     "balanced_accuracy": MetricKind(
         ("classes",), "%", "higher", lambda part: Percent(MeanRecall(len(part.names)))
     ),
-    "f1": MetricKind(("classes",), "%", "higher", _f1),
+    # of two classes that of the second, of more the mean
+    "f1": MetricKind(
+        ("classes",),
+        "%",
+        "higher",
+        lambda part: Percent(
+            BinaryF1Score()
+            if len(part.names) == 2
+            else MulticlassF1Score(len(part.names), average="macro")
+        ),
+    ),
     "rmse_sum_axes": MetricKind(("force",), "mN", "lower", lambda _: _rmse(torch.sum)),
     "mae_mean_axes": MetricKind(
         ("force",),

@@ -92,6 +92,7 @@ def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: ClipSpec)
         opened = list(dataset.recordings(side))
         recordings += opened
         of += [side] * len(opened)
+    # an absent recording would make numbers of two benches differ
     if dataset.skipped:
         raise DataError(
             f"{len(dataset.skipped)} recordings cannot be read, and the benchmark skips none; "
@@ -124,6 +125,7 @@ def _fixed(recordings: list[Recording], ends: list[Any]) -> NDArray[np.int32]:
     for number, recording in enumerate(recordings):
         count = len(recording.times)
         places = [
+            # a share of the recording, or a frame, counted from its end where negative
             round(end * (count - 1)) if isinstance(end, float) else end + count * (end < 0)
             for end in ends
         ]

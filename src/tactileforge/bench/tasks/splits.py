@@ -35,6 +35,16 @@ class Split:
     validation: NDArray[np.int64]
     test: NDArray[np.int64]
 
+    @property
+    def known(self) -> NDArray[np.int64]:
+        """Clips that a fit may use once its options are chosen: training and validation."""
+        return np.sort(np.concatenate([self.train, self.validation]))
+
+    @property
+    def every(self) -> NDArray[np.int64]:
+        """All clips of the split."""
+        return np.concatenate([self.train, self.validation, self.test])
+
 
 def build_splits(
     task: Task, source: TaskSource, target: Target, fitted: bool = True
@@ -207,6 +217,7 @@ def _validation(
     taken: set[str] = set()
     groups = list(_ordered(names, stratum).values())
     for members in groups:
+        # rounded half up: round() would go to even numbers
         taken.update(members[: int(share * len(members) + 0.5)])
     # a small share can round to no group in every stratum, but one is needed to select on
     if not taken and groups and len(names) > 1:

@@ -79,6 +79,7 @@ class TargetPart:
             last = len(self.names) - 1
             return replace(self, truth=torch.where(swapped, last - self.truth, self.truth))
         count = len(self.truth)
+        # as a batch: mirrored by the code that mirrors training
         batch = {"action": torch.full((count,), -1), "force": torch.zeros(count, 1, 3)}
         if self.mirror == "force":
             batch["force"] = self.truth[:, None].clone()
@@ -138,13 +139,15 @@ def build_target(task: Task, source: TaskSource) -> Target:
                 [*TARGETS, "label:NAME", "numbers:NAME+NAME", "shares:NAME+NAME"],
             )
         )
+    # a clip without one of the columns is left out whole
     good = torch.stack([part.truth.isfinite().all(1) for part in parts.values()]).all(0)
     clips = good.nonzero()[:, 0]
     if not len(clips):
-        raise DataError(
-            f"task {task.name}: no clip of the data has the label {task.target!r}{_partial(parts)}"
-            f"{_labels(task, source)}"
-        )
+        fix = _partial(parts)
+        if task.target.startswith("label:"):
+            known = {name for recording in source.recordings for name in recording.labels}
+            fix += f": {unknown('label', task.target[6:], known)}"
+        raise DataError(f"task {task.name}: no clip of the data has the label {task.target!r}{fix}")
     for name, part in parts.items():
         truth, scale = part.truth[clips], part.scale[clips]
         if task.clamp and part.kind == "force":
@@ -152,14 +155,6 @@ def build_target(task: Task, source: TaskSource) -> Target:
             truth = (truth / scale).clamp(-task.clamp, task.clamp) * scale
         parts[name] = replace(part, truth=truth, scale=scale)
     return Target(parts, clips.numpy())
-
-
-def _labels(task: Task, source: TaskSource) -> str:
-    """Part of an error: the known labels, if the target names a label."""
-    if not task.target.startswith("label:"):
-        return ""
-    known = {name for recording in source.recordings for name in recording.labels}
-    return f": {unknown('label', task.target[6:], known)}"
 
 
 def _partial(parts: dict[str, TargetPart]) -> str:
@@ -311,13 +306,6 @@ def _losing(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     return {"losing": _classes(source, lambda *_: next(states), ("held", "losing"))}
 
 
-def _slip(task: Task, source: TaskSource) -> dict[str, TargetPart]:
-    return {
-        "slip": _classes(source, _slips, ("stick", "slip")),
-        "delta_force": _newton(task, source, change=True),
-    }
-
-
 #: Target by name, besides ``label:NAME``, the class that a label of the recording names, and
 #: ``numbers:NAME+NAME``, labels as numbers in their own unit, and ``shares:NAME+NAME``, labels in
 #: pixels as shares of the width of the image.
@@ -325,7 +313,10 @@ TARGETS: dict[str, Callable[[Task, TaskSource], dict[str, TargetPart]]] = {
     "force": lambda task, source: {"force": _newton(task, source, change=False)},
     "delta_force": lambda task, source: {"delta_force": _newton(task, source, change=True)},
     "normal_force": _normal_force,
-    "slip": _slip,
+    "slip": lambda task, source: {
+        "slip": _classes(source, _slips, ("stick", "slip")),
+        "delta_force": _newton(task, source, change=True),
+    },
     "action": lambda _, source: {"action": _classes(source, _action, ACTIONS, "action")},
     "object": lambda _, source: {"object": _classes(source, lambda r, *_: r.object)},
     "place": _place,

@@ -146,6 +146,7 @@ def recognise(state: State) -> WeightLayout:
     for layout, _, lost in candidates:
         if not lost:
             return layout
+    # after the layouts: a file that is refused looks like one of them
     for known in REFUSED:
         if known.fits(state):
             raise ConfigError(known.reason)

@@ -79,6 +79,7 @@ def _resized(positions: Tensor, side: int, wanted: int) -> Tensor:
         return positions
     grid = positions[1:].view(1, side, side, -1).permute(0, 3, 1, 2)
     scale = (wanted + _MARGIN) / side
+    # by factor and not by size: torch then samples at the scale with the margin
     grid = F.interpolate(grid, scale_factor=(scale, scale), mode="bicubic")
     return torch.cat([positions[:1], grid[0].flatten(1).T])
 

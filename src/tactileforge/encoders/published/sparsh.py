@@ -73,6 +73,7 @@ def _plan(state: State) -> ConversionPlan:
         keys["stems.0.position"] = "pos_embed"
     else:
         check_bands(state.get(_BANDS), _BANDS, width, 3 if video else 2)
+    # some files have an empty tensor of them
     if (registers := state.get("register_tokens")) is not None and registers.numel():
         keys["registers"] = "register_tokens"
         options["registers"] = registers.shape[1]
