@@ -154,6 +154,7 @@ class DepthReader:
             for one in self.calibration.backgrounds
         ]
         fits = [agreement(seen, colour_grid(picture)) for picture in resting]
+        # a grey background, as of a sensor with white light, has no colors to compare
         if has_colours(seen) and fits and max(fits) < _AGREES:
             warnings.warn(
                 f"depth: the colors of the background do not fit the calibration (agreement "
@@ -256,6 +257,7 @@ def read_optics(path: str | Path) -> OpticalCalibration:
         if path.stat().st_size > _LARGEST:
             raise ValueError(f"more than {_LARGEST} bytes")
         optics = parse_optics(path.read_text("utf-8"))
+        # sizes follow from the number of lights and the degree over the picture
         lights, places = len(optics.lights), len(exponents(DEGREE))
         tables = {
             "fine": (optics.fine, (len(POWERS), places, 3)),

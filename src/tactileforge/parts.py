@@ -188,6 +188,7 @@ def _head(
     key: str, config: Mapping[str, Any], provides: AbstractSet[str], encoder: Any
 ) -> nn.Module:
     wanted = registry.context(registry.get("heads", config["head"][key]["name"]))
+    # a tower is built where the data has something for it to encode
     towers = {
         f"{kind}_encoder": tower(config, kind)
         if kind in provides and config.get(f"{kind}_encoder")

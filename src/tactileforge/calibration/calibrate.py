@@ -164,6 +164,7 @@ def _light(
         notes.append(
             f"backgrounds differ by up to {worst:.0f} grey levels: the gel or its light has changed"
         )
+    # a background with a touch in it does not count
     still = np.median(np.stack(stills), axis=0)
     return unit_light, np.rint(still).clip(0, 255).astype(np.uint8)
 

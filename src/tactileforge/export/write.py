@@ -125,6 +125,7 @@ def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str,
             head, kept = opened.heads["force"], opened.header.heads["force"]
     check_float32(encoder)
     force: dict[str, Any] = {}
+    # copied together: a head may share modules with its encoder. Hooks stay off the user's model
     module = GraphModule(*copy.deepcopy((encoder, head)), kept.get("scale"), squashed)
     module = module.cpu().eval().requires_grad_(False)
     if head is not None:

@@ -67,5 +67,6 @@ class JepaHead(nn.Module):
         with torch.no_grad():
             full = self.target.network.views(batch).full
             tokens = full.tokens[:, full.prefix :].unflatten(1, (full.grid[0], -1))
+            # normed without weights, as the published program of V-JEPA does
             target = F.layer_norm(masked_patches(tokens, features), tokens.shape[-1:])
         return Latents(predicted, target)

@@ -165,6 +165,7 @@ def read_header(path: str | Path) -> Header:
         plain = strict.mapping("the header", load_json(content))
         stated = plain.pop("sha256", None)
         header = _parse(plain)
+        # last: it reads the whole file
         if stated is not None:
             _check_sum(path, text, stated)
         return header

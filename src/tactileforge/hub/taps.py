@@ -51,6 +51,7 @@ def read_tap(encoder: Any, tap: str, *inputs: Tensor) -> Tensor:
         tap: See `Model.features`.
         inputs: Frames, backgrounds and sensor rows, see `Backbone.forward`.
     """
+    # the last block computes the class token alone, which is less work
     if tap in _CLASS and is_plain(encoder):
         first, projected = encoder.class_tokens(*inputs)
         out: Tensor = first if tap == "cls" else projected

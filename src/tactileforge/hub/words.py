@@ -90,6 +90,7 @@ class Language:
         return F.normalize(vectors.float(), dim=-1)
 
     def _opened(self, given: TextEncoder | None) -> nn.Module:
+        # a tower that was trained with the model is in its file: no other goes with it
         own = isinstance(self.tower, nn.Module) and not isinstance(self.tower, AbsentTower)
         if own and given is not None:
             raise ConfigError(

@@ -89,6 +89,7 @@ def store_batches(folder: Path, count: int, batches: Iterator[Batch]) -> Iterato
             arrays[name][rows] = values
         sensors += batch["sensor"]
         yield batch
+    # only now: a stopped pass leaves parts, which the next one sweeps
     for name, array in arrays.items():
         array.flush()
         parts[name].replace(folder / f"{name}.npy")

@@ -106,6 +106,7 @@ class _Run:
         schedule = Schedule(groups, training, total)
         best: dict[str, Tensor] = {}
         for epoch in Bar(range(1, training.epochs + 1), desc=f"fine-tuning {self.subject.name}"):
+            # an order of its own for each epoch and seed, whatever was drawn before
             rng, losses = np.random.default_rng([epoch, outcome.seed]), []
             for places, batch in self._batches(rng.permutation(uses[0])):
                 flips = list(self.truth)

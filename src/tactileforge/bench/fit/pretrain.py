@@ -114,6 +114,7 @@ def ablations(
     )
     check_names("ablation", chosen, known)
     return {name: base, **models} | {
+        # one that the configuration spells out wins
         ablation: models.get(ablation)
         or PretrainModel(
             title=ablation.replace("_", " "),

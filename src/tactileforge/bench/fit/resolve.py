@@ -124,6 +124,7 @@ def choose_probe(task: Task, overrides: Mapping[str, Any]) -> ProbeChoice:
     Raises:
         ConfigError: An unknown probe or option.
     """
+    # null among the options of all tasks: as the task has it
     node = {**task.probe, **{key: value for key, value in overrides.items() if value is not None}}
     name = str(node.pop("name"))
     kind = probe_class(name)

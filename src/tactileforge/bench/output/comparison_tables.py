@@ -187,6 +187,7 @@ def _ablation_column(
         value_text, marks = plus_minus(interval, digits), table.marks(score)
         base = table.score(task, full) if full else None
         against = base.interval() if base else None
+        # a full model is compared with none
         if against is None:
             if model.group == "ablation":
                 marks = (

@@ -41,6 +41,7 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
     tasks = gate.gate_tasks(results)
     rows = []
     for model, reading in keys:
+        # None where the model was not run on a task
         cells = [known.get((model, reading, task.name)) for task in tasks]
         mean = known.get((model, reading, gate.MEAN))
         measured = [

@@ -30,6 +30,7 @@ def draw_figures(folder: Path, results: Results, scores: Scores) -> list[Section
         values = {name: one for name, one in readings.items() if not one.names}
         classes = {name: one for name, one in readings.items() if one.names}
         if values:
+            # the first is open, the others are a click away
             scatters += details(task.title, _scatters(task, values) + trouble, is_open=not scatters)
         if classes or (trouble and not values):
             confusions += details(
@@ -83,6 +84,7 @@ def _scatters(task: ResultTask, values: Mapping[str, Predictions]) -> Markup:
         drawings = []
         for i, axis in enumerate(one.columns):
             truth, predicted = one.truth[:, i], one.predicted[:, i]
+            # a picture has the finite ones, and words below it how many there are beside them
             finite = np.isfinite(truth) & np.isfinite(predicted)
             if not finite.any():
                 drawings.append(panel(axis, "", "no prediction is a finite number"))

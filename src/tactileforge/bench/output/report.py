@@ -101,6 +101,7 @@ def _leaders(results: Results, scores: Scores) -> list[tuple[str, str]]:
             for score in scores.get((task.name, model.name), [])[:1]
             if (interval := score.interval())
         ]
+        # of one model there is no best
         if len(known) < 2:
             continue
         compared += 1

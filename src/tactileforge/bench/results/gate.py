@@ -166,6 +166,7 @@ def gate_outcome(
         readings = [row for row in rows if row.reading == reading]
         won = [row.task for row in readings if row.beats]
         out[reading] = {"tasks": len(readings), "won": won}
+        # the majority with every kind of features: one that fails is enough to fail
         out["passes"] &= 2 * len(won) > len(readings)
     for row in gate_rows:
         if row.model == model and row.task == MEAN and row.reading in out:

@@ -65,6 +65,7 @@ def contact_state(
         frame: Frame in question.
         times: Seconds of each frame.
     """
+    # rounded, as differences of times have rounding errors of their own
     if contact is None or round(times[contact[1]] - times[contact[0]], 6) < HELD_S[1]:
         return None
     # rounded, so that frames on a bound count alike in every recording

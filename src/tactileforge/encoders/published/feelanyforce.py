@@ -119,6 +119,7 @@ def force_head(state: State) -> dict[str, Tensor]:
                 f"shapes that do not fit: {_HEAD}.{place}.weight_g {tuple(length.shape)}, "
                 f"weight_v {tuple(direction.shape)}"
             )
+        # torch's weight_norm: w = g v / |v|, row by row
         made[f"{place}.weight"] = length * F.normalize(direction, dim=1)
     if strange := [key for key, x in made.items() if not torch.isfinite(x).all()]:
         raise ConfigError(f"force head of FeelAnyForce: not finite: {first_names(strange)}")
