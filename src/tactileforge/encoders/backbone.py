@@ -199,7 +199,7 @@ class TactileViews:
         self.order = noise[:, :count].argsort(dim=1)
         self.sensor = encoder.sensor_ids(batch["sensor"])
         if encoder.universal is not None:
-            # some samples are shown without their sensor, so that its tokens learn to serve unknown ones
+            # some samples are shown without their sensor: these tokens learn to serve unknown ones
             self.sensor = torch.where(noise[:, count] < universal, encoder.universal, self.sensor)
 
     @cached_property
