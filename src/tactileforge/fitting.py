@@ -71,11 +71,9 @@ def fit(
         except RuntimeError as error:
             if trainer.world_size == 1 or not _LOST.search(str(error)):
                 raise
-            fix = f"Go on from its checkpoint: tactileforge train resume={shlex.quote(str(folder))}"
-            if not (folder / run_folder.LAST).is_file():
-                fix = "Nothing was saved before: give the same command again"
+            first = str(error).splitlines()[0][:120]
             raise TactileForgeError(
-                f"another process of the run has died ({str(error).splitlines()[0][:120]}). {fix}"
+                f"another process of the run has died ({first}). {_kept(folder)}"
             ) from error
         except SystemExit as stop:  # Lightning turns Ctrl-C into it
             done = trainer.global_step
@@ -88,6 +86,13 @@ def fit(
             raise ConfigError(f"trainer.val_check_interval: {error}") from error
     if saver.interrupted:
         raise KeyboardInterrupt(f"stopped at step {trainer.global_step}")
+
+
+def _kept(folder: Path) -> str:
+    """Advice on how to continue an interrupted run."""
+    if not (folder / run_folder.LAST).is_file():
+        return "Nothing was saved before: give the same command again"
+    return f"Go on from its checkpoint: tactileforge train resume={shlex.quote(str(folder))}"
 
 
 def _way_back(folder: Path, numbers: str) -> str:

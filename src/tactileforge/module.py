@@ -331,13 +331,7 @@ class TouchModule(L.LightningModule):
         weights: Mapping[str, float],
         universal: float,
     ) -> None:
-        # one message for all values; that of a rank is its share of the joint mean
-        *values, total = mean_over_ranks(
-            torch.stack([*(mean.value for mean in means.values()), total])
-        ).unbind()
-        counts = torch.stack([mean.count for mean in means.values()]).tolist()
-        rows = zip(means, values, counts, strict=True)
-        logs = {name: value for name, value, count in rows if count}  # a label on some rank
+        logs, total = self._shared(means, total)
         if not torch.isfinite(total):
             raise NotFiniteError(f"step {self.global_step}{self.finite.began()}")
         self.unlabelled = [key for key in self.objectives if key in means and key not in logs]
@@ -351,6 +345,19 @@ class TouchModule(L.LightningModule):
         self.log_dict(self.balance.logs(weights))
         self.log_dict({place: getattr(*owner) for place, owner in self._changing.items()})
         self.log_dict({"universal": universal, "lr": float(optimizer.param_groups[0]["lr"])})
+
+    def _shared(self, means: Mapping[str, Mean], total: Tensor) -> tuple[dict[str, Tensor], Tensor]:
+        """Averages logged values and the loss over ranks, in one message.
+
+        The value of a rank is its share of the joint mean. Values without a label on any rank are
+        left out.
+        """
+        *values, total = mean_over_ranks(
+            torch.stack([*(mean.value for mean in means.values()), total])
+        ).unbind()
+        counts = torch.stack([mean.count for mean in means.values()]).tolist()
+        rows = zip(means, values, counts, strict=True)
+        return {name: value for name, value, count in rows if count}, total
 
 
 def _epoch_batches(trainer: L.Trainer) -> float:

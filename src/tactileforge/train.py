@@ -169,7 +169,7 @@ def _build(
             module.encoder.load_state_dict(own)
         remember_features(module.encoder, data)
     measure = partial(precision.step_times, module, data.train)
-    # measured before blocks are compiled; a resumed run has the word of its start
+    # measured before blocks are compiled; a resumed run keeps the precision of its start
     chosen = precision.choose_precision(config["trainer"], measure)
     log.info("trainer.precision=%s: %s", chosen.name, chosen.reason)
     config["trainer"] = {**config["trainer"], "precision": chosen.name}

@@ -128,15 +128,19 @@ class MaskedDecoder(nn.Module):
     def _by_place(self, prefix: Tensor, visible: Tensor, features: MaskedFeatures) -> Tensor:
         """Masked tokens (B, slots, M, width), from all tokens in the order of their positions."""
         assert self.relative is not None
+        tokens = self._placed(visible, features) + self.position.flatten(1, 2)
+        x = torch.cat([prefix, tokens.flatten(1, 2)], dim=1)
+        x = self.transformer(x, self.relative())[:, features.prefix :]
+        return masked_patches(x.unflatten(1, (visible.shape[1], -1)), features)
+
+    def _placed(self, visible: Tensor, features: MaskedFeatures) -> Tensor:
+        """Puts visible tokens (B, slots, K, width) and mask tokens in order: (..., N, ...)."""
         batch, slots, _, width = visible.shape
         count = features.kept.shape[1] + features.masked.shape[1]
         # mask tokens everywhere, then the visible tokens at their places
         blank = self.mask_token.to(visible.dtype).expand(batch, slots, count, width)
         index = features.kept[:, None, :, None].expand(-1, slots, -1, width)
-        tokens = blank.scatter(2, index, visible) + self.position.flatten(1, 2)
-        x = torch.cat([prefix, tokens.flatten(1, 2)], dim=1)
-        x = self.transformer(x, self.relative())[:, features.prefix :]
-        return masked_patches(x.unflatten(1, (slots, -1)), features)
+        return blank.scatter(2, index, visible)
 
     def frames(self, patches: Tensor) -> Tensor:
         """Splits tubes into frames: (B, slots, M, 3 * tube * P) to (B, M, slots * tube, 3 * P)."""

@@ -246,7 +246,7 @@ def train_probes(
     best: list[Params] = [{} for _ in outcomes]
     for epoch in range(1, training.epochs + 1):
         total = torch.zeros(len(outcomes))
-        # the order depends on the epoch alone, so that all members and all runs share it
+        # the order depends on epoch and number of clips alone: all members and all runs share it
         rng = np.random.default_rng([epoch, len(train_on)])
         order = rng.permutation(train_on)
         for some in np.split(order, range(training.batch, len(order), training.batch)):
