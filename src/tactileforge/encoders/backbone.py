@@ -55,6 +55,7 @@ class Backbone(nn.Module):
     sensors: dict[str, int]
     universal: int | None = None
     pools_class_token = False
+    #: Whether all steps of a phase use the same parameters, see `strategies.PhasedDDP`.
     static_graph = True
 
     def __init__(

@@ -96,6 +96,7 @@ class PhotoStream(nn.Module):
         slots, rows, columns = self.grid
         cells = (len(patches), slots, rows, columns, 3, self.patch, self.patch)
         tubes = patches.view(*patches.shape[:3], 3, self.tube, self.patch, self.patch)
+        # back to grey levels: the network has a normalisation of its own
         x = GAIN * (tubes[:, :, :, :, -1] * self.pixels.std + self.pixels.mean - self.grey)
         if kept is not None:
             shown = x.new_zeros(len(x), rows * columns).scatter(1, kept, 1.0)

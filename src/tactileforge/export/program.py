@@ -77,6 +77,7 @@ def synthetic_clips(encoder: Any, batch: int, size: tuple[int, int]) -> Clips:
         coarse = torch.randn(*shape, 6, 6, generator=rng).flatten(0, -4)
         return F.interpolate(coarse, size, mode="bicubic").view(*shape, *size)
 
+    # smooth as a gel is lit, with the noise of a camera
     still = 128 + 30 * smooth(batch, 3)
     growth = (torch.arange(encoder.frames) + 1).view(-1, 1, 1, 1) / encoder.frames
     noise = 8 * torch.randn(batch, encoder.frames, 3, *size, generator=rng)

@@ -26,6 +26,7 @@ class SurfaceHead(nn.Module):
         super().__init__()
         self.grid, self.prefix, self.tube = encoder.grid, encoder.prefix, encoder.tube
         _, rows, columns = self.grid
+        # a token predicts the part of the surface below its patch
         self.cell = max(1, round(SHAPE[0] / rows)), max(1, round(SHAPE[1] / columns))
         self.linear = nn.Linear(encoder.width, self.tube * 3 * self.cell[0] * self.cell[1])
         nn.init.normal_(self.linear.weight, std=0.01)

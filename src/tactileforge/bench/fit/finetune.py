@@ -129,6 +129,7 @@ class _Run:
         return outcome
 
     def _module(self) -> torch.nn.ModuleList:
+        # of both: the best epoch is one state
         return torch.nn.ModuleList([self.probe, self.subject.encoder])
 
     def _forward(self, places: Any, batch: Any, flip: Any) -> tuple[Tensor, Values]:

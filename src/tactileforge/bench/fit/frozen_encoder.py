@@ -150,6 +150,7 @@ class FrozenEncoder:
         unknown = []
         for name in sensors:
             try:
+                # one by one: an encoder tells only the first that it does not know
                 self._rows([name], "error")
             except ConfigError:
                 unknown.append(name)

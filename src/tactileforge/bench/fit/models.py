@@ -66,6 +66,7 @@ def model_entry(
         DataError: The file or folder is none of a model; `DataNotFoundError` for an absent one.
     """
     if word in BASELINES:
+        # opened later: all rows are known before the first model is loaded
         title = BASELINES[word][1]
         return ModelEntry(name=word, title=title, open=[lambda: baseline_encoder(word, device)])
     # prefixes first: behind one, a dot is part of a path, and not of NAME.TAG

@@ -103,6 +103,7 @@ def _limits(readings: Sequence[Predictions]) -> dict[str, tuple[float, float]]:
     """One range for each axis, with all true values and room around them."""
     limits: dict[str, tuple[float, float]] = {}
     for axis in dict.fromkeys(axis for one in readings for axis in one.columns):
+        # of true values alone: one wild prediction would push all points into a corner
         parts = [one.truth[:, one.columns.index(axis)] for one in readings if axis in one.columns]
         truth = np.concatenate(parts)
         truth = truth[np.isfinite(truth)]

@@ -34,6 +34,7 @@ def settings_table(results: Results, all_scores: Scores) -> Table | None:
                 rows += [
                     (model, dict(score.setting))
                     for score in some
+                    # a setting that several tasks tried has one row
                     if (model, dict(score.setting)) not in rows
                 ]
     columns = [_settings_column(table, task, rows) for task in tasks]

@@ -55,6 +55,7 @@ def collect_scores(results: Results) -> Scores:
     parts: dict[tuple[str, str], dict[str, list[Cell]]] = {}
     for cell in results.cells:
         settings = parts.setdefault((cell.task, cell.model), {})
+        # as text: a dict is no key of another
         settings.setdefault(json.dumps(cell.setting, sort_keys=True), []).append(cell)
     return {
         (task, model): [

@@ -85,6 +85,7 @@ class Writer:
         """Adds text to the split of a task, and to ``notes`` for the console."""
         self.notes.append(f"{task}: {text}")
         tasks = self.results.tasks
+        # in place, as `Results` is frozen
         tasks[:] = [
             replace(row, split=f"{row.split}; {text}") if row.name == task else row for row in tasks
         ]

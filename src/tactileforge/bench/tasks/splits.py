@@ -145,6 +145,7 @@ def check_leakage(
 ) -> None:
     """Raises a ConfigError if two splits share frames or an unseen fact: a check for leakage."""
     uses = {"train": train, "validation": validation, "test": test}
+    # by frames: two parts of a recording may overlap, though their keys differ
     spans = [
         (*_span(source.recordings[n].key), use) for use, chosen in uses.items() for n in chosen
     ]

@@ -34,6 +34,7 @@ class Pose(Attentive):
 
     def loss_of(self, part: TargetPart, out: Tensor, truth: Tensor) -> Tensor:
         """Mean of the weighted cross-entropies of the columns."""
+        # the loss is asked for by part, and weights are kept by name
         name = next(key for key, value in self.parts.items() if value is part)
         weights, logits = self.weights[name].to(out.device), class_scores(part, out)
         losses = [
