@@ -10,7 +10,7 @@ _LEAST = 1e-12
 
 
 def moments(predicted: Tensor, true: Tensor, dims: tuple[int, ...] | None = None) -> Tensor:
-    """Sums that `r_squared` takes: count, values, squares and squared errors, float64 (4, ...).
+    """Sums for `r_squared`: count, values, squares and squared errors, float64 (4, ...).
 
     Args:
         predicted: Predictions, of any shape.

@@ -86,11 +86,10 @@ def test_published_training() -> None:
 
 
 def test_an_optimiser_or_schedule_of_another_name_is_refused() -> None:
-    """In fine-tuning too, where it was an error of the program."""
     groups = [{"params": [nn.Parameter(torch.zeros(1))], "lr": 0.1}]
-    for options in ({"optimiser": "sgd"}, {"schedule": "linear"}):
+    for training in (ProbeTraining(optimiser="sgd"), ProbeTraining(schedule="linear")):
         with pytest.raises(ConfigError, match="give adamw or adam, and cosine or constant"):
-            Schedule(groups, ProbeTraining(**options), 1)
+            Schedule(groups, training, 1)
 
 
 def test_398_tokens_of_a_base_encoder() -> None:

@@ -37,7 +37,7 @@ class Split:
 
     @property
     def known(self) -> NDArray[np.int64]:
-        """Clips that a fit may use once its options are chosen: training and validation."""
+        """Clips for a fit with chosen options: training and validation, ascending."""
         return np.sort(np.concatenate([self.train, self.validation]))
 
     @property
