@@ -46,7 +46,8 @@ class PreparedTask:
     @property
     def clips(self) -> NDArray[np.int64]:
         """Clips of the source used by any split: int64, ascending."""
-        return self.target.clips[np.unique(np.concatenate([one.every for one in self.splits]))]
+        used: NDArray[np.int64] = np.unique(np.concatenate([one.every for one in self.splits]))
+        return self.target.clips[used]
 
     @property
     def test_units(self) -> list[str]:
