@@ -33,7 +33,13 @@ def test_an_error_ends_it_too() -> None:
 
 def test_a_run_trains_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found: list[float] = []
-    monkeypatch.setattr(training, "_train", lambda *_: found.append(_smallest()))
-    training.train(compose("mae", ["scale=demo"]), tmp_path / "run")
+
+    def checked(*_: object) -> None:
+        found.append(_smallest())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(training, "_check", checked)
+    with pytest.raises(KeyboardInterrupt):
+        training.train(compose("mae", ["scale=demo"]), tmp_path / "run")
     assert found == [0.0]
     assert _smallest() > 0

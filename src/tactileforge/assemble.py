@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from inspect import signature
 from typing import Any
 
@@ -70,7 +70,11 @@ def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchDat
     names = data.summary("train").sensors
     if "sensors" not in registry.parameters(registry.get("encoders", config["encoder"]["name"])):
         return data, dict(config["encoder"])
-    return data, {**config["encoder"], "sensors": _rows(dict(encoder.sensors), names)}
+    # a sensor that the encoder does not know yet takes the next free row of its table
+    table = dict(encoder.sensors)
+    free = (row for row in range(len(table) + len(names) + 1) if row not in table.values())
+    new = {spec(name).name: next(free) for name in names if name not in table}
+    return data, {**config["encoder"], "sensors": table | new}
 
 
 def _columns(config: Mapping[str, Any]) -> tuple[Column, ...]:
@@ -117,9 +121,3 @@ def _check(batch: Mapping[str, Any], augment: Mapping[str, Any]) -> None:
         value = batch.get(key, least)
         if not isinstance(value, int) or isinstance(value, bool) or value < least:
             raise ConfigError(f"batch.{key}={value}: give a whole number, {least} or more")
-
-
-def _rows(table: dict[str, int], names: Sequence[str]) -> dict[str, int]:
-    """Adds sensors to a sensor table: each new name takes the next free row."""
-    free = (row for row in range(len(table) + len(names) + 1) if row not in table.values())
-    return table | {spec(name).name: next(free) for name in names if name not in table}

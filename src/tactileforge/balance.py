@@ -61,7 +61,12 @@ class FixedWeights(nn.Module):
             return self._weighted(losses, weights)
         self._step = step
         if self.every and step % self.every == 0:
-            fresh = self._measured(losses, shared)
+            parameters = [p for p in shared.parameters() if p.requires_grad]
+            # of the joint batch; an objective without a gradient keeps its last norm
+            fresh = torch.zeros_like(self.norm)
+            for i, key in enumerate(self.keys):
+                if parameters and key in losses and losses[key].requires_grad:
+                    fresh[i] = joint_norm(losses[key], parameters)
             self.norm.copy_(torch.where(fresh > 0, self._followed(fresh), self.norm))
         if self.moves:
             awake = self._moved([key in losses for key in self.keys])
@@ -104,15 +109,6 @@ class FixedWeights(nn.Module):
 
     def _followed(self, fresh: Tensor) -> Tensor:
         return fresh
-
-    def _measured(self, losses: Mapping[str, Tensor], shared: Any) -> Tensor:
-        """Norms (K,) of the gradients of the joint batch; 0 for an objective without gradient."""
-        parameters = [p for p in shared.parameters() if p.requires_grad]
-        norms = torch.zeros_like(self.norm)
-        for i, key in enumerate(self.keys):
-            if parameters and key in losses and losses[key].requires_grad:
-                norms[i] = joint_norm(losses[key], parameters)
-        return norms
 
 
 class GradClip(FixedWeights):

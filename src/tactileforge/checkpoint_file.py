@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -197,7 +197,12 @@ def initialise(
         raise ConfigError(f"init: the encoder does not fit: {some} ({len(wrong)} in all)")
     # not strict: heads and objectives may differ, and the encoder is checked above
     module.load_state_dict(fits, strict=False)
-    fresh, left = (_parts(keys - fits.keys()) for keys in (current.keys(), state.keys()))
+    # by part of the module, such as heads.align: a run has hundreds of tensors
+    fresh, left = (
+        ", ".join(sorted({".".join(key.split(".")[:-1][:2]) for key in keys - fits.keys()}))
+        or "none"
+        for keys in (current.keys(), state.keys())
+    )
     return f"init: {len(fits)} tensors taken; new: {fresh}; not used: {left}"
 
 
@@ -210,11 +215,8 @@ def left_out(module: nn.Module, state: Mapping[str, torch.Tensor]) -> list[str]:
     """
     current = {key: value.shape for key, value in module.state_dict().items()}
     kept = (key for key in state if key.startswith(("heads.", "objectives.")))
-    return sorted({_part(key) for key in kept if current.get(key) != state[key].shape})
-
-
-def _part(key: str) -> str:
-    return ".".join(key.split(".")[:2])
+    parts = {key: ".".join(key.split(".")[:2]) for key in kept}
+    return sorted({part for key, part in parts.items() if current.get(key) != state[key].shape})
 
 
 def _widened(value: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
@@ -227,9 +229,3 @@ def _widened(value: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
         return value
     rest = wanted[..., value.shape[-1] :]
     return torch.cat([value, rest if value.ndim == 1 else torch.zeros_like(rest)], dim=-1)
-
-
-def _parts(keys: Iterable[str]) -> str:
-    """Parts of a module with at least one of the tensors, such as ``heads.align``."""
-    parts = {".".join(key.split(".")[:-1][:2]) for key in keys}
-    return ", ".join(sorted(parts)) or "none"

@@ -36,13 +36,10 @@ def compile_blocks(module: nn.Module, **options: Any) -> int:
     parts = [
         part
         for name, part in module.named_modules()
-        if isinstance(part, Block | Preprocess) and not _in_tower(name)
+        # towers of heads (text_encoder, image_encoder) stay as they are
+        if isinstance(part, Block | Preprocess)
+        and not any(step.endswith("_encoder") for step in name.split("."))
     ]
     for part in parts:
         part.compile(**{"dynamic": False, **options})
     return len(parts)
-
-
-def _in_tower(name: str) -> bool:
-    """Whether a module belongs to a tower of a head, by its path."""
-    return any(step.endswith("_encoder") for step in name.split("."))

@@ -97,27 +97,21 @@ class SearchPath(SearchPathPlugin):
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         """Appends the places of options to the search path."""
-        for place in dict.fromkeys([*SearchPath.also, *_places_of_job()]):
+        places = list(SearchPath.also)
+        # a job that composes further configurations, such as the data preset of a suite, searches
+        # the places named on its command line, too
+        if HydraConfig.initialized():
+            places += [
+                source.path if "://" in source.path else f"{source.schema}://{source.path}"
+                for source in HydraConfig.get().runtime.config_sources
+                if source.schema and "command-line" in source.provider
+            ]
+        for place in dict.fromkeys(places):
             search_path.append("command-line", place)
         search_path.append("tactileforge-zoo", "pkg://tactileforge.zoo")
         for package in conf_packages():
             search_path.append(package, f"pkg://{package}")
         search_path.append("tactileforge-plugins", f"{PluginSource.scheme()}://")
-
-
-def _places_of_job() -> list[str]:
-    """Places of options named on the command line of the running job, if any.
-
-    A job that composes further configurations, such as the data preset of a suite, searches there
-    too.
-    """
-    if not HydraConfig.initialized():
-        return []
-    return [
-        source.path if "://" in source.path else f"{source.schema}://{source.path}"
-        for source in HydraConfig.get().runtime.config_sources
-        if source.schema and "command-line" in source.provider
-    ]
 
 
 def node_of(group: str, name: str) -> dict[str, Any]:
@@ -309,10 +303,15 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
         if key not in chosen and key not in registry.names("objectives"):
             known = {*chosen, *registry.names("objectives")}
             raise ConfigError(unknown("objective in curriculum.objective", key, known))
+    # Hydra's struct refuses new keys: open only while nodes are completed here
     OmegaConf.set_struct(config, False)
     config.objective = chosen
     config.head = {
-        key: heads.get(key) or _own_head(node["name"], options.get(key))
+        # without a chosen one its own, with the options that a scale or a + gives it
+        key: heads.get(key)
+        or OmegaConf.merge(
+            node_of("head", registry.get("objectives", node["name"]).head), options.get(key) or {}
+        )
         for key, node in chosen.items()
     }
     config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
@@ -338,12 +337,6 @@ def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
             del encoder[key]
         names = ", ".join(left)
         log.info("encoder=%s: left out what it has not and a preset gave: %s", encoder.name, names)
-
-
-def _own_head(objective: str, options: Any) -> Any:
-    """The default head of an objective, merged with its options (from a scale, or a +)."""
-    node = node_of("head", registry.get("objectives", objective).head)
-    return OmegaConf.merge(node, options or {})
 
 
 def _chosen(group: str, config: DictConfig) -> dict[str, Any]:

@@ -149,7 +149,12 @@ class DepthReader:
             return
         self._checked = background
         seen = colour_grid(background)
-        fits = [agreement(seen, grid) for grid in _resting(self.calibration, background.shape[:2])]
+        resting = [
+            polynomial_background(one, *background.shape[:2]).movedim(0, -1).numpy()
+            for one in self.calibration.backgrounds
+        ]
+        fits = [agreement(seen, colour_grid(picture)) for picture in resting]
+        # a grey background, as of a sensor with white light, has no colors to compare
         if has_colours(seen) and fits and max(fits) < _AGREES:
             warnings.warn(
                 f"depth: the colors of the background do not fit the calibration (agreement "
@@ -169,12 +174,6 @@ class DepthReader:
                 tall = self.mm_per_pixel * height
             self._readers[size] = SurfaceReader(self.calibration, size, tall / rows)
         return self._readers[size]
-
-
-def _resting(calibration: OpticalCalibration, size: tuple[int, ...]) -> list[NDArray[np.float64]]:
-    """Colour grids of the backgrounds of a calibration."""
-    shown = [polynomial_background(one, *size) for one in calibration.backgrounds]
-    return [colour_grid(picture.movedim(0, -1).numpy()) for picture in shown]
 
 
 def depth_image(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -258,6 +257,7 @@ def read_optics(path: str | Path) -> OpticalCalibration:
         if path.stat().st_size > _LARGEST:
             raise ValueError(f"more than {_LARGEST} bytes")
         optics = parse_optics(path.read_text("utf-8"))
+        # sizes follow from the number of lights and the degree over the picture
         lights, places = len(optics.lights), len(exponents(DEGREE))
         tables = {
             "fine": (optics.fine, (len(POWERS), places, 3)),

@@ -143,6 +143,7 @@ def _chunks(
 ) -> Generator[bytes, None, None]:
     """Yields the stated length, b"" for none, and then the body in chunks."""
     left = limit
+    # one byte more than stated, to notice a longer body
     link = Link(url, limit + 1, headers)
     pace.opens()
     try:

@@ -173,6 +173,12 @@ def _node() -> str:
     return re.sub(r"\W", "", os.uname().nodename) or "machine"
 
 
+def sync(path: Path) -> None:
+    """Waits until a file is on the disk; renamed before, a power cut could leave an empty one."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
 def check_writable(path: Path, fix: str = "give another out=", folder: bool = False) -> None:
     """Checks whether a file or folder can be written, before work on its content.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import torch
@@ -72,16 +72,25 @@ class FiniteWatch:
         Raises:
             NotFiniteError: A number is not finite; names parts, objectives and steps.
         """
-        named = [
-            *module.named_parameters(),
-            *module.named_buffers(),
-            *_averages(optimizers, module),
+        names = {id(parameter): name for name, parameter in module.named_parameters()}
+        averages = [
+            (f"{names.get(id(parameter), 'optimiser')}.{key}", value)
+            for optimizer in optimizers
+            for parameter, state in optimizer.state.items()
+            for key, value in state.items()
+            if isinstance(value, Tensor)
         ]
+        named = [*module.named_parameters(), *module.named_buffers(), *averages]
         bad = broken(pair for pair in named if pair[0] not in self._odd)
         # every rank raises, or none: a rank that went on alone would wait for the others for ever
         count = torch.tensor(float(len(bad)), device=named[0][1].device)
         if sum_over_ranks(count):
-            parts = sorted({_part(name) for name in bad}) or ["those of another process"]
+            # the encoder, or one head or objective
+            words = [name.split(".") for name in bad]
+            named_parts = {
+                ".".join(w[:2]) if w[0] in ("heads", "objectives") else w[0] for w in words
+            }
+            parts = sorted(named_parts) or ["those of another process"]
             raise NotFiniteError(
                 f"step {step}: weights are not finite ({', '.join(parts)}){self.began()}"
             )
@@ -109,32 +118,15 @@ def broken(named: Iterable[tuple[str, Tensor]]) -> list[str]:
         >>> broken([("a", torch.ones(2)), ("b", torch.tensor([1.0, torch.nan]))])
         ['b']
     """
-    found = {name: _is_finite(tensor) for name, tensor in named if tensor.is_floating_point()}
+    found = {}
+    for name, tensor in named:
+        if tensor.is_floating_point():
+            # parameters of FSDP2 are DTensors: each process checks its own share, without
+            # communication
+            local: Tensor = tensor.to_local() if hasattr(tensor, "to_local") else tensor
+            found[name] = local.detach().isfinite().all()
     if not found:
         return []
     # all checks are started before the first result is waited for
     rows = torch.stack([flag.cpu() for flag in found.values()]).tolist()
     return [name for name, fine in zip(found, rows, strict=True) if not fine]
-
-
-def _is_finite(tensor: Tensor) -> Tensor:
-    """Whether the share of this process is finite, as a scalar on its device."""
-    # parameters of FSDP2 are DTensors: each process checks its own share, without communication
-    local: Tensor = tensor.to_local() if hasattr(tensor, "to_local") else tensor
-    return local.detach().isfinite().all()
-
-
-def _averages(optimizers: Iterable[Any], module: nn.Module) -> Iterator[tuple[str, Tensor]]:
-    """State tensors of the optimisers, named by parameter and kind."""
-    names = {id(parameter): name for name, parameter in module.named_parameters()}
-    for optimizer in optimizers:
-        for parameter, state in optimizer.state.items():
-            for key, value in state.items():
-                if isinstance(value, Tensor):
-                    yield f"{names.get(id(parameter), 'optimiser')}.{key}", value
-
-
-def _part(name: str) -> str:
-    """Part of the model with a given tensor: the encoder, a head or an objective."""
-    words = name.split(".")
-    return ".".join(words[:2]) if words[0] in ("heads", "objectives") else words[0]

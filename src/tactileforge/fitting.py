@@ -71,8 +71,9 @@ def fit(
         except RuntimeError as error:
             if trainer.world_size == 1 or not _LOST.search(str(error)):
                 raise
+            first = str(error).splitlines()[0][:120]
             raise TactileForgeError(
-                f"another process of the run has died ({_first_line(error)}). {_kept(folder)}"
+                f"another process of the run has died ({first}). {_kept(folder)}"
             ) from error
         except SystemExit as stop:  # Lightning turns Ctrl-C into it
             done = trainer.global_step
@@ -85,10 +86,6 @@ def fit(
             raise ConfigError(f"trainer.val_check_interval: {error}") from error
     if saver.interrupted:
         raise KeyboardInterrupt(f"stopped at step {trainer.global_step}")
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0][:120]
 
 
 def _kept(folder: Path) -> str:

@@ -106,6 +106,7 @@ def _go_on_with(encoder: dict[str, Any], init: str) -> None:
     if config is None or config["encoder"]["name"] != encoder["name"]:
         return
     before = config["encoder"]
+    # rows of the table belong to the weights: another order would mix sensors up
     if before.get("sensors") and not encoder.get("sensors"):
         encoder["sensors"] = dict(before["sensors"])
     other = sorted(
@@ -133,6 +134,7 @@ def warn_of_dropped(plain: Mapping[str, Any], left: Sequence[str]) -> None:
     init, _ = run_folder.with_photographs(str(plain["init"]))
     known = _config_of(init) if run_folder.is_run(init) else {"head": starting_heads(init)}
     before = known or {}
+    # an objective that is not chosen explains its head; other heads differ in options, or in shape
     keys = sorted({part.partition(".")[2] for part in left})
     gone = [key for key in keys if key not in plain["objective"]]
     reasons = []

@@ -138,7 +138,11 @@ class Link:
         try:
             stream = self._open()
             self._process = getattr(stream, "proc", None)
-            self._arrived.put(_stated(stream))
+            length = str(getattr(stream, "headers", {}).get("Content-Length") or "").strip()
+            # int() would also take digits of other scripts, signs, and any number of digits
+            is_number = length.isascii() and length.isdigit() and len(length) < 20
+            self._arrived.put(length.encode() if is_number else b"")
+            # read1 returns what has arrived; read would wait for a whole chunk
             read = getattr(stream, "read1", stream.read)
             left = self._limit
             while left and not self._unwanted.is_set():
@@ -179,17 +183,12 @@ class Link:
                 error.close()
                 if error.code not in _MOVED or not place:
                     raise Refused(error) from None
+            # http.client decodes headers as ISO 8859-1: so encoded, these are the bytes that came
             there = urljoin(url, quote(place, safe=string.punctuation, encoding="iso-8859-1"))
+            # never from https to http: what was asked for by https is not sent in the open
             if urlsplit(there).scheme not in {"https", urlsplit(url).scheme}:
                 raise ValueError(f"it sends to {there[:200]!r}, and only https is followed")
             if urlsplit(there)[:2] != urlsplit(url)[:2]:
                 headers = {"User-Agent": "tactileforge"}
             url = there
         raise ValueError(f"it sends to another place more than {_REDIRECTS} times")
-
-
-def _stated(stream: Any) -> bytes:
-    """The length stated by a server, in digits; b"" without one."""
-    length = str(getattr(stream, "headers", {}).get("Content-Length") or "").strip()
-    is_number = length.isascii() and length.isdigit() and len(length) < 20
-    return length.encode() if is_number else b""

@@ -146,15 +146,10 @@ class TouchModule(L.LightningModule):
         batches = _epoch_batches(self.trainer) / self.trainer.accumulate_grad_batches
         self.epoch_steps = max(1, math.ceil(batches)) if math.isfinite(batches) else total
         self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch_steps)
-        parts = self._parts()
+        parts = {"encoder": self.encoder}
+        parts |= {f"head.{key}": head for key, head in self.heads.items()}
+        parts |= {f"objective.{key}": objective for key, objective in self.objectives.items()}
         self._changing = {place: changing(place, parts) for place in self.plan.values}
-
-    def _parts(self) -> dict[str, Any]:
-        """Encoder, heads and objectives, by their place in the configuration."""
-        heads = {f"head.{key}": head for key, head in self.heads.items()}
-        return {"encoder": self.encoder, **heads} | {
-            f"objective.{key}": objective for key, objective in self.objectives.items()
-        }
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Adds the steps of the run and of an epoch, the number of processes, and scores.
@@ -271,6 +266,7 @@ class TouchModule(L.LightningModule):
         Every process computes all of them, so that the result is the same with any number of
         processes.
         """
+        # a stream of its own: training draws the same with any number of validations
         seed_step(self.seed, batch_idx, -1)
         weights = self.current_weights()
         if not batch.get("paired", True):

@@ -165,7 +165,8 @@ def outline(node: Mapping[str, Any]) -> Any:
     """
     for key, value in node.items():
         most = _DEEPEST if key == "depth" else _LARGEST
-        if max(_numbers(value), default=0) > most:
+        items = value if isinstance(value, list | tuple) else [value]
+        if any(abs(x) > most for x in items if isinstance(x, int | float)):
             raise ConfigError(f"encoder.{key}={value}: at most {most} for an encoder")
     with torch.random.fork_rng(devices=[]):
         try:
@@ -173,6 +174,7 @@ def outline(node: Mapping[str, Any]) -> Any:
                 shell = registry.build("encoders", node, "encoder")
         except (NotImplementedError, RuntimeError, TypeError):  # needs numbers of a meta tensor
             shell = registry.build("encoders", node, "encoder")
+    # counted on the meta device, before memory is asked for
     needs = sum(x.numel() for x in shell.state_dict().values())
     if needs > _MOST:
         raise ConfigError(
@@ -182,15 +184,11 @@ def outline(node: Mapping[str, Any]) -> Any:
     return shell
 
 
-def _numbers(value: Any) -> list[float]:
-    items = value if isinstance(value, list | tuple) else [value]
-    return [abs(x) for x in items if isinstance(x, int | float)]
-
-
 def _head(
     key: str, config: Mapping[str, Any], provides: AbstractSet[str], encoder: Any
 ) -> nn.Module:
     wanted = registry.context(registry.get("heads", config["head"][key]["name"]))
+    # a tower is built where the data has something for it to encode
     towers = {
         f"{kind}_encoder": tower(config, kind)
         if kind in provides and config.get(f"{kind}_encoder")

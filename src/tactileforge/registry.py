@@ -66,6 +66,7 @@ class PluginInfo:
 def _entries(kind: str) -> dict[str, list[EntryPoint]]:
     if kind not in (*KINDS, *MODULES, *OTHERS):
         raise PluginError(unknown("kind of plugin", kind, KINDS))
+    # by owner and target: one distribution that is found twice on the path is no conflict
     entries: dict[str, dict[tuple[str, str], EntryPoint]] = {}
     for entry in entry_points(group=f"tactileforge.{kind}"):
         owner = entry.dist.name if entry.dist else ""

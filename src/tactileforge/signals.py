@@ -74,6 +74,7 @@ def handled(
             os.kill(os.getpid(), number)
 
     kept = {number: old for number, old in before.items() if old is not signal.SIG_IGN}
+    # before it is set, so that a process forked in between resets it
     _OURS.add(heard)
     for number in kept:
         signal.signal(number, heard)

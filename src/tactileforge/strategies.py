@@ -58,6 +58,7 @@ class Sharded(ModelParallelStrategy):
 
     def setup_environment(self) -> None:
         """Starts the processes, all of them in one data-parallel row."""
+        # "auto" counts nodes alone, and processes are known only here; there is no public setter
         self._data_parallel_size = self.num_nodes * self.num_processes
         super().setup_environment()
 

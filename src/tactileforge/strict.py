@@ -57,7 +57,8 @@ def build(kind: type[_T], where: str, given: Any) -> _T:
     missing = [
         spec
         for spec in _fields(kind)
-        if _required(spec) and values.get(spec.name, TO_GIVE) == TO_GIVE
+        if spec.default is MISSING and spec.default_factory is MISSING
+        if values.get(spec.name, TO_GIVE) == TO_GIVE
     ]
     if missing and not where:
         raise ConfigError(f"give {' '.join(f'{spec.name}=...' for spec in missing)}")
@@ -95,7 +96,11 @@ def typed(where: str, value: Any, hint: Any) -> Any:
     if not fits:
         takes_list = get_origin(hint) in (list, tuple, Sequence) and isinstance(value, str)
         fix = f"; give a list: [{_short(value)[1:-1]}]" if takes_list else ""
-        raise ConfigError(f"{where} is {_short(value)}, which is not of type {_name(hint)}{fix}")
+        is_class = get_origin(hint) is None and isinstance(hint, type)
+        # without modules, and in the words of YAML
+        name = re.sub(r"\b([a-z_]+\.)+", "", str(hint)).replace("NoneType", "null")
+        name = hint.__name__ if is_class else name
+        raise ConfigError(f"{where} is {_short(value)}, which is not of type {name}{fix}")
     return made
 
 
@@ -109,6 +114,7 @@ def _fit(where: str, value: Any, hint: Any) -> tuple[bool, Any]:
     if origin is Literal:
         return value in inner, value
     if hint is float:
+        # type(), not isinstance: True is an int in Python
         good = type(value) in (int, float)
         return good, float(value) if good else value
     if hint in (int, str, bool):
@@ -161,18 +167,8 @@ def _short(value: Any) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
-def _name(hint: Any) -> str:
-    if get_origin(hint) is None and isinstance(hint, type):
-        return hint.__name__
-    return re.sub(r"\b([a-z_]+\.)+", "", str(hint)).replace("NoneType", "null")
-
-
 def _fields(kind: Any) -> Sequence[Field[Any]]:
     return [spec for spec in fields(kind) if spec.init]
-
-
-def _required(spec: Field[Any]) -> bool:
-    return spec.default is MISSING and spec.default_factory is MISSING
 
 
 def _default(spec: Field[Any]) -> Any:

@@ -6,7 +6,6 @@ import logging
 import platform
 import sys
 from collections.abc import Mapping, Sequence
-from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
@@ -86,7 +85,13 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
         else:
             plain["run"] = run_folder.identity()
             plain["data"] = run_folder.anywhere(plain["data"])
-        return _train(plain, folder, resume, step, is_news)
+        weights = _check(plain, resume)
+        run, why = _build(plain, folder, resume, step, weights)
+        _note(run, why, is_news)
+        fit(run.trainer, run.module, run.data, run.saver, folder, resume, step)
+        if run.trainer.is_global_zero:
+            _report(run)
+        return run.module
 
 
 @dataclass(frozen=True)
@@ -117,18 +122,6 @@ class _Run:
     saver: Checkpoints
     lost: SkippedRecordings
     met: MetLabels
-
-
-def _train(
-    plain: dict[str, Any], folder: Path, resume: Path | None, step: int, is_news: bool
-) -> TouchModule:
-    state = _check(plain, resume)
-    run, why = _build(plain, folder, resume, step, state)
-    _note(run, why, is_news)
-    fit(run.trainer, run.module, run.data, run.saver, folder, resume, step)
-    if run.trainer.is_global_zero:
-        _report(run)
-    return run.module
 
 
 def _check(plain: dict[str, Any], resume: Path | None) -> Mapping[str, Tensor] | None:
@@ -175,7 +168,10 @@ def _build(
             own = {k.removeprefix("encoder."): v for k, v in kept if k.startswith("encoder.")}
             module.encoder.load_state_dict(own)
         remember_features(module.encoder, data)
-    chosen = _choose_precision(config, module, data)
+    measure = partial(precision.step_times, module, data.train)
+    # measured before blocks are compiled; a resumed run keeps the precision of its start
+    chosen = precision.choose_precision(config["trainer"], measure)
+    log.info("trainer.precision=%s: %s", chosen.name, chosen.reason)
     config["trainer"] = {**config["trainer"], "precision": chosen.name}
     if config.get("compile"):
         compile_blocks(module)
@@ -200,34 +196,16 @@ def _note(run: _Run, why: str, is_news: bool) -> None:
 def _report(run: _Run) -> None:
     from tactileforge.report.run import write_report
 
-    whole = _whole(run.config, run.module, run.folder, run.data.summary("train").labels)
+    whole = run.module
+    if isinstance(whole.trainer.strategy, Sharded):
+        # this process has a share of the weights; all of them are in the checkpoint
+        whole = TouchModule.from_config(run.config, run.data.summary("train").labels)
+        whole.load_state_dict(read_checkpoint(run.folder)["state_dict"])
     loggers = run.trainer.loggers
     with collected_drawings(wanted=len(loggers) > 1) as drawings:
         report = write_report(run.folder, whole, run.data, run.lost.skipped, run.met.labels)
     log_report(loggers[1:], report, drawings, run.trainer.global_step)
     print(f"report: {report}")
-
-
-def _whole(
-    plain: Mapping[str, Any], module: TouchModule, folder: Path, labels: AbstractSet[str]
-) -> TouchModule:
-    """The module with all its weights on this process, from the checkpoint of a sharded run."""
-    if not isinstance(module.trainer.strategy, Sharded):
-        return module
-    whole = TouchModule.from_config(plain, labels)
-    whole.load_state_dict(read_checkpoint(folder)["state_dict"])
-    return whole
-
-
-def _choose_precision(
-    config: Mapping[str, Any], module: TouchModule, data: TouchData
-) -> precision.Precision:
-    """Chooses the precision of the run; a resumed run keeps it."""
-    assert data.train is not None
-    measure = partial(precision.step_times, module, data.train)
-    chosen = precision.choose_precision(config["trainer"], measure)
-    log.info("trainer.precision=%s: %s", chosen.name, chosen.reason)
-    return chosen
 
 
 def metric(module: TouchModule, name: str | None = None) -> float:

@@ -49,7 +49,12 @@ def check_options(config: Mapping[str, Any]) -> None:
     check_names("key of trainer", config["trainer"], known)
     for key, value in config["trainer"].items():
         _check_whole(key, value)
-    _check_interval(config["trainer"].get("val_check_interval"))
+    interval = config["trainer"].get("val_check_interval")
+    if isinstance(interval, int | float) and not interval > 0:
+        raise ConfigError(
+            f"trainer.val_check_interval={interval}: give steps, 1 or more, or a share of the "
+            "epoch, up to 1.0; the end is always validated, but for trainer.limit_val_batches=0"
+        )
     _check_length(config["trainer"])
     validated = [f"val/{key}" for key in config["objective"]]
     trained = [f"train/{key}" for key in (*config["objective"], "loss")]
@@ -70,14 +75,6 @@ def _check_whole(key: str, value: Any) -> None:
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
         said = "-1 for any" if least < 0 else f"{least} or more"
         raise ConfigError(f"trainer.{key}={value}: give a whole number, {said}")
-
-
-def _check_interval(value: Any) -> None:
-    if isinstance(value, int | float) and not value > 0:
-        raise ConfigError(
-            f"trainer.val_check_interval={value}: give steps, 1 or more, or a share of the epoch, "
-            "up to 1.0; the end is always validated, but for trainer.limit_val_batches=0"
-        )
 
 
 def _check_length(options: Mapping[str, Any]) -> None:
@@ -148,9 +145,11 @@ def build_trainer(
         ],
         plugins=[checkpoints.AtomicCheckpointIO(config.get("run"))],
         gradient_clip_val=config["optim"].get("clip"),
+        # the stream of batches gives each process its own rows
         use_distributed_sampler=False,
         enable_checkpointing=bool(best),
         enable_model_summary=False,
+        # `Progress` has a bar for terminals and lines for files
         enable_progress_bar=False,
         num_sanity_val_steps=0,
         # on a GPU some kernels have no deterministic version

@@ -76,6 +76,7 @@ class Bench:
         sources: dict[str, TaskSource | TactileForgeError] = {}
         for task in tasks:
             for metric in task.metrics:
+                # an unknown metric is an error before data is opened
                 metrics.metric_kind(metric)
             source = _source(task, sources)
             try:
@@ -109,6 +110,7 @@ class Bench:
         groups: dict[tuple[int, str], list[PreparedTask]] = {}
         for prepared in self.prepared:
             if self._knows(prepared, entry, subjects):
+                # one extraction for all tasks of a source: the features cost more than the probes
                 alike = id(prepared.source), prepared.task.unknown_sensor
                 groups.setdefault(alike, []).append(prepared)
         for group in groups.values():
@@ -119,7 +121,11 @@ class Bench:
         self, entry: ModelEntry, subjects: Sequence[FrozenEncoder], every: Sequence[PreparedTask]
     ) -> None:
         """Runs the unfinished tasks of one source; all of them share features."""
-        group = [prepared for prepared in every if not self._is_done(prepared, entry, subjects)]
+        group = [
+            prepared
+            for prepared in every
+            if not self.writer.kept(prepared.task.name, entry.name, self._key(prepared, subjects))
+        ]
         extracted: list[SourceFeatures | None] = []
         frozen = self._frozen(group)
         # also clips of tasks that are done: else a bench that goes on would find no feature again
@@ -162,6 +168,7 @@ class Bench:
         choice = self.choices[prepared.task.name]
         measured: list[tuple[int, evaluate.ProbeResult]] = []
         for number, subject in enumerate(subjects):
+            # networks take the seeds in turn, so that the spread is that of both
             seeds = range(number, self.options.seeds, len(subjects))
             done = evaluate.evaluate_probe(
                 prepared,
@@ -176,6 +183,7 @@ class Bench:
                 (result.outcomes[0].seed if choice.kind.trained else number, result)
                 for result in done
             ]
+        # of the first network alone: a head fits one encoder
         class_heads.keep_class_head(self.writer.folder, prepared, subjects[0], measured[0][1])
         rows = self._cells(entry, prepared, choice, measured)
         self.writer.cells(prepared.task.name, entry.name, self._key(prepared, subjects), rows)
@@ -190,6 +198,7 @@ class Bench:
         """Result cells; those of the learning rate best on validation come first."""
         main = prepared.task.metrics[0]
         name = metrics.part_of(main, prepared.target.parts)
+        # what is smaller is better from here on
         sign = 1 if metrics.metric_kind(main).better == "lower" else -1
         scores: dict[str, list[float]] = {}
         for _, result in measured:
@@ -212,11 +221,6 @@ class Bench:
             predicted, truth = result.predicted[name], result.truth[name]
             rows.append(self.writer.predictions(cell, name, part, predicted, truth, units, clips))
         return rows
-
-    def _is_done(
-        self, prepared: PreparedTask, entry: ModelEntry, subjects: Sequence[FrozenEncoder]
-    ) -> bool:
-        return self.writer.kept(prepared.task.name, entry.name, self._key(prepared, subjects))
 
     def _key(self, prepared: PreparedTask, subjects: Sequence[FrozenEncoder]) -> str:
         """Hash of everything the cells of a task and model depend on."""
@@ -241,12 +245,14 @@ class Bench:
             "selection": self.options.selection,
         }
         if not choice.kind.fitted:
+            # only zero-shot probes read the heads: for others, new heads change no cell
             facts["heads"] = [s.heads_hash for s in subjects]
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:24]
 
     def _knows(
         self, prepared: PreparedTask, entry: ModelEntry, subjects: Sequence[FrozenEncoder]
     ) -> bool:
+        # all networks of a row know the same sensors
         strange = subjects[0].unknown(prepared.sensors)
         if not strange or prepared.task.unknown_sensor == "universal":
             return True

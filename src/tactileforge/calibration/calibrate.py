@@ -103,6 +103,7 @@ def calibrate(
     first = chosen[0]
     notes: list[str] = []
     sizes = {recording.frames.shape for recording in chosen}
+    # the scale is in mm per pixel, so pictures of two sizes have two
     if len(sizes) > 1:
         shapes = " and ".join(f"{h} x {w}" for h, w in sorted(sizes))
         raise DataError(f"frames of {shapes} pixels: calibrate recordings of one size")
@@ -163,6 +164,7 @@ def _light(
         notes.append(
             f"backgrounds differ by up to {worst:.0f} grey levels: the gel or its light has changed"
         )
+    # a background with a touch in it does not count
     still = np.median(np.stack(stills), axis=0)
     return unit_light, np.rint(still).clip(0, 255).astype(np.uint8)
 
@@ -171,6 +173,7 @@ def _scale(chosen: Sequence[Recording], options: CalibrateOptions) -> tuple[floa
     if options.mm_per_pixel is not None:
         return options.mm_per_pixel, "given"
     if options.punch_mm is not None:
+        # presses of a series that are not named so are all taken for the punch's
         punched = [recording for recording in chosen if recording.object == "punch"] or chosen
         scales = [
             punch_mm_per_pixel(

@@ -114,6 +114,7 @@ def calibrate_depth(recordings: Iterable[Recording], options: DepthOptions) -> D
     presses = _presses(chosen, options, notes)
     truth = _shrunk(torch.stack([presses.dent(number) for number in range(len(presses))]))[:, 0]
     fits = {ridge: _judged(_held_out(presses, ridge), truth) for ridge in _RIDGES}
+    # by presses that a fit has not seen
     ridge = min(fits, key=lambda each: float(fits[each].error.mean()))
     after = fits[ridge]
     before = None
@@ -161,6 +162,7 @@ def _presses(chosen: Sequence[Recording], options: DepthOptions, notes: list[str
     return Presses(
         background=_shrunk(background[None], _FIT_ROWS)[0],
         pictures=_shrunk(pictures, _FIT_ROWS).round().byte(),
+        # circles are in pixels of the recordings
         circles=factor * torch.tensor(circles),
         spacing=(options.mm_per_pixel or _spacing(chosen[0])) / factor,
         ball=options.ball_mm / 2,

@@ -121,9 +121,11 @@ def _read_by(model: ForceReader, recording: Recording) -> Iterator[dict[str, NDA
     held = held_clips(recording.times, ends, model.frames, model.spacing)
     for start in range(0, len(held), _CHUNK):
         rows = held[start : start + _CHUNK]
+        # a frame is in several clips, and is decoded once
         known, places = np.unique(rows, return_inverse=True)
         pictures = model.squash(recording.frames.read(known.tolist()))
         clips = pictures[places.reshape(rows.shape)]
+        # the model warns of changed light itself
         inputs = model.force_inputs(clips, rest, recording.sensor)
         yield {name: value[:, -1].cpu().double().numpy() for name, value in inputs.items()}
 

@@ -255,6 +255,7 @@ def parse_calibration(text: str, where: str) -> Calibration:
         content = strict.mapping(where, unsealed_yaml(text))
     except ValueError as error:
         raise ConfigError(f"{where}: {error}; correct it, or calibrate again") from error
+    # before the types: another version may have other keys
     if (version := content.pop("version", None)) != VERSION:
         raise ConfigError(
             f"{where}: version {version}, but this tactileforge reads {VERSION}; calibrate again"
@@ -282,16 +283,12 @@ def _check_light(light: Light, where: str) -> None:
     for key, values in (("colour", colour), ("balance", balance)):
         if len(values) != 3:
             raise ConfigError(f"{where}.{key} is {values!r}, but must be 3 numbers")
-    if _shape(light.grid) != (3, 4, 3) or not np.isfinite(light.grid).all():
+    rows = {len(row) for row in light.grid}
+    cells = {len(cell) for row in light.grid for cell in row}
+    if (len(light.grid), rows, cells) != (3, {4}, {3}) or not np.isfinite(light.grid).all():
         raise ConfigError(f"{where}.grid must be 3 rows of 4 colours")
     if min(balance) <= 0 or not np.isfinite(colour + balance).all():
         raise ConfigError(f"{where}.balance is {balance}, but must be above 0")
-
-
-def _shape(grid: list[list[list[float]]]) -> tuple[int, ...]:
-    """Shape of nested lists; () if their lengths differ."""
-    rows, colours = {len(row) for row in grid}, {len(cell) for row in grid for cell in row}
-    return (len(grid), *rows, *colours) if len(rows) == len(colours) == 1 else ()
 
 
 def _check_force(force: ForceModel, where: str) -> None:

@@ -127,6 +127,7 @@ def fit_axis(
         DataError: There are too few forces.
     """
     known = _known(inputs, force, fold, name)
+    # the mean force of the other blocks: what a fit has to beat
     level = np.empty_like(known.force)
     for number in known.blocks:
         out = known.fold == number
@@ -204,9 +205,11 @@ def _path(
     ends = np.cumsum([len(group) for group in candidate.groups])[:-1]
     spreads = [np.sqrt(part.var(0).sum()) for part in np.split(columns, ends, 1)]
     sizes = [len(group) for group in candidate.groups]
+    # a group has variance 1 as a whole: many inputs weigh no more than a few
     factor = np.repeat([1 / spread if spread > 0 else 0.0 for spread in spreads], sizes)
     middle, level = columns.mean(0), float(force.mean())
     scaled = (columns - middle) * factor
+    # one decomposition for all penalties
     values, axes = np.linalg.eigh(scaled.T @ scaled)
     along = axes.T @ (scaled.T @ (force - level))
     found = []

@@ -23,7 +23,7 @@ from tactileforge.calibration.scale import share_scale
 from tactileforge.contracts import Recording
 from tactileforge.errors import DataError
 
-#: Step between candidate lags, s.
+#: Step between candidate lags, s: a frame at 60 Hz.
 _LAG_STEP = 1 / 60
 
 
@@ -69,6 +69,7 @@ def fit_forces(
     # the lag is fitted on the last wanted axis: the normal force, if it is among them
     lag = 0.0
     if max_lag:
+        # a little more, so that rounding does not leave out the last lag
         lags = np.arange(0, max_lag + 1e-9, _LAG_STEP)
         tried = np.stack([earlier(wanted[-1], float(at)) for at in lags])
         tried[:, ~np.isfinite(tried).all(0)] = np.nan  # compare all lags on the same frames
@@ -173,5 +174,6 @@ def _lagged(recording: Recording, column: int, lag: float) -> NDArray[np.float64
         return force
     known, before = np.isfinite(force), recording.times - lag
     out = np.interp(before, recording.times, np.where(known, force, 0.0))
+    # 1 where the force is known on both sides of the moment
     share = np.interp(before, recording.times, known.astype(float), left=0.0)
     return np.where(share < 1 - 1e-9, np.nan, out)

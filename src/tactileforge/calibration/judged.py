@@ -52,6 +52,7 @@ class Frames:
         """
         ours, theirs = self._losses(predicted), self._losses(simpler)
         gains = theirs - ours
+        # standard error of a sum of n gains: sqrt(n) times the deviation of one
         noise = float(np.std(gains, ddof=1) * len(gains) ** 0.5)
         return bool(ours.sum() < tie**2 * theirs.sum() and gains.sum() > noise)
 

@@ -85,7 +85,11 @@ def punch_mm_per_pixel(
     if not felt.any():
         raise DataError(f"{name}: no frame shows contact; press the punch harder")
     rows, columns = np.indices(change.shape)
-    centre = _centre(felt)
+    # opened by 3 x 3 pixels: specks of noise would widen the smallest circle around the contact
+    mask = (felt > 0).astype(np.uint8)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    points = np.argwhere(mask if mask.any() else felt > 0).astype(np.float32)
+    centre = cv2.minEnclosingCircle(points)[0]  # row and column, as the points are
     radius = np.hypot(rows - centre[0], columns - centre[1])
     room = min(*centre, *(n - 1 - c for n, c in zip(change.shape, centre, strict=True)))
     places = (radius[radius < room] / _STEP).astype(int)
@@ -102,12 +106,3 @@ def punch_mm_per_pixel(
     bend = low - 2 * top + high
     peak = at + (0.5 * (low - high) / bend if bend < 0 else 0.0)
     return float(diameter / 2 / ((peak + 0.5) * _STEP))
-
-
-def _centre(felt: NDArray[np.float32]) -> tuple[float, float]:
-    """Row and column of the centre of the smallest circle around the contact, without specks."""
-    mask = (felt > 0).astype(np.uint8)
-    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    points = np.argwhere(mask if mask.any() else felt > 0).astype(np.float32)
-    (row, column), _ = cv2.minEnclosingCircle(points)
-    return float(row), float(column)

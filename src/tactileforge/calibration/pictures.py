@@ -54,19 +54,12 @@ def picture_inputs(frames: Tensor, background: Tensor) -> dict[str, Tensor]:
     change = F.adaptive_avg_pool2d(frames.float() - background.float(), size).abs().mean(1)
     down, across = (torch.linspace(-1, 1, n, device=change.device) for n in size)
     cells = low_pass_difference(frames[:, None], background)[:, : 3 * LOW_PASS**2]
-    waves = _cosines(LOW_PASS).to(change.device)
+    places = torch.arange(LOW_PASS) + 0.5
+    waves = torch.stack([torch.cos(math.pi * i * places / LOW_PASS) for i in range(_ORDERS)])
+    waves[1:] *= 2**0.5  # a cosine has a mean square of 1/2, and the constant has 1
+    waves = (waves / LOW_PASS).to(change.device)
     shape = torch.einsum("ncij,ai,bj->ncab", cells.reshape(-1, 3, LOW_PASS, LOW_PASS), waves, waves)
     columns = [change.mean((1, 2)), (change * across).mean((1, 2))]
     columns.append((change * down[:, None]).mean((1, 2)))
     columns += [shape[:, color, i, j] for color in range(3) for i, j in _PAIRS]
     return dict(zip(PICTURES, columns, strict=True))
-
-
-def _cosines(cells: int) -> Tensor:
-    """Cosines over a row of cells with a mean square of 1, over their number, float32 (4, n)."""
-    import torch
-
-    places = torch.arange(cells) + 0.5
-    waves = torch.stack([torch.cos(math.pi * i * places / cells) for i in range(_ORDERS)])
-    waves[1:] *= 2**0.5
-    return waves / cells

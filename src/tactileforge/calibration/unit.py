@@ -35,6 +35,7 @@ def recordings_of_unit(
             others |= {*names, own} - {""}
             continue
         chosen.append(recording)
+        # enough: further recordings are not even opened
         if frames is not None and sum(len(each.frames) for each in chosen) >= frames:
             break
     if not chosen:

@@ -128,6 +128,7 @@ class Checkpoints(Callback):
         batch_idx: int,
     ) -> None:
         """Saves every ``every`` steps, and when the run is asked to stop."""
+        # between the batches of a step there is nothing whole to save
         if (trainer.fit_loop.total_batch_idx + 1) % trainer.accumulate_grad_batches:
             return
         due = trainer.global_step % self.every == 0
@@ -141,6 +142,7 @@ class Checkpoints(Callback):
         """Whether any process was asked to stop, as agreed by all processes."""
         if trainer.world_size == 1:
             return self.interrupted
+        # processes meet in logged and saved steps anyway: a message in each step would cost time
         if not due and trainer.global_step % log_interval(trainer):
             return False
         return trainer.strategy.reduce_boolean_decision(self.interrupted, all=False)
@@ -217,6 +219,7 @@ def best_checkpoint(folder: Path, metric: str | None) -> list[Callback]:
         monitor=metric,
         mode="max" if metric.rpartition("/")[2].startswith(("accuracy", "r2")) else "min",
         save_weights_only=True,
+        # a resumed run replaces its file: Lightning would write best-v1.ckpt beside it
         enable_version_counter=False,
         save_on_train_epoch_end=False,
     )
@@ -232,16 +235,13 @@ def check_room(path: Path, size: int) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     free = shutil.disk_usage(path.parent).free
     if free < size:
+        fix = "Make room, or give another hydra.run.dir="
+        if path.exists():
+            fix = "The one before it stays: make room, then go on with resume="
         raise TactileForgeError(
             f"{path}: the disk is full: {free / 1e6:,.1f} MB are left, and a checkpoint takes "
-            f"{size / 1e6:,.1f} MB. {_kept(path)}"
+            f"{size / 1e6:,.1f} MB. {fix}"
         )
-
-
-def _kept(path: Path) -> str:
-    if path.exists():
-        return "The one before it stays: make room, then go on with resume="
-    return "Make room, or give another hydra.run.dir="
 
 
 def _size(trainer: L.Trainer) -> int:

@@ -45,6 +45,7 @@ class Progress(Callback):
             }
             absent = dict.fromkeys(getattr(pl_module, "unlabelled", ()), "no label")
             self.bar.set_postfix(losses | absent | _speed(trainer), refresh=False)
+        # not by one: a step may have several batches
         self.bar.update(trainer.global_step - self.bar.n)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:

@@ -80,9 +80,11 @@ class Speed(Callback):
     ) -> None:
         """Adds the waiting time for the batch, if the device was idle meanwhile."""
         waited = getattr(trainer.train_dataloader, "waited", 0.0)
+        # while the device still computes the last step, the wait for the next batch costs nothing
         if self._done is None or self._done.query():  # type: ignore[no-untyped-call]
             self._waiting += waited - self._seen
         self._seen = waited
+        # counted once for each set of active objectives: counting itself slows a step down
         if self.peak and _active(pl_module) not in self._counted:
             self._counter = FlopCounterMode(display=False)
             self._counter.__enter__()  # type: ignore[no-untyped-call]
@@ -101,13 +103,19 @@ class Speed(Callback):
         active = _active(pl_module) if self.peak else frozenset()
         self._stop_counting(active)
         stepped = (trainer.fit_loop.total_batch_idx + 1) % trainer.accumulate_grad_batches == 0
+        # the first step starts the clock: workers start in it, and kernels are compiled
         if self._start is None:
             self._restart()
             return
         self._clips += len(batch["group"])
         self._flops += self._counted.get(active, 0)
         if stepped and trainer.global_step % log_interval(trainer) == 0:
-            values = self._values(time.perf_counter() - self._start, trainer.world_size)
+            seconds = time.perf_counter() - self._start
+            # of all processes: each has a share of the clips of a step
+            values = {"speed/clips_per_s": trainer.world_size * self._clips / seconds}
+            values["speed/waiting"] = min(1.0, self._waiting / seconds)
+            if self.peak:
+                values["speed/mfu"] = self._flops / seconds / self.peak
             pl_module.log_dict(values)
             self._judge(values["speed/waiting"], cpus() // trainer.num_devices)
             self._restart()
@@ -137,16 +145,8 @@ class Speed(Callback):
             self._counted[active] = self._counter.get_total_flops()
             self._counter = None
 
-    def _values(self, seconds: float, processes: int) -> dict[str, float]:
-        values = {
-            "speed/clips_per_s": processes * self._clips / seconds,
-            "speed/waiting": min(1.0, self._waiting / seconds),
-        }
-        if self.peak:
-            values["speed/mfu"] = self._flops / seconds / self.peak
-        return values
-
     def _judge(self, waiting: float, available: int) -> None:
+        # in a row: one slow file, or a cache that fills, is no reason for advice
         self._slow = self._slow + 1 if waiting > WAITING else 0
         if self._slow == _PATIENCE:
             log.warning(

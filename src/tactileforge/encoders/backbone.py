@@ -55,6 +55,7 @@ class Backbone(nn.Module):
     sensors: dict[str, int]
     universal: int | None = None
     pools_class_token = False
+    #: Whether all steps of a phase use the same parameters, see `strategies.PhasedDDP`.
     static_graph = True
 
     def __init__(
@@ -136,6 +137,7 @@ class Backbone(nn.Module):
         """Cuts (B, T, 3, height, width) into (B, slots, N, 3 * tube * patch * patch)."""
         slots, rows, columns = self.grid
         x = x.reshape(len(x), slots, self.tube, 3, rows, self.patch, columns, self.patch)
+        # colour before time within a patch, as the weights of a Conv3d are flattened
         x = x.permute(0, 1, 4, 6, 3, 2, 5, 7)
         return x.flatten(4).flatten(2, 3)
 
@@ -193,10 +195,12 @@ class TactileViews:
         frames = batch["frames"]
         _, rows, columns = encoder.grid
         count = rows * columns
+        # one draw for masks and sensors, in the constructor: see above
         noise = rand_rows(len(frames), count + 1, device=frames.device)
         self.order = noise[:, :count].argsort(dim=1)
         self.sensor = encoder.sensor_ids(batch["sensor"])
         if encoder.universal is not None:
+            # some samples are shown without their sensor: these tokens learn to serve unknown ones
             self.sensor = torch.where(noise[:, count] < universal, encoder.universal, self.sensor)
 
     @cached_property
@@ -218,7 +222,9 @@ class TactileViews:
         """Features of visible tubes: ``mask_ratio`` of the positions are hidden in every slot."""
         encoder = self.encoder
         count = self.order.shape[1]
+        # one at least: attention over no patch gives NaN
         keep = max(1, round(count * (1 - encoder.mask_ratio)))
+        # in the order of their places, as tokens come without a mask
         kept = self.order[:, :keep].sort(dim=1).values
         masked = self.order[:, keep:].sort(dim=1).values
         hidden = encoder.encode(self.patches, self.sensor, kept)

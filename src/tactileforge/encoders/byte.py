@@ -42,6 +42,7 @@ class ByteEncoder(nn.Module):
 
     def forward(self, text: Sequence[str]) -> Tensor:
         """Encodes B strings to (B, width)."""
+        # a cut may fall into a character: bytes are embedded, not characters
         rows = [list(line.encode()[: self.length]) for line in text]
         longest = max(1, max(len(row) for row in rows))
         ids = torch.tensor([row + [_PAD] * (longest - len(row)) for row in rows])

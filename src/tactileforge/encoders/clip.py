@@ -68,9 +68,11 @@ class ClipTower(nn.Module):
 
     def forward(self, batch: Sequence[str] | Tensor) -> Tensor:
         """Encodes B strings, or uint8 images (B, 3, h, w), to (B, width)."""
+        # a graph through frozen weights would only take memory
         with torch.set_grad_enabled(torch.is_grad_enabled() and not self.frozen):
             if isinstance(batch, Tensor):
                 size = (self.image_size, self.image_size)
+                # clamped: bicubic interpolation overshoots
                 x = F.interpolate(batch.float() / 255, size, mode="bicubic", antialias=True).clamp(
                     0, 1
                 )

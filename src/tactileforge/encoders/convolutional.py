@@ -67,21 +67,18 @@ class ConvBackbone(Backbone):
         class_only: bool = False,
     ) -> Tensor:
         """Places of the map, (B, slots * (K or N), width); see `Backbone.encode`."""
-        pictures = self._pictures(patches, kept).to(next(self.parameters()).dtype)
-        places = self.map(pictures).flatten(2).mT
-        places = places.view(-1, self.grid[0], *places.shape[1:])
-        if kept is not None:
-            places = patches_at(places, kept)
-        return places.flatten(1, 2)
-
-    def _pictures(self, patches: Tensor, kept: Tensor | None) -> Tensor:
-        """Puts patches (B, slots, N, P) together again, to (B * slots, 3, height, width)."""
         _, rows, columns = self.grid
         if kept is not None:
             shown = patches.new_zeros(len(patches), rows * columns).scatter(1, kept, 1.0)
             patches = patches * shown[:, None, :, None]
+        # put together again: a convolution sees pictures, not patches
         x = patches.reshape(-1, rows, columns, 3, self.patch, self.patch)
-        return x.permute(0, 3, 1, 4, 2, 5).reshape(-1, 3, *self.image_size)
+        pictures = x.permute(0, 3, 1, 4, 2, 5).reshape(-1, 3, *self.image_size)
+        places = self.map(pictures.to(next(self.parameters()).dtype)).flatten(2).mT
+        places = places.view(-1, self.grid[0], *places.shape[1:])
+        if kept is not None:
+            places = patches_at(places, kept)
+        return places.flatten(1, 2)
 
     def pool_tokens(self, tokens: Tensor) -> Tensor:
         """The mean of the tokens, projected: (B, L, width) to (B, projected)."""

@@ -77,6 +77,7 @@ class Lite0(nn.Module):
         own = self.state_dict().keys()
         try:
             state = torch.load(path, map_location="cpu", weights_only=True)
+            # without the classifier of ImageNet's classes
             ours = {_name(key): value for key, value in state.items() if key[:4] != "_fc."}
             self.load_state_dict({key: ours[key] for key in own})
         except (OSError, RuntimeError, ValueError, LookupError, AttributeError) as error:
@@ -109,6 +110,7 @@ class Lite0(nn.Module):
 
 def on_grid(maps: Sequence[Tensor], grid: tuple[int, int]) -> Tensor:
     """Resamples maps (B, C, h, w) to one grid and concatenates: (B, rows * columns, all C)."""
+    # finer maps are averaged to the grid, coarser ones repeated
     placed = [
         F.adaptive_avg_pool2d(found, grid)
         if found.shape[2] > grid[0]
@@ -194,6 +196,7 @@ class _ConvNorm(nn.Module):
         """(B, given, h, w) to (B, out, h / stride, w / stride)."""
         if self.pad is not None:
             x = F.pad(x, self.pad)
+        # in evaluation a norm is a constant factor and shift: one operation less a convolution
         out: Tensor = self.norm(self.conv(x)) if self.training else self._folded(x)
         return F.relu6(out, inplace=True) if self.act else out
 

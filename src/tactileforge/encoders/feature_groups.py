@@ -28,7 +28,8 @@ _RINGS = (0.0, 0.015, 0.03, 0.06, 0.12, 0.2, 0.3, 0.5)
 #: correlations.
 _STATISTICS = 3 * (4 + 4 + len(_QUANTILES) + len(_RINGS) - 1) + 3
 
-#: Factor of each group in the joint vector, see `joint_vector`.
+#: Factor of each group in the joint vector, see `joint_vector`. The best of thirteen choices that
+#: were tried on suite=real (docs/reports/gate.md).
 SCALES = {"summary": 0.0118, "photographs": 0.0011, "difference": 0.0015, "statistics": 0.0078}
 
 
@@ -104,6 +105,7 @@ def encode_trained(
     """
     stream = getattr(encoder, "photo_stream", None) if photographs else None
     maps: list[Tensor] = []
+    # the maps on their way into the stream's projection: the network runs once for both
     hook = stream and stream.project.register_forward_pre_hook(lambda _, x: maps.append(x[0]))
     try:
         tokens, projected, summary = encode_summary(encoder, frames, background, sensor)
@@ -178,6 +180,7 @@ def statistics_of(picture: Tensor) -> Tensor:
     """
     flat = picture.flatten(2)
     mean, spread = flat.mean(2), flat.std(2)
+    # a flat channel, as the difference of a frame to itself, has no deviation
     unit = (flat - mean[..., None]) / spread[..., None].clamp(min=1e-6)
     edges = torch.tensor(_QUANTILES, device=picture.device)
     quantiles = flat.quantile(edges, dim=2).permute(1, 2, 0)
@@ -190,6 +193,7 @@ def statistics_of(picture: Tensor) -> Tensor:
 
 def rings(x: Tensor) -> Tensor:
     """Logarithm of the power in rings of the spectrum, (B, C, 7) of (B, C, H, W)."""
+    # ortho: the power does not grow with the number of pixels
     power = torch.fft.fft2(x, norm="ortho").abs().square()
     across, down = (torch.fft.fftfreq(n, device=x.device) for n in (x.shape[3], x.shape[2]))
     radius = (across[None] ** 2 + down[:, None] ** 2).sqrt()

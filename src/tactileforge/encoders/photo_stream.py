@@ -55,10 +55,12 @@ class PhotoStream(nn.Module):
         self.network = Lite0().requires_grad_(False)
         sizes = zip(_DEVIATIONS, Lite0.channels, strict=True)
         deviation = torch.cat([torch.full((count,), value) for value, count in sizes])
+        # constants: not in state dicts
         self.register_buffer("deviation", deviation, persistent=False)
         self.project = nn.Linear(len(deviation), width)
         nn.init.orthogonal_(self.project.weight)
         nn.init.zeros_(self.project.bias)
+        # from the start: the norms of the network keep the statistics of photographs
         self.train(self.training)
 
     def train(self, mode: bool = True) -> PhotoStream:
@@ -75,6 +77,7 @@ class PhotoStream(nn.Module):
             kept: int64 (B, K), visible spatial positions; None for all.
         """
         with torch.no_grad():
+            # hidden patches are mid-grey to the network, and their tokens are left out after it
             maps = self.maps(patches, kept)
             if kept is not None:
                 maps = patches_at(maps, kept)
@@ -93,6 +96,7 @@ class PhotoStream(nn.Module):
         slots, rows, columns = self.grid
         cells = (len(patches), slots, rows, columns, 3, self.patch, self.patch)
         tubes = patches.view(*patches.shape[:3], 3, self.tube, self.patch, self.patch)
+        # back to grey levels: the network has a normalisation of its own
         x = GAIN * (tubes[:, :, :, :, -1] * self.pixels.std + self.pixels.mean - self.grey)
         if kept is not None:
             shown = x.new_zeros(len(x), rows * columns).scatter(1, kept, 1.0)

@@ -176,6 +176,7 @@ class PlainViT(Backbone):
         self.apply(init_weights)
         for name, parameter in self.named_parameters():
             if name.rpartition(".")[2] in ("class_token", "position", "registers"):
+                # as in timm
                 nn.init.normal_(parameter, std=0.02)
 
     def sensor_ids(self, sensor: Sequence[str]) -> Tensor:
@@ -206,6 +207,7 @@ class PlainViT(Backbone):
         if self.registers is not None:
             count = len(self.registers)
             x = torch.cat([self.registers.expand(len(x), -1, -1), x], dim=1)
+        # the class token, which comes after the registers
         only = slice(count, count + 1)
         x = self.transformer(x, only=only) if class_only else self.transformer(x)[:, count:]
         out: Tensor = self.norm_out(x) if self.norm_tokens else x

@@ -49,4 +49,5 @@ def sincos_position_embedding(grid: tuple[int, int, int], width: int) -> Tensor:
     count = -(-width // (2 * places.shape[1]))
     frequency = 10000 ** -(torch.arange(count, dtype=torch.float64) / count)
     angle = places[:, :, None] * frequency
+    # float64 up to here: sines of large angles lose digits in float32
     return torch.cat([angle.sin(), angle.cos()], dim=-1).flatten(1)[:, :width].float()

@@ -113,6 +113,7 @@ class Preprocess(nn.Module):
                     f"encoder.pixels.{name} has shape {tuple(numbers.shape)}: give three numbers, "
                     "or three for each row of the sensor table"
                 )
+            # not in state dicts: they are options, which every file of weights has in its header
             self.register_buffer(name, numbers.float()[..., None, None], persistent=False)
         self.mean: Tensor
         self.std: Tensor
@@ -158,6 +159,7 @@ class Preprocess(nn.Module):
         still = background[:, None].float()
         offset: int | Tensor = self.offset
         if offset != NEUTRAL_BACKGROUND:
+            # a neutral background stands for none: with another offset frames would become darker
             neutral = (still == NEUTRAL_BACKGROUND).flatten(1).all(1).view(-1, 1, 1, 1, 1)
             offset = torch.where(neutral, NEUTRAL_BACKGROUND, offset)
         return (frames.float() - still + offset).clamp(0, 255) / 255
@@ -180,6 +182,7 @@ class Preprocess(nn.Module):
         elif self.fit == "cover":
             height, width = x.shape[-2:]
             short = min(height, width)
+            # the long side rounded down, as torchvision's Resize does
             size = (self.edge * height // short, self.edge * width // short)
         if x.shape[-2:] != size:
             flat = F.interpolate(x.flatten(0, 1), size, mode=self.filter, antialias=True)
@@ -190,6 +193,7 @@ class Preprocess(nn.Module):
 
 def _centre(x: Tensor, height: int, width: int) -> Tensor:
     """Crops (..., H, W) to its centre."""
+    # rounded as torchvision's CenterCrop does
     top, left = round((x.shape[-2] - height) / 2), round((x.shape[-1] - width) / 2)
     return x[..., top : top + height, left : left + width]
 

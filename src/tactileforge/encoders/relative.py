@@ -52,6 +52,7 @@ class RelativeBias(nn.Module):
             apart = offsets[:, 1:] - torch.tensor(turns)[:, None].float()
             table = -2 * (apart.square().sum(-1) + offsets[:, 0].abs())
         self.table = nn.Parameter(table)
+        # little of class and sensor tokens, which otherwise drown the neighbours (docs/design.md)
         self.ahead = nn.Parameter(torch.full((heads,), -4.0 if start == "neighbours" else 0.0))
         places = torch.cartesian_prod(*(torch.arange(count) for count in grid))
         steps = places[None] - places[:, None] + torch.tensor(grid) - 1
@@ -78,4 +79,5 @@ class RelativeBias(nn.Module):
             rows = self.rows[places[:, :, None], places[:, None, :]]
         among = self.table[:, rows].transpose(0, 1)
         ahead = self.ahead.view(1, -1, 1, 1).expand(len(among), -1, among.shape[2], self.prefix)
+        # queries of class and sensor tokens have no bias
         return F.pad(torch.cat([ahead, among], dim=3), (0, 0, self.prefix, 0))

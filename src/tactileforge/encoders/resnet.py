@@ -125,6 +125,7 @@ class ResNet18(ConvBackbone):
         self.project = nn.Linear(_WIDTH, projected)
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
+                # as in torchvision's ResNet
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 
     def map(self, pictures: Tensor) -> Tensor:

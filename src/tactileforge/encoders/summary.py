@@ -41,6 +41,7 @@ def encode_summary(
         float (B, L, width), (B, projected) and (B, `summary_width`).
     """
     states: list[Tensor] = []
+    # by hooks, since an encoder returns its last state alone
     hooks = [
         part.register_forward_hook(lambda _module, _given, state: states.append(state))
         for part in summarised_parts(encoder)
@@ -50,6 +51,7 @@ def encode_summary(
     finally:
         for hook in hooks:
             hook.remove()
+    # encoders without blocks like ours have their tokens alone
     return tokens, projected, join_summary(states or [tokens], encoder.grid)
 
 

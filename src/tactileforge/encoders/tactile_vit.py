@@ -183,6 +183,7 @@ class TactileViT(Backbone):
         seen = self.photo_stream(patches, kept)
         beside = seen.mean(1, keepdim=True)
         if not class_only:
+            # sensor tokens are of no place of the picture: zeros beside them
             beside = torch.cat([F.pad(beside, (0, 0, 0, self.prefix - 1)), seen], dim=1)
         return torch.cat([hidden, beside], dim=2)
 

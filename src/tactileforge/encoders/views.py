@@ -64,5 +64,6 @@ def views_of(encoder: Any, batch: Batch, universal: float = 0.0) -> Views:
         return views
     if "tokens" not in batch:
         return ComputedViews(None)
+    # kept as float16; the touches of a sample are rows, as they are for an encoder
     tokens = batch["tokens"].flatten(0, 1).float()
     return ComputedViews.of(encoder, tokens, encoder.pool_tokens(tokens))

@@ -55,6 +55,7 @@ class ImageViT(nn.Module):
         self.apply(init_weights)
         nn.init.normal_(self.class_token, std=0.02)
         with torch.no_grad():
+            # as in `TactileViT`: with small random positions tokens start almost equal
             self.position.copy_(0.5 * sincos_grid((1, rows, rows), self.width).flatten(0, 2))
         self.requires_grad_(not frozen)
 

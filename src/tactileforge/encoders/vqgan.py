@@ -11,8 +11,8 @@ from torch.nn import functional as F
 from tactileforge.encoders.convolutional import ConvBackbone
 from tactileforge.encoders.preprocess import AS_THEY_ARE
 
-_GROUPS = 32  # of a norm
-_EPS = 1e-6
+#: Groups and epsilon of a norm, as in the published VQGAN (Esser et al. 2021).
+_GROUPS, _EPS = 32, 1e-6
 
 
 class _Residual(nn.Module):
@@ -61,6 +61,7 @@ class _Halved(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(n, width, h, w) to (n, width, h / 2, w / 2)."""
+        # as in the published weights; padding=1 of the convolution would shift the map
         out: Tensor = self.conv(F.pad(x, (0, 1, 0, 1)))
         return out
 

@@ -107,6 +107,7 @@ def read_facts(path: str | Path) -> Exported:
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such file; correct the path")
     try:
+        # a file of torch.export is a zip archive, and one of ONNX is not
         text = _of_zip(path) if zipfile.is_zipfile(path) else _of_onnx(path)
         content = strict.mapping("its metadata", load_json(text))
         return strict.build(Exported, "its metadata", content | {"path": str(path)})

@@ -69,7 +69,10 @@ class GraphModule(nn.Module):
         self.register_buffer("newton", newton)
         self.known: Tensor
         self.newton: Tensor
-        self._checks = numbered or (bool(encoder.sensors) and _reads_sensors(encoder))
+        # without a table, and with one stem, an encoder takes any sensor
+        has_table = getattr(encoder, "sensor_table", None) is not None
+        reads = has_table or len(getattr(encoder, "stems", ())) > 1
+        self._checks = numbered or (bool(encoder.sensors) and reads)
 
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, ...]:
         """Computes the outputs of `outputs`; see `facts.OUTPUTS` for their shapes.
@@ -98,11 +101,6 @@ def sensor_rows(encoder: Any) -> dict[str, int]:
     """Rows of an encoder's table by sensor, the universal one included."""
     universal = getattr(encoder, "universal", None)
     return dict(encoder.sensors) | ({} if universal is None else {"universal": universal})
-
-
-def _reads_sensors(encoder: Any) -> bool:
-    table = getattr(encoder, "sensor_table", None)
-    return table is not None or len(getattr(encoder, "stems", ())) > 1
 
 
 def check_float32(encoder: nn.Module) -> None:

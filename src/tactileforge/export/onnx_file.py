@@ -63,7 +63,13 @@ class OnnxFile:
         assert exported is not None
         self.model = exported.model_proto
         #: Nodes of resizing, whose matrices are not weights and are not quantised.
-        self._fixed = [node.name for node in self.model.graph.node if _resizes(node)]
+        # told by their metadata, so before `_clean` drops it
+        marks = ("upsample_", f"{Squash.__module__}.{Squash.__qualname__}")
+        self._fixed = [
+            node.name
+            for node in self.model.graph.node
+            if any(mark in entry.value for entry in node.metadata_props for mark in marks)
+        ]
         _clean(self.model)
 
     def quantise(self, path: Path) -> None:
@@ -99,11 +105,6 @@ class OnnxFile:
         return run
 
 
-def _resizes(node: Any) -> bool:
-    marks = ("upsample_", f"{Squash.__module__}.{Squash.__qualname__}")
-    return any(mark in entry.value for entry in node.metadata_props for mark in marks)
-
-
 def _clean(model: Any) -> None:
     """Names the dynamic axes, and drops metadata of the exporter with local paths."""
     graph = model.graph
@@ -136,7 +137,10 @@ def _resize(mode: str) -> Callable[..., Any]:
         for axis, wanted in zip((-2, -1), output_size, strict=True):
             size = self.shape[axis]
             if isinstance(size, int):
-                matrix = _constant(_weights(mode, size, int(wanted)))
+                # torch's own weights: what it makes of the unit matrix
+                unit, shape = torch.eye(size)[None, None], (int(wanted), size)
+                weights = F.interpolate(unit, shape, mode=mode, antialias=True)
+                matrix = _constant(weights[0, 0].numpy())
             elif mode == "bilinear":
                 start = self.shape.rank() + axis
                 matrix = _any_weights(op.Shape(self, start=start, end=start + 1), int(wanted))
@@ -147,12 +151,6 @@ def _resize(mode: str) -> Callable[..., Any]:
         return op.MatMul(rows, op.MatMul(self, op.Transpose(columns, perm=[1, 0])))
 
     return translate
-
-
-def _weights(mode: str, size: int, wanted: int) -> Any:
-    """Torch's resizing weights, float32 (wanted, size), from resizing the unit matrix."""
-    unit = torch.eye(size)[None, None]
-    return F.interpolate(unit, (wanted, size), mode=mode, antialias=True)[0, 0].numpy()
 
 
 def _any_weights(size: Any, wanted: int) -> Any:

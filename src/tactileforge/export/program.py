@@ -54,6 +54,7 @@ def sizes_of(
     if size is not None:
         return [size]
     height, width = encoder.image_size
+    # other aspects and odd numbers, where a resizing that is slightly off shows
     larger = [(height + 24, width + 56), (2 * height + 9, width + 5)]
     return larger + ([(height, width), (height - 3, width // 2)] if small else [])
 
@@ -76,6 +77,7 @@ def synthetic_clips(encoder: Any, batch: int, size: tuple[int, int]) -> Clips:
         coarse = torch.randn(*shape, 6, 6, generator=rng).flatten(0, -4)
         return F.interpolate(coarse, size, mode="bicubic").view(*shape, *size)
 
+    # smooth as a gel is lit, with the noise of a camera
     still = 128 + 30 * smooth(batch, 3)
     growth = (torch.arange(encoder.frames) + 1).view(-1, 1, 1, 1) / encoder.frames
     noise = 8 * torch.randn(batch, encoder.frames, 3, *size, generator=rng)
@@ -123,10 +125,12 @@ def trace(encoder: Any, size: tuple[int, int] | None) -> ExportedProgram:
     batch, height, width = Dim("batch"), None, None
     if size is None:
         native = encoder.image_size
+        # above the encoder's own size: at it the graph has no resizing
         height, width = Dim("height", min=native[0] + 1), Dim("width", min=native[1] + 1)
     shapes = ({0: batch, 3: height, 4: width}, {0: batch, 2: height, 3: width}, {0: batch})
     try:
         # strict=True, or `len` of a tensor would fix the number of clips
+        # two clips: torch.export takes a size of 0 or 1 for a constant
         program = torch.export.export(
             encoder, synthetic_clips(encoder, 2, sizes[0]), dynamic_shapes=shapes, strict=True
         )

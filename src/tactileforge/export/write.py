@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import copy
 import logging
-import os
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
@@ -18,7 +17,7 @@ from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.export.facts import AXES_OF_FORCE, OUTPUTS, Exported, need_onnx
 from tactileforge.export.graph_module import GraphModule, check_float32
 from tactileforge.export.program import ProgramFile, compare_outputs, sizes_of, trace
-from tactileforge.files import new_part
+from tactileforge.files import new_part, sync
 from tactileforge.hub import forces
 from tactileforge.hub.files import describe_input
 from tactileforge.hub.loading import load
@@ -91,8 +90,7 @@ def export(
         )
         # again, now with metadata: they hold the measured error
         file.save(part, done.text())
-        with part.open("rb+") as written:
-            os.fsync(written.fileno())
+        sync(part)
         part.replace(path)
     return done
 
@@ -126,8 +124,13 @@ def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str,
         if "force" in opened.heads:
             head, kept = opened.heads["force"], opened.header.heads["force"]
     check_float32(encoder)
+    force: dict[str, Any] = {}
+    # copied together: a head may share modules with its encoder. Hooks stay off the user's model
     module = GraphModule(*copy.deepcopy((encoder, head)), kept.get("scale"), squashed)
     module = module.cpu().eval().requires_grad_(False)
+    if head is not None:
+        scale = {k: list(kept["scale"][k]) for k in module.sensors if k in kept["scale"]}
+        force = {"unit": "N", "axes": AXES_OF_FORCE, "scale": scale}
     return module, {
         **known,
         "sensors": module.sensors,
@@ -137,13 +140,8 @@ def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str,
         "preprocessing": describe_input(encoder)
         | ({} if squashed is None else {"squashed": list(squashed)}),
         "outputs": {name: OUTPUTS[name] for name in module.outputs},
-        "force": {} if head is None else _force(kept, module.sensors),
+        "force": force,
     }
-
-
-def _force(kept: Mapping[str, Any], sensors: Mapping[str, int]) -> dict[str, Any]:
-    scale = {name: list(kept["scale"][name]) for name in sensors if name in kept["scale"]}
-    return {"unit": "N", "axes": AXES_OF_FORCE, "scale": scale}
 
 
 def _file(format: str, program: Any, outputs: Sequence[str]) -> Any:

@@ -62,6 +62,7 @@ class AlignHead(nn.Module):
         if tower is None:
             return None
         width: int = tower.width  # type: ignore[assignment]
+        # without a bias, as in CLIP
         return nn.Linear(width, encoder.projected, bias=False)
 
     def forward(self, views: Views, batch: Batch) -> Aligned:
@@ -69,6 +70,7 @@ class AlignHead(nn.Module):
         touch = views.full.cls
         text = image = None
         if self.text_encoder is not None:
+            # a caption is often that of many clips of one recording
             lines = list(dict.fromkeys(batch["text"]))
             where = {line: i for i, line in enumerate(lines)}
             rows = torch.tensor([where[line] for line in batch["text"]])
@@ -83,6 +85,7 @@ class AlignHead(nn.Module):
     @property
     def scale(self) -> Tensor:
         """Inverse temperature, a scalar of at most 100."""
+        # the limit of CLIP (Radford et al. 2021): above it training became unstable
         return self.log_scale.clamp(max=math.log(100)).exp()
 
     def text_vectors(self, lines: Sequence[str]) -> Tensor:

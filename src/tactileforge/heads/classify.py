@@ -34,6 +34,7 @@ class ClassifyHead(nn.Module):
         if self.training:
             known = batch["object"] >= 0
             count = torch.zeros_like(self.met, dtype=torch.int64)
+            # a class is the hash of an object's name, modulo their number: `objectives.classify`
             count.index_add_(0, batch["object"].remainder(len(count)), known.long())
             self.met |= sum_over_ranks(count) > 0  # a buffer must not differ between processes
         out: Tensor = self.linear(views.full.cls)

@@ -121,6 +121,7 @@ class MaskedDecoder(nn.Module):
         blank = self.mask_token.to(visible.dtype) + place[:, features.masked].transpose(0, 1)
         x = torch.cat([prefix, seen.flatten(1, 2), blank.flatten(1, 2)], dim=1)
         count = blank.shape[1] * blank.shape[2]
+        # mask tokens are last, and only they are predicted from: the last block computes no others
         hidden: Tensor = self.transformer(x, only=slice(x.shape[1] - count, None))
         return hidden.reshape(len(x), len(place), -1, x.shape[-1])
 
@@ -136,6 +137,7 @@ class MaskedDecoder(nn.Module):
         """Puts visible tokens (B, slots, K, width) and mask tokens in order: (..., N, ...)."""
         batch, slots, _, width = visible.shape
         count = features.kept.shape[1] + features.masked.shape[1]
+        # mask tokens everywhere, then the visible tokens at their places
         blank = self.mask_token.to(visible.dtype).expand(batch, slots, count, width)
         index = features.kept[:, None, :, None].expand(-1, slots, -1, width)
         return blank.scatter(2, index, visible)

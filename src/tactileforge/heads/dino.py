@@ -69,6 +69,7 @@ class DinoHead(nn.Module):
     def __init__(
         self,
         encoder: Encoder,
+        # hidden, bottleneck and centring as in DINO, which has 65536 prototypes for ImageNet
         prototypes: int = 4096,
         hidden: int = 2048,
         bottleneck: int = 256,

@@ -60,11 +60,13 @@ class DistillHead(nn.Module):
         self.teacher: Any = teacher.requires_grad_(False)
         self.gain = gain
         self.grid, self.prefix = encoder.grid, encoder.prefix
+        # asked of a small picture: numbers of channels do not depend on its size
         self.sizes = [len(one[0]) for one in self._features(torch.zeros(1, 3, 32, 32))]
         *maps, whole = self.sizes
         self.places = nn.ModuleList(nn.Linear(encoder.width, size) for size in maps)
         self.whole = nn.Linear(encoder.width, whole)
         for layer in (*self.places, self.whole):
+            # starts near 0, the mean of the normalised features
             nn.init.normal_(layer.weight, std=0.01)
             nn.init.zeros_(layer.bias)
         self.register_buffer("mean", torch.zeros(sum(self.sizes)))
@@ -85,6 +87,7 @@ class DistillHead(nn.Module):
         self.deviation.copy_(deviation.clamp(min=_LEAST))
 
     def _pictures(self, clips: TrainingClips) -> Iterator[Tensor]:
+        # spread evenly: a random draw would change those of the run
         chosen = torch.linspace(0, len(clips) - 1, min(_MEASURED, len(clips))).long().tolist()
         for start in range(0, len(chosen), _AT_ONCE):
             rows: list[dict[str, Any]] = [clips[i] for i in chosen[start : start + _AT_ONCE]]

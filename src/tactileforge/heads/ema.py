@@ -32,6 +32,7 @@ class EMA(nn.Module):
 
     def __init__(self, network: Any, momentum: float) -> None:
         super().__init__()
+        # a copy of the whole module: `after_step` pairs parameters by their order
         self.network: Any = deepcopy(network).requires_grad_(False).eval()
         self.momentum = momentum
 

@@ -59,6 +59,7 @@ class MeanReadout(nn.Module):
         super().__init__()
         self.frames, self.prefix = frames, prefix
         self.linear = nn.Linear(width, 3 * frames)
+        # starts near no force, as above
         nn.init.normal_(self.linear.weight, std=0.01)
         nn.init.zeros_(self.linear.bias)
 
@@ -135,5 +136,6 @@ class ForceHead(nn.Module):
             return full.tokens
         slots, rows, columns = full.grid
         patches = full.tokens[:, full.prefix :].reshape(-1, slots, rows * columns, self.width)
+        # against the first slot: what has changed since the clip began
         changes = (patches[:, 1:] - patches[:, :1]).flatten(1, 2)
         return torch.cat([full.tokens, self.norm(changes)], dim=1)

@@ -45,6 +45,7 @@ class JepaHead(nn.Module):
     def __init__(
         self,
         encoder: Encoder,
+        # width and momentum as in V-JEPA, whose predictor has 12 blocks
         width: int = 384,
         depth: int = 6,
         heads: int = 6,
@@ -66,5 +67,6 @@ class JepaHead(nn.Module):
         with torch.no_grad():
             full = self.target.network.views(batch).full
             tokens = full.tokens[:, full.prefix :].unflatten(1, (full.grid[0], -1))
+            # normed without weights, as the published program of V-JEPA does
             target = F.layer_norm(masked_patches(tokens, features), tokens.shape[-1:])
         return Latents(predicted, target)

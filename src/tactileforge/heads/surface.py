@@ -26,6 +26,7 @@ class SurfaceHead(nn.Module):
         super().__init__()
         self.grid, self.prefix, self.tube = encoder.grid, encoder.prefix, encoder.tube
         _, rows, columns = self.grid
+        # a token predicts the part of the surface below its patch
         self.cell = max(1, round(SHAPE[0] / rows)), max(1, round(SHAPE[1] / columns))
         self.linear = nn.Linear(encoder.width, self.tube * 3 * self.cell[0] * self.cell[1])
         nn.init.normal_(self.linear.weight, std=0.01)
@@ -38,6 +39,7 @@ class SurfaceHead(nn.Module):
         x = x.view(-1, slots, rows, columns, self.tube, 3, *self.cell)
         x = x.permute(0, 1, 4, 5, 2, 6, 3, 7)
         x = torch.reshape(x, (-1, 3, rows * self.cell[0], columns * self.cell[1]))
+        # a grid that does not divide the surface has cells of another size
         if x.shape[2:] != SHAPE:
             x = F.interpolate(x, SHAPE, mode="bilinear", align_corners=False)
         return x.view(-1, slots * self.tube, 3, *SHAPE)

@@ -40,6 +40,7 @@ def aligned_head(
     """
     if "text_project.weight" not in state:
         return None
+    # no method of `Model` reads camera images
     kept = {key: tensor for key, tensor in state.items() if not key.startswith("image_")}
     tower = config["text_encoder"]
     entry: dict[str, Any] = {"node": dict(config["head"][ALIGN])}

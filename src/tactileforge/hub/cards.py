@@ -28,6 +28,7 @@ from tactileforge.hub.gates import TOKENS, Gate, gate_passes
 from tactileforge.licences import check_licence
 from tactileforge.run_folder import CONFIG
 
+# libyaml, where PyYAML was built with it: every card is read to look up a name
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -181,6 +182,7 @@ class Card:
         if weight and weight.purpose:
             return weight.purpose
         paragraph = " ".join(self.text.partition("\n")[2].strip().partition("\n\n")[0].split())
+        # a full stop after a capital, as in a name, ends no sentence
         return re.split(r"(?<=[a-z0-9)])\. ", paragraph)[0].rstrip(".")
 
     def trained_on(self, weight: Weight | None) -> tuple[list[str], list[str]]:
@@ -201,8 +203,10 @@ def zoo_folder() -> Traversable:
 
 def _recipe_folders() -> Iterator[Traversable]:
     """Folders of recipes and cards: the zoo's, and those of installed packages."""
+    # first: `read_card` takes the first of two cards with one name
     yield zoo_folder() / "recipe"
     for name in conf_packages():
+        # metadata may outlive a package that was removed by hand
         with suppress(ModuleNotFoundError):
             if (folder := files(name) / "recipe").is_dir():
                 yield folder
@@ -238,6 +242,7 @@ def find_card(model: str) -> tuple[Card, Weight]:
         ConfigError: Unknown name or tag, or a card without weights.
     """
     name, _, tag = model.partition(".")
+    # the name of a card wins over a file that is called so
     if name not in card_names() and (
         "/" in model or model.endswith((".safetensors", ".ckpt", ".pth"))
     ):
@@ -288,6 +293,7 @@ def parse_card(name: str, text: str, recipe: bool) -> Card:
     except yaml.YAMLError as error:
         raise ConfigError(f"{where}: {error}") from error
     front = strict.mapping(where, front)
+    # few cards have them; the other lists are written even where they are empty
     front.setdefault("gates", [])
     for key, kind in (("weights", Weight), ("results", CardResult), ("gates", Gate)):
         rows = front.get(key)
@@ -309,6 +315,7 @@ def _check(card: Card) -> None:
     for weight in card.weights:
         place = f"{where}, weights {weight.tag!r}"
         check_licence(f"{place}: licence", weight.licence)
+        # tags stand in names of files, and on the command line
         if not re.fullmatch(r"[a-z0-9][a-z0-9_-]*", weight.tag) or tags.count(weight.tag) > 1:
             raise ConfigError(f"{place}: tags are lower-case words, each used once")
         if bool(weight.file) + bool(weight.url) + bool(weight.layout) != 1:
@@ -324,6 +331,7 @@ def _check(card: Card) -> None:
                 f"{where}, gates: {gate.model} with {gate.tokens}: no such weights, or tokens that "
                 f"are not {' or '.join(TOKENS)}; write them with tactileforge zoo gate"
             )
+    # None: the clip of the card itself
     for row in [None, *card.weights]:
         frames, spacing = card.clip(row)
         spaced = 0 < spacing < math.inf if frames > 1 else spacing == 0

@@ -89,6 +89,7 @@ class ClassHead:
     def save(self, path: Path) -> None:
         """Writes it, whole or not at all."""
         with new_part(path) as part:
+            # the layer of a fit is transposed, which safetensors refuses
             tensors = {"weight": self.weight.contiguous(), "bias": self.bias.contiguous()}
             save_file(tensors, part, metadata={_KEY: json.dumps(asdict(self.facts))})
             part.replace(path)
@@ -112,6 +113,7 @@ def read_class_head(path: str | Path) -> ClassHead:
     try:
         with safe_open(path, "pt") as file:
             facts = _facts((file.metadata() or {}).get(_KEY))
+            # by its shape, before it is read: a damaged one could ask for any amount of memory
             shape = tuple(file.get_slice("weight").get_shape())
             if shape[0] != len(facts.names) or len(shape) != 2 or shape[1] > _WIDEST:
                 raise ConfigError(f"weight is {shape} for {len(facts.names)} classes")
@@ -171,12 +173,14 @@ def fitted_layer(
             f"the head of {fitted.facts.task} was fitted to another encoder than {model}: "
             "run tactileforge bench with this model"
         )
+    # None: the encoder takes no background
     if fitted.facts.background not in (None, subtracts):
         fix = "give background=, a frame without contact" if not subtracts else "background='none'"
         known = "with" if fitted.facts.background else "without"
         raise ConfigError(
             f"the head of {fitted.facts.task} was fitted to pictures {known} a background: {fix}"
         )
+    # universal tokens fit no sensor in particular, so a head may be read with them
     if strange := set(sensors) - {*fitted.facts.sensors, "universal"}:
         raise ConfigError(
             f"the head of {fitted.facts.task} was fitted to pictures of "
@@ -210,6 +214,7 @@ def packed_layer(heads: Any, names: Sequence[str] | None, model: str) -> Layer:
             f"names: the head was not trained on {', '.join(map(repr, strange))}; give names of "
             "objects of its training data, spelled as there"
         )
+    # a class is a hash of a name, so two objects may share one
     for place, row in enumerate(rows):
         if row in rows[:place]:
             other = names[rows.index(row)]

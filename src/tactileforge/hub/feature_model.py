@@ -50,11 +50,13 @@ class FeatureModel(nn.Module):
         if hasattr(encoder, "unknown_sensor"):
             encoder.unknown_sensor = "error"  # the policy is an argument of `encode`
         self._any_sensor = takes_any_sensor(encoder)
+        # checked first: a move that fails would leave a part of the weights behind
         self.to(check_device(device)).eval()
 
     @property
     def device(self) -> torch.device:
         """Device of its weights."""
+        # int8 layers have buffers alone, and raw pixels have neither
         first = next(chain(self.encoder.parameters(), self.encoder.buffers()), torch.empty(0))
         return first.device
 
@@ -208,6 +210,7 @@ class FeatureModel(nn.Module):
         """
         check_batch_size(batch_size)
         x, still, single = clips = self._prepare(frames, background)
+        # 5: past this, `_tapped` or `_grouped`, and the public method, to the line that called it
         warn_of_light("clips", clips, self.encoder, background, stacklevel=5)
         rows = self._rows(self._names(sensor, len(x)), unknown_sensor)
         parts = [torch.split(part, batch_size) for part in (x, still, rows)]
@@ -238,6 +241,7 @@ class FeatureModel(nn.Module):
     ) -> ClipInputs:
         """Frames and backgrounds of a batch, uint8, as in training; whether it was one clip."""
         clips = prepare_clips(frames, background, self.frames, uses_background(self.encoder))
+        # a background that is taken from the clip has its order of colors
         if check and not (background is None or isinstance(background, str)):
             warn_of_swapped_clips(clips)
         return squash_clips(clips, self.squashed)
@@ -274,6 +278,7 @@ def check_device(device: str | torch.device) -> torch.device:
     """
     try:
         parsed = torch.device(device)
+        # torch.device takes names of absent devices, too: only using one tells
         torch.empty(0, device=parsed)
     except (RuntimeError, AssertionError, TypeError, NotImplementedError) as error:
         reason = str(error).strip().splitlines()[0]

@@ -31,6 +31,7 @@ def check_plugin(path: Path, header: Header) -> None:
     if name in registry.names("encoders"):
         return
     package = header.package
+    # a name from a file stands in a command that a user may copy
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", package):
         package = f"tactileforge-{name}"
     raise PluginError(
@@ -63,6 +64,7 @@ def check_nodes(path: Path, header: Header) -> None:
     ]:
         for key, value in node.items():
             _check_argument(path, f"{node['name']}.{key}", value)
+            # a larger number could only be damage or malice, and would build for ever
             if key in _STACKS and isinstance(value, int) and value > tensors:
                 raise DataError(
                     f"{path}: {node['name']}.{key} is {value}, and the file has {tensors} tensors; "
@@ -83,6 +85,7 @@ def _check_argument(path: Path, where: str, value: Any) -> None:
         for key, item in inner:
             _check_argument(path, f"{where}.{key}", item)
     name = where.rpartition(".")[2]
+    # characters without which there is no path and no address
     is_place = (name in _PLACES and value) or (isinstance(value, str) and set(value) & set("/\\:~"))
     if is_place:
         raise DataError(f"{path}: {where} is {value!r}: a model file names no file and no address")
@@ -137,6 +140,7 @@ def _check_total(path: Path, header: Header) -> None:
     kinds = [("encoders", {"node": header.encoder})]
     kinds += [("heads", entry) for entry in header.heads.values()]
     for kind, entry in kinds:
+        # heads need the encoder, which could not be outlined
         if kind == "heads" and not parts:
             return
         # a plugin may need its numbers where it is built: it is not counted

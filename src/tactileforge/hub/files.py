@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from torch import Tensor, nn
 
 from tactileforge import registry
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.files import new_part, writing
+from tactileforge.files import new_part, sync, writing
 from tactileforge.hub.file_checks import build, check_nodes, check_plugin, towers_of
 from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
@@ -35,6 +34,7 @@ def make_header(
         spacing: Seconds between the frames of a clip; 0 for one frame.
         known: Further fields of `Header`.
     """
+    # from metadata; an encoder that was built in a script has no package
     plugin = next(
         (p for p in registry.list_plugins() if (p.kind, p.name) == ("encoders", node["name"])), None
     )
@@ -101,6 +101,7 @@ def save_checkpoint(
     state = {}
     for name, tensor in tensors.items():
         kept = tensor.detach().cpu()
+        # whole numbers, such as counters, stay what they are
         if kept.is_floating_point():
             kept = kept.to(DTYPES[dtype])
             if not torch.isfinite(kept).all():
@@ -108,6 +109,7 @@ def save_checkpoint(
                     f"{name} has numbers that are not finite in {dtype}: "
                     + ("pack it with dtype=float32" if tensor.isfinite().all() else "train again")
                 )
+        # safetensors refuses tensors that share memory, or are not contiguous
         state[name] = kept.clone(memory_format=torch.contiguous_format)
     path = Path(path)
     metadata = replace(header, dtype=dtype).metadata(has_place=True)
@@ -117,8 +119,7 @@ def save_checkpoint(
         save_file(state, part, metadata=metadata)
         part.chmod(mode)
         seal_checkpoint(part)
-        with part.open("rb+") as file:
-            os.fsync(file.fileno())
+        sync(part)
         part.replace(path)
 
 
@@ -158,6 +159,7 @@ def open_model(
     header = read_header(path)
     check_plugin(path, header)
     check_nodes(path, header)
+    # so far by the header alone: nothing of the file was built
     node = dict(header.encoder)
     with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
         encoder = build(path, "encoders", node)
@@ -166,17 +168,15 @@ def open_model(
     except SafetensorError as error:
         raise DataError(f"{path}: damaged: {error}; fetch or write it again") from error
     other = changed_options(encoder, frames, image_size)
+    # heads were trained on clips of the encoder's own number and size of frames
     heads = {} if other else _open_heads(path, header, encoder, state)
-    state = {key: x for key, x in state.items() if not _is_of_head(key, header)}
+    of_heads = tuple(map(_of_head, header.heads))
+    state = {key: x for key, x in state.items() if not key.startswith(of_heads)}
     fill_weights(encoder, state, str(path))
     if other:
         encoder = rebuild_encoder(node, encoder, other)
     encoder.requires_grad_(False)
     return encoder.eval(), heads, header
-
-
-def _is_of_head(key: str, header: Header) -> bool:
-    return any(key.startswith(_of_head(name)) for name in header.heads)
 
 
 def _open_heads(
@@ -203,6 +203,7 @@ def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) ->
             finite; lists them.
     """
     own = encoder.state_dict()
+    # all faults in one error: names that are missing and left over explain each other
     wrong = {
         "missing": sorted(own.keys() - state.keys()),
         "unexpected": sorted(state.keys() - own.keys()),
@@ -222,4 +223,5 @@ def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) ->
             if keys
         ]
         raise DataError(f"{where}: these are not the weights of this encoder: {'; '.join(lines)}")
+    # weights of a file may be float16
     encoder.load_state_dict({key: value.to(own[key].dtype) for key, value in state.items()})

@@ -45,6 +45,7 @@ class ModelReadings:
 def opened_calibration(given: Calibration | str | Path | None) -> Calibration | None:
     """A calibration, read from its file if given as one; see `load_calibration` for errors."""
     if isinstance(given, str | Path):
+        # here: most models are used without one
         from tactileforge.calibration.file import load_calibration
 
         return load_calibration(given)
@@ -133,6 +134,7 @@ def warn_of_light(
         background: Background as the caller gave it: images, a word, or None.
         stacklevel: Level of the caller, as in `warnings.warn`.
     """
+    # a look at pixels on the host would break the compiled graph
     if torch.compiler.is_compiling() or has_no_background(encoder, background):
         return
     changed = changed_light(clips.frames, clips.background)
@@ -166,6 +168,7 @@ def within_scale(force: Tensor, read: Mapping[str, Tensor], scale: Tensor) -> Te
         scale: Force scale, N, float32 (B, 1, 3); see `scales`.
     """
     said = torch.stack([read[name] for name in AXES], -1)
+    # the head has seen no larger force in training
     beyond = (said.abs() > scale.to(said.device)).any(-1, keepdim=True)
     return force.masked_fill(beyond, math.nan)
 

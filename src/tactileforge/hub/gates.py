@@ -144,9 +144,11 @@ def write_gates(card: Path, rows: Sequence[Gate]) -> None:
         ConfigError: The card has no list of results to put them before.
     """
     text = card.read_text("utf-8")
+    # as text, not by a writer of YAML: the rest of a card stays as it was typed
+    found = re.search(r"^gates:\n((?:  - .*\n)*)", text, flags=re.M)
     kept = [
         line
-        for line in _lines(text)
+        for line in (found[1].splitlines() if found else [])
         if not any(line.startswith(f"  - {{model: {row.model}, ") for row in rows)
     ]
     block = "\n".join(["gates:", *kept, *map(_line, rows), ""])
@@ -176,11 +178,6 @@ def stamp_card(card: Path, tag: str, sha256: str, size: int) -> None:
         if not count:
             raise ConfigError(f"{card}: weights {tag!r} have no line {key}: to write it to")
     write_text(card, text)
-
-
-def _lines(text: str) -> list[str]:
-    block = re.search(r"^gates:\n((?:  - .*\n)*)", text, flags=re.M)
-    return block[1].splitlines() if block else []
 
 
 def _line(row: Gate) -> str:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 class HeadModel(GroupedModel):
     """Reading of heads, as base of `hub.model.Model`; see there for arguments and attributes."""
 
+    # set where weights are rounded, see `keep_fingerprint`; else computed when they are asked for
     _fingerprint = _encoder_hash = ""
 
     def force(
@@ -273,6 +274,7 @@ class HeadModel(GroupedModel):
             inputs = self._readable(*self._pass(x, still, self._rows(names, "error")), scale)
             inputs |= forces.picture_columns(x, still, inputs["z"])
         if not forces.has_no_background(self.encoder, background):
+            # stacked, so that the light of a frame is looked at once
             together = forces.without_light(torch.stack([*inputs.values()], -1), x, still)
             inputs = dict(zip(inputs, together.unbind(-1), strict=True))
             forces.warn_of_missing("force_inputs", together[..., 0].isnan(), forces.LIGHT)

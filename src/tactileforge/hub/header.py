@@ -95,6 +95,7 @@ class Header:
         if not self.heads:  # so files without heads are what they always were
             del content["heads"]
         try:
+            # sorted: one header, one text. NaN is no JSON, and other readers would refuse it
             text = json.dumps(content, sort_keys=True, allow_nan=False)
         except (TypeError, ValueError) as error:
             raise ConfigError(f"the header of a checkpoint is plain data: {error}") from error
@@ -118,10 +119,12 @@ def seal_checkpoint(path: Path) -> None:
 
 def _check_sum(path: Path, text: bytes, stated: Any) -> None:
     whole = _BEFORE + str(stated).encode()
+    # the place of the checksum is known by what stands in it: it must be there once
     if len(str(stated)) != len(_UNKNOWN) or text.count(whole) != 1:
         raise ConfigError("its checksum is invalid: bytes of it have changed")
     digest = hashlib.sha256()
     with path.open("rb") as file:
+        # as it was hashed: with zeros in the place of the checksum
         digest.update(file.read(8) + text.replace(whole, _BEFORE + _UNKNOWN.encode()))
         file.seek(len(text), 1)
         while chunk := file.read(1 << 20):
@@ -162,6 +165,7 @@ def read_header(path: str | Path) -> Header:
         plain = strict.mapping("the header", load_json(content))
         stated = plain.pop("sha256", None)
         header = _parse(plain)
+        # last: it reads the whole file
         if stated is not None:
             _check_sum(path, text, stated)
         return header
@@ -191,6 +195,7 @@ def _parse(content: Any) -> Header:
         for sensor, scale in strict.mapping(f"scale of head {key}", head.get("scale", {})).items():
             if not (isinstance(scale, list) and len(scale) == 3 and all(map(_is_positive, scale))):
                 raise ConfigError(f"the header: head {key} has no newtons for {sensor}: {scale!r}")
+    # read by the bench, to tell what a model was trained on
     strict.mapping("the header: recipe.data", header.recipe.get("data") or {})
     return header
 
@@ -215,6 +220,7 @@ def _is_positive(value: Any) -> bool:
 
 def _json_text(path: Path, file: BinaryIO) -> bytes:
     start, first = file.read(8), file.read(1)
+    # torch.save writes a zip file (PK), or in old versions a pickle (\x80 and its protocol)
     if first != b"{" and (start[:2] == b"PK" or start[:1] == b"\x80"):
         raise DataError(
             f"{path}: a pickle, whatever its name says; nothing in it was executed. For published "

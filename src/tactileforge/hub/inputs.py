@@ -82,6 +82,7 @@ def warn_of_swapped_clips(clips: ClipInputs, stacklevel: int = 4) -> None:
 
 def uses_background(encoder: Any) -> bool:
     """Whether an encoder subtracts the frame without contact."""
+    # an encoder of a package with preprocessing of its own is taken to subtract
     return getattr(getattr(encoder, "pixels", None), "offset", 0) is not None
 
 

@@ -63,11 +63,13 @@ def load(
         card, weight = cards.find_card(name_or_file)
         path = store.fetch_weights(card, weight)
 
+    # here: an unknown name is an error before torch is imported, which takes seconds
     from tactileforge.hub.files import open_model
     from tactileforge.hub.model import Model
     from tactileforge.hub.precision import set_precision
     from tactileforge.hub.runs import open_run
 
+    # a Path has no word before it: a folder can only be a run
     is_path = isinstance(name_or_file, Path)
     is_run = path.is_dir() if is_path else str(name_or_file).startswith("run:")
     encoder, heads, header = (open_run if is_run else open_model)(path, frames, image_size)

@@ -91,6 +91,7 @@ def import_published(model: str, source: str | Path, sensor: str = "") -> Path:
     encoder = registry.build("encoders", node)
     files.fill_weights(encoder, converted.state, str(source))
     heads, entries = published_heads(converted, encoder, source, sensor)
+    # T3 is a folder, and its files have no hash in common
     digest = sha256(source) if source.is_file() else ""
     kept = {} if converted.temperature is None else {"temperature": converted.temperature}
     header = files.make_header(

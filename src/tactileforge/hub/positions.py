@@ -87,6 +87,7 @@ def _resample(
     key: str, value: Tensor, old: tuple[int, int, int], new: tuple[int, int, int], length: int
 ) -> Tensor:
     count = old[0] * old[1] * old[2]
+    # positions of the class token and the like come first
     head = len(value) - count
     if value.ndim != 2 or head < 0 or length != head + new[0] * new[1] * new[2]:
         raise ConfigError(f"{key}: cannot be interpolated; leave frames and image_size out")

@@ -33,6 +33,7 @@ def set_precision(model: Model, dtype: str) -> None:
         dtype = "bfloat16" if has_bfloat16_units(model.device) else "float32"
     if dtype == "float32":
         return
+    # before weights are rounded: a calibration of the model fits its rounded copy, too
     model.keep_fingerprint()
     if dtype == "bfloat16":
         model.bfloat16()

@@ -59,6 +59,7 @@ def read_run(
     if (known := config["encoder"].get("sensors")) and (trained := kept.get("sensors")):
         # rows of other sensors were never trained
         config["encoder"]["sensors"] = {name: known[name] for name in known if name in trained}
+    # popped: the recipe in a header is not this run
     checkpoint = read_own(run, config.pop("run", None), ("global_step",))
     kind, state = _choose(checkpoint["state_dict"], encoder, run)
     with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
@@ -66,6 +67,7 @@ def read_run(
         files.fill_weights(built, state, str(run))
         heads: dict[str, nn.Module] = {}
         entries: dict[str, dict[str, Any]] = {}
+        # heads were trained on the encoder itself, not on its EMA
         if kind == "trained":
             known = built.sensors or kept.get("sensors", ())
             heads, entries = _heads(config, built, checkpoint["state_dict"], run, known)
@@ -75,6 +77,7 @@ def read_run(
         licence=licence,
         spacing=config["batch"]["spacing"] if built.frames > 1 else 0.0,
         name=name,
+        # of the code that trained it, where that is recorded
         commit=kept.get("commit") or commit(),
         versions=kept.get("versions", {}),
         data={"name": config["data"]["name"], "licences": kept.get("licences", [])},
@@ -109,11 +112,6 @@ def open_run(
     return encoder, heads, header
 
 
-def _entry(name: str, node: Mapping[str, Any], sensors: Iterable[str]) -> dict[str, Any]:
-    entry: dict[str, Any] = {"node": node}
-    return entry | {"scale": _scales(sensors)} if name == "force" else entry
-
-
 def _heads(
     config: Mapping[str, Any],
     encoder: Any,
@@ -126,6 +124,7 @@ def _heads(
     entries: dict[str, dict[str, Any]] = {}
     for name in (*KEPT_HEADS, ALIGN):
         node = config.get("head", {}).get(name)
+        # another plugin under this name is not what `Model` reads
         if not node or node["name"] != name:
             continue
         own = _below(f"heads.{name}.", state)
@@ -135,7 +134,9 @@ def _heads(
             heads[name], entries[name], own = found
         else:
             heads[name] = registry.build("heads", node, encoder=encoder)
-            entries[name] = _entry(name, node, sensors)
+            entries[name] = {"node": node}
+            if name == "force":
+                entries[name]["scale"] = _scales(sensors)
         files.fill_weights(heads[name], own, f"{run}, head {name}")
     return heads, entries
 
@@ -156,6 +157,7 @@ def _choose(
     if wanted not in ("trained", "slow", None):
         raise ConfigError(unknown("encoder", wanted, ("trained", "slow")))
     trained = _below("encoder.", state)
+    # an EMA has the names of the encoder behind `.network.`: one of them finds its place
     first = next(iter(trained), "")
     places = [key.removesuffix(first) for key in state if key.endswith(f".network.{first}")]
     slow = [place for place in places if _below(place, state).keys() == trained.keys()]
@@ -181,6 +183,7 @@ def _without_folders(value: Any) -> Any:
     if isinstance(value, list):
         return [_without_folders(item) for item in value]
     if isinstance(value, str):
+        # a model may be packed on another system than it was trained on
         for kind in (PurePosixPath, PureWindowsPath):
             if kind(value).is_absolute() or value.startswith("~"):
                 return kind(value).name

@@ -22,6 +22,7 @@ def takes_any_sensor(encoder: Any) -> bool:
     if not hasattr(encoder, "sensor_ids"):
         return False
     try:
+        # asked by a name that no sensor has
         encoder.sensor_ids([""])
     except ConfigError:
         return False
@@ -69,6 +70,7 @@ def row_each(encoder: Any, names: Sequence[str], policy: Policy, any_sensor: boo
     if policy not in ("error", "universal"):
         raise ConfigError(f"unknown_sensor={policy!r}: give error or universal")
     if any_sensor:
+        # nobody looks at these rows
         return torch.zeros(len(names), dtype=torch.int64)
     known: dict[str, int] = encoder.sensors
     universal: int | None = getattr(encoder, "universal", None)

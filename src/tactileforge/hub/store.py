@@ -102,6 +102,7 @@ def read_import(card: Card, weight: Weight) -> Import:
         imported = strict.build(Import, str(record), load_json(record.read_text("utf-8")))
     except (ValueError, ConfigError) as error:
         raise DataError(f"{record}: damaged ({error}); {fix}") from error
+    # a record names a file beside it, and no other place
     if Path(imported.file).name != imported.file:
         raise DataError(f"{record}: damaged (file {imported.file!r}); {fix}")
     return imported
@@ -133,6 +134,7 @@ def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha2
     )
     with writing(target):
         part.replace(target)
+        # after the file: a record never names one that is not there
         with new_part(_record(card, weight)) as record:
             record.write_text(json.dumps(asdict(kept), indent=2) + "\n", "utf-8")
             record.replace(_record(card, weight))
@@ -173,6 +175,7 @@ def _verify(path: Path, digest: str, size: int, fix: str) -> None:
     actual = path.stat().st_size
     if actual != size:
         raise DataError(f"{path}: {actual} bytes, expected {size}; {fix}")
+    # after the size, which costs nothing to compare
     if (found_digest := sha256(path)) != digest:
         raise DataError(f"{path}: its sha256 is {found_digest}, expected {digest}; {fix}")
 
@@ -189,6 +192,7 @@ def _download(card: Card, weight: Weight, target: Path) -> None:
             more = f"at least {weight.bytes + 1} bytes, expected {weight.bytes}"
             raise DataError(f"{name}: {more}; {other}") from error
         except OSError as error:
+            # the network is not to blame
             if full(error):
                 raise
             terms = "; its authors ask for terms to be accepted there" if weight.gated else ""
@@ -225,6 +229,7 @@ def _address(name: str, url: str) -> tuple[str, dict[str, str]]:
         if url.partition(":")[0] not in ("https", "http", "file"):
             raise ConfigError(f"{name}: {url}: use https://, http://, file:// or hf://")
         return url, {}
+    # with a revision: the newest file may be another than the card names
     match = re.fullmatch(r"hf://([^/@]+/[^/@]+)/([^@]+)@([^@]+)", url)
     if not match:
         raise ConfigError(f"{url}: write hf://OWNER/REPO/FILE@REVISION")
@@ -233,6 +238,7 @@ def _address(name: str, url: str) -> tuple[str, dict[str, str]]:
     except ImportError as error:
         raise ConfigError(f"{url} needs: pip install huggingface_hub") from error
     repo, file, revision = match.groups()
+    # that of the user's login, for models whose authors ask for terms to be accepted
     token = get_token()
     headers = {"Authorization": f"Bearer {token}"} if token else {}
     return hf_hub_url(repo, file, revision=revision), headers

@@ -50,17 +50,6 @@ def gate_rows(card: cards.Card, weight: cards.Weight) -> list[tuple[str, ...]]:
     return [head, *rows] if rows else []
 
 
-def _gates() -> list[str]:
-    """The section of the release gate, of all weights of ours."""
-    parts = ["\n## Release gate\n", _GATE]
-    for name, card, weight in cards.list_cards():
-        if weight and (rows := gate_rows(card, weight)):
-            kept = " Kept as a demonstration." if weight.demonstration else ""
-            verdict = gates.gate_verdict(card.gate(weight))
-            parts += [f"\n`{name}` {verdict}.{kept}\n", markdown_table(rows)]
-    return parts
-
-
 def zoo_page() -> str:
     """The page ``docs/zoo.md``."""
     models = [("name", "model", "sensors", "data", "clip", "licence", "weights")]
@@ -81,7 +70,12 @@ def zoo_page() -> str:
     for card in map(cards.read_card, cards.card_names()):
         how = f"`tactileforge train recipe={card.name}`" if card.recipe else "importer only"
         parts.append(f"- **{card.title}**: {how}. {card.paper}.")
-    parts += _gates()
+    parts += ["\n## Release gate\n", _GATE]
+    for name, card, weight in cards.list_cards():
+        if weight and (rows := gate_rows(card, weight)):
+            kept = " Kept as a demonstration." if weight.demonstration else ""
+            verdict = gates.gate_verdict(card.gate(weight))
+            parts += [f"\n`{name}` {verdict}.{kept}\n", markdown_table(rows)]
     parts.append("\n## Results\n")
     parts.append("Numbers of the source that is named, not ours.\n")
     results = [("model", "task", "metric", "value", "source")]

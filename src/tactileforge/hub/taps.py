@@ -51,6 +51,7 @@ def read_tap(encoder: Any, tap: str, *inputs: Tensor) -> Tensor:
         tap: See `Model.features`.
         inputs: Frames, backgrounds and sensor rows, see `Backbone.forward`.
     """
+    # the last block computes the class token alone, which is less work
     if tap in _CLASS and is_plain(encoder):
         first, projected = encoder.class_tokens(*inputs)
         out: Tensor = first if tap == "cls" else projected
@@ -70,6 +71,7 @@ def _pass(encoder: Any, tap: str, *inputs: Tensor) -> tuple[Tensor, Tensor, Tens
     if not getattr(encoder, "norm_tokens", False) or tap in ("tokens", "patches", *_CLASS):
         return (*encoder(*inputs), None)
     before: list[Tensor] = []
+    # the encoder norms its tokens itself: the hook keeps what it norms
     hook = encoder.norm_out.register_forward_pre_hook(lambda _, given: before.append(given[0]))
     try:
         tokens, projected = encoder(*inputs)

@@ -55,28 +55,27 @@ def cut_clips(
     if not (math.isfinite(hop) and hop > 0):
         raise ConfigError(f"hop={hop}: give the seconds between clips, above 0")
     seconds = _times(video, times)
+    # one frame has no period, and any will do
     period = frame_period(seconds) if len(seconds) > 1 else 1.0
     warn_of_slow_frames(period, spacing, frames, stacklevel=4)
     due = -math.inf
     for end, now in enumerate(seconds):
-        if now < due or (rows := _rows(seconds, end, frames, spacing, period)) is None:
+        if now < due:
             continue
+        # of the frames within reach alone: the search does not grow with the video
+        first = int(np.searchsorted(seconds, now - frames * clip_step(period, spacing)))
+        rows = clip_rows(seconds[first : end + 1], frames, spacing, period)
+        if rows is None:
+            continue
+        # half a frame early: times of frames waver, and a hop would end at the next one
         due = now + hop - period / 2
-        yield float(now), video.read(rows)
+        yield float(now), video.read([first + row for row in rows])
     if due == -math.inf:
         span = (frames - 1) * round(clip_step(period, spacing) / period) + 1
         raise DataError(
             f"{len(seconds)} frames, {period:.3g} s apart: a clip of {frames}, {spacing:.3g} s "
             f"apart, spans {span}; give a longer video, or load the model with fewer frames"
         )
-
-
-def _rows(times: Times, end: int, frames: int, spacing: float, period: float) -> list[int] | None:
-    """Frames of the clip ending with frame ``end``; None if there is no such clip."""
-    reach = frames * clip_step(period, spacing)
-    first = int(np.searchsorted(times, times[end] - reach))
-    rows = clip_rows(times[first : end + 1], frames, spacing, period)
-    return None if rows is None else [first + row for row in rows]
 
 
 def _times(video: Frames, times: Times | None) -> Times:
@@ -90,6 +89,7 @@ def _times(video: Frames, times: Times | None) -> Times:
         )
     seconds = np.asarray(given, np.float64)
     wrong = ~np.isfinite(seconds)
+    # not (x > 0), and not x <= 0: NaN is neither
     wrong[1:] |= ~(np.diff(seconds) > 0)
     if wrong.any():
         row = int(wrong.argmax())

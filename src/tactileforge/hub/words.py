@@ -90,6 +90,7 @@ class Language:
         return F.normalize(vectors.float(), dim=-1)
 
     def _opened(self, given: TextEncoder | None) -> nn.Module:
+        # a tower that was trained with the model is in its file: no other goes with it
         own = isinstance(self.tower, nn.Module) and not isinstance(self.tower, AbsentTower)
         if own and given is not None:
             raise ConfigError(
@@ -195,6 +196,7 @@ def language_of(header: Header, heads: Mapping[str, Any], model: str, width: int
 
 def _weight(header: Header) -> cards.Weight | None:
     """Weights on the card of an imported model; its file has no say."""
+    # a file could name any place to load a tower from: only a card of ours may
     if not header.source.get("layout"):
         return None
     try:

@@ -36,6 +36,7 @@ class Align(nn.Module):
     def forward(self, prediction: Aligned, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
         """Computes the loss; logs both parts, unweighted."""
         touch = gather_rows(F.normalize(prediction.touch, dim=-1))
+        # without a pair still connected to the graph: DDP waits for a gradient of every rank
         nothing = touch.sum() * 0 + prediction.scale * 0
         loss = Mean(nothing, torch.zeros_like(nothing))
         logs = {}

@@ -27,6 +27,7 @@ class Classify(nn.Module):
     def forward(self, prediction: Tensor, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
         """Computes the loss; logs the accuracy of the highest score."""
         known = batch["object"] >= 0
+        # -1 of unknown objects gets a class too, and is left out by `known`
         label = batch["object"].remainder(prediction.shape[-1])
         loss = F.cross_entropy(prediction, label, reduction="none")
         right = (prediction.detach().argmax(-1) == label).float()

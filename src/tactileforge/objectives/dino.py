@@ -36,6 +36,7 @@ class Dino(nn.Module):
 
     def __init__(
         self,
+        # both temperatures as in DINO (Caron et al. 2021)
         temperature: float = 0.1,
         teacher_temperature: Sequence[float] = (0.04, 0.07),
         warmup: float = 0.15,

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from tactileforge.contracts import Batch
 from tactileforge.heads.distill import Taught
-from tactileforge.objectives.r_squared import r_squared
+from tactileforge.objectives.r_squared import moments, r_squared
 
 
 class Distill(nn.Module):
@@ -30,7 +30,7 @@ class Distill(nn.Module):
     def sums(self, prediction: Taught, batch: Batch) -> Tensor:
         """Moments of maps and of the whole picture, float64 (4, 2); see `contracts.Scored`."""
         pairs = zip(prediction.predicted, prediction.target, strict=True)
-        *maps, whole = (_moments(predicted, target) for predicted, target in pairs)
+        *maps, whole = (moments(predicted, target) for predicted, target in pairs)
         return torch.stack([sum(maps, torch.zeros_like(whole)), whole], 1)
 
     def scores(self, sums: Tensor) -> dict[str, float]:
@@ -38,10 +38,3 @@ class Distill(nn.Module):
         names = enumerate(("r2_maps", "r2_whole"))
         scores = {name: r_squared(*sums[:, i].tolist()) for i, name in names}
         return {name: score for name, score in scores.items() if score is not None}
-
-
-def _moments(predicted: Tensor, target: Tensor) -> Tensor:
-    """Count, sum, sum of squares and squared error, float64 (4,)."""
-    true = target.double()
-    error = (predicted.detach().double() - true) ** 2
-    return torch.stack([part.sum() for part in (torch.ones_like(true), true, true**2, error)])

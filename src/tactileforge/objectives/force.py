@@ -69,11 +69,13 @@ class Force(nn.Module):
         first = 0 if self.shear else 2
         valid = batch["force_valid"][:, first:]
         scale = batch["force_scale"][:, None]
+        # NaN of an axis without label would reach the gradient, although its loss is masked
         force = batch["force"].nan_to_num() / scale
         of_force = self._errors(prediction.force, force[:, 1:], self.deviation[0])
         of_delta = self._errors(prediction.delta, force.diff(dim=1), self.deviation[1])
         loss = masked_mean((of_force + self.delta * of_delta).mean(1)[:, first:], valid)
         newton = ((prediction.force.detach() - force[:, 1:]) * scale).abs().mean(1)[:, first:]
+        # millinewton, in which benchmarks of touch print forces
         logs = {
             f"mae_{axis}_mN": masked_mean(1000 * newton[:, i], valid[:, i])
             for i, axis in enumerate(AXES[first:])

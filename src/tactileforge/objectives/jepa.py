@@ -24,5 +24,6 @@ class Jepa(nn.Module):
 
     def forward(self, prediction: Latents, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
         """Computes the loss, averaged over slots, masked tubes and channels."""
+        # near 0 all clips have the same features: the encoder has collapsed
         spread = prediction.target.float().mean((1, 2)).std(0, correction=0).mean()
         return (prediction.predicted - prediction.target).abs().mean(), {"spread": spread}

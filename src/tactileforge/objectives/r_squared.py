@@ -2,8 +2,24 @@
 
 from __future__ import annotations
 
-#: Smallest variance for which R2 is defined.
+import torch
+from torch import Tensor
+
+#: Smallest variance for which R2 is defined: that of equal values is rounding.
 _LEAST = 1e-12
+
+
+def moments(predicted: Tensor, true: Tensor, dims: tuple[int, ...] | None = None) -> Tensor:
+    """Sums for `r_squared`: count, values, squares and squared errors, float64 (4, ...).
+
+    Args:
+        predicted: Predictions, of any shape.
+        true: True values of the same shape.
+        dims: Axes to sum over; None for all.
+    """
+    true = true.double()
+    error = (predicted.detach().double() - true) ** 2
+    return torch.stack([part.sum(dims) for part in (torch.ones_like(true), true, true**2, error)])
 
 
 def r_squared(count: float, total: float, square: float, error: float) -> float | None:

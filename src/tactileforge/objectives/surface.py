@@ -11,7 +11,7 @@ from tactileforge.contracts import AXES, Batch
 from tactileforge.data.labels import displacement
 from tactileforge.distributed import masked_mean
 from tactileforge.means import Mean
-from tactileforge.objectives.r_squared import r_squared
+from tactileforge.objectives.r_squared import moments, r_squared
 
 
 class Surface(nn.Module):
@@ -42,10 +42,8 @@ class Surface(nn.Module):
     def sums(self, prediction: Tensor, batch: Batch) -> Tensor:
         """Moments of each axis, float64 (4, 3); see `contracts.Scored`."""
         known = batch["surface_valid"]
-        true = displacement.coded_displacement(batch["surface"])[known].double()
-        error = (prediction.detach()[known].double() - true) ** 2
-        parts = (torch.ones_like(true), true, true**2, error)
-        return torch.stack([part.sum((0, 1, 3, 4)) for part in parts])
+        true = displacement.coded_displacement(batch["surface"])[known]
+        return moments(prediction[known], true, (0, 1, 3, 4))
 
     def scores(self, sums: Tensor) -> dict[str, float]:
         """R2 along each axis over all positions and clips."""

@@ -17,7 +17,13 @@ from tactileforge.bench.fit.probes.linear import Linear
 from tactileforge.bench.fit.probes.linear_adamw import LinearAdamW
 from tactileforge.bench.fit.probes.pose import Pose
 from tactileforge.bench.fit.probes.slip import Slip
-from tactileforge.bench.fit.training import Examples, ProbeEnsemble, seeded_probe, train_probes
+from tactileforge.bench.fit.training import (
+    Examples,
+    ProbeEnsemble,
+    Schedule,
+    seeded_probe,
+    train_probes,
+)
 from tactileforge.bench.tasks.targets import TargetPart
 from tactileforge.encoders.transformer import AttentivePooler
 from tactileforge.errors import ConfigError
@@ -77,6 +83,13 @@ def test_published_training() -> None:
     for kind in (SparshForce, Slip, Pose):
         assert (kind.published.epochs, kind.published.batch) == (51, 100)
         assert (kind.published.lr, kind.published.optimiser) == ((1e-4,), "adam")
+
+
+def test_an_optimiser_or_schedule_of_another_name_is_refused() -> None:
+    groups = [{"params": [nn.Parameter(torch.zeros(1))], "lr": 0.1}]
+    for training in (ProbeTraining(optimiser="sgd"), ProbeTraining(schedule="linear")):
+        with pytest.raises(ConfigError, match="give adamw or adam, and cosine or constant"):
+            Schedule(groups, training, 1)
 
 
 def test_398_tokens_of_a_base_encoder() -> None:

@@ -128,6 +128,12 @@ def test_parts_of_a_recording_do_not_overlap() -> None:
         assert len(train) + len(validation) + len(test) == 4
 
 
+def test_a_recording_of_fewer_frames_than_parts_keeps_its_side() -> None:
+    of = source([recording("a").part(0, 3), recording("b")], ["train", "val"], parts=4)
+    sides = zip((one.key[0] for one in of.recordings), of.sides, strict=True)
+    assert list(sides) == [("a", "train")] * 3 + [("b", "val")] * 4
+
+
 def test_a_recording_on_two_sides_is_found() -> None:
     of = source(
         [recording("a"), recording("b"), recording("c"), recording("a")], ["train"] * 3 + ["val"]

@@ -28,5 +28,6 @@ class Baseline(nn.Module):
         self.frames, self.tube, self.prefix, self.patch = 2, 2, 0, patch
         self.image_size = (size, size)
         self.grid = (1, size // patch, size // patch)
+        # knows none by name, and takes any
         self.sensors: dict[str, int] = {}
         self.pixels = Preprocess.of(self.image_size, ANYTOUCH2)

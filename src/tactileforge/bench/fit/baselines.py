@@ -15,7 +15,9 @@ from tactileforge.bench.fit.pixels import PixelFeatures
 from tactileforge.encoders.feature_groups import STATISTICS_SIZE, statistics_of
 
 _SIZE = STATISTICS_SIZE
+# Nine directions without sign, as Dalal and Triggs find best; 8 x 8 cells of a picture.
 _CELL, _BINS = 16, 9
+# As many numbers as the baseline `pixels` has of a frame, to compare the two.
 _SMALL = 16
 
 
@@ -32,6 +34,7 @@ class Flat(Baseline):
 
     def __init__(self) -> None:
         super().__init__(_SIZE, _SIZE)
+        # the width is that of what it reads of a blank clip
         blank = torch.zeros(1, 2, 3, _SIZE, _SIZE, dtype=torch.uint8)
         self.width = self.projected = self(blank, blank[:, 0], torch.zeros(1))[1].shape[1]
 
@@ -73,17 +76,20 @@ class Hog(Flat):
 
     def read(self, x: Tensor) -> Tensor:
         """(B, width): normalised histograms of the last frame."""
+        # edges are repeated: a border of zeros would be an edge of its own
         grey = F.pad(x[:, -1].mean(1, keepdim=True), (1, 1, 1, 1), mode="replicate")
         dx = grey[:, :, 1:-1, 2:] - grey[:, :, 1:-1, :-2]
         dy = grey[:, :, 2:, 1:-1] - grey[:, :, :-2, 1:-1]
         angle = torch.atan2(dy, dx).remainder(math.pi) / math.pi * _BINS
         low = angle.floor()
+        # a gradient counts for both directions beside it, so features change smoothly as it turns
         part, low = angle - low, low.long() % _BINS
         size = (dx**2 + dy**2).sqrt()
         bins = torch.zeros(len(x), _BINS, *size.shape[2:], device=x.device)
         bins.scatter_add_(1, low, size * (1 - part))
         bins.scatter_add_(1, (low + 1) % _BINS, size * part)
         cells = F.avg_pool2d(bins, _CELL)
+        # a cell lies in up to four blocks, and is normed with each: contrast differs over the gel
         blocks = F.unfold(cells, 2)
         return F.normalize(blocks, dim=1).flatten(1)
 

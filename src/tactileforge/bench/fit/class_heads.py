@@ -40,7 +40,10 @@ def keep_class_head(
         task=prepared.task.name,
         names=list(part.names),
         encoder=encoder_hash(subject.encoder),
-        background=_subtracts(prepared, subject),
+        # None where the encoder takes no background at all
+        background=any(recording.no_contact is not None for recording in prepared.source.recordings)
+        if uses_background(subject.encoder)
+        else None,
         sensors=sorted({recording.sensor for recording in prepared.source.recordings}),
         penalty=penalty,
         metrics=result.metrics,
@@ -49,10 +52,3 @@ def keep_class_head(
     path.parent.mkdir(parents=True, exist_ok=True)
     ClassHead(facts, layer[:-1].T, layer[-1]).save(path)
     return path
-
-
-def _subtracts(prepared: PreparedTask, subject: FrozenEncoder) -> bool | None:
-    """Whether a background is subtracted from its pictures; None where the encoder takes none."""
-    if not uses_background(subject.encoder):
-        return None
-    return any(recording.no_contact is not None for recording in prepared.source.recordings)

@@ -17,6 +17,7 @@ from tactileforge.files import part_name, sweep_parts, write_text
 
 #: Bytes of clips beyond which they are decoded each time.
 LIMIT = 512 * 2**20
+#: Changes when the same key would give other clips.
 _FORMAT = 2
 _ARRAYS = ("frames", "background")
 
@@ -49,12 +50,14 @@ def stored_batches(folder: Path, size: int) -> Iterator[Batch] | None:
     if not note.is_file():
         return None
     sensors: list[str] = json.loads(note.read_text("utf-8"))
+    # mapped: a set may be as large as `LIMIT`, and is read once, in order
     frames, background = (np.load(folder / f"{name}.npy", mmap_mode="r") for name in _ARRAYS)
 
     def batches() -> Iterator[Batch]:
         for start in range(0, len(sensors), size):
             rows = slice(start, start + size)
             yield {
+                # copied: torch warns of arrays that cannot be written to
                 "frames": torch.from_numpy(np.array(frames[rows])),
                 "background": torch.from_numpy(np.array(background[rows])),
                 "sensor": sensors[rows],
@@ -86,7 +89,9 @@ def store_batches(folder: Path, count: int, batches: Iterator[Batch]) -> Iterato
             arrays[name][rows] = values
         sensors += batch["sensor"]
         yield batch
+    # only now: a stopped pass leaves parts, which the next one sweeps
     for name, array in arrays.items():
         array.flush()
         parts[name].replace(folder / f"{name}.npy")
+    # last: the clips count as stored by this file
     write_text(folder / "sensors.json", json.dumps(sensors))

@@ -162,6 +162,7 @@ def _scorer(prepared: PreparedTask, places: NDArray[np.int64]) -> Callable[[Valu
     name = metrics.part_of(main, prepared.target.parts)
     part = prepared.target.parts[name]
     scale, truth = part.scale[places], part.truth[places]
+    # probes predict in normalised units, metrics are in those of the label
     return lambda decoded: metrics.measure(main, part, decoded[name] * scale, truth)
 
 
@@ -198,8 +199,7 @@ def _converge(
     assert isinstance(model, Linear)
     asked = examples.take(select)[0]
     penalty, value = model.choose(*examples.every(split.train), asked, score, higher)
-    known = np.sort(np.concatenate([split.train, split.validation]))
-    layer = model.fit(*examples.every(known), penalty)
+    layer = model.fit(*examples.every(split.known), penalty)
     predicted = model.predict(layer, examples.take(split.test)[0])
     return TrainedProbe(0, math.nan, predicted, value, penalty=penalty)
 
@@ -213,10 +213,9 @@ def _layer(
     """The layer fitted to all clips, with the median penalty of the folds."""
     assert isinstance(model, Linear)
     penalty = sorted(fold[0].penalty for fold in folds)[len(folds) // 2]
-    used = [
-        places for split in all_splits for places in (split.train, split.validation, split.test)
-    ]
-    return penalty, model.fit(*examples.every(np.unique(np.concatenate(used))), penalty)
+    # of all clips: the layer is for pictures to come, and its metrics are those of the folds
+    used = np.unique(np.concatenate([split.every for split in all_splits]))
+    return penalty, model.fit(*examples.every(used), penalty)
 
 
 def _solve(
@@ -229,8 +228,7 @@ def _solve(
 ) -> TrainedProbe:
     """Fits in closed form on training and validation clips; inner folds choose what is chosen."""
     assert isinstance(model, Ridge)
-    known = np.sort(np.concatenate([split.train, split.validation]))
-    plan = prepared.task.split
+    known, plan = split.known, prepared.task.split
     groups = splits.group_names(prepared.source, prepared.target, known, plan.group)
     # inner folds need two groups at least: take the unit of the intervals
     if len(set(groups)) == 1 and plan.unit:

@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -32,6 +32,8 @@ _FORMAT = 2
 Flip: TypeAlias = tuple[bool, bool]
 PLAIN: Flip = (False, False)
 FLIPS: tuple[Flip, ...] = (PLAIN, (True, False), (False, True), (True, True))
+#: What is added to the name of a file of features.
+_SUFFIXES = dict(zip(FLIPS, ("", "-h", "-v", "-hv"), strict=True))
 
 Array: TypeAlias = NDArray[np.float16]
 
@@ -85,7 +87,7 @@ def extract_features(
     """
     key = _key(subject, source, clips, policy)
     wanted = {
-        (tap, flip): store.folder / key / f"{tap}{_suffix(flip)}.npy"
+        (tap, flip): store.folder / key / f"{tap}{_SUFFIXES[flip]}.npy"
         for tap in taps
         for flip in flips
     }
@@ -99,19 +101,7 @@ def extract_features(
         with locked(locks / key):  # another bench may be at it: it is waited for
             if missing := absent():
                 _Extraction(store, subject, source, clips, missing, policy).run()
-                _remove_partial(store.folder / key)
     return {what: np.load(path, mmap_mode="r") for what, path in wanted.items()}
-
-
-def _remove_partial(folder: Path) -> None:
-    """Removes files left by stopped passes over other sets of arrays."""
-    for path in folder.iterdir():
-        if path.suffix != ".npy":
-            path.unlink()
-
-
-def _suffix(flip: Flip) -> str:
-    return {(False, False): "", (True, False): "-h", (False, True): "-v", (True, True): "-hv"}[flip]
 
 
 def _key(subject: FrozenEncoder, source: TaskSource, clips: NDArray[np.int64], policy: str) -> str:
@@ -147,15 +137,16 @@ class _Extraction:
         self.readers = list(readers(subject, source, clips))
         self.total = len(clips)
         names = json.dumps(sorted(path.name for path in paths.values()))
+        # a pass resumes only one over the same arrays: others are filled to another place
         stem = hashlib.sha256(names.encode()).hexdigest()[:8]
         self.note = next(iter(paths.values())).with_name(f"{stem}.json")
 
     def run(self) -> None:
         """Fills the arrays, resuming an interrupted pass, and renames them."""
         parts = {what: path.with_suffix(f".{self.note.stem}") for what, path in self.paths.items()}
-        done = self._done(parts.values())
-        arrays: dict[tuple[str, Flip], Array] = {}
-        if done:
+        done, arrays = 0, dict[tuple[str, Flip], Array]()
+        if self.note.is_file() and all(path.is_file() for path in parts.values()):
+            done = int(json.loads(self.note.read_text())["done"])
             arrays = {what: np.lib.format.open_memmap(p, "r+") for what, p in parts.items()}
         flips = tuple(dict.fromkeys(flip for _, flip in self.paths))
         groups = any(tap in ("summary", "groups") for tap, _ in self.paths)
@@ -176,13 +167,20 @@ class _Extraction:
                 done += len(places)
                 bar.update(len(places))
                 if number % self.store.every == 0:
-                    self._keep(done, arrays.values())
+                    # flushed first: the note may not count clips that a crash would lose
+                    for array in arrays.values():
+                        array.flush()  # type: ignore[attr-defined]
+                    write_text(self.note, json.dumps({"done": done}))
         for array in arrays.values():
             array.flush()  # type: ignore[attr-defined]
+        # unmapped before they are renamed
         arrays.clear()
         for what, path in self.paths.items():
             parts[what].replace(path)
-        self.note.unlink(missing_ok=True)
+        # the note, and what stopped passes over other sets of arrays have left
+        for path in self.note.parent.iterdir():
+            if path.suffix != ".npy":
+                path.unlink()
 
     def _batches(self, done: int) -> Iterator[tuple[NDArray[np.int64], Batch]]:
         """Places among the clips, and the clips; the first ``done`` are left out."""
@@ -202,22 +200,13 @@ class _Extraction:
         folder = decoded.clip_folder(
             self.store.folder.parent / "clips", self.source, clips, spacing
         )
+        # a resumed pass reads no whole set, so it stores none
         if folder is None or rows.start:
             return read_batches(clips, rows, self.store, size)
         batches = decoded.stored_batches(folder, size)
         return batches or decoded.store_batches(
             folder, len(rows), read_batches(clips, rows, self.store, size)
         )
-
-    def _done(self, parts: Any) -> int:
-        if not self.note.is_file() or not all(path.is_file() for path in parts):
-            return 0
-        return int(json.loads(self.note.read_text())["done"])
-
-    def _keep(self, done: int, arrays: Any) -> None:
-        for array in arrays:
-            array.flush()
-        write_text(self.note, json.dumps({"done": done}))
 
 
 def read_batches(
@@ -231,11 +220,13 @@ def read_batches(
     loader = DataLoader(
         Subset(clips, list(rows)),
         batch_size=size,
+        # no row, no worker: a pass that was stopped after its last batch has none to read
         num_workers=store.workers if len(rows) else 0,
         collate_fn=collate,
         worker_init_fn=start_worker,
         pin_memory=torch.cuda.is_available(),
     )
+    # workers start with signals held, so that Ctrl-C ends them by this process alone
     with held():
         batches = iter(loader)
     for batch in batches:

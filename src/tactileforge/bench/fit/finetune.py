@@ -17,7 +17,7 @@ from tactileforge.bench.fit.features import FLIPS, PLAIN, FeatureStore, read_bat
 from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge.bench.fit.probes.base import Values
 from tactileforge.bench.fit.resolve import PreparedTask, ProbeChoice
-from tactileforge.bench.fit.training import TrainedProbe, seeded_probe
+from tactileforge.bench.fit.training import Schedule, TrainedProbe, seeded_probe
 from tactileforge.errors import ConfigError, DataError
 
 
@@ -80,6 +80,7 @@ class _Run:
                 "fine-tune on the recordings of one sensor"
             )
         self.clips = by_size[0][0]
+        # copies: the next task, seed and learning rate start from the weights as they were
         self.subject = copy.copy(subject)
         self.subject.encoder = copy.deepcopy(subject.encoder).requires_grad_(True)
         self.tap = choice.kind.tap
@@ -97,33 +98,22 @@ class _Run:
         self, uses: tuple[Any, Any, Any], score: Callable[[Values], float], higher: bool
     ) -> TrainedProbe:
         training, outcome = self.choice.training, self.outcome
-        kind = {"adamw": torch.optim.AdamW, "adam": torch.optim.Adam}[training.optimiser]
-        optimiser = kind(
-            [
-                {"params": list(self.probe.parameters()), "lr": outcome.lr},
-                {"params": list(self.subject.encoder.parameters()), "lr": self.choice.finetune},
-            ],
-            betas=training.betas,
-            weight_decay=training.weight_decay,
-        )
-        rates = [group["lr"] for group in optimiser.param_groups]
+        groups = [
+            {"params": list(self.probe.parameters()), "lr": outcome.lr},
+            {"params": list(self.subject.encoder.parameters()), "lr": self.choice.finetune},
+        ]
         total = max(1, training.epochs * math.ceil(len(uses[0]) / training.batch))
+        schedule = Schedule(groups, training, total)
         best: dict[str, Tensor] = {}
-        done = 0
         for epoch in Bar(range(1, training.epochs + 1), desc=f"fine-tuning {self.subject.name}"):
+            # an order of its own for each epoch and seed, whatever was drawn before
             rng, losses = np.random.default_rng([epoch, outcome.seed]), []
             for places, batch in self._batches(rng.permutation(uses[0])):
-                if training.schedule == "cosine":
-                    for group, rate in zip(optimiser.param_groups, rates, strict=True):
-                        group["lr"] = rate * 0.5 * (1 + math.cos(math.pi * done / total))
                 flips = list(self.truth)
                 flip = flips[int(rng.integers(len(flips)))]
                 loss, _ = self._forward(places, batch, flip)
-                optimiser.zero_grad(set_to_none=True)
-                loss.backward()  # type: ignore[no-untyped-call]
-                optimiser.step()
+                schedule.step(loss)
                 losses.append(float(loss.detach()))
-                done += 1
             if not np.isfinite(losses).all():
                 raise DataError(f"the loss is not finite in epoch {epoch}; lower probe.finetune")
             outcome.train.append(float(np.mean(losses)))
@@ -139,6 +129,7 @@ class _Run:
         return outcome
 
     def _module(self) -> torch.nn.ModuleList:
+        # of both: the best epoch is one state
         return torch.nn.ModuleList([self.probe, self.subject.encoder])
 
     def _forward(self, places: Any, batch: Any, flip: Any) -> tuple[Tensor, Values]:

@@ -68,7 +68,12 @@ class FrozenEncoder:
         self.flat: bool = getattr(encoder, "flat", False)
         self.frames: int = STILL_FRAMES if self.single else encoder.frames
         self.native = not header.recipe and header.encoder["name"] not in BASELINES
-        self.weights = _hash(encoder)
+        digest = hashlib.sha256()
+        for key, value in sorted(encoder.state_dict().items()):
+            digest.update(key.encode())
+            digest.update(value.detach().cpu().contiguous().numpy().tobytes())
+        # of tensors and their names, and not of a file: runs and random weights have none
+        self.weights = digest.hexdigest()
         self.sha256 = sha256 or self.weights
         self.heads = dict(heads or {})
         self.preprocessing = json.loads(
@@ -130,6 +135,7 @@ class FrozenEncoder:
 
     def spacing_of(self, clip: ClipSpec) -> float:
         """Seconds between the frames of its clips."""
+        # frames are spread over the whole span, the last one at its end
         if self.single or clip.spread:
             return clip.span / (self.frames - 1)
         return self.header.spacing
@@ -144,6 +150,7 @@ class FrozenEncoder:
         unknown = []
         for name in sensors:
             try:
+                # one by one: an encoder tells only the first that it does not know
                 self._rows([name], "error")
             except ConfigError:
                 unknown.append(name)
@@ -170,6 +177,7 @@ class FrozenEncoder:
         with torch.inference_mode():
             taps = self.run(batch, flip, policy, groups and not self.flat)
             patches = taps["tokens"][:, self.encoder.prefix :]
+            # fixed features have one token, which is no patch
             pooled = taps["projected"] if self.flat else patches.float().mean(1)
             return taps | {"pooled": pooled, "patches": patches.flatten(1)}
 
@@ -195,6 +203,7 @@ class FrozenEncoder:
         count = frames.shape[1]
         taps = self._taps(
             groups,
+            # each frame as a clip of its own; the features of a clip are their mean
             frames.flatten(0, 1)[:, None],
             background.repeat_interleave(count, 0),
             rows.repeat_interleave(count),
@@ -220,6 +229,7 @@ class FrozenEncoder:
         }
 
     def _rows(self, sensors: Sequence[str], policy: str) -> Tensor:
+        # encoders with sensor tokens decide themselves what an unknown sensor is given
         if hasattr(self.encoder, "unknown_sensor"):
             self.encoder.unknown_sensor = policy
         if hasattr(self.encoder, "sensor_ids"):
@@ -229,11 +239,3 @@ class FrozenEncoder:
         if strange := [name for name in sensors if known and name not in known]:
             raise ConfigError(f"the model does not know the sensor {strange[0]!r}")
         return torch.tensor([known.get(name, 0) for name in sensors])
-
-
-def _hash(encoder: torch.nn.Module) -> str:
-    digest = hashlib.sha256()
-    for key, value in sorted(encoder.state_dict().items()):
-        digest.update(key.encode())
-        digest.update(value.detach().cpu().contiguous().numpy().tobytes())
-    return digest.hexdigest()

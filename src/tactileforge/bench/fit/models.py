@@ -66,6 +66,7 @@ def model_entry(
         DataError: The file or folder is none of a model; `DataNotFoundError` for an absent one.
     """
     if word in BASELINES:
+        # opened later: all rows are known before the first model is loaded
         title = BASELINES[word][1]
         return ModelEntry(name=word, title=title, open=[lambda: baseline_encoder(word, device)])
     # prefixes first: behind one, a dot is part of a path, and not of NAME.TAG
@@ -145,12 +146,14 @@ def untrained_encoder(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         encoder = registry.build("encoders", header.encoder)
+    # steps and origin are those of the trained weights, not of these
     return FrozenEncoder(name, encoder, replace(header, source={}), device=device)
 
 
 def baseline_encoder(word: str, device: str = "cpu") -> FrozenEncoder:
     """No encoder of touch at all: see `baselines.BASELINES`."""
     encoder = BASELINES[word][0]()
+    # its two frames are as far apart as the first and the last of a clip
     header = files.make_header(encoder, {"name": word}, licence="Apache-2.0", spacing=0.2)
     return FrozenEncoder(word, encoder, header, device=device)
 

@@ -38,6 +38,7 @@ class PixelFeatures(Baseline):
     def forward(self, frames: Tensor, background: Tensor, sensor: Tensor) -> tuple[Tensor, Tensor]:
         """(B, 64, width) and (B, projected) of uint8 frames (B, 2, 3, H, W)."""
         x = self.pixels(frames, background).flatten(1, 2)
+        # both frames of a place in one token, as tubes of the encoders have them
         patches = F.unfold(x, _PATCH, stride=_PATCH).transpose(1, 2)
         small = F.adaptive_avg_pool2d(x, _SMALL).flatten(1)
         return torch.add(patches, self.position), small

@@ -114,6 +114,7 @@ def ablations(
     )
     check_names("ablation", chosen, known)
     return {name: base, **models} | {
+        # one that the configuration spells out wins
         ablation: models.get(ablation)
         or PretrainModel(
             title=ablation.replace("_", " "),
@@ -152,18 +153,22 @@ def pretrain(job: PretrainJob) -> None:
         ConfigError: The folder holds a run of other settings.
         KeyboardInterrupt: It was stopped; the same call goes on with it.
     """
+    # first: a finished run of other settings is not taken for this one
     _claim(job)
     if job.finished:
         return
+    # what failed before is tried again, from its last checkpoint if there is one
     (job.folder / _FAILED).unlink(missing_ok=True)
     words = [f"resume={job.folder}"]
     if not job.has_checkpoint:
         words = [*job.words, f"hydra.run.dir={job.folder}"]
     print(command("train", *words), flush=True)
     status, output = run_program([sys.executable, "-m", "tactileforge", "train", *words])
+    # 128 + SIGINT: stopped by the user, which is no failure to be noted
     if status == 130:
         raise KeyboardInterrupt(f"stopped in {job.folder}")
     if status:
+        # what the command line prints last, before it ends
         reason = output.strip().rpartition("error: ")[2] or f"exit status {status}"
         write_text(job.folder / _FAILED, " ".join(reason.split()))
 
@@ -205,6 +210,7 @@ def _launch(folder: Path, runs: Sequence[PretrainJob], words: Sequence[str]) -> 
     write_text(listed, json.dumps(rows, indent=2))
     command = sys.argv
     names = ",".join(rows)
+    # hydra.main takes its words from sys.argv alone
     sys.argv = ["tactileforge", "-m", f"job={names}", f"jobs={listed.resolve()}", *words]
     sys.argv.append(f"hydra.sweep.dir={folder.resolve()}/hydra")
     try:
@@ -249,6 +255,7 @@ def curves(name: str, folder: Path) -> Iterator[LossCurve]:
     metrics = read_metrics(folder)
     for key, curve in metrics.items():
         kind, _, objective = key.partition("/")
+        # further scalars of an objective have a second slash
         if kind != "train" or "/" in objective:
             continue
         thin = curve.thinned()

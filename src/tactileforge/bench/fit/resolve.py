@@ -46,12 +46,8 @@ class PreparedTask:
     @property
     def clips(self) -> NDArray[np.int64]:
         """Clips of the source used by any split: int64, ascending."""
-        used = [
-            places
-            for split in self.splits
-            for places in (split.train, split.validation, split.test)
-        ]
-        return self.target.clips[np.unique(np.concatenate(used))]
+        used: NDArray[np.int64] = np.unique(np.concatenate([one.every for one in self.splits]))
+        return self.target.clips[used]
 
     @property
     def test_units(self) -> list[str]:
@@ -90,6 +86,7 @@ def prepare_task(task: Task, source: TaskSource, fitted: bool = True) -> Prepare
             metrics.part_of(metric, target.parts)
         except ConfigError as error:
             raise ConfigError(f"tasks.{task.name}.metrics: {error}") from error
+    # asked once, for its error: a target that cannot be mirrored is found before features
     if task.flips:
         for part in target.parts.values():
             part.flipped(True, True)
@@ -128,6 +125,7 @@ def choose_probe(task: Task, overrides: Mapping[str, Any]) -> ProbeChoice:
     Raises:
         ConfigError: An unknown probe or option.
     """
+    # null among the options of all tasks: as the task has it
     node = {**task.probe, **{key: value for key, value in overrides.items() if value is not None}}
     name = str(node.pop("name"))
     kind = probe_class(name)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import torch
@@ -96,6 +97,45 @@ class TrainedProbe:
     validation: list[float] = field(default_factory=list)
 
 
+class Schedule:
+    """Optimiser of probes, and the learning rate of each of its steps.
+
+    Args:
+        groups: Parameter groups of the optimiser, each with its ``lr``.
+        training: Options of the training.
+        steps: Number of steps.
+
+    Raises:
+        ConfigError: The optimiser or the schedule is unknown.
+    """
+
+    def __init__(
+        self, groups: Sequence[dict[str, Any]], training: ProbeTraining, steps: int
+    ) -> None:
+        kinds: dict[str, Any] = {"adamw": torch.optim.AdamW, "adam": torch.optim.Adam}
+        if training.optimiser not in kinds or training.schedule not in ("cosine", "constant"):
+            raise ConfigError(
+                f"probe: optimiser={training.optimiser}, schedule={training.schedule}: give adamw "
+                "or adam, and cosine or constant"
+            )
+        self.rates = [group["lr"] for group in groups]
+        self.optimiser: torch.optim.Optimizer = kinds[training.optimiser](
+            list(groups), betas=training.betas, weight_decay=training.weight_decay
+        )
+        self.cosine, self.steps, self.done = training.schedule == "cosine", steps, 0
+
+    def step(self, loss: Tensor) -> None:
+        """Takes one step along the gradient of a scalar."""
+        if self.cosine:
+            factor = 0.5 * (1 + math.cos(math.pi * self.done / self.steps))
+            for group, rate in zip(self.optimiser.param_groups, self.rates, strict=True):
+                group["lr"] = rate * factor
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        self.optimiser.step()
+        self.done += 1
+
+
 class ProbeEnsemble:
     """An ensemble of probes of one kind, trained on the same batches.
 
@@ -114,26 +154,11 @@ class ProbeEnsemble:
     ) -> None:
         self.model = probes[0]
         self.params = [dict(probe.named_parameters()) for probe in probes]
-        kinds: dict[str, type[torch.optim.Optimizer]] = {
-            "adamw": torch.optim.AdamW,
-            "adam": torch.optim.Adam,
-        }
-        if training.optimiser not in kinds or training.schedule not in ("cosine", "constant"):
-            raise ConfigError(
-                f"probe: optimiser={training.optimiser}, schedule={training.schedule}: give adamw "
-                "or adam, and cosine or constant"
-            )
         groups = [
             {"params": list(params.values()), "lr": rate}
             for params, rate in zip(self.params, rates, strict=True)
         ]
-        self.optimiser = kinds[training.optimiser](
-            groups, betas=training.betas, weight_decay=training.weight_decay
-        )  # type: ignore[call-arg]
-        self.rates = list(rates)
-        self.steps = steps
-        self.cosine = training.schedule == "cosine"
-        self.done = 0
+        self.schedule = Schedule(groups, training, steps)
 
     def _stacked(self) -> Params:
         return {
@@ -142,24 +167,14 @@ class ProbeEnsemble:
 
     def step(self, rows: Tensor, truth: Values) -> Tensor:
         """Takes one optimiser step; returns the loss of each member before it."""
-        if self.cosine:
-            factor = 0.5 * (1 + math.cos(math.pi * self.done / self.steps))
-            for group, rate in zip(self.optimiser.param_groups, self.rates, strict=True):
-                group["lr"] = rate * factor
-        losses = self._losses(rows, truth)
-        self.optimiser.zero_grad(set_to_none=True)
-        # members share no parameter, so the gradient of the sum is each member's own
-        losses.sum().backward()  # type: ignore[no-untyped-call]
-        self.optimiser.step()
-        self.done += 1
-        return losses.detach()
 
-    def _losses(self, rows: Tensor, truth: Values) -> Tensor:
         def loss(params: Params) -> Tensor:
             return self.model.loss(functional_call(self.model, params, (rows,)), truth)
 
-        out: Tensor = vmap(loss)(self._stacked())
-        return out
+        losses: Tensor = vmap(loss)(self._stacked())
+        # members share no parameter, so the gradient of the sum is each member's own
+        self.schedule.step(losses.sum())
+        return losses.detach()
 
     @torch.no_grad()
     def predict(self, examples: Examples, places: NDArray[np.int64]) -> tuple[Tensor, Values]:
@@ -231,8 +246,13 @@ def train_probes(
     best: list[Params] = [{} for _ in outcomes]
     for epoch in range(1, training.epochs + 1):
         total = torch.zeros(len(outcomes))
-        for some, rng in _batches(train_on, training.batch, epoch):
-            total += members.step(*examples.mirrored(some, rng)).cpu() * len(some) / len(train_on)
+        # the order depends on epoch and number of clips alone: all members and all runs share it
+        rng = np.random.default_rng([epoch, len(train_on)])
+        order = rng.permutation(train_on)
+        for some in np.split(order, range(training.batch, len(order), training.batch)):
+            # in the order of the file: features are mapped, and rows side by side read faster
+            batch = examples.mirrored(np.sort(some), rng)
+            total += members.step(*batch).cpu() * len(some) / len(train_on)
         losses, decoded = members.predict(examples, select_on)
         # once an epoch: the sum of its losses is finite only if all of them are
         if not torch.isfinite(total).all():
@@ -260,12 +280,3 @@ def seeded_probe(build: Callable[[], nn.Module], seed: int) -> Probe:
         probe = build()
     assert isinstance(probe, Probe)
     return probe
-
-
-def _batches(
-    places: NDArray[np.int64], size: int, epoch: int
-) -> Iterator[tuple[NDArray[np.int64], np.random.Generator]]:
-    rng = np.random.default_rng([epoch, len(places)])
-    order = rng.permutation(places)
-    for some in np.split(order, range(size, len(order), size)):
-        yield np.sort(some), rng

@@ -19,6 +19,7 @@ from tactileforge.pages.page import MINUS, NONE
 POINTS = 300
 #: Classes up to which a matrix has names.
 NAMED = 30
+#: Letters of a name beside the matrix, and shades of its squares.
 _LETTERS = 14
 _SHADES = 12
 #: The darkest shade, so that words on it stay readable.
@@ -54,22 +55,20 @@ def scatter(
         limits: Lower and upper limit of both axes.
         unit: Unit of the values; errors of N are given in mN.
     """
+    # spread evenly and not drawn, so that a page is the same each time
     rows = np.unique(np.linspace(0, len(truth) - 1, POINTS).round().astype(int))
     error = rmse(truth, predicted)
     told = f"{1000 * error:.0f} mN" if unit == "N" else f"{error:.3g} {unit}".rstrip()
     what = f"{axis} ({unit})" if unit else axis
+    r = correlation(truth, predicted)
+    told_r = f"{r:.2f}".replace("-", MINUS) if r == r else NONE  # NaN where one does not vary
     return agreement_figure(
         [(truth[rows], predicted[rows], np.zeros(len(rows), np.int64), 0.6)],
         (f"true {what}", f"predicted {what}"),
         limits=limits,
-        words=f"RMSE {told}\nr {_r(truth, predicted)}",
+        words=f"RMSE {told}\nr {told_r}",
         name=f"predicted against true {axis}",
     )
-
-
-def _r(truth: NDArray[Any], predicted: NDArray[Any]) -> str:
-    value = correlation(truth, predicted)
-    return f"{value:.2f}".replace("-", MINUS) if value == value else NONE
 
 
 def confusion(
@@ -91,11 +90,13 @@ def confusion(
     shares = counts / np.maximum(1, counts.sum(1, keepdims=True))
     size = 2.2 + 0.26 * count if count <= 8 else max(4.2, 1.9 + 0.17 * min(count, NAMED))
     with drawing(size, size) as (figure, axes):
+        # a path for each shade, and not for each square: a matrix may have thousands of them
         for level in range(1, _SHADES + 1):
             low, high = (level - 0.5) / _SHADES, (level + 0.5) / _SHADES
             chosen = np.argwhere((shares >= low) & (shares < high))
             if len(chosen):
                 axes.add_patch(_squares(chosen, _DARKEST * level / _SHADES))
+        # what would be printed as 0 % is left out; in small squares, all below 10 %
         least = 0.005 if count <= 8 else 0.095
         small = 9 if count <= 8 else 7
         for row, column in np.argwhere(shares >= least) if count <= NAMED else ():
@@ -118,6 +119,7 @@ def _name(axes: Any, names: Sequence[str], totals: NDArray[np.int64]) -> None:
     rows = [f"{name} ({total})" for name, total in zip(short, totals.tolist(), strict=True)]
     places = range(count) if count <= NAMED else ()
     size = 9 if count <= 8 else 8
+    # names may have dollar signs, which would be read as formulas
     axes.set_xticks(places, short if places else (), rotation=90, fontsize=size, parse_math=False)
     axes.set_yticks(places, rows if places else (), fontsize=size, parse_math=False)
     axes.set(xlim=(-0.5, count - 0.5), ylim=(count - 0.5, -0.5), aspect="equal")

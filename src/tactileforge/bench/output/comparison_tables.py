@@ -115,6 +115,13 @@ def main_table(results: Results, all_scores: Scores) -> Table | None:
         return None
     table, names = Columns(results, all_scores), titles(results)
     columns = [table.column(task, models) for task in results.tasks]
+    # tasks that were not run at all have no column, so a footnote names them
+    listed = {"", *(task.name for task in results.tasks)}
+    others = [
+        ("‡", f"Task {skipped.task} was not run. {sentences(skipped)}")
+        for skipped in results.not_run
+        if skipped.task not in listed
+    ]
     return Table(
         name="main",
         title=f"Models compared: {results.suite}",
@@ -124,15 +131,8 @@ def main_table(results: Results, all_scores: Scores) -> Table | None:
             [TableEntry(names[model.name]), *entries, TableEntry(_seeds(table, model))]
             for model, *entries in zip(models, *columns, strict=True)
         ],
-        notes=[*table.notes.items(), *_other_tasks(results)],
+        notes=[*table.notes.items(), *others],
     )
-
-
-def _other_tasks(results: Results) -> list[tuple[str, str]]:
-    """Tasks without a run and without a column."""
-    listed = {"", *(task.name for task in results.tasks)}
-    rest = (skipped for skipped in results.not_run if skipped.task not in listed)
-    return [("‡", f"Task {skipped.task} was not run. {sentences(skipped)}") for skipped in rest]
 
 
 def _seeds(table: Columns, model: ResultModel) -> str:
@@ -148,6 +148,7 @@ def ablation_table(results: Results, all_scores: Scores) -> Table | None:
         return None
     pairs = [(model, full_model(results, model)) for model in ablations]
     fulls = list({full.name: full for _, full in pairs if full}.values())
+    # each full model above its ablations
     ordered: list[tuple[ResultModel, ResultModel | None]] = []
     for full in fulls:
         ordered += [(full, None), *(pair for pair in pairs if pair[1] == full)]
@@ -186,6 +187,7 @@ def _ablation_column(
         value_text, marks = plus_minus(interval, digits), table.marks(score)
         base = table.score(task, full) if full else None
         against = base.interval() if base else None
+        # a full model is compared with none
         if against is None:
             if model.group == "ablation":
                 marks = (

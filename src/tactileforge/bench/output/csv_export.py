@@ -25,6 +25,7 @@ def long_form(results: Results, all_scores: Scores, rows: Sequence[PublishedScor
     ``origin`` is ``ours`` or ``published``. Where ``mean`` is empty, ``note`` says why.
     """
     file = io.StringIO()
+    # the same bytes on every system: csv ends lines by \r\n
     writer = csv.DictWriter(file, COLUMNS, restval="", lineterminator="\n")
     writer.writeheader()
     for task in results.tasks:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from tactileforge.bench.output.grid import ColumnHead, Table, TableEntry, fixed
 from tactileforge.bench.results import gate
-from tactileforge.bench.results.bootstrap import ScoreInterval
 from tactileforge.bench.results.gate import GateRow
 from tactileforge.bench.results.results import Results
 from tactileforge.bench.results.scores import titles
@@ -42,13 +41,17 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
     tasks = gate.gate_tasks(results)
     rows = []
     for model, reading in keys:
+        # None where the model was not run on a task
         cells = [known.get((model, reading, task.name)) for task in tasks]
         mean = known.get((model, reading, gate.MEAN))
-        counted = [cell for cell, task in zip(cells, tasks, strict=True) if task.counted]
+        measured = [
+            cell
+            for cell, task in zip(cells, tasks, strict=True)
+            if task.counted and cell and cell.above
+        ]
+        won = f"{sum(row.beats for row in measured)} of {len(measured)}" if measured else "none"
         entries = [_entry(row) for row in (*cells, mean)]
-        rows.append(
-            [TableEntry(names[model]), TableEntry(reading), *entries, TableEntry(_won(counted))]
-        )
+        rows.append([TableEntry(names[model]), TableEntry(reading), *entries, TableEntry(won)])
     heads = [
         ColumnHead(task.title if task.counted else f"({task.title})", task.main) for task in tasks
     ]
@@ -71,7 +74,11 @@ def _entry(row: GateRow | None) -> TableEntry:
     if row is None:
         return TableEntry("not run", tone="soft")
     against = gate.COMPARED if row.task == gate.MEAN else gate.AGAINST
-    below = [f"{name[0]} {_signed(row.above[name])}" for name in against if name in row.above]
+    leads = [(name, row.above[name]) for name in against if name in row.above]
+    below = [
+        f"{name[0]} {fixed(lead.value, 3, signed=True)} (> {fixed(lead.low, 2, signed=True)})"
+        for name, lead in leads
+    ]
     lost = any(row.above[name].high < 0 for name in gate.AGAINST if name in row.above)
     sign = " ▲" if row.beats else " ▼" if lost else ""
     score = row.score
@@ -79,12 +86,3 @@ def _entry(row: GateRow | None) -> TableEntry:
     return TableEntry(
         text, below=", ".join(below), tone="good" if row.beats else "bad" if lost else ""
     )
-
-
-def _signed(score: ScoreInterval) -> str:
-    return f"{fixed(score.value, 3, signed=True)} (> {fixed(score.low, 2, signed=True)})"
-
-
-def _won(rows: Sequence[GateRow | None]) -> str:
-    measured = [row for row in rows if row and row.above]
-    return f"{sum(row.beats for row in measured)} of {len(measured)}" if measured else "none"

@@ -111,6 +111,7 @@ def decimals(values: Iterable[float]) -> int:
 
 def fixed(value: float, digits: int, signed: bool = False) -> str:
     """Formats a finite number with fixed decimals."""
+    # + 0.0 turns a rounded -0.0 into 0.0, which is printed without a sign
     rounded = round(value, digits) + 0.0
     return f"{rounded:{'+' if signed else ''}.{digits}f}".replace("-", MINUS)
 
@@ -128,6 +129,7 @@ def ranks(values: Sequence[float | None], better: str, digits: int) -> list[Rank
 
     Equal values share a mark. Nothing is marked where fewer than two have a value.
     """
+    # as printed: a reader may not see two equal numbers of which one is marked
     shown = [None if value is None else round(value, digits) for value in values]
     known = [value for value in shown if value is not None]
     if len(known) < 2:

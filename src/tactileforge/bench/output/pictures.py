@@ -18,6 +18,7 @@ from tactileforge.pages.figures import curve_figure
 from tactileforge.pages.page import Section, details, heading, legend, panel, panels, paragraph
 from tactileforge.pages.templating import joined
 
+#: Points of a loss curve that are drawn.
 _CURVE = 200
 
 
@@ -29,6 +30,7 @@ def draw_figures(folder: Path, results: Results, scores: Scores) -> list[Section
         values = {name: one for name, one in readings.items() if not one.names}
         classes = {name: one for name, one in readings.items() if one.names}
         if values:
+            # the first is open, the others are a click away
             scatters += details(task.title, _scatters(task, values) + trouble, is_open=not scatters)
         if classes or (trouble and not values):
             confusions += details(
@@ -82,6 +84,7 @@ def _scatters(task: ResultTask, values: Mapping[str, Predictions]) -> Markup:
         drawings = []
         for i, axis in enumerate(one.columns):
             truth, predicted = one.truth[:, i], one.predicted[:, i]
+            # a picture has the finite ones, and words below it how many there are beside them
             finite = np.isfinite(truth) & np.isfinite(predicted)
             if not finite.any():
                 drawings.append(panel(axis, "", "no prediction is a finite number"))
@@ -100,10 +103,12 @@ def _limits(readings: Sequence[Predictions]) -> dict[str, tuple[float, float]]:
     """One range for each axis, with all true values and room around them."""
     limits: dict[str, tuple[float, float]] = {}
     for axis in dict.fromkeys(axis for one in readings for axis in one.columns):
+        # of true values alone: one wild prediction would push all points into a corner
         parts = [one.truth[:, one.columns.index(axis)] for one in readings if axis in one.columns]
         truth = np.concatenate(parts)
         truth = truth[np.isfinite(truth)]
         low, high = (float(truth.min()), float(truth.max())) if len(truth) else (0.0, 1.0)
+        # so that the outermost points do not lie on the frame; a little where all values are equal
         room = max(0.12 * (high - low), 0.01)
         limits[axis] = (low - room, high + room)
     return limits

@@ -132,6 +132,7 @@ def _beside(
         return None
     digits, names = digits_of(list(ours.values())), titles(table.results)
     entries = []
+    # ours first, then models that this bench has not run
     for name in dict.fromkeys((*models, *theirs)):
         score, interval, other = scores.get(name), ours.get(name), theirs.get(name)
         left = TableEntry("not in this bench", tone="soft")

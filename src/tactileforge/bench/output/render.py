@@ -61,6 +61,7 @@ def markdown_text(text: str) -> str:
         a\|b \*c\* no_diff
     """
     text = re.sub(r"([\\|*`<\[\]])", r"\\\1", " ".join(text.split()))
+    # an underscore inside a word is no emphasis, and is left readable
     return re.sub(r"(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])", r"\_", text)
 
 

@@ -37,7 +37,9 @@ def bench_page(
         rows: Published numbers.
         gate: The release gate, where it was measured.
     """
-    parts = [_compared(results, scores)]
+    grid = comparison_tables.main_table(results, scores)
+    body = render_html(grid) if grid else paragraph("There is no model, or no task.")
+    parts = [Section("models", "Models", body)]
     for name, title, grid in (
         ("gate", "Release gate", gate),
         ("ablation", "Ablations", comparison_tables.ablation_table(results, scores)),
@@ -46,11 +48,20 @@ def bench_page(
         if grid:
             parts.append(Section(name, title, render_html(grid)))
     parts += draw_figures(folder, results, scores)
-    parts += [
-        _details(results, scores),
-        *_published(results, scores, rows),
-        _about(results),
-    ]
+    body = paragraph("Every metric of each task, in the setting of the main table.")
+    for task in results.tasks:
+        grid = setting_tables.details_table(results, scores, task)
+        body += details(task.title, render_html(grid) if grid else paragraph("There is no model."))
+    parts.append(Section("details", "All metrics", body))
+    # numbers of others, apart from ours: they may come from another split or epoch
+    theirs = Markup()
+    for beside in published.beside_tables(results, scores, rows):
+        theirs += render_html(beside, heading=True)
+    if every := published.published_table(rows):
+        theirs += details(f"{every.title}: all of the zoo", render_html(every))
+    if theirs:
+        parts.append(Section("theirs", "Published", theirs))
+    parts.append(_about(results))
     return page(f"Touch encoders compared: {results.suite}", _top(results, scores), parts)
 
 
@@ -68,12 +79,15 @@ def _top(results: Results, scores: Scores) -> Markup:
             if key in results.versions
         ),
     }
-    lines = [
-        *_leaders(results, scores),
-        _ran(results, scores),
-        *_warnings(results, scores),
-    ]
-    return facts(about) + verdict(lines)
+    every = len(results.tasks) * len(results.models)
+    count = sum(
+        (task.name, model.name) in scores for task in results.tasks for model in results.models
+    )
+    ran = "bad", f"{every - count} of {every} pairs of a model and a task were not run; see below."
+    # a pair may have numbers and yet be listed: one of its seeds or metrics was not run
+    if count == every and not results.not_run:
+        ran = "good", f"All {every} pairs of a model and a task were run."
+    return facts(about) + verdict([*_leaders(results, scores), ran, *_warnings(results, scores)])
 
 
 def _leaders(results: Results, scores: Scores) -> list[tuple[str, str]]:
@@ -87,6 +101,7 @@ def _leaders(results: Results, scores: Scores) -> list[tuple[str, str]]:
             for score in scores.get((task.name, model.name), [])[:1]
             if (interval := score.interval())
         ]
+        # of one model there is no best
         if len(known) < 2:
             continue
         compared += 1
@@ -101,16 +116,6 @@ def _leaders(results: Results, scores: Scores) -> list[tuple[str, str]]:
     told = "; ".join(f"{names[name]} in {len(first[name])} of {compared}" for name in order)
     text = f"Best mean by task: {told}. Ahead of the second beyond the interval in {clear}."
     return [("plain", text)]
-
-
-def _ran(results: Results, scores: Scores) -> tuple[str, str]:
-    every = len(results.tasks) * len(results.models)
-    count = sum(
-        (task.name, model.name) in scores for task in results.tasks for model in results.models
-    )
-    if count == every and not results.not_run:
-        return "good", f"All {every} pairs of a model and a task were run."
-    return "bad", f"{every - count} of {every} pairs of a model and a task were not run; see below."
 
 
 def _warnings(results: Results, scores: Scores) -> list[tuple[str, str]]:
@@ -131,31 +136,6 @@ def _warnings(results: Results, scores: Scores) -> list[tuple[str, str]]:
     if bad:
         lines.append(("bad", f"{bad} probes gave no finite number in at least one seed."))
     return lines + [("plain", f"{hint}.") for hint in edge_rates(results, scores)]
-
-
-def _compared(results: Results, scores: Scores) -> Section:
-    grid = comparison_tables.main_table(results, scores)
-    body = render_html(grid) if grid else paragraph("There is no model, or no task.")
-    return Section("models", "Models", body)
-
-
-def _details(results: Results, scores: Scores) -> Section:
-    body = paragraph("Every metric of each task, in the setting of the main table.")
-    for task in results.tasks:
-        grid = setting_tables.details_table(results, scores, task)
-        inner = render_html(grid) if grid else paragraph("There is no model.")
-        body += details(task.title, inner)
-    return Section("details", "All metrics", body)
-
-
-def _published(results: Results, scores: Scores, rows: Sequence[PublishedScore]) -> list[Section]:
-    body = Markup()
-    for beside in published.beside_tables(results, scores, rows):
-        body += render_html(beside, heading=True)
-    every = published.published_table(rows)
-    if every:
-        body += details(f"{every.title}: all of the zoo", render_html(every))
-    return [Section("theirs", "Published", body)] if body else []
 
 
 def _about(results: Results) -> Section:

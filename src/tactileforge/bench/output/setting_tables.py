@@ -34,9 +34,13 @@ def settings_table(results: Results, all_scores: Scores) -> Table | None:
                 rows += [
                     (model, dict(score.setting))
                     for score in some
+                    # a setting that several tasks tried has one row
                     if (model, dict(score.setting)) not in rows
                 ]
     columns = [_settings_column(table, task, rows) for task in tasks]
+    # what all rows have in common is no reason for a difference between them
+    settings = [setting for _, setting in rows]
+    varied = {k for s in settings for k in s if any(other.get(k) != s[k] for other in settings)}
     return Table(
         name="settings",
         title="Settings of the probes",
@@ -48,7 +52,11 @@ def settings_table(results: Results, all_scores: Scores) -> Table | None:
         rows=[
             [
                 TableEntry(names[model.name]),
-                TableEntry(_words_of(setting, rows), tone="text"),
+                TableEntry(
+                    ", ".join(f"{key}={value}" for key, value in setting.items() if key in varied)
+                    or "as published",
+                    tone="text",
+                ),
                 *entries,
             ]
             for (model, setting), *entries in zip(rows, *columns, strict=True)
@@ -78,13 +86,6 @@ def _settings_column(
                 entry = TableEntry(entry.text, entry.rank, (*entry.marks, note), entry.tone)
             entries.append(entry)
     return entries
-
-
-def _words_of(setting: dict[str, Any], rows: Sequence[tuple[ResultModel, dict[str, Any]]]) -> str:
-    """Options with different values in different rows, as text."""
-    every = [other for _, other in rows]
-    differing = [key for key in setting if any(o.get(key) != setting[key] for o in every)]
-    return ", ".join(f"{key}={setting[key]}" for key in differing) or "as published"
 
 
 def details_table(results: Results, all_scores: Scores, task: ResultTask) -> Table | None:

@@ -62,6 +62,7 @@ def tables(
     results: Results, all_scores: Scores, rows: list[PublishedScore], gate: Table | None = None
 ) -> list[Table]:
     """All tables with content, measured numbers first."""
+    # in the order of the files: what decides comes first, numbers of others last
     grids = [
         gate,
         comparison_tables.main_table(results, all_scores),

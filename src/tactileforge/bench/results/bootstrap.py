@@ -19,7 +19,9 @@ from tactileforge.errors import DataError
 
 #: Metrics that are sums over clips.
 METRICS = ("accuracy", "balanced_accuracy", "r2")
+#: Draws of groups; ends of intervals are percentiles 2.5 and 97.5 of them.
 DRAWS = 2000
+# Any number (a date), but always the same: a gate is reproduced to the last digit.
 _SEED = 20261122
 
 Sums = NDArray[np.float64]
@@ -131,6 +133,7 @@ def compared_over_tasks(
     Raises:
         DataError: The networks of a task were not tested on the same groups.
     """
+    # a seed for each task: tasks have groups of their own, and are drawn independently
     parts = [_bootstrap(*task, seed=_SEED + number) for number, task in enumerate(tasks)]
     return _interval(
         float(np.mean([value for value, _ in parts])), np.mean([draws for _, draws in parts], 0)

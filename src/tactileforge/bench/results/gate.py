@@ -86,6 +86,7 @@ def compute_gate(folder: Path, results: Results) -> list[GateRow]:
                     for other, tallies in _others(cells, model.name, reading).items()
                 }
                 gate_rows.append(GateRow(name, model.name, reading, compared(networks), above))
+    # in the order of the tasks: the seed of a task's draws is its place in the mean
     counted = {task.name: by_task[task.name] for task in gate_tasks(results) if task.counted}
     means = [_mean_row(counted, row) for row in gate_rows if row.task == next(iter(counted), "")]
     return gate_rows + [row for row in means if row and len(counted) > 1]
@@ -129,6 +130,7 @@ def _others(
     """Tallies of a model's competitors: baselines in one reading each, and other models."""
     if is_baseline(model):
         return {}
+    # random weights are read alike: another reading would be compared with another feature
     random = cells.get((f"untrained:{model}", reading))
     others = {"random": random} if random else {}
     for name, own_reading in _BASELINES.items():
@@ -164,6 +166,7 @@ def gate_outcome(
         readings = [row for row in rows if row.reading == reading]
         won = [row.task for row in readings if row.beats]
         out[reading] = {"tasks": len(readings), "won": won}
+        # the majority with every kind of features: one that fails is enough to fail
         out["passes"] &= 2 * len(won) > len(readings)
     for row in gate_rows:
         if row.model == model and row.task == MEAN and row.reading in out:

@@ -78,6 +78,7 @@ def _build(path: Path, content: dict[str, Any]) -> Results:
         if not isinstance(value, list):
             raise DataError(f"{path}: {key!r} is missing, or is not a list")
         content[key] = [_row(f"{path}, {key}[{i}]", key, row) for i, row in enumerate(value)]
+    # a model that could not even be opened has a row without numbers, too
     known = {model.name for model in content["models"]}
     absent = dict.fromkeys(
         skipped.model for skipped in content["not_run"] if skipped.model not in {"", *known}
@@ -132,8 +133,10 @@ def _numbers(where: str, values: Any) -> Any:
 
 
 def _number(where: str, value: Any) -> float:
+    # written for NaN, which JSON does not have
     if value is None:
         return math.nan
+    # bool is an int in Python
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise DataError(f"{where} is {value!r}, not a number")
     return float(value)

@@ -39,6 +39,7 @@ def read_predictions(path: Path) -> Predictions:
         DataError: The file is absent or damaged, or its arrays do not fit each other.
     """
     try:
+        # a pickle in it would be executed
         with np.load(path, allow_pickle=False) as file:
             arrays = {key: file[key] for key in file.files}
     except (OSError, ValueError, zipfile.BadZipFile) as error:
@@ -51,6 +52,7 @@ def read_predictions(path: Path) -> Predictions:
     if truth.shape != predicted.shape or truth.ndim not in (1, 2) or not truth.size:
         shapes = f"{truth.shape} and {predicted.shape}"
         raise DataError(f"{path}: truth and predicted are {shapes}, not both (N,) or (N, K)")
+    # one column of classes is stored without its axis
     truth, predicted = (part.reshape(len(truth), -1) for part in (truth, predicted))
     both = np.stack([truth, predicted])
     if names and (both.dtype.kind != "i" or both.min() < 0 or both.max() >= len(names)):

@@ -55,6 +55,7 @@ def collect_scores(results: Results) -> Scores:
     parts: dict[tuple[str, str], dict[str, list[Cell]]] = {}
     for cell in results.cells:
         settings = parts.setdefault((cell.task, cell.model), {})
+        # as text: a dict is no key of another
         settings.setdefault(json.dumps(cell.setting, sort_keys=True), []).append(cell)
     return {
         (task, model): [
@@ -96,13 +97,14 @@ def words(results: Results, task: str, model: str) -> list[str]:
 
 def sentences(skipped: NotRun) -> str:
     """Reason and fix, each as a sentence; a path that one starts with stays as it is."""
-    parts = (part.strip().rstrip(".") for part in (skipped.reason, skipped.fix))
-    return " ".join(f"{_capital(part)}." for part in parts if part)
-
-
-def _capital(text: str) -> str:
-    first = text.partition(" ")[0]  # a path, or a key to be typed
-    return text if first.endswith(":") or "=" in first else text[0].upper() + text[1:]
+    written = []
+    for part in (skipped.reason, skipped.fix):
+        if text := part.strip().rstrip("."):
+            # a path, or a key to be typed, is not capitalised
+            first = text.partition(" ")[0]
+            is_typed = first.endswith(":") or "=" in first
+            written.append(text if is_typed else text[0].upper() + text[1:])
+    return " ".join(f"{text}." for text in written)
 
 
 def missing(results: Results, task: str, model: str) -> list[str]:

@@ -85,6 +85,7 @@ class Writer:
         """Adds text to the split of a task, and to ``notes`` for the console."""
         self.notes.append(f"{task}: {text}")
         tasks = self.results.tasks
+        # in place, as `Results` is frozen
         tasks[:] = [
             replace(row, split=f"{row.split}; {text}") if row.name == task else row for row in tasks
         ]
@@ -100,6 +101,7 @@ class Writer:
     def kept(self, task: str, model: str, key: str) -> bool:
         """Keeps the stored cells of a task and model if they were measured under this key."""
         before, cells = self._measured.get(f"{task} {model}", ("", []))
+        # a cell without its file of predictions cannot be drawn, so it is measured again
         there = all(
             cell.predictions == _predictions(cell) and (self.folder / cell.predictions).is_file()
             for cell in cells
@@ -125,6 +127,7 @@ class Writer:
     def write(self) -> None:
         """Writes the file atomically."""
         plain = {"format": FORMAT} | asdict(self.results)
+        # null is of all tasks, or of all models
         for row in plain["not_run"]:
             row |= {name: row[name] or None for name in ("task", "model")}
         write_text(self.folder / FILE, _text(plain))
@@ -166,7 +169,13 @@ class Writer:
         }
         if part.kind == "classes" and truth.shape[1] == 1:
             arrays |= {key: arrays[key][:, 0] for key in ("truth", "predicted")}
-            _write_table(path.with_suffix(".csv"), clips, arrays)
+            # also as a table: which clip was taken for what
+            classes = (arrays["names"][arrays[key]] for key in ("truth", "predicted"))
+            table = io.StringIO()
+            writer = csv.writer(table, lineterminator="\n")
+            writer.writerow(("clip", "truth", "predicted"))
+            writer.writerows(zip(clips, *classes, strict=True))
+            write_text(path.with_suffix(".csv"), table.getvalue())
         with new_part(path, path.suffix) as file:  # without the suffix, numpy adds its own
             np.savez_compressed(file, **arrays)
             file.replace(path)
@@ -199,16 +208,6 @@ def _predictions(cell: Cell) -> str:
     """The path of the predictions of a cell, from the folder of the results."""
     setting = map(str, cell.setting.values())
     return f"predictions/{file_name(cell.task, cell.model, *setting, str(cell.seed))}.npz"
-
-
-def _write_table(path: Path, clips: Sequence[str], arrays: dict[str, Any]) -> None:
-    """Each clip with its true and predicted class."""
-    names = arrays["names"]
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(("clip", "truth", "predicted"))
-    writer.writerows(zip(clips, names[arrays["truth"]], names[arrays["predicted"]], strict=True))
-    write_text(path, out.getvalue())
 
 
 def _text(plain: Any) -> str:

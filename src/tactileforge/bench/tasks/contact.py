@@ -8,11 +8,13 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 
+#: Width and height for the comparison: a mean over areas, in which noise of pixels cancels.
 _SIZE = (40, 30)
 #: Grey levels that are noise, and the share of what is usual above it that is contact.
 _NOISE, _SHARE = 1.0, 0.3
 #: Seconds before the loss that count as losing, and between which an object is held. All contacts
-#: that count last as long, so that every recording has as much of each.
+#: that count last as long, so that every recording has as much of each. Both are of one video,
+#: because much besides slip tells videos apart (docs/reports/gate.md).
 LOSING_S, HELD_S = 0.32, (0.8, 1.6)
 #: Frames at the end that have to be without contact.
 _AFTER = 3
@@ -63,6 +65,7 @@ def contact_state(
         frame: Frame in question.
         times: Seconds of each frame.
     """
+    # rounded, as differences of times have rounding errors of their own
     if contact is None or round(times[contact[1]] - times[contact[0]], 6) < HELD_S[1]:
         return None
     # rounded, so that frames on a bound count alike in every recording

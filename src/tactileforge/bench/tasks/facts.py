@@ -28,6 +28,7 @@ def recording_fact(source: TaskSource, number: int, name: str) -> str:
         match = re.search(name[3:], recording.key)
         if not match:
             raise ConfigError(f"split: {name!r} does not match the key {recording.key!r}")
+        # the last group in parentheses, or all that matches
         return match[match.lastindex or 0]
     if name in known:
         return known[name]

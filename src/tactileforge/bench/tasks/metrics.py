@@ -45,6 +45,7 @@ class PerAxis(Metric):
 
     def __init__(self, metric: Metric, reduce: Callable[[Tensor], Tensor]) -> None:
         super().__init__()
+        # sums of many squares of small forces lose digits in float32
         self.metric = metric.set_dtype(torch.float64)
         self.reduce = reduce
 
@@ -67,6 +68,7 @@ class Distance(Metric):
 
     def __init__(self) -> None:
         super().__init__()
+        # NaN is kept, so that `measure` finds it: by default torchmetrics warns and leaves it out
         self.mean = MeanMetric(nan_strategy="disable").set_dtype(torch.float64)
 
     def update(self, predicted: Tensor, truth: Tensor) -> None:
@@ -165,35 +167,10 @@ class Percent(Metric):
         return out
 
 
-def _accuracy(part: TargetPart) -> Metric:
-    return Percent(MulticlassAccuracy(len(part.names), average="micro"))
-
-
-def _balanced(part: TargetPart) -> Metric:
-    return Percent(MeanRecall(len(part.names)))
-
-
-def _f1(part: TargetPart) -> Metric:
-    """F1 of the second class if there are two; else the mean over classes."""
-    if len(part.names) == 2:
-        return Percent(BinaryF1Score())
-    return Percent(MulticlassF1Score(len(part.names), average="macro"))
-
-
 def _rmse(reduce: Callable[[Tensor], Tensor]) -> Metric:
     """Root mean squared errors of force, mN, reduced over the axes."""
     rmse = MeanSquaredError(squared=False, num_outputs=3)
     return PerAxis(rmse, lambda axes: reduce(axes) * _MN)
-
-
-def _mae_mean_axes() -> Metric:
-    """Mean absolute error of force over samples and axes, mN."""
-    return PerAxis(MeanAbsoluteError(num_outputs=3), lambda axes: axes.mean() * _MN)
-
-
-def _correlation() -> Metric:
-    """Pearson's correlation of each axis, mean over the axes; NaN for a constant axis."""
-    return PerAxis(PearsonCorrCoef(num_outputs=3), torch.mean)
 
 
 def _of_numbers(metric: type[Metric], part: TargetPart, **options: Any) -> Metric:
@@ -221,11 +198,34 @@ class MetricKind:
 _VECTORS = ("force", "place", "numbers")
 
 METRICS: dict[str, MetricKind] = {
-    "accuracy": MetricKind(("classes",), "%", "higher", _accuracy),
-    "balanced_accuracy": MetricKind(("classes",), "%", "higher", _balanced),
-    "f1": MetricKind(("classes",), "%", "higher", _f1),
+    "accuracy": MetricKind(
+        ("classes",),
+        "%",
+        "higher",
+        # micro: the share of samples; torchmetrics' own default is the mean over classes
+        lambda part: Percent(MulticlassAccuracy(len(part.names), average="micro")),
+    ),
+    "balanced_accuracy": MetricKind(
+        ("classes",), "%", "higher", lambda part: Percent(MeanRecall(len(part.names)))
+    ),
+    # of two classes that of the second, of more the mean
+    "f1": MetricKind(
+        ("classes",),
+        "%",
+        "higher",
+        lambda part: Percent(
+            BinaryF1Score()
+            if len(part.names) == 2
+            else MulticlassF1Score(len(part.names), average="macro")
+        ),
+    ),
     "rmse_sum_axes": MetricKind(("force",), "mN", "lower", lambda _: _rmse(torch.sum)),
-    "mae_mean_axes": MetricKind(("force",), "mN", "lower", lambda _: _mae_mean_axes()),
+    "mae_mean_axes": MetricKind(
+        ("force",),
+        "mN",
+        "lower",
+        lambda _: PerAxis(MeanAbsoluteError(num_outputs=3), lambda axes: axes.mean() * _MN),
+    ),
     **{
         f"rmse_{name}": MetricKind(
             ("force",), "mN", "lower", partial(lambda axis, _: _rmse(itemgetter(axis)), axis)
@@ -243,7 +243,10 @@ METRICS: dict[str, MetricKind] = {
         )
         for axis, name in enumerate("xyz")
     },
-    "correlation": MetricKind(("force",), "", "higher", lambda _: _correlation()),
+    # Pearson's, mean over the axes; NaN for a constant axis
+    "correlation": MetricKind(
+        ("force",), "", "higher", lambda _: PerAxis(PearsonCorrCoef(num_outputs=3), torch.mean)
+    ),
     "distance": MetricKind(("place",), "% of width", "lower", lambda _: Distance()),
 }
 

@@ -38,17 +38,20 @@ class TaskSource:
     """
 
     def __init__(self, recordings: list[Recording], sides: list[str], clip: ClipSpec) -> None:
+        self.recordings, self.sides = recordings, sides
         if clip.parts > 1:
-            sides = [side for side in sides for _ in range(clip.parts)]
-            recordings = [
-                part for recording in recordings for part in _parts(recording, clip.parts)
-            ]
-        self.recordings = recordings
-        self.sides = sides
+            self.recordings, self.sides = [], []
+            for recording, side in zip(recordings, sides, strict=True):
+                edges = np.linspace(0, len(recording.times), clip.parts + 1).round().astype(int)
+                # a recording of fewer frames than parts has fewer parts
+                cut = [recording.part(a, b) for a, b in pairwise(edges.tolist()) if b > a]
+                self.recordings += cut
+                self.sides += [side] * len(cut)
         self.clip = clip
-        clips = Clips(recordings, 2, clip.span, clip.hop, _SMALL)
+        # two frames: first and last of each clip; models cut their own between them
+        clips = Clips(self.recordings, 2, clip.span, clip.hop, _SMALL)
         if clip.ends:
-            clips.index = _fixed(recordings, clip.ends)
+            clips.index = _fixed(self.recordings, clip.ends)
         self.index: NDArray[np.int64] = clips.index.astype(np.int64)
         self.first = np.array([clips.rows(i)[0] for i in range(len(clips))], np.int64)
 
@@ -61,6 +64,7 @@ class TaskSource:
         digest = hashlib.sha256(np.ascontiguousarray(self.index).tobytes())
         for recording in self.recordings:
             digest.update(f"{recording.key} {recording.sensor} {recording.frames.shape}".encode())
+            # one picture in the middle: all of them would be as long to read as the bench itself
             digest.update(recording.frames.read([len(recording.frames) // 2]).tobytes())
             digest.update(recording.times.tobytes())
             if (still := recording.background()) is not None:
@@ -88,6 +92,7 @@ def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: ClipSpec)
         opened = list(dataset.recordings(side))
         recordings += opened
         of += [side] * len(opened)
+    # an absent recording would make numbers of two benches differ
     if dataset.skipped:
         raise DataError(
             f"{len(dataset.skipped)} recordings cannot be read, and the benchmark skips none; "
@@ -115,17 +120,12 @@ def _node(data: Mapping[str, Any]) -> dict[str, Any]:
     return options
 
 
-def _parts(recording: Recording, count: int) -> list[Recording]:
-    edges = np.linspace(0, len(recording.times), count + 1).round().astype(int)
-    pairs = pairwise(edges.tolist())
-    return [recording.part(start, stop) for start, stop in pairs if stop > start]
-
-
 def _fixed(recordings: list[Recording], ends: list[Any]) -> NDArray[np.int32]:
     rows = []
     for number, recording in enumerate(recordings):
         count = len(recording.times)
         places = [
+            # a share of the recording, or a frame, counted from its end where negative
             round(end * (count - 1)) if isinstance(end, float) else end + count * (end < 0)
             for end in ends
         ]

@@ -17,6 +17,7 @@ from tactileforge.bench.tasks.suite import SplitPlan, Task
 from tactileforge.bench.tasks.targets import Target
 from tactileforge.errors import ConfigError, DataError
 
+#: What `Recording.part` adds to a key: first frame, and the one after the last.
 _PART = re.compile(r"\[(\d+):(\d+)\]")
 
 
@@ -33,6 +34,16 @@ class Split:
     train: NDArray[np.int64]
     validation: NDArray[np.int64]
     test: NDArray[np.int64]
+
+    @property
+    def known(self) -> NDArray[np.int64]:
+        """Clips for a fit with chosen options: training and validation, ascending."""
+        return np.sort(np.concatenate([self.train, self.validation]))
+
+    @property
+    def every(self) -> NDArray[np.int64]:
+        """All clips of the split."""
+        return np.concatenate([self.train, self.validation, self.test])
 
 
 def build_splits(
@@ -60,13 +71,18 @@ def build_splits(
     stratum = _strata(numbers, of, target)
     if plan.folds:
         names = {n: recording_fact(source, n, plan.group) for n in numbers}
-        fold = _folds(names, stratum, plan.folds)
+        dealt = [name for group in _ordered(names, stratum).values() for name in group]
+        if len(dealt) < plan.folds:
+            raise ConfigError(f"{plan.folds} folds of {len(dealt)} groups; give split.folds fewer")
+        # in turn along the strata: folds differ by one group at most, and nearly so in classes
+        fold = {name: place % plan.folds for place, name in enumerate(dealt)}
         tests = [[n for n in numbers if fold[names[n]] == k] for k in range(plan.folds)]
     else:
         tests = [[n for n in numbers if matches_filter(source, n, plan.test)]]
     splits = []
     for test in tests:
         rest = [n for n in numbers if n not in set(test) and matches_filter(source, n, plan.train)]
+        # of what is left to train: the test is chosen first, and takes no part in selection
         validation = _validation(plan, source, rest, stratum)
         train = [n for n in rest if n not in set(validation)]
         for name, chosen in (("train", train), ("validation", validation), ("test", test)):
@@ -129,6 +145,7 @@ def check_leakage(
 ) -> None:
     """Raises a ConfigError if two splits share frames or an unseen fact: a check for leakage."""
     uses = {"train": train, "validation": validation, "test": test}
+    # by frames: two parts of a recording may overlap, though their keys differ
     spans = [
         (*_span(source.recordings[n].key), use) for use, chosen in uses.items() for n in chosen
     ]
@@ -156,6 +173,7 @@ def check_leakage(
 def _span(key: str) -> tuple[str, float, float]:
     """Key of the whole recording, and the range of frames of this part."""
     start, stop = 0, float("inf")
+    # parts of parts: each counts its frames from the start of the one before
     for part in _PART.finditer(key):
         start, stop = start + int(part[1]), start + int(part[2])
     return _PART.sub("", key), start, stop
@@ -186,15 +204,6 @@ def _ordered(names: Mapping[int, str], stratum: Mapping[int, int]) -> dict[int, 
     return dict(sorted(by_stratum.items()))
 
 
-def _folds(names: Mapping[int, str], stratum: Mapping[int, int], folds: int) -> dict[str, int]:
-    """Assigns groups to stratified folds."""
-    dealt = [name for group in _ordered(names, stratum).values() for name in group]
-    if len(dealt) < folds:
-        raise ConfigError(f"{folds} folds of {len(dealt)} groups; give split.folds fewer")
-    # in turn along the strata: folds differ by one group at most, in size and nearly so in classes
-    return {name: i % folds for i, name in enumerate(dealt)}
-
-
 def _validation(
     plan: SplitPlan, source: TaskSource, rest: Sequence[int], stratum: Mapping[int, int]
 ) -> list[int]:
@@ -209,6 +218,7 @@ def _validation(
     taken: set[str] = set()
     groups = list(_ordered(names, stratum).values())
     for members in groups:
+        # rounded half up: round() would go to even numbers
         taken.update(members[: int(share * len(members) + 0.5)])
     # a small share can round to no group in every stratum, but one is needed to select on
     if not taken and groups and len(names) > 1:
@@ -244,6 +254,7 @@ def _check_classes(
             continue
         for use in uses:
             rows = [getattr(split, use) for split in splits]
+            # all folds are measured together; but each trains a probe of its own
             if use == "test":
                 rows = [np.concatenate(rows)]
             for places in rows:

@@ -109,13 +109,10 @@ class Task:
         plan = self.split
         named: list[str] = []
         for chosen in (plan.only, plan.train, plan.test, plan.validation):
-            named += _values(chosen.get("side", []))
+            side = chosen.get("side", [])
+            named += map(str, side if isinstance(side, list) else [side])
         free = "side" not in plan.only and "side" not in plan.train
         return tuple(dict.fromkeys([*(("train", "val") if free else ()), *named]))
-
-
-def _values(wanted: Any) -> list[str]:
-    return [str(value) for value in (wanted if isinstance(wanted, list) else [wanted])]
 
 
 def parse_task(name: str, config: Mapping[str, Any]) -> Task:
@@ -138,16 +135,17 @@ def parse_task(name: str, config: Mapping[str, Any]) -> Task:
         raise ConfigError(f"{where}: probe has no name, e.g. probe: {{name: force}}")
     if task.unknown_sensor not in ("error", "universal"):
         raise ConfigError(f"{where}: unknown_sensor is {task.unknown_sensor!r}: error or universal")
-    _check_split(f"{where}.split", split, task.probe["name"])
-    return task
-
-
-def _check_split(where: str, plan: SplitPlan, probe: str) -> None:
-    needs_none = probe == "zero_shot" and not plan.test and not plan.folds
-    if bool(plan.test) == bool(plan.folds) and not needs_none:
-        raise ConfigError(f"{where}: give one of test, as in test: {{side: val}}, and folds: 5")
-    if plan.folds and plan.folds < 2:
-        raise ConfigError(f"{where}.folds is {plan.folds}; give 2 or more")
-    share = plan.validation.get("share")
+    # zero_shot fits nothing, so without a test all clips are tested
+    needs_none = task.probe["name"] == "zero_shot" and not split.test and not split.folds
+    if bool(split.test) == bool(split.folds) and not needs_none:
+        raise ConfigError(
+            f"{where}.split: give one of test, as in test: {{side: val}}, and folds: 5"
+        )
+    if split.folds and split.folds < 2:
+        raise ConfigError(f"{where}.split.folds is {split.folds}; give 2 or more")
+    share = split.validation.get("share")
     if share is not None and not (isinstance(share, int | float) and 0 < share < 1):
-        raise ConfigError(f"{where}.validation.share is {share}; give a share between 0 and 1")
+        raise ConfigError(
+            f"{where}.split.validation.share is {share}; give a share between 0 and 1"
+        )
+    return task

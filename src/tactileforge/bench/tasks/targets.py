@@ -74,10 +74,12 @@ class TargetPart:
                 "false"
             )
         if self.mirror == "motion":
+            # a turn changes its sign by either flip, and keeps it by both
             swapped = torch.tensor([horizontal, vertical, horizontal != vertical])
             last = len(self.names) - 1
             return replace(self, truth=torch.where(swapped, last - self.truth, self.truth))
         count = len(self.truth)
+        # as a batch: mirrored by the code that mirrors training
         batch = {"action": torch.full((count,), -1), "force": torch.zeros(count, 1, 3)}
         if self.mirror == "force":
             batch["force"] = self.truth[:, None].clone()
@@ -118,7 +120,11 @@ def build_target(task: Task, source: TaskSource) -> Target:
         DataError: No clip has the label.
     """
     if task.target.startswith("label:"):
-        parts = {"class": _classes(source, lambda r, *_: _label(r, task.target[6:]))}
+        # an empty label is no class: the clip is left out, as one without the label
+        name = task.target.removeprefix("label:")
+        parts = {
+            "class": _classes(source, lambda r, *_: label_text(r.labels.get(name, "")) or None)
+        }
     elif task.target.startswith(_NUMBERS):
         parts = {"numbers": _numbers(source, task.target.removeprefix(_NUMBERS).split("+"))}
     elif task.target.startswith(_SHARES):
@@ -133,26 +139,22 @@ def build_target(task: Task, source: TaskSource) -> Target:
                 [*TARGETS, "label:NAME", "numbers:NAME+NAME", "shares:NAME+NAME"],
             )
         )
+    # a clip without one of the columns is left out whole
     good = torch.stack([part.truth.isfinite().all(1) for part in parts.values()]).all(0)
     clips = good.nonzero()[:, 0]
     if not len(clips):
-        raise DataError(
-            f"task {task.name}: no clip of the data has the label {task.target!r}{_partial(parts)}"
-            f"{_labels(task, source)}"
-        )
-    kept = {
-        name: replace(part, truth=part.truth[clips], scale=part.scale[clips])
-        for name, part in parts.items()
-    }
-    return Target({name: _clamped(part, task.clamp) for name, part in kept.items()}, clips.numpy())
-
-
-def _labels(task: Task, source: TaskSource) -> str:
-    """Part of an error: the known labels, if the target names a label."""
-    if not task.target.startswith("label:"):
-        return ""
-    known = {name for recording in source.recordings for name in recording.labels}
-    return f": {unknown('label', task.target[6:], known)}"
+        fix = _partial(parts)
+        if task.target.startswith("label:"):
+            known = {name for recording in source.recordings for name in recording.labels}
+            fix += f": {unknown('label', task.target[6:], known)}"
+        raise DataError(f"task {task.name}: no clip of the data has the label {task.target!r}{fix}")
+    for name, part in parts.items():
+        truth, scale = part.truth[clips], part.scale[clips]
+        if task.clamp and part.kind == "force":
+            # the limit is a share of the scale, not N
+            truth = (truth / scale).clamp(-task.clamp, task.clamp) * scale
+        parts[name] = replace(part, truth=truth, scale=scale)
+    return Target(parts, clips.numpy())
 
 
 def _partial(parts: dict[str, TargetPart]) -> str:
@@ -167,12 +169,6 @@ def _partial(parts: dict[str, TargetPart]) -> str:
                 f"{'; target: normal_force needs z alone' if 'z' in axes else ''}"
             )
     return ""
-
-
-def _clamped(part: TargetPart, limit: float) -> TargetPart:
-    if not limit or part.kind != "force":
-        return part
-    return replace(part, truth=part.normalised.clamp(-limit, limit) * part.scale)
 
 
 def _each(source: TaskSource, value: Callable[[Recording, int, int], object]) -> list[object]:
@@ -198,16 +194,6 @@ def _classes(
     return TargetPart("classes", truth.float(), torch.ones(len(values), 1), known, mirror)
 
 
-def _label(recording: Recording, name: str) -> str | None:
-    value = recording.labels.get(name)
-    return None if value is None else label_text(value) or None
-
-
-def _scale(task: Task, source: TaskSource) -> Tensor:
-    rows = [task.scale or spec(source.recordings[n].sensor).force_scale for n in source.index[:, 0]]
-    return torch.tensor(rows, dtype=torch.float32)
-
-
 def _newton(task: Task, source: TaskSource, change: bool) -> TargetPart:
     def value(recording: Recording, first: int, last: int) -> NDArray[np.float32]:
         force = recording.force
@@ -217,8 +203,12 @@ def _newton(task: Task, source: TaskSource, change: bool) -> TargetPart:
         return newton
 
     truth = np.array(_each(source, value), np.float32).reshape(-1, 3)
-    axes = ("x", "y", "z")
-    return TargetPart("force", torch.from_numpy(truth), _scale(task, source), axes, "force")
+    # each sensor has a scale of its own: forces of a stiff gel would outweigh the others
+    scale = [
+        task.scale or spec(source.recordings[n].sensor).force_scale for n in source.index[:, 0]
+    ]
+    rows = torch.tensor(scale, dtype=torch.float32)
+    return TargetPart("force", torch.from_numpy(truth), rows, ("x", "y", "z"), "force")
 
 
 def _normal_force(task: Task, source: TaskSource) -> dict[str, TargetPart]:
@@ -248,6 +238,7 @@ def _slips(recording: Recording, first: int, last: int) -> str | None:
 
 def _action(recording: Recording, first: int, last: int) -> str | None:
     shown = recording.action
+    # a clip over the change of an action shows both
     if shown is None or shown[last] < 0 or shown[first] != shown[last]:
         return None
     return ACTIONS[shown[last]]
@@ -315,13 +306,6 @@ def _losing(task: Task, source: TaskSource) -> dict[str, TargetPart]:
     return {"losing": _classes(source, lambda *_: next(states), ("held", "losing"))}
 
 
-def _slip(task: Task, source: TaskSource) -> dict[str, TargetPart]:
-    return {
-        "slip": _classes(source, _slips, ("stick", "slip")),
-        "delta_force": _newton(task, source, change=True),
-    }
-
-
 #: Target by name, besides ``label:NAME``, the class that a label of the recording names, and
 #: ``numbers:NAME+NAME``, labels as numbers in their own unit, and ``shares:NAME+NAME``, labels in
 #: pixels as shares of the width of the image.
@@ -329,7 +313,10 @@ TARGETS: dict[str, Callable[[Task, TaskSource], dict[str, TargetPart]]] = {
     "force": lambda task, source: {"force": _newton(task, source, change=False)},
     "delta_force": lambda task, source: {"delta_force": _newton(task, source, change=True)},
     "normal_force": _normal_force,
-    "slip": _slip,
+    "slip": lambda task, source: {
+        "slip": _classes(source, _slips, ("stick", "slip")),
+        "delta_force": _newton(task, source, change=True),
+    },
     "action": lambda _, source: {"action": _classes(source, _action, ACTIONS, "action")},
     "object": lambda _, source: {"object": _classes(source, lambda r, *_: r.object)},
     "place": _place,

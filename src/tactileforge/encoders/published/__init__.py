@@ -146,6 +146,7 @@ def recognise(state: State) -> WeightLayout:
     for layout, _, lost in candidates:
         if not lost:
             return layout
+    # after the layouts: a file that is refused looks like one of them
     for known in REFUSED:
         if known.fits(state):
             raise ConfigError(known.reason)
@@ -184,7 +185,12 @@ def convert(state: State, options: Mapping[str, Any] | None = None) -> Converted
         unused[why].append(key)
     unexpected = unused.pop(None, [])
     missing = [prefix + key for key in used - inner.keys()]
-    _refuse_other_numbers(layout, {prefix + key: inner[key] for key in used & inner.keys()})
+    # whole numbers and complex ones would be cast to float without a word
+    kinds = {prefix + key: inner[key].dtype for key in used & inner.keys()}
+    if strange := [f"{key} ({x})" for key, x in kinds.items() if not x.is_floating_point]:
+        names = first_names(sorted(strange))
+        raise ConfigError(f"not a {layout.title} file: weights are real numbers, not {names}")
+    # all faults of a file in one error: what is absent cannot be gathered, or have a shape
     made = {} if missing else gather_tensors(plan, inner)
     _refuse(layout, missing, unexpected, [] if missing else _wrong(plan, made))
     head = layout.head(state) if layout.head else None
@@ -217,14 +223,6 @@ def _plan(layout: WeightLayout, state: State) -> ConversionPlan:
         raise ConfigError(
             f"not a whole {layout.title} file; its tensors do not go together ({error!r})"
         ) from error
-
-
-def _refuse_other_numbers(layout: WeightLayout, state: State) -> None:
-    """Raises a ConfigError for weights of whole or complex numbers."""
-    strange = [f"{key} ({x.dtype})" for key, x in state.items() if not x.is_floating_point()]
-    if strange:
-        names = first_names(sorted(strange))
-        raise ConfigError(f"not a {layout.title} file: weights are real numbers, not {names}")
 
 
 def _wrong(plan: ConversionPlan, made: dict[str, Tensor]) -> list[str]:

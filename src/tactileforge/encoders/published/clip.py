@@ -28,6 +28,7 @@ HF_BLOCK: dict[str, str | tuple[str, ...]] = {
 }
 _OPEN_BLOCK: dict[str, str | tuple[str, ...]] = {
     "norm1": "ln_1",
+    # torch's own attention: in_proj_weight, with no dot
     "attention.qkv": "attn.in_proj_{}",
     "attention.out": "attn.out_proj",
     "norm2": "ln_2",

@@ -79,6 +79,7 @@ def _resized(positions: Tensor, side: int, wanted: int) -> Tensor:
         return positions
     grid = positions[1:].view(1, side, side, -1).permute(0, 3, 1, 2)
     scale = (wanted + _MARGIN) / side
+    # by factor and not by size: torch then samples at the scale with the margin
     grid = F.interpolate(grid, scale_factor=(scale, scale), mode="bicubic")
     return torch.cat([positions[:1], grid[0].flatten(1).T])
 
@@ -118,6 +119,7 @@ def force_head(state: State) -> dict[str, Tensor]:
                 f"shapes that do not fit: {_HEAD}.{place}.weight_g {tuple(length.shape)}, "
                 f"weight_v {tuple(direction.shape)}"
             )
+        # torch's weight_norm: w = g v / |v|, row by row
         made[f"{place}.weight"] = length * F.normalize(direction, dim=1)
     if strange := [key for key, x in made.items() if not torch.isfinite(x).all()]:
         raise ConfigError(f"force head of FeelAnyForce: not finite: {first_names(strange)}")

@@ -146,6 +146,7 @@ def _load(path: Path) -> Any:
             return load_file(path)
         except (SafetensorError, ValueError) as error:
             raise DataError(f"{path} is not a whole safetensors file: {error}") from error
+    # files of torch.save before 1.6 are no zip: they have no checksums, and cannot be mapped
     zipped = zipfile.is_zipfile(path)
     if zipped:
         _check_sums(path)
@@ -156,10 +157,14 @@ def _load(path: Path) -> Any:
             path, map_location="cpu", pickle_module=_Pickles, weights_only=False, mmap=zipped
         )
     except Exception as error:
+        # torch's message has many lines: the one that names what it does not take, or the first
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        named = next((line for line in lines if "Unsupported" in line or "GLOBAL" in line), None)
+        reason = (named or (lines or ["no reason given"])[0])[:200]
         raise DataError(
-            f"{path} cannot be read as tensors ({_short(error)}). Expected a file of torch.save "
-            "with tensors and plain data, or safetensors. Nothing in it was run; if the download "
-            "is whole and you trust it, save its state dict as safetensors yourself"
+            f"{path} cannot be read as tensors ({type(error).__name__}: {reason}). Expected a file "
+            "of torch.save with tensors and plain data, or safetensors. Nothing in it was run; if "
+            "the download is whole and you trust it, save its state dict as safetensors yourself"
         ) from error
 
 
@@ -194,13 +199,6 @@ def _check_sums(path: Path) -> None:
         )
 
 
-def _short(error: Exception) -> str:
-    """The reason from a long error message of torch, in one line."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    reason = next((line for line in lines if "Unsupported" in line or "GLOBAL" in line), None)
-    return f"{type(error).__name__}: {(reason or (lines or ['no reason given'])[0])[:200]}"
-
-
 def _tensors(path: Path, content: Any) -> dict[str, Tensor]:
     while isinstance(content, Mapping):
         inner = next((k for k in _CONTAINERS if isinstance(content.get(k), Mapping)), None)
@@ -209,6 +207,7 @@ def _tensors(path: Path, content: Any) -> dict[str, Tensor]:
         content = content[inner]
     if isinstance(content, Mapping):
         tensors = {str(k): v for k, v in content.items() if isinstance(v, Tensor)}
+        # added by torch's DataParallel and DDP
         if tensors and all(key.startswith("module.") for key in tensors):
             tensors = {key.removeprefix("module."): v for key, v in tensors.items()}
         if tensors:

@@ -171,6 +171,7 @@ def depth_of(state: State, stack: str) -> int:
     """
     start = f"{stack}."
     numbers = {key.removeprefix(start).split(".")[0] for key in state if key.startswith(start)}
+    # by the last block, and not their number: a missing one is then an error of its own
     depth = 1 + max((int(number) for number in numbers if number.isdigit()), default=-1)
     if not depth:
         raise ConfigError(f"no blocks: missing {start}0, {start}1, ...")

@@ -64,7 +64,8 @@ def _plan(state: State) -> ConversionPlan:
     for i in range(depth):
         keys |= layer_scales(f"transformer.blocks.{i}", f"blocks.{i}")
     change: dict[str, Callable[[Tensor], Tensor]] = {
-        "stems.0.embed.weight": _video_patches if video else image_patches,
+        # of videos (width, colours, frames, rows, columns)
+        "stems.0.embed.weight": (lambda x: x.flip(2).flatten(1)) if video else image_patches,
         "registers": lambda x: x[0],
         "stems.0.position": lambda x: x[0].view(slots, -1, width).flip(0).flatten(0, 1),
     }
@@ -72,6 +73,7 @@ def _plan(state: State) -> ConversionPlan:
         keys["stems.0.position"] = "pos_embed"
     else:
         check_bands(state.get(_BANDS), _BANDS, width, 3 if video else 2)
+    # some files have an empty tensor of them
     if (registers := state.get("register_tokens")) is not None and registers.numel():
         keys["registers"] = "register_tokens"
         options["registers"] = registers.shape[1]
@@ -86,11 +88,6 @@ def layer_scales(ours: str, theirs: str) -> Keys:
 def image_patches(x: Tensor) -> Tensor:
     """Reverses frames: (width, frames * colours, rows, columns), newest first, to a matrix."""
     return x.view(len(x), -1, 3, *x.shape[2:]).flip(1).transpose(1, 2).flatten(1)
-
-
-def _video_patches(x: Tensor) -> Tensor:
-    """Reverses frames: (width, colours, frames, rows, columns), newest first, to a matrix."""
-    return x.flip(2).flatten(1)
 
 
 def _image_size(state: State, slots: int) -> list[int]:

@@ -51,6 +51,7 @@ def _plan(state: State) -> ConversionPlan:
         ours = f"transformer.blocks.{i}"
         keys |= norms({f"{ours}.{mine}": f"{theirs}.{name}" for mine, name in TIMM_BLOCK.items()})
         keys |= layer_scales(ours, theirs)
+    # (x - mean) / deviation of the six channels goes into weights and bias of the patches
     mean, deviation = (state[name].float() for name in ("img_avg", "img_div"))
     weight = state[f"{_EMBED}.weight"].float()
 

@@ -55,6 +55,7 @@ def _plan(state: State) -> ConversionPlan:
     for i, stem in enumerate(stems):
         keys |= _stem(f"stems.{i}", f"encoders.{stem}", stem_depth)
         change[f"stems.{i}.class_token"] = lambda x: x.flatten()
+        # timm keeps an axis of length 1 for the batch
         change[f"stems.{i}.position"] = lambda x: x[0]
         change[f"stems.{i}.embed.weight"] = lambda x: x.flatten(1)
     # a sensor may be named by T3's name of its stem, or by our name of its type
@@ -74,6 +75,7 @@ def _plan(state: State) -> ConversionPlan:
         "stems": len(stems),
         "stem_depth": stem_depth,
         "sensors": sensors,
+        # torch's default in the trunk; its stems have timm's, see `plain_vit`
         "eps": 1e-5,
         "pool": "class",
         "pixels": {

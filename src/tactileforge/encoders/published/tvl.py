@@ -33,6 +33,7 @@ def _plan(state: State) -> ConversionPlan:
         "layer_scale": None,
         "norm": "pooled",
         "projected": projected,
+        # unit vectors, as in the alignment with CLIP
         "length": 1.0,
         "pixels": {
             "offset": None,

@@ -33,6 +33,7 @@ def _plan(state: State) -> ConversionPlan:
         "spacing": 0.0,
         "pixels": dict(AS_THEY_ARE),
     }
+    # for its names alone: nothing is computed
     with torch.device("meta"):
         names = VqganEncoder(**options).state_dict()
     keys: Keys = {name: f"{'' if name[:6] == 'quant_' else 'encoder.'}{name}" for name in names}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from tactileforge.encoders.preprocess import AS_THEY_ARE
 from tactileforge.encoders.published.layout import (
     ConversionPlan,
@@ -19,7 +17,8 @@ _IMAGE = 256
 
 def _plan(state: State) -> ConversionPlan:
     keys: Keys = norms({"project": "fc"})
-    for ours, theirs in [("", ""), *_blocks()]:
+    places = [(f"stages.{i}.{j}.", f"layer{i + 1}.{j}.") for i in range(4) for j in range(2)]
+    for ours, theirs in [("", ""), *places]:  # the first convolution has no block around it
         for i in (1, 2) if ours else (1,):
             keys |= {f"{ours}conv{i}.weight": f"{theirs}conv{i}.weight"}
             keys |= _norm(f"{ours}bn{i}", f"{theirs}bn{i}")
@@ -34,13 +33,6 @@ def _plan(state: State) -> ConversionPlan:
         "pixels": dict(AS_THEY_ARE),
     }
     return ConversionPlan("resnet18", options, keys)
-
-
-def _blocks() -> Iterator[tuple[str, str]]:
-    """Our names of blocks, and the published ones, each with a dot behind it."""
-    for stage in range(4):
-        for number in range(2):
-            yield f"stages.{stage}.{number}.", f"layer{stage + 1}.{number}."
 
 
 def _norm(ours: str, theirs: str) -> Keys:

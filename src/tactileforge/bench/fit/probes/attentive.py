@@ -42,6 +42,7 @@ class Pooler(AttentivePooler):
             if isinstance(layer, nn.Linear):
                 nn.init.trunc_normal_(layer.weight, std=0.02 * math.sqrt(768 / width))
         with torch.no_grad():
+            # V-JEPA's pooler divides what a residual block adds by sqrt(2 x depth), here 1
             for weight in (self.out.weight, self.mlp[2].get_parameter("weight")):
                 weight /= math.sqrt(2)
 

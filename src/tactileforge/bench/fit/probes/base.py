@@ -40,6 +40,12 @@ class ProbeTraining:
     schedule: str = "constant"
 
 
+#: Training of Sparsh's probes, as published for its tasks T1 to T3.
+SPARSH = ProbeTraining(
+    epochs=51, batch=100, lr=(1e-4,), optimiser="adam", betas=(0.9, 0.999), weight_decay=0.0
+)
+
+
 class Probe(nn.Module):
     """Maps features to predictions; a subclass builds its layers and sets its training.
 
@@ -64,7 +70,7 @@ class Probe(nn.Module):
     published: ClassVar[ProbeTraining] = ProbeTraining()
     trained: ClassVar[bool] = True
     fitted: ClassVar[bool] = True
-    #: Error below which the loss of vectors is quadratic, in normalised units.
+    #: Error below which the loss of vectors is quadratic, in normalised units: that of AnyTouch 2.
     beta: ClassVar[float] = 0.02
 
     def __init__(self, width: int, parts: Mapping[str, TargetPart]) -> None:

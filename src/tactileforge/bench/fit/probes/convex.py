@@ -64,7 +64,9 @@ def _minimise(loss: Callable[[Tensor], Tensor], start: Tensor, tolerance: float)
         [weight],
         max_iter=_ITERATIONS,
         tolerance_grad=tolerance,
+        # far below torch's default (1e-9): the gradient's tolerance ends the fit
         tolerance_change=1e-12,
+        # without a search torch takes steps of a fixed length
         line_search_fn="strong_wolfe",
     )
 

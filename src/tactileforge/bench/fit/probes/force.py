@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.bench.fit.probes.attentive import Pooler
-from tactileforge.bench.fit.probes.base import Probe, ProbeTraining, Values
+from tactileforge.bench.fit.probes.base import SPARSH, Probe, ProbeTraining, Values
 from tactileforge.bench.tasks.targets import TargetPart
 
 
@@ -46,9 +46,7 @@ class SparshForce(Force):
         heads: Attention heads.
     """
 
-    published: ClassVar[ProbeTraining] = ProbeTraining(
-        epochs=51, batch=100, lr=(1e-4,), optimiser="adam", betas=(0.9, 0.999), weight_decay=0.0
-    )
+    published: ClassVar[ProbeTraining] = SPARSH
 
     def __init__(self, width: int, parts: Mapping[str, TargetPart], heads: int = 12) -> None:
         super().__init__(width, parts, heads)

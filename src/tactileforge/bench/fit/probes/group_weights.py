@@ -53,8 +53,10 @@ def group_kernels(known: Tensor, asked: Tensor, sizes: Sequence[int] = ()) -> Ke
     known, asked = standardise(known, asked)
     grams, crosses = [], []
     for own, new in zip(torch.split(known, sizes, 1), torch.split(asked, sizes, 1), strict=True):
+        # products in float32, which is fast; they are summed and decomposed in float64
         gram, cross = (own @ own.T).double(), (new @ own.T).double()
         scale = gram.diagonal().mean()
+        # a group in which nothing varies has a kernel of zeros, and keeps it
         scale = torch.where(scale > 0, scale, 1.0)
         grams.append(gram / scale)
         crosses.append(cross / scale)
@@ -67,5 +69,6 @@ def weight_grid(groups: int) -> list[tuple[float, ...]]:
     The corners are single groups; a group that a task does not need gets weight 0.
     """
     steps = [row for row in product(range(STEPS + 1), repeat=groups) if sum(row) == STEPS]
+    # even weights first: of equal errors a stable sort takes the first
     steps.sort(key=lambda row: (max(row), row))
     return [tuple(count / STEPS for count in row) for row in steps]

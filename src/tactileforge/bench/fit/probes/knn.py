@@ -33,6 +33,7 @@ class Knn(Probe):
         self,
         width: int,
         parts: Mapping[str, TargetPart],
+        # both as in DINO's evaluation (Caron et al. 2021)
         neighbours: int = 20,
         temperature: float = 0.07,
     ) -> None:

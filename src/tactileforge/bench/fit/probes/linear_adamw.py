@@ -36,7 +36,9 @@ class LinearAdamW(Probe):
         """(B, width) to (B, outputs) of each part."""
         out = {name: head(features) for name, head in self.head.items()}
         return {
-            name: F.pad(x, (1, 0)) if _is_binary(self.parts[name]) else x for name, x in out.items()
+            # the first class has the logit 0, so softmax is the sigmoid of the second
+            name: F.pad(x, (1, 0)) if _is_binary(self.parts[name]) else x
+            for name, x in out.items()
         }
 
 

@@ -53,6 +53,7 @@ class Logistic(Ridge):
         penalties = [share * float(known.square().sum(1).mean()) for share in PENALTIES]
         tried = truth.new_empty(len(penalties), *truth.shape)
         for left_out in inner_folds(places_of(groups)):
+            # fitted to the other folds, at all penalties along one path
             rest = torch.ones(len(truth), dtype=torch.bool)
             rest[left_out] = False
             layers = _path(part, known[rest], truth[rest], penalties)

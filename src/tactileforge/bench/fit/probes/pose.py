@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from tactileforge.bench.fit.probes.attentive import Attentive
-from tactileforge.bench.fit.probes.base import ProbeTraining, class_scores
+from tactileforge.bench.fit.probes.base import SPARSH, ProbeTraining, class_scores
 from tactileforge.bench.tasks.targets import TargetPart
 
 
@@ -26,9 +26,7 @@ class Pose(Attentive):
         heads: Attention heads.
     """
 
-    published: ClassVar[ProbeTraining] = ProbeTraining(
-        epochs=51, batch=100, lr=(1e-4,), optimiser="adam", betas=(0.9, 0.999), weight_decay=0.0
-    )
+    published: ClassVar[ProbeTraining] = SPARSH
 
     def __init__(self, width: int, parts: Mapping[str, TargetPart], heads: int = 12) -> None:
         super().__init__(width, parts, heads)
@@ -36,6 +34,7 @@ class Pose(Attentive):
 
     def loss_of(self, part: TargetPart, out: Tensor, truth: Tensor) -> Tensor:
         """Mean of the weighted cross-entropies of the columns."""
+        # the loss is asked for by part, and weights are kept by name
         name = next(key for key, value in self.parts.items() if value is part)
         weights, logits = self.weights[name].to(out.device), class_scores(part, out)
         losses = [

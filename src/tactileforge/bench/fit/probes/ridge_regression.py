@@ -88,6 +88,7 @@ def coordinates(gram: Tensor, cross: Tensor) -> tuple[Tensor, Tensor]:
         Training samples (n, k) and new ones (m, k), k <= n.
     """
     values, vectors = torch.linalg.eigh(gram)
+    # the rule of numpy.linalg.matrix_rank: smaller values are rounding
     spanned = values > len(gram) * torch.finfo(gram.dtype).eps * values[-1]
     length, vectors = values[spanned].sqrt(), vectors[:, spanned]
     return vectors * length, cross @ vectors / length
@@ -114,4 +115,5 @@ def fit_ridge(gram: Tensor, truth: Tensor) -> DualRidge:
     """
     values, vectors = torch.linalg.eigh(gram.double())
     mean = truth.double().mean(0)
+    # rounding makes the smallest eigenvalues negative, which a penalty could cancel
     return DualRidge(values.clamp(min=0.0), vectors, mean, truth.double() - mean)

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.bench.fit.probes.attentive import Pooler
-from tactileforge.bench.fit.probes.base import Probe, ProbeTraining, Values
+from tactileforge.bench.fit.probes.base import SPARSH, Probe, ProbeTraining, Values
 from tactileforge.bench.fit.probes.force import mlp
 from tactileforge.bench.tasks.targets import TargetPart
 
@@ -27,9 +27,7 @@ class Slip(Probe):
         weights: Weights of the classes in the loss.
     """
 
-    published: ClassVar[ProbeTraining] = ProbeTraining(
-        epochs=51, batch=100, lr=(1e-4,), optimiser="adam", betas=(0.9, 0.999), weight_decay=0.0
-    )
+    published: ClassVar[ProbeTraining] = SPARSH
     beta: ClassVar[float] = 1.0
 
     def __init__(
