@@ -128,18 +128,14 @@ def dispatch(verb: str, rest: Sequence[str]) -> int:
             print(actions(verb, known))
             return 0
         if action not in known:
-            raise ConfigError(_unknown_action(verb, action, known))
+            from tactileforge.distributions import package_of
+
+            if package := package_of("verbs", f"{verb}.{action}"):
+                raise ConfigError(f"{verb} {action} comes with {package}: pip install {package}")
+            raise ConfigError(unknown(f"action of tactileforge {verb}", action, known))
     elif rest[:1] and rest[0] in known:
         action, *rest = rest
     return _run.run(f"{verb} {action}".strip(), known[action], rest)
-
-
-def _unknown_action(verb: str, action: str, known: Actions) -> str:
-    from tactileforge.distributions import package_of
-
-    if package := package_of("verbs", f"{verb}.{action}"):
-        return f"{verb} {action} comes with {package}: pip install {package}"
-    return unknown(f"action of tactileforge {verb}", action, known)
 
 
 def actions(verb: str, known: Actions) -> str:

@@ -59,6 +59,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
         # processes started by a run repeat sys.argv: the command, or this job of a sweep alone
         task_words = [] if alone else HydraConfig.get().overrides.task
         sys.argv = typed if alone else [typed[0], *verb.split(), *places, *task_words]
+        # a job in a process of its own, as joblib's launcher starts them
         if os.getppid() == launcher:
             end_with_parent(launcher)
         started.append(True)
@@ -77,6 +78,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
 
     name = command.declare(verb)
     _check_flags(name, words)
+    # before Hydra names the folder of the sweep, which it does by the clock
     if command.yaml and words.sweeps and (folder := stopped_sweep(words.typed)):
         print(f"goes on with the sweep in {folder}; hydra.sweep.dir= starts another", flush=True)
         words.overrides.append(f"hydra.sweep.dir={quoted(str(folder))}")
@@ -86,6 +88,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
             hydra.main(version_base="1.3", config_path="pkg://tactileforge.conf", config_name=name)(
                 task
             )()
+    # Hydra makes the folder of the run itself, before `task`, and wraps none of its errors
     except (FileExistsError, NotADirectoryError) as error:
         raise ConfigError(
             f"{error.filename}: a file is where a folder is wanted; give another hydra.run.dir="
@@ -160,6 +163,7 @@ def told(
     try:
         yield
     except (HydraException, OmegaConfBaseException) as error:
+        # the place of a slip often stands in the cause alone
         said, cause = str(error), str(error.__cause__ or "")
         whole = said if cause in said else f"{said}\n{cause}"
         raise ConfigError(_told(command.name(verb), whole, words)) from error
@@ -224,6 +228,7 @@ def yaml_slip(error: yaml.YAMLError) -> str:
 
 
 def _told(name: str, said: str, words: Words) -> str:
+    # Hydra 1.3 raises one class for most mistakes, so only its sentences tell them apart
     overrides, own = own_places(words.overrides, words.flags)
     if match := re.search(r"Could not override '(.+?)'\.? ?(No match in the defaults list)?", said):
         key = match[1].removesuffix("@_global_")
@@ -260,6 +265,7 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
     """
     from tactileforge.compose import composed
 
+    # keys depend on the chosen options alone; other words may be the ones that fail
     groups = (word for word in overrides if _chooses(word, own))
     chosen = [word for word in groups if word.partition("=")[0].lstrip("+~") != key]
     try:
@@ -268,6 +274,7 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
         return f"unknown key {key!r}"
     known = sorted(_keys(config))
     parent, _, last = key.rpartition(".")
+    # the slip may be in an earlier word of the key, as in triner.max_steps
     while parent and parent not in known:
         parent = parent.rpartition(".")[0]
     beside = [option for option in known if option.rpartition(".")[0] == parent]

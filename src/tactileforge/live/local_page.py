@@ -15,6 +15,7 @@ from tactileforge.errors import ConfigError
 
 #: Time after which a silent connection is closed, s.
 _SILENCE = 10.0
+#: No other machine reaches this address.
 _HOST = "127.0.0.1"
 #: Largest number of a port.
 _LAST_PORT = 65535

@@ -75,6 +75,7 @@ class Reading(Prediction):
             "sensor": self.sensor,
             "frame": self.number,
             "time": round(self.time, 6),
+            # monotonic time means nothing on another machine
             "unix": round(time.time() - time.monotonic() + self.time, 6),
             "force": None if self.force is None else [round(axis, 4) for axis in self.force],
             "contact": self.contact,
@@ -184,10 +185,11 @@ class SensorStream:
         if prediction is None:
             return None
         depth = None if prediction.trouble else self._depth()
-        moved = None if prediction.trouble else self._moved()
-        motion = None
-        if moved is not None and self.tracker is not None:
+        shown, moved, motion = self.stream.shown, None, None
+        if self.tracker is not None and shown is not None and not prediction.trouble:
+            moved = self.tracker.read(shown.array)
             motion = marker_motion(self.tracker.grid.places, moved)
+        # last, so that it has depth and markers in it
         latency = time.monotonic() - prediction.time
         reading = Reading(
             **vars(prediction),
@@ -199,11 +201,6 @@ class SensorStream:
         )
         self.readings.append(reading)
         return reading
-
-    def _moved(self) -> NDArray[np.float32] | None:
-        """Displacement of markers in the frame of the newest prediction."""
-        shown = self.stream.shown
-        return None if self.tracker is None or shown is None else self.tracker.read(shown.array)
 
     def _depth(self) -> NDArray[np.float32] | None:
         """Depth in the frame of the newest prediction."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 from tactileforge.calibration import file as calibration
 from tactileforge.contracts import Sensor
@@ -51,7 +50,10 @@ def record(
     stop = stop or threading.Event()
     summary = RecordSummary(0, 0.0, dict.fromkeys(sensors, 0), {}, 0)
     # before any device is opened, so that a wrong option is found first
-    matrices = {name: axes_matrix(_axes(options, name)) for name in sensors}
+    axes = (
+        options.axes if isinstance(options.axes, Mapping) else dict.fromkeys(sensors, options.axes)
+    )
+    matrices = {name: axes_matrix(axes.get(name, ("x", "y", "z"))) for name in sensors}
     try:
         with (
             low_latency_threads(),
@@ -75,11 +77,6 @@ def record(
             "s of touch are safe; make room, and record again into the same folder"
         ) from error
     return summary
-
-
-def _axes(options: RecordOptions, name: str) -> Any:
-    given = options.axes
-    return given.get(name, ("x", "y", "z")) if isinstance(given, Mapping) else given
 
 
 def _calibrations(rig: Rig) -> dict[str, dict[str, str]]:

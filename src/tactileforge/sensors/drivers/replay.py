@@ -143,7 +143,16 @@ class Replay(Sensor):
             )
         count = len(self._frames)
         if self.realtime:
-            self._wait(timeout)
+            # late frames are left out, but the last one of a file is shown however late
+            now = time.monotonic()
+            last = None if self.loop else len(self._times) - 1
+            while (last is None or self._next < last) and self._due(self._next + 1) <= now:
+                self._next += 1
+            wait = self._due(self._next) - now
+            if wait > timeout:
+                time.sleep(timeout)
+                raise TimeoutError(f"{self.path}: no frame within {timeout} s")
+            time.sleep(max(0.0, wait))
         if self._next >= count and not self.loop:
             raise EOFError(f"{self.path}: its {count} frames are over")
         index = self._next
@@ -156,18 +165,6 @@ class Replay(Sensor):
         step = float(self._times[-1]) / (count - 1) if count > 1 else 1 / self.spec.fps
         rounds, place = divmod(index, count)
         return self._start + rounds * (float(self._times[-1]) + step) + float(self._times[place])
-
-    def _wait(self, timeout: float) -> None:
-        """Skip late frames, and wait for the next."""
-        now = time.monotonic()
-        last = None if self.loop else len(self._times) - 1
-        while (last is None or self._next < last) and self._due(self._next + 1) <= now:
-            self._next += 1
-        wait = self._due(self._next) - now
-        if wait > timeout:
-            time.sleep(timeout)
-            raise TimeoutError(f"{self.path}: no frame within {timeout} s")
-        time.sleep(max(0.0, wait))
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
