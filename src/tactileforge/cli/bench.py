@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tactileforge.bench.results.write import Writer
     from tactileforge.bench.run import Bench
 
-#: Exit status where something was not run: not 1, an error, nor 2, which shells use themselves.
+#: Exit status where something was not run; an error is 1.
 NOT_RUN = 3
 
 

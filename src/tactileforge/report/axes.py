@@ -53,7 +53,7 @@ def axis_score(
     if not len(true):
         return AxisScore(*[float("nan")] * 6)
     guess = np.median(known[np.isfinite(known)]) if np.isfinite(known).any() else np.median(true)
-    moves = true.std() > 1e-6
+    moves = true.std() > 1e-6  # a correlation with a constant is noise of float32
     return AxisScore(
         mae=1000 * float(np.abs(estimated - true).mean()),
         median=1000 * float(np.abs(guess - true).mean()),

@@ -71,9 +71,12 @@ def strips_of(
         predictions: Reconstructions of the batch.
         row: Index of the clip in the batch.
     """
-    frames = _framewise(patches[row], encoder.tube)
+    # tubes to frames: (slots, N, 3 * tube * P) to (N, slots * tube, 3 * P)
+    slots, patch_count, _ = patches[row].shape
+    cells = patches[row].float().cpu().view(slots, patch_count, 3, encoder.tube, -1)
+    frames = cells.permute(1, 0, 3, 2, 4).reshape(patch_count, slots * encoder.tube, -1)
     count = frames.shape[1]
-    by_kind = {kind_of(value, count): value for value in reversed(predictions)}
+    by_kind = {kind_of(value, count): value for value in reversed(predictions)}  # the first wins
     explained: dict[str, float] = {
         kind: share(residuals(by_kind[kind], kind)[row])
         for kind in ("frames", "differences")
@@ -89,19 +92,13 @@ def strips_of(
         return Strips(rows, 1.0, explained)
     true = frames[:, 1:] - frames[:, :1]
     drawn = _canvas(encoder, true) * _spread(encoder)
+    # all but the largest half percent fits; a still clip is not amplified to show noise alone
     gain = 0.5 / max(float(drawn.abs().quantile(0.995)), 2 / 255)
-    rows["Difference"] = (0.5 + gain * drawn).clamp(0, 1)
+    rows["Difference"] = (0.5 + gain * drawn).clamp(0, 1)  # one gain for both rows below
     if "differences" in by_kind:
         pasted = _canvas(encoder, _pasted(true, by_kind["differences"], row))
         rows["Difference, reconstructed"] = (0.5 + gain * pasted * _spread(encoder)).clamp(0, 1)
     return Strips(rows, gain, explained)
-
-
-def _framewise(patches: Tensor, tube: int) -> Tensor:
-    """Splits tubes into frames: (slots, N, 3 * tube * P) to (N, slots * tube, 3 * P)."""
-    slots, count, _ = patches.shape
-    x = patches.float().cpu().view(slots, count, 3, tube, -1).permute(1, 0, 3, 2, 4)
-    return x.reshape(count, slots * tube, -1)
 
 
 def _canvas(encoder: Encoder, x: Tensor) -> Tensor:

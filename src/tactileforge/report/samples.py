@@ -20,7 +20,8 @@ from tactileforge.heads.decoder import Reconstruction
 from tactileforge.module import TouchModule
 from tactileforge.report.pictures import kind_of, residuals, share
 
-_BATCH = 16  # clips at once
+#: Number of clips at once.
+_BATCH = 16
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,7 @@ class _Row(NamedTuple):
 def quiet(module: TouchModule, seed: int = 0) -> Iterator[None]:
     """Evaluation mode without gradients, with a fixed seed and untouched outer random state."""
     devices = [module.device] if module.device.type == "cuda" else []
+    # of each part: frozen ones are in evaluation mode while the rest trains
     modes = [(part, part.training) for part in module.modules()]
     module.eval()
     try:
@@ -89,6 +91,7 @@ def spread(
     chosen: list[int] = []
     for place, number in enumerate(numbers):
         members = np.flatnonzero(which == number)
+        # what short recordings leave over goes to those after them
         quota = (count - len(chosen)) // (len(numbers) - place)
         chosen += members[spread_places(len(members), quota)].tolist()
     return chosen
@@ -115,7 +118,7 @@ def batches(module: TouchModule, clips: Clips, which: Sequence[int]) -> Iterator
     """Small batches of clips on the module's device, prepared as in validation."""
     for start in range(0, len(which), _BATCH):
         batch = collate([clips[clip] for clip in which[start : start + _BATCH]])
-        fill_captions(batch)
+        fill_captions(batch)  # the first of several, where training draws one
         yield {k: v.to(module.device) if isinstance(v, Tensor) else v for k, v in batch.items()}
 
 

@@ -104,7 +104,7 @@ def change_of(picture: NDArray[np.uint8], reference: NDArray[np.uint8]) -> str:
     rolled = (_difference(_smaller(one), want) for one in _rolled(picture, reference))
     if min(rolled, default=most) < most:
         return "rolled"
-    # grey, or without a channel: the median of a dim picture hardly moves then
+    # it has become grey, or has lost a channel
     now, before = (np.ptp(one, axis=2).mean() for one in (small, want))
     dead = (small.std(axis=(0, 1)) < _DEAD) & (want.std(axis=(0, 1)) > _ALIVE)
     has_lost_colour = dead.any() or (now < _DEAD and before > _ALIVE)

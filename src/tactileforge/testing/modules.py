@@ -128,6 +128,7 @@ def reloaded(source: nn.Module, target: nn.Module) -> None:
     """Saves one module as safetensors and loads it strictly into the other."""
     from safetensors.torch import load, save
 
+    # safetensors takes contiguous tensors alone
     state = {key: value.contiguous() for key, value in source.state_dict().items()}
     target.load_state_dict(load(save(state)), strict=True)
 
@@ -140,7 +141,7 @@ def require_export(module: nn.Module, arguments: tuple[Any, ...]) -> None:
     with torch.no_grad(), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # torch.export warns about its own internals
         program = torch.export.export(module, arguments)
-        torch.manual_seed(0)
+        torch.manual_seed(0)  # a head may draw: both draw the same
         exported = leaves(program.module()(*arguments))
         torch.manual_seed(0)
         eager = leaves(module(*arguments))
