@@ -118,7 +118,7 @@ def batches(module: TouchModule, clips: Clips, which: Sequence[int]) -> Iterator
     """Small batches of clips on the module's device, prepared as in validation."""
     for start in range(0, len(which), _BATCH):
         batch = collate([clips[clip] for clip in which[start : start + _BATCH]])
-        fill_captions(batch)  # the first of several, where training draws one
+        fill_captions(batch)
         yield {k: v.to(module.device) if isinstance(v, Tensor) else v for k, v in batch.items()}
 
 

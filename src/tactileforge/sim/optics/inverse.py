@@ -104,13 +104,11 @@ class SurfaceReader:
             depth = self._poisson(slope)
             # Slopes leave a constant open; it is chosen to put the border at rest.
             depth = depth - _border(depth)
-            scattered = torch.lerp(scattered, self._scattered(depth), _SHARE)
+            # Change of the picture by the coarse features of that surface, (B, 3, H, W).
+            coarse = self._coarse(depth).clamp(-self._limits, self._limits)
+            small = torch.einsum("bkhw,kchw->bchw", coarse, self._smooth)
+            scattered = torch.lerp(scattered, self._coarse.enlarge(small), _SHARE)
         return Surface(slope, depth)
-
-    def _scattered(self, depth: Tensor) -> Tensor:
-        """Change of the picture by the coarse features of a surface, (B, 3, H, W)."""
-        coarse = self._coarse(depth).clamp(-self._limits, self._limits)
-        return self._coarse.enlarge(torch.einsum("bkhw,kchw->bchw", coarse, self._smooth))
 
     def _slopes(self, change: Tensor) -> Tensor:
         """The most probable slopes (B, 2, H, W) for a change of grey levels (B, 3, H, W)."""
