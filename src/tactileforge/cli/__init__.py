@@ -21,6 +21,7 @@ from tactileforge.signals import interrupted_by_signals
 if TYPE_CHECKING:
     from tactileforge.cli._verbs import Actions
 
+#: End of ``tactileforge --help``.
 _EXAMPLES = """\
   tactileforge train scale=demo                                   a small model on simulated touch
   tactileforge train recipe=anytouch2 data=recordings data.root=DIR
@@ -50,7 +51,7 @@ def main() -> None:
     except BrokenPipeError:  # the reader closed the pipe early, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python flushes again
         status = 1
-    opening = sys.modules.get("tactileforge.sensors.opening")
+    opening = sys.modules.get("tactileforge.sensors.opening")  # not imported: no driver either
     if opening is not None and opening.is_driver_left():
         # Native code that still runs when the interpreter is taken down aborts the process
         # ("terminate called without an active exception"), and its exit status is then lost.

@@ -55,7 +55,7 @@ def option_keys(group: str, chosen: str | None) -> list[str]:
     if group not in registry.GROUPS or chosen in (None, "???"):
         return []
     lines = []
-    for name in filter(None, re.split(r"[\[\],\s]+", chosen)):
+    for name in filter(None, re.split(r"[\[\],\s]+", chosen)):  # one name, or [pixel,diff]
         if name in registry.names(registry.GROUPS[group]):
             place = f"{group}.{name}" if group in MULTI else group
             lines += [f"{place}:  # {name}", *plugin_keys(group, name), ""]
@@ -74,6 +74,7 @@ def keys_page() -> str:
     for group in _WHOLE:
         option = next(iter(options(group)))
         lines += [f"### {group}={option}", "", *_block("\n".join(option_keys(group, option)))]
+    # the page is of this package, whatever else is installed where it is written
     ours = [one for one in registry.list_plugins() if one.distribution == "tactileforge"]
     for kind in registry.KINDS:
         if kind == "optimizers":

@@ -19,6 +19,7 @@ from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError, PluginError, SensorError, check_names, command, unknown
 from tactileforge.files import new_part, write_text, writing
 
+#: Kinds of plugins as they are typed, in the singular.
 _KINDS = [kind.removesuffix("s") for kind in (*registry.KINDS, *registry.MODULES)]
 
 

@@ -124,7 +124,7 @@ def _prepare(overrides: list[str]) -> list[str]:
             f"for its length (trainer.max_steps=) and its machine ({', '.join(_ANEW[2:])}); init= "
             "starts a new run from its weights"
         )
-    _of_run(folders[-1])  # before Hydra makes a folder
+    _of_run(folders[-1])  # fails for a folder without a run, before Hydra makes one
     words = [word for word in overrides if not word.startswith("resume=")]
     name = quoted(folders[-1])  # a path may hold any character
     return [*words, f"resume={name}", f"hydra.run.dir={name}", "hydra.output_subdir=null"]

@@ -222,6 +222,7 @@ class LiveSession:
             self.check()
             if all(f.capture.ended and not f.stream.is_fresh for f in fingers):
                 return
+            # not for ever: a lost sensor wakes nobody, and nor does `stop`
             with self.wake:
                 self.wake.wait_for(lambda: any(f.stream.is_fresh for f in fingers), _WAIT)
             batch = [finger.read() for finger in fingers]

@@ -156,6 +156,7 @@ class Rig:
         return self
 
     def _keeper(self, device: RigSensor, pool: ThreadPoolExecutor) -> FrameQueue | SampleBuffer:
+        # two segments: one is written while the next one comes
         hold = int(device.sensor.spec.fps * (2 * self.options.segment + _SLACK)) + 1
         if device is self.force:
             return SampleBuffer(hold)

@@ -66,7 +66,7 @@ class RecordStatus(Status):
                     self._warned.add((device.name, trouble))
                     self.end()
                     self.to.write(f"warning: {device.name}: {words}\n")
-        free = shutil.disk_usage(rig.options.out).free
+        free = shutil.disk_usage(rig.options.out).free  # others may fill the disk, too
         parts = [
             f"take {take} {seconds:6.1f} s",
             *map(device_status, rig.all),

@@ -79,7 +79,7 @@ def embedding_of(data: TouchData, looks: dict[str, ClipSample]) -> Embedding:
     vectors = np.concatenate([look.cls for look in looks.values()]).astype(np.float64)
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True).clip(1e-12)
     held_out = np.concatenate([np.full(len(look.clips), s == "val") for s, look in looks.items()])
-    fine = np.isfinite(vectors).all(1)
+    fine = np.isfinite(vectors).all(1)  # one NaN would spoil the axes of all
     kept = np.flatnonzero(fine).tolist()
     names = {kind: [known[i] for i in kept] for kind, known in labels.items()}
     return Embedding(vectors[fine], [recordings[i] for i in kept], held_out[fine], names)

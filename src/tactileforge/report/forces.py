@@ -225,6 +225,7 @@ def _over_time(result: ForceResult, data: TouchData) -> Markup:
             recording = clips.recordings[row]
             measured.append((recording.times, recording.force))
         rows = [(clip, clips.recordings[clips.index[clip, 0]]) for clip in reading.clips.tolist()]
+        # forces are predicted for frames 2..T
         times = np.concatenate([part.times[clips.rows(clip)[1:]] for clip, part in rows])
         predicted[split] = (times, reading.predicted.reshape(-1, 3))
     drawings = []

@@ -84,7 +84,13 @@ def strips_of(
     }
     rows = {"Input": _colour(encoder, _canvas(encoder, frames))}
     if predictions:
-        rows["Masked"] = _masked(encoder, rows["Input"], predictions[0].masked[row].cpu())
+        _, down, across = encoder.grid
+        where = torch.zeros(down * across, dtype=torch.bool)
+        where[predictions[0].masked[row].cpu()] = True
+        side = encoder.patch
+        mask = where.view(down, across).repeat_interleave(side, 0).repeat_interleave(side, 1)
+        hidden = torch.tensor(_HIDDEN).view(3, 1, 1)
+        rows["Masked"] = torch.where(mask, hidden, rows["Input"])
     if "frames" in by_kind:
         pasted = _pasted(frames, by_kind["frames"], row)
         rows["Reconstructed"] = _colour(encoder, _canvas(encoder, pasted))
@@ -114,16 +120,6 @@ def _pasted(frames: Tensor, reconstruction: Reconstruction, row: int) -> Tensor:
     out = frames.clone()
     out[reconstruction.masked[row].cpu()] = reconstruction.predicted[row].float().cpu()
     return out
-
-
-def _masked(encoder: Encoder, frames: Tensor, hidden: Tensor) -> Tensor:
-    """Paints over the hidden positions of frames (n, 3, H, W)."""
-    _, rows, columns = encoder.grid
-    where = torch.zeros(rows * columns, dtype=torch.bool)
-    where[hidden] = True
-    side = encoder.patch
-    mask = where.view(rows, columns).repeat_interleave(side, 0).repeat_interleave(side, 1)
-    return torch.where(mask, torch.tensor(_HIDDEN).view(3, 1, 1), frames)
 
 
 def _spread(encoder: Any) -> Tensor:

@@ -115,6 +115,7 @@ def _of_clips(
 def _progress(folder: Path, curves: Mapping[str, Curve]) -> tuple[int, float | None]:
     """Number of steps, and seconds of training over all restarts; None if not recorded."""
     if not (folder / run_folder.LAST).is_file():
+        # steps are logged from 0 on
         return max((int(curve.steps[-1]) + 1 for curve in curves.values()), default=0), None
     state = read_checkpoint(folder)
     timer = state.get("callbacks", {}).get("Timer", {})

@@ -172,7 +172,7 @@ class ClipReader:
         with quiet(self._module):
             for batch in batches(self._module, self.clips, missing):
                 self._skipped |= batch["skipped"]
-                numbers = batch["clip"].tolist()
+                numbers = batch["clip"].tolist()  # those that were read, not those asked for
                 self._rows |= zip(numbers, self._rows_of(batch), strict=True)
                 read += numbers
         self._asked |= zip(missing, read, strict=True)

@@ -186,7 +186,7 @@ def _row(key: str, weight: float, curves: Mapping[str, Curve]) -> list[str]:
             continue
         first, last = ends(curve)
         change = NONE
-        if len(curve.values) > 1 and first:
+        if len(curve.values) > 1 and first:  # 0 has no relative change
             share = (last - first) / abs(first)
             mark = "" if abs(share) < _LEAST else "good|" if share < 0 else "bad|"
             change = f"{mark}{percent(share, signed=True)}"

@@ -110,14 +110,10 @@ class SensorView:
             there = self.markers + at_markers
             motion = unit.camera.seen(there, *self.optics.size, unit.spacing) - self.markers
         pictures = self.optics.render(dent, motion, first, drift)
-        moved = self._displacement(dent, torch.where(touched, at_cells, 0.0))
+        moved = None
+        if self.cells is not None:
+            deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)
+            across = torch.where(touched, at_cells, 0.0).mT.reshape(len(dent), 2, *self.cells)
+            image = torch.cat([across, deep], 1).permute(0, 2, 3, 1)
+            moved = displacement.encode_displacement(image.cpu().numpy())
         return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy()), moved
-
-    def _displacement(self, dent: Tensor, lateral: Tensor) -> NDArray[np.uint8] | None:
-        """Image of the displacement, uint8 (K, h, w, 3); None without ``surface``."""
-        if self.cells is None:
-            return None
-        deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)
-        across = lateral.mT.reshape(len(dent), 2, *self.cells)
-        moved = torch.cat([across, deep], 1).permute(0, 2, 3, 1)
-        return displacement.encode_displacement(moved.cpu().numpy())

@@ -158,6 +158,7 @@ def missing_data_names_the_folder_and_the_fix(subject: CheckSubject) -> None:
         else:
             raise Violation(f"an empty folder gives {len(recordings)} recordings, and no error")
     require(empty in text, f"the error does not name the folder: {text}")
+    # without the path, which may hold such a word itself
     fix = re.search(r"root|set |give |download|https?://", text.replace(empty, ""))
     require(fix is not None, f"the error does not say what to do: {text}")
 

@@ -106,6 +106,7 @@ def require_close(first: list[Tensor], second: list[Tensor], message: str) -> No
         require(a.shape == b.shape, f"{message}: {tuple(a.shape)}, not {tuple(b.shape)}")
         gap = float((a.double() - b.double()).abs().max()) if a.numel() else 0.0
         size = float(b.double().abs().max()) if b.numel() else 0.0
+        # batches of other sizes and exported programs add up float32 in another order
         require(gap <= 1e-4 * max(1.0, size), f"{message}: they differ by {gap:.2g}")
 
 

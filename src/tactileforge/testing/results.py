@@ -72,7 +72,7 @@ class CheckSubject:
             Skip: An option without a default is missing.
         """
         if self.instance is not None:
-            return deepcopy(self.instance)
+            return deepcopy(self.instance)  # a check may change it
         known = registry.parameters(self.plugin)
         missing = [
             f"{key}=..."

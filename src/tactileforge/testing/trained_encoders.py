@@ -50,7 +50,7 @@ def build_for_run(subject: CheckSubject, seed: int = 0) -> Any:
     if "sensors" not in registry.parameters(subject.plugin):
         return encoder
     rows = rows_of_run(encoder)
-    torch.manual_seed(seed)
+    torch.manual_seed(seed)  # again, as the first build has drawn
     built = CheckSubject(
         subject.kind, subject.plugin, subject.name, {**subject.options, "sensors": rows}
     ).build()

@@ -107,7 +107,14 @@ class Replay(Sensor):
         if not path.exists():
             raise DataNotFoundError(f"{path}: no such file or folder; correct sensor.replay.path")
         if path.suffix == ".tar":
-            return self._recording(path)
+            keys = []
+            for recording in shards.read_shard(path):
+                if self.key in ("", recording.key):
+                    known = spec(self.type or recording.sensor)
+                    self.spec = replace(known, kind="image")
+                    return recording.frames, recording.times
+                keys.append(recording.key)
+            raise ConfigError(unknown(f"recording of {path}", self.key, keys))
         if not self.type:
             raise ConfigError(f"{path}: set sensor.replay.type= to the sensor that made it")
         if path.is_file():
@@ -118,16 +125,6 @@ class Replay(Sensor):
         if not images:
             raise DataNotFoundError(f"{path}: no image in this folder; correct sensor.replay.path")
         return ImageFrames(images), None
-
-    def _recording(self, path: Path) -> tuple[Frames, NDArray[np.float64]]:
-        keys = []
-        for recording in shards.read_shard(path):
-            if self.key in ("", recording.key):
-                known = spec(self.type or recording.sensor)
-                self.spec = replace(known, kind="image")
-                return recording.frames, recording.times
-            keys.append(recording.key)
-        raise ConfigError(unknown(f"recording of {path}", self.key, keys))
 
     def read(self, timeout: float = 1.0) -> Frame:
         """Read the next unseen frame.

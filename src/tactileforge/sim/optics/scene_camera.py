@@ -58,7 +58,11 @@ def render_scene_image(shape: Shape, size: int, seed: int) -> NDArray[np.uint8]:
     # Brightness under a sun at 45 degrees of elevation.
     facing = (1 - slope @ _direction(sunward - turned)) / np.sqrt(1 + (slope**2).sum(-1))
     lit = np.asarray(0.25 + 0.75 * np.clip(facing / np.sqrt(2), 0, 1), dtype=np.float32)
-    colour = _colour(shape.name)
+    # A colour of the shape's name, the same on every machine.
+    code = crc32(shape.name.encode())
+    hue, full, bright = code % 1009 / 1009, code // 1009 % 97 / 97, code // 97873 % 89 / 89
+    rgb = colorsys.hsv_to_rgb(hue, 0.4 + 0.55 * full, 0.65 + 0.35 * bright)
+    colour: _Image = np.asarray(rgb, dtype=np.float32)
     shadow = _warped(high > 0, pose, -1.5 * _direction(sunward) * size / side)
     blurred = cv2.GaussianBlur(shadow, (0, 0), size / 50)
     picture = table * (1 - 0.6 * blurred[..., None])
@@ -99,14 +103,6 @@ def _warped(image: NDArray[np.generic], pose: _Image, shift: _Image) -> _Image:
     matrix[:, 2] += shift
     size = image.shape[1], image.shape[0]
     return np.asarray(cv2.warpAffine(image.astype(np.float32), matrix, size))
-
-
-def _colour(name: str) -> _Image:
-    """A colour derived from a name, the same on every machine."""
-    code = crc32(name.encode())
-    hue, full, bright = code % 1009 / 1009, code // 1009 % 97 / 97, code // 97873 % 89 / 89
-    rgb = colorsys.hsv_to_rgb(hue, 0.4 + 0.55 * full, 0.65 + 0.35 * bright)
-    return np.asarray(rgb, dtype=np.float32)
 
 
 def _table(draw: np.random.Generator, size: int) -> _Image:
