@@ -85,9 +85,8 @@ def run(verb: str, command: Command, words: Words) -> Result:
     sys.argv = ["tactileforge", *without_layouts(words.typed)]
     try:
         with told(verb, command, words, lambda: not started):
-            hydra.main(version_base="1.3", config_path="pkg://tactileforge.conf", config_name=name)(
-                task
-            )()
+            conf = "pkg://tactileforge.conf"
+            hydra.main(version_base="1.3", config_path=conf, config_name=name)(task)()
     # Hydra makes the folder of the run itself, before `task`, and wraps none of its errors
     except (FileExistsError, NotADirectoryError) as error:
         raise ConfigError(
@@ -215,8 +214,7 @@ def _of_hydra(group: str) -> list[str]:
     """Options of a group of Hydra itself, such as ``hydra/launcher``."""
     from hydra.core.config_store import ConfigStore
 
-    found = ConfigStore.instance().list(group)
-    return sorted(name.removesuffix(".yaml") for name in found)
+    return sorted(name.removesuffix(".yaml") for name in ConfigStore.instance().list(group))
 
 
 def yaml_slip(error: yaml.YAMLError) -> str:
@@ -266,8 +264,12 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
     from tactileforge.compose import composed
 
     # keys depend on the chosen options alone; other words may be the ones that fail
-    groups = (word for word in overrides if _chooses(word, own))
-    chosen = [word for word in groups if word.partition("=")[0].lstrip("+~") != key]
+    chosen = []
+    for word in overrides:
+        name_of_it = word.partition("=")[0]
+        group = name_of_it.partition("@")[0].lstrip("+")
+        if name_of_it.lstrip("+~") != key and "." not in group and options(group, own):
+            chosen.append(word)
     try:
         config = composed(name, chosen)
     except HydraException:  # an option is unknown as well
@@ -290,12 +292,6 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
     names = ", ".join(option.rpartition(".")[2] for option in beside)
     new = f". A key that is new: +{key}=..." if parent else ""
     return f"unknown key {key!r}{near}{where}: {names}{new}"
-
-
-def _chooses(word: str, own: Sequence[str]) -> bool:
-    """Whether a word chooses an option of a group."""
-    group = word.partition("=")[0].partition("@")[0].lstrip("+")
-    return "." not in group and bool(options(group, own))
 
 
 def _keys(config: Any, prefix: str = "") -> Iterator[str]:
