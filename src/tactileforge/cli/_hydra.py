@@ -32,6 +32,8 @@ _OF_PACKAGES = {
     "launcher": ("joblib", "ray", "rq", "submitit"),
     "sweeper": ("ax", "nevergrad", "optuna"),
 }
+#: Files in a folder before a run begins: those written by Hydra, and the run's own lock.
+_BEFORE = {".hydra", ".lock", "train.log", JOB}
 
 
 def run(verb: str, command: Command, words: Words) -> Result:
@@ -104,10 +106,6 @@ def run(verb: str, command: Command, words: Words) -> Result:
     if ended:
         raise ended[0]
     return results[-1] if results else None
-
-
-#: Files in a folder before a run begins: those written by Hydra, and the run's own lock.
-_BEFORE = {".hydra", ".lock", "train.log", JOB}
 
 
 def _forget(hydra: Any) -> None:
