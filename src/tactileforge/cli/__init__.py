@@ -21,6 +21,7 @@ from tactileforge.signals import interrupted_by_signals
 if TYPE_CHECKING:
     from tactileforge.cli._verbs import Actions
 
+#: End of ``tactileforge --help``.
 _EXAMPLES = """\
   tactileforge train scale=demo                                   a small model on simulated touch
   tactileforge train recipe=anytouch2 data=recordings data.root=DIR
@@ -50,7 +51,7 @@ def main() -> None:
     except BrokenPipeError:  # the reader closed the pipe early, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python flushes again
         status = 1
-    opening = sys.modules.get("tactileforge.sensors.opening")
+    opening = sys.modules.get("tactileforge.sensors.opening")  # not imported: no driver either
     if opening is not None and opening.is_driver_left():
         # Native code that still runs when the interpreter is taken down aborts the process
         # ("terminate called without an active exception"), and its exit status is then lost.
@@ -128,18 +129,14 @@ def dispatch(verb: str, rest: Sequence[str]) -> int:
             print(actions(verb, known))
             return 0
         if action not in known:
-            raise ConfigError(_unknown_action(verb, action, known))
+            from tactileforge.distributions import package_of
+
+            if package := package_of("verbs", f"{verb}.{action}"):
+                raise ConfigError(f"{verb} {action} comes with {package}: pip install {package}")
+            raise ConfigError(unknown(f"action of tactileforge {verb}", action, known))
     elif rest[:1] and rest[0] in known:
         action, *rest = rest
     return _run.run(f"{verb} {action}".strip(), known[action], rest)
-
-
-def _unknown_action(verb: str, action: str, known: Actions) -> str:
-    from tactileforge.distributions import package_of
-
-    if package := package_of("verbs", f"{verb}.{action}"):
-        return f"{verb} {action} comes with {package}: pip install {package}"
-    return unknown(f"action of tactileforge {verb}", action, known)
 
 
 def actions(verb: str, known: Actions) -> str:

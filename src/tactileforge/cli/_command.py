@@ -93,6 +93,7 @@ class Command:
             keys = strict.build(self.keys, "", given)
         else:
             keys = self.build(config)
+        # before any work: its result could not be saved
         if out := self.writes(keys):
             check_writable(Path(out), folder=self.into)
         if self.cache:

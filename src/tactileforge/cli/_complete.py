@@ -21,7 +21,7 @@ def complete(line: str | None = None) -> list[str]:
     """
     from tactileforge.cli._verbs import commands, verbs
 
-    if line is None:
+    if line is None:  # bash gives the place of the cursor: what is behind it does not count
         line = os.environ.get("COMP_LINE", "")[
             : int(os.environ.get("COMP_POINT", "0") or 0) or None
         ]

@@ -32,7 +32,9 @@ def explain(name: str, key: str, overrides: Sequence[str], flags: Sequence[str] 
     try:
         config = composed(name, overrides)
         check_presets(config)
-        rows = [*_files(name, key, overrides), *_typed(key, overrides)]
+        pairs = [word.partition("=")[::2] for word in overrides]
+        typed = [("command line", value) for word, value in pairs if word.lstrip("+") == key]
+        rows = [*_files(name, key, overrides), *typed]  # typed words are merged after all files
     finally:
         SearchPath.also = []
     if not rows:
@@ -59,21 +61,12 @@ def _files(name: str, key: str, overrides: Sequence[str]) -> Iterator[tuple[str,
             if default.config_path is None or default.config_path.startswith("hydra"):
                 continue
             config = loader._load_single_config(default, loader.repository).config
-            if OmegaConf.is_config(config) and _has(config, key):
-                value = OmegaConf.select(config, key, throw_on_missing=False)
+            if not OmegaConf.is_config(config):
+                continue
+            absent = object()  # null is a value too
+            value = OmegaConf.select(config, key, default=absent, throw_on_missing=False)
+            if value is not absent:
                 yield f"{default.config_path}.yaml", _shown(value)
-
-
-def _has(config: Any, key: str) -> bool:
-    missing = object()
-    return OmegaConf.select(config, key, default=missing, throw_on_missing=False) is not missing
-
-
-def _typed(key: str, overrides: Sequence[str]) -> Iterator[tuple[str, str]]:
-    for word in overrides:
-        name, _, value = word.partition("=")
-        if name.lstrip("+") == key:
-            yield "command line", value
 
 
 def _shown(value: Any) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from inspect import Parameter
+from textwrap import wrap
 
 from tactileforge import registry, strict
 from tactileforge.cli._command import Command
@@ -18,8 +19,6 @@ GROUP=NAME --help  the keys of that option too; all of them: docs/keys.md"""
 
 #: Groups that hold several options at once (`compose.MULTI`, which imports Hydra).
 MULTI = {"head", "objective", "sensor"}
-
-
 #: Groups whose first YAML lists all keys with their meanings.
 _WHOLE = ("trainer", "optim", "batch")
 
@@ -38,19 +37,14 @@ def text(verb: str, command: Command, typed: Sequence[str] = ()) -> str:
     lines = [f"tactileforge {verb}{bare}{needed} [key=value ...]", command.about, ""]
     for group, option in groups.items():
         chosen = next((w.partition("=")[2] for w in typed if w.startswith(f"{group}=")), option)
-        lines += [*_group(group, option), *option_keys(group, chosen)]
+        known = wrap(f"Known: {', '.join(options(group))}", 96)  # 98 columns with "# "
+        lines += [*(f"# {line}" for line in known), f"{group}: {option or 'null'}", ""]
+        lines += option_keys(group, chosen)
     if command.keys is not None:
         lines += [strict.describe(command.keys), ""]
     elif command.yaml:
         lines += [_after_defaults(command.yaml), ""]
     return "\n".join([*lines, _FLAGS])
-
-
-def _group(group: str, option: str | None) -> list[str]:
-    from textwrap import wrap
-
-    known = wrap(f"Known: {', '.join(options(group))}", 96)
-    return [*(f"# {line}" for line in known), f"{group}: {option or 'null'}", ""]
 
 
 def option_keys(group: str, chosen: str | None) -> list[str]:
@@ -61,7 +55,7 @@ def option_keys(group: str, chosen: str | None) -> list[str]:
     if group not in registry.GROUPS or chosen in (None, "???"):
         return []
     lines = []
-    for name in filter(None, re.split(r"[\[\],\s]+", chosen)):
+    for name in filter(None, re.split(r"[\[\],\s]+", chosen)):  # one name, or [pixel,diff]
         if name in registry.names(registry.GROUPS[group]):
             place = f"{group}.{name}" if group in MULTI else group
             lines += [f"{place}:  # {name}", *plugin_keys(group, name), ""]
@@ -80,12 +74,14 @@ def keys_page() -> str:
     for group in _WHOLE:
         option = next(iter(options(group)))
         lines += [f"### {group}={option}", "", *_block("\n".join(option_keys(group, option)))]
+    # the page is of this package, whatever else is installed where it is written
     ours = [one for one in registry.list_plugins() if one.distribution == "tactileforge"]
     for kind in registry.KINDS:
         if kind == "optimizers":
             continue  # listed above, with the keys shared by all optimisers
         group = next(key for key, value in registry.GROUPS.items() if value == kind)
-        lines += [f"## {kind.capitalize()}", "", f"`{group}=NAME`, and `{_place(group)}.KEY=`.", ""]
+        place = f"{group}.NAME" if group in MULTI else group
+        lines += [f"## {kind.capitalize()}", "", f"`{group}=NAME`, and `{place}.KEY=`.", ""]
         for plugin in ours:
             if plugin.kind == kind and (rows := "\n".join(plugin_keys(group, plugin.name, ""))):
                 lines += [f"### {group}={plugin.name}", "", *_block(rows)]
@@ -104,10 +100,6 @@ All keys of all verbs and plugins: what each means, and its default; `???` has t
 
 ## Verbs
 """
-
-
-def _place(group: str) -> str:
-    return f"{group}.NAME" if group in MULTI else group
 
 
 def _block(rows: str) -> list[str]:

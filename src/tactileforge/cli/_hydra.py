@@ -32,6 +32,8 @@ _OF_PACKAGES = {
     "launcher": ("joblib", "ray", "rq", "submitit"),
     "sweeper": ("ax", "nevergrad", "optuna"),
 }
+#: Files in a folder before a run begins: those written by Hydra, and the run's own lock.
+_BEFORE = {".hydra", ".lock", "train.log", JOB}
 
 
 def run(verb: str, command: Command, words: Words) -> Result:
@@ -59,6 +61,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
         # processes started by a run repeat sys.argv: the command, or this job of a sweep alone
         task_words = [] if alone else HydraConfig.get().overrides.task
         sys.argv = typed if alone else [typed[0], *verb.split(), *places, *task_words]
+        # a job in a process of its own, as joblib's launcher starts them
         if os.getppid() == launcher:
             end_with_parent(launcher)
         started.append(True)
@@ -77,15 +80,16 @@ def run(verb: str, command: Command, words: Words) -> Result:
 
     name = command.declare(verb)
     _check_flags(name, words)
+    # before Hydra names the folder of the sweep, which it does by the clock
     if command.yaml and words.sweeps and (folder := stopped_sweep(words.typed)):
         print(f"goes on with the sweep in {folder}; hydra.sweep.dir= starts another", flush=True)
         words.overrides.append(f"hydra.sweep.dir={quoted(str(folder))}")
     sys.argv = ["tactileforge", *without_layouts(words.typed)]
     try:
         with told(verb, command, words, lambda: not started):
-            hydra.main(version_base="1.3", config_path="pkg://tactileforge.conf", config_name=name)(
-                task
-            )()
+            conf = "pkg://tactileforge.conf"
+            hydra.main(version_base="1.3", config_path=conf, config_name=name)(task)()
+    # Hydra makes the folder of the run itself, before `task`, and wraps none of its errors
     except (FileExistsError, NotADirectoryError) as error:
         raise ConfigError(
             f"{error.filename}: a file is where a folder is wanted; give another hydra.run.dir="
@@ -102,10 +106,6 @@ def run(verb: str, command: Command, words: Words) -> Result:
     if ended:
         raise ended[0]
     return results[-1] if results else None
-
-
-#: Files in a folder before a run begins: those written by Hydra, and the run's own lock.
-_BEFORE = {".hydra", ".lock", "train.log", JOB}
 
 
 def _forget(hydra: Any) -> None:
@@ -160,6 +160,7 @@ def told(
     try:
         yield
     except (HydraException, OmegaConfBaseException) as error:
+        # the place of a slip often stands in the cause alone
         said, cause = str(error), str(error.__cause__ or "")
         whole = said if cause in said else f"{said}\n{cause}"
         raise ConfigError(_told(command.name(verb), whole, words)) from error
@@ -211,8 +212,7 @@ def _of_hydra(group: str) -> list[str]:
     """Options of a group of Hydra itself, such as ``hydra/launcher``."""
     from hydra.core.config_store import ConfigStore
 
-    found = ConfigStore.instance().list(group)
-    return sorted(name.removesuffix(".yaml") for name in found)
+    return sorted(name.removesuffix(".yaml") for name in ConfigStore.instance().list(group))
 
 
 def yaml_slip(error: yaml.YAMLError) -> str:
@@ -224,6 +224,7 @@ def yaml_slip(error: yaml.YAMLError) -> str:
 
 
 def _told(name: str, said: str, words: Words) -> str:
+    # Hydra 1.3 raises one class for most mistakes, so only its sentences tell them apart
     overrides, own = own_places(words.overrides, words.flags)
     if match := re.search(r"Could not override '(.+?)'\.? ?(No match in the defaults list)?", said):
         key = match[1].removesuffix("@_global_")
@@ -260,14 +261,20 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
     """
     from tactileforge.compose import composed
 
-    groups = (word for word in overrides if _chooses(word, own))
-    chosen = [word for word in groups if word.partition("=")[0].lstrip("+~") != key]
+    # keys depend on the chosen options alone; other words may be the ones that fail
+    chosen = []
+    for word in overrides:
+        name_of_it = word.partition("=")[0]
+        group = name_of_it.partition("@")[0].lstrip("+")
+        if name_of_it.lstrip("+~") != key and "." not in group and options(group, own):
+            chosen.append(word)
     try:
         config = composed(name, chosen)
     except HydraException:  # an option is unknown as well
         return f"unknown key {key!r}"
     known = sorted(_keys(config))
     parent, _, last = key.rpartition(".")
+    # the slip may be in an earlier word of the key, as in triner.max_steps
     while parent and parent not in known:
         parent = parent.rpartition(".")[0]
     beside = [option for option in known if option.rpartition(".")[0] == parent]
@@ -283,12 +290,6 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
     names = ", ".join(option.rpartition(".")[2] for option in beside)
     new = f". A key that is new: +{key}=..." if parent else ""
     return f"unknown key {key!r}{near}{where}: {names}{new}"
-
-
-def _chooses(word: str, own: Sequence[str]) -> bool:
-    """Whether a word chooses an option of a group."""
-    group = word.partition("=")[0].partition("@")[0].lstrip("+")
-    return "." not in group and bool(options(group, own))
 
 
 def _keys(config: Any, prefix: str = "") -> Iterator[str]:

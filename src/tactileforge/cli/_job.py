@@ -91,7 +91,7 @@ def _run_apart(folder: Path, words: Sequence[str], anew: Sequence[str], stopped:
     place = "resume" if stopped else "hydra.run.dir"
     own = [*typed[: len(typed) - len(words)], *given, f"{place}={folder}"]
     status, output = run_program([sys.executable, "-m", "tactileforge", "train", *own])
-    if status == 130:
+    if status == 130:  # Ctrl-C, see `cli.main`
         raise KeyboardInterrupt(f"stopped in {folder}")
     if status:
         reason = output.strip().rpartition("error: ")[2] or f"exit status {status}"

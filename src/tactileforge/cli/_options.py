@@ -102,5 +102,5 @@ def yaml_groups(name: str) -> dict[str, str]:
     return {
         key: f"[{','.join(value)}]" if isinstance(value, list) else value
         for key, value in found.items()
-        if " " not in key and "/" not in key
+        if " " not in key and "/" not in key  # no "override hydra/launcher"
     }

@@ -64,6 +64,7 @@ def quoted(value: str) -> str:
         >>> print(quoted("it's"), quoted(r"a\b"))
         'it\'s' 'a\b'
     """
+    # Hydra's grammar reads a backslash as itself, except before the quote or at the end
     escaped = re.sub(
         r"(\\*)('|$)", lambda m: m[1] * 2 + ("\\'" if m[2] else ""), value, flags=re.DOTALL
     )
@@ -114,7 +115,8 @@ def _value(value: str, names_path: bool, sweeps: bool) -> str:
         return value
     if unquoted(value) != value:
         return quoted(unquoted(value))
-    if exists(value) and (names_path or not _parses(value) or _is_choice(value)):
+    # a file whose name has a comma is not a choice of two values
+    if exists(value) and (names_path or not _parses(value) or len(split(value)) > 1):
         return quoted(value)
     if sweeps and len(items := split(value)) > 1:
         return ",".join(_value(item, names_path, False) for item in items)
@@ -184,7 +186,3 @@ def _parses(value: str) -> bool:
     except HydraException:
         return False
     return True
-
-
-def _is_choice(value: str) -> bool:
-    return len(split(value)) > 1

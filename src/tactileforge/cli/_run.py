@@ -33,10 +33,16 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
 
         print(text(verb, command, words.overrides))
         return 0
-    given = _given(verb, command, words)
-    light = not (command.groups or command.yaml or words.asks_hydra or words.explain)
-    if light:
+    for i, word in enumerate(words.overrides):
+        name, equals, value = word.partition("=")
+        words.overrides[i] = command.also.get(name, name) + equals + value
+    several = False
+    if command.bare and command.keys:
+        several = get_origin(get_type_hints(command.keys)[command.bare[-1]]) is list
+    given = _words.fill(words, command.bare, several, verb)
+    if not (command.groups or command.yaml or words.asks_hydra or words.explain):
         return _status(_light(command, words, given))
+    # quoted before `prepare`, which reads the words as Hydra does
     words.overrides = [for_hydra(word, words.sweeps) for word in words.overrides]
     words.overrides += [f"{key}={_quoted(value)}" for key, value in given.items()]
     words.overrides = command.prepare(words.overrides)
@@ -53,16 +59,6 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
     with _hydra.told(verb, command, words):
         config = command.compose(verb, words.overrides)
     return _status(command.start(config))
-
-
-def _given(verb: str, command: Command, words: Words) -> dict[str, Any]:
-    for i, word in enumerate(words.overrides):
-        name, equals, value = word.partition("=")
-        words.overrides[i] = command.also.get(name, name) + equals + value
-    several = False
-    if command.bare and command.keys:
-        several = get_origin(get_type_hints(command.keys)[command.bare[-1]]) is list
-    return _words.fill(words, command.bare, several, verb)
 
 
 def _light(command: Command, words: Words, given: dict[str, Any]) -> Result:

@@ -156,18 +156,15 @@ def _gather(config: DictConfig, folder: Path) -> list[list[str]]:
     said = [dict(word.partition("=")[::2] for word in row["words"]) for row in rows]
     keys = [key for key in said[0] if len({str(words.get(key)) for words in said}) > 1]
     head = ["job", *keys, config.get("optimized_metric") or "loss"]
-    body = [
-        [str(row["job"]), *(words.get(key, "") for key in keys), _number(row["metric"])]
-        for row, words in sorted(zip(rows, said, strict=True), key=_order)
-    ]
+    body = []
+    for row, words in sorted(zip(rows, said, strict=True), key=_order):
+        metric = row["metric"]
+        number = f"{metric:.5g}" if isinstance(metric, int | float) else ""
+        body.append([str(row["job"]), *(words.get(key, "") for key in keys), number])
     text = StringIO(newline="")
     csv.writer(text).writerows([head, *body])
     write_text(folder / TABLE, text.getvalue())
     return [head, *body]
-
-
-def _number(metric: Any) -> str:
-    return f"{metric:.5g}" if isinstance(metric, int | float) else ""
 
 
 def _order(pair: tuple[dict[str, Any], dict[str, str]]) -> tuple[float, int, str]:
@@ -175,4 +172,4 @@ def _order(pair: tuple[dict[str, Any], dict[str, str]]) -> tuple[float, int, str
     metric = pair[0]["metric"]
     known = isinstance(metric, int | float) and math.isfinite(metric)
     job = pair[0]["job"]
-    return (float(metric) if known else math.inf), len(job), job
+    return (float(metric) if known else math.inf), len(job), job  # job 9 before job 10

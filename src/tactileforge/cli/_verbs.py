@@ -48,16 +48,14 @@ def verbs() -> dict[str, str]:
 def is_taken(name: str) -> bool:
     """Whether the name of a package's verb or action is taken by a built-in one."""
     verb, _, action = name.partition(".")
-    return verb in builtin() and (not action or action in _actions(verb))
-
-
-def _actions(verb: str) -> set[str]:
-    """Actions of a built-in verb, from its source."""
+    if verb not in builtin() or not action:
+        return verb in builtin()
+    # from the source, as an import of the verb would cost its libraries
     tree = ast.parse(Path(__file__).with_name(f"{verb}.py").read_text("utf-8"))
     made = [node for node in tree.body if isinstance(node, ast.Assign)]
     rows = [node.value for node in made if ast.unparse(node.targets[0]) == "COMMANDS"]
     keys = [key for row in rows if isinstance(row, ast.Dict) for key in row.keys]
-    return {str(key.value) for key in keys if isinstance(key, ast.Constant)}
+    return action in {str(key.value) for key in keys if isinstance(key, ast.Constant)}
 
 
 class Actions(Mapping[str, "Command"]):
@@ -90,6 +88,7 @@ class Actions(Mapping[str, "Command"]):
         return len(self.own) + len(self.added)
 
     def __contains__(self, action: object) -> bool:
+        # key=value is no action, and is told from one without listing the packages' actions
         is_word = isinstance(action, str) and action.isidentifier()
         return action in self.own or (is_word and action in self.added)
 

@@ -95,7 +95,10 @@ def read(argv: Sequence[str]) -> Words:
             words.flags.append(word)
         elif re.fullmatch(r"--[a-z][\w.@/]*", name):
             if not equals:
-                value = rest.pop(0) if rest and _is_value(rest[0]) else "true"
+                # the next word is the value, unless it is a flag or a key=value of its own; a file
+                # may be named like either
+                follows = rest and (not re.match(r"-|[\w.@/]+=", rest[0]) or exists(rest[0]))
+                value = rest.pop(0) if follows else "true"
             words.overrides.append(f"{name[2:]}={value}")
         elif word.startswith("-"):
             raise ConfigError(f"unknown flag {word}; --help shows keys and flags")
@@ -105,11 +108,6 @@ def read(argv: Sequence[str]) -> Words:
             words.bare.append(word)
     _check_twice(words.overrides)
     return words
-
-
-def _is_value(word: str) -> bool:
-    """Whether a word is the value of the ``--key`` before it."""
-    return not re.match(r"-|[\w.@/]+=", word) or exists(word)
 
 
 def _check_twice(overrides: Sequence[str]) -> None:
@@ -166,10 +164,11 @@ def _value(key: str, text: str, hint: Any) -> Any:
         return None
     text = at_home(text)
     if set(kinds) <= {str, type(None)}:
-        return unquoted(text)
+        return unquoted(text)  # YAML would turn the name 007 into a number
     import yaml
 
     try:
+        # YAML 1.1 takes 1e-3 for text, as it has no point
         value = yaml.safe_load(text)
         return float(value) if float in kinds and isinstance(value, str) else value
     except yaml.YAMLError as error:

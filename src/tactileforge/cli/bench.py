@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tactileforge.bench.results.write import Writer
     from tactileforge.bench.run import Bench
 
-#: Exit status where something was not run.
+#: Exit status where something was not run; an error is 1.
 NOT_RUN = 3
 
 
@@ -105,7 +105,9 @@ def _bench(_: _Bench, config: dict[str, Any]) -> int:
     if config["ablations"]:
         chosen = config["ablations"]
         words = chosen if isinstance(chosen, str) else ",".join(chosen)
-        trained = pretrain.ablations(words, _ablations(), trained)
+        known_parts = (files("tactileforge.zoo") / "ablation").iterdir()
+        parts = sorted(item.name.removesuffix(".yaml") for item in known_parts)
+        trained = pretrain.ablations(words, parts, trained)
     if not config["model"] and not trained:
         raise ConfigError("no model: give model=[NAME,...]; tactileforge zoo list has names")
     suite = "+".join(config["suites"])
@@ -149,7 +151,11 @@ def _opened(config: dict[str, Any], suite: str, folder: Path, facts: dict[str, s
     from tactileforge.bench.tasks.suite import parse_task
     from tactileforge.files import cache_folder
 
-    chosen = [parse_task(name, node) for name, node in _tasks(config).items()]
+    tasks: dict[str, Any] = config["tasks"]
+    wanted = config["task"] or list(tasks)
+    check_names("task", wanted, tasks)
+    # a suite of the user's own drops a task by null
+    chosen = [parse_task(name, tasks[name]) for name in wanted if tasks[name] is not None]
     options = BenchOptions(
         seeds=config["seeds"], selection=config["selection"], probe=config["probe"]
     )
@@ -212,33 +218,13 @@ def _beside(named: Sequence[str], trained: Iterable[str], baselines: Sequence[st
     return list(dict.fromkeys(words))
 
 
-def _tasks(config: dict[str, Any]) -> dict[str, Any]:
-    tasks: dict[str, Any] = config["tasks"]
-    wanted = config["task"] or list(tasks)
-    check_names("task", wanted, tasks)
-    return {name: tasks[name] for name in wanted if tasks[name] is not None}
-
-
-def _ablations() -> list[str]:
-    folder = files("tactileforge.zoo") / "ablation"
-    return sorted(item.name.removesuffix(".yaml") for item in folder.iterdir())
-
-
-_SUITES = {"suite": "sim", "pretrain": "none"}
-
-
-def _folder(keys: _Bench) -> str:
-    """Folder of the results, for the check of the output path."""
-    return keys.out or "runs/bench"
-
-
 COMMANDS = {
     "": Command(
         run=_bench,
         keys=_Bench,
-        groups=_SUITES,
+        groups={"suite": "sim", "pretrain": "none"},
         groups_last=True,
-        writes=_folder,
+        writes=lambda keys: keys.out or "runs/bench",
         into=True,
         cache=True,
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tactileforge import registry
 from tactileforge.calibration.calibrate import CalibrateOptions, CalibrationResult, calibrate
 from tactileforge.calibration.depth_options import DepthOptions
-from tactileforge.calibration.file import Axis, load_calibration
+from tactileforge.calibration.file import load_calibration
 from tactileforge.cli._command import Command
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError
@@ -76,17 +76,16 @@ def _told(result: CalibrationResult) -> str:
     if calibration.mm_per_pixel is not None:
         lines.append(f"mm per pixel: {calibration.mm_per_pixel:.4g} ({result.scale})")
     if calibration.force is not None:
-        lines += [
-            f"force {name}: error {axis.rmse:.3g} N, R2 {axis.r2:.3f}, on blocks not seen; fitted "
-            f"to {axis.chosen} ({_others(axis)})"
-            for name, axis in calibration.force.axes.items()
-        ]
+        for name, axis in calibration.force.axes.items():
+            rest = sorted(
+                (other, error) for other, error in axis.errors.items() if other != axis.chosen
+            )
+            others = ", ".join(f"{other}: {error:.3g} N" for other, error in rest)
+            lines.append(
+                f"force {name}: error {axis.rmse:.3g} N, R2 {axis.r2:.3f}, on blocks not seen; "
+                f"fitted to {axis.chosen} ({others})"
+            )
     return "\n".join(lines)
-
-
-def _others(axis: Axis) -> str:
-    others = axis.errors.items() - {(axis.chosen, axis.errors[axis.chosen])}
-    return ", ".join(f"{name}: {error:.3g} N" for name, error in sorted(others))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -84,12 +84,21 @@ def _filter(keys: _Filter, config: dict[str, Any]) -> None:
 
 def _inspect(keys: _Inspect, config: dict[str, Any]) -> None:
     """Writes a page about a data set, to look at before training."""
+    from tactileforge.datasets.recordings import LAYOUT_FILE
     from tactileforge.inspection import inspect
 
     print(inspect(*_data(config), Path(keys.out), keys.recordings))
     print(f"page: {keys.out}")
-    if keys.path:
-        _keep(keys, config["data"])
+    if not keys.path:
+        return
+    # the options of the guess are kept: as a layout file, or as an option of the group ``data``
+    node, kept = config["data"], Path(keys.out).with_suffix(".yaml")
+    layouts = node.get("layouts") if node["name"] == "recordings" else None
+    write_text(kept, dump_yaml({"layouts": layouts} if layouts else node))
+    if layouts:
+        print(f"layout: {kept}; correct it, and keep it as {Path(keys.path) / LAYOUT_FILE}")
+    elif node["name"] != "recordings":
+        print(f"options: {kept}; keep it as DIR/data/NAME.yaml, for --config-dir DIR data=NAME")
 
 
 def _guess(words: list[str]) -> list[str]:
@@ -109,19 +118,6 @@ def _guess(words: list[str]) -> list[str]:
         print(f"  to be checked: {doubt}")
     options = [f"++data.{key}={hydra_value(value)}" for key, value in guess.options.items()]
     return [f"data={name}", *options, *words]
-
-
-def _keep(keys: _Inspect, node: dict[str, Any]) -> None:
-    """Writes the options of a guess: a layout file, or an option of the group ``data``."""
-    from tactileforge.datasets.recordings import LAYOUT_FILE
-
-    kept = Path(keys.out).with_suffix(".yaml")
-    layouts = node.get("layouts") if node["name"] == "recordings" else None
-    write_text(kept, dump_yaml({"layouts": layouts} if layouts else node))
-    if layouts:
-        print(f"layout: {kept}; correct it, and keep it as {Path(keys.path or '') / LAYOUT_FILE}")
-    elif node["name"] != "recordings":
-        print(f"options: {kept}; keep it as DIR/data/NAME.yaml, for --config-dir DIR data=NAME")
 
 
 _DATA = {"data": "???"}

@@ -8,6 +8,7 @@ from typing import Any
 
 from tactileforge.cli._command import Command
 
+#: Endings of the files of each format.
 _SUFFIXES = {"onnx": ".onnx", "torch_export": ".pt2"}
 
 

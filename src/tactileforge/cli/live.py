@@ -6,7 +6,7 @@ import os
 import sys
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tactileforge.cli._command import Command
 from tactileforge.live.local_page import check_port
@@ -15,9 +15,6 @@ from tactileforge.live.session import LiveOptions, LiveSession, run_session
 from tactileforge.live.status_line import LiveStatus
 from tactileforge.sensors.opening import build_sensors as built_sensors
 from tactileforge.signals import stopped_by_signals
-
-if TYPE_CHECKING:
-    from tactileforge.hub.model import Model
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,14 +54,23 @@ def _live(keys: _Live, config: dict[str, Any]) -> None:
     publishers: list[Publisher] = build_publishers(keys.publish)
     if keys.json:
         publishers.append(JsonLines())
+    model = None
+    if keys.threads:
+        import torch
+
+        torch.set_num_threads(keys.threads)
+    if keys.model:
+        from tactileforge.hub.loading import load
+
+        model = load(keys.model, device=keys.device)
     status = LiveStatus()
 
     def say(line: str) -> None:
-        status.end()
+        status.end()  # a line of its own, below the status
         print(line, file=sys.stderr if keys.json else sys.stdout, flush=True)
 
     with ExitStack() as stack:
-        view = stack.enter_context(LiveSession(sensors, _model(keys), keys))
+        view = stack.enter_context(LiveSession(sensors, model, keys))
         stop = stack.enter_context(stopped_by_signals())
         stack.callback(status.end)
         if keys.page:
@@ -78,18 +84,6 @@ def _live(keys: _Live, config: dict[str, Any]) -> None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status.end()
         say(status.summary(view))
-
-
-def _model(keys: _Live) -> Model | None:
-    if keys.threads:
-        import torch
-
-        torch.set_num_threads(keys.threads)
-    if not keys.model:
-        return None
-    from tactileforge.hub.loading import load
-
-    return load(keys.model, device=keys.device)
 
 
 COMMANDS = {"": Command(run=_live, keys=_Live, groups={"sensor": "???"})}

@@ -19,6 +19,7 @@ from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError, PluginError, SensorError, check_names, command, unknown
 from tactileforge.files import new_part, write_text, writing
 
+#: Kinds of plugins as they are typed, in the singular.
 _KINDS = [kind.removesuffix("s") for kind in (*registry.KINDS, *registry.MODULES)]
 
 
@@ -109,7 +110,15 @@ def _check(keys: _Check, _: dict[str, Any]) -> int:
     """Runs the conformance suite on all plugins or on the named ones."""
     from tactileforge.testing import check
 
-    plugins, options, attached = _chosen(keys.names, keys.kind), keys.options, keys.attached
+    kinds = (*registry.KINDS, *registry.MODULES)
+    installed = [(kind, name) for kind in kinds for name in registry.names(kind)]
+    within = [plugin for plugin in installed if keys.kind in (None, plugin[0].removesuffix("s"))]
+    for wanted in keys.names:
+        if wanted not in (name for _, name in within):
+            known = {name for _, name in within}
+            raise PluginError(unknown(keys.kind or "plugin", wanted, known))
+    plugins = [plugin for plugin in within if not keys.names or plugin[1] in keys.names]
+    options, attached = keys.options, keys.attached
     if options and len(plugins) != 1:
         raise ConfigError(
             f"{next(iter(options))}= is an option of one plugin, and {len(plugins)} are checked: "
@@ -142,7 +151,7 @@ def _attached(
             continue
         try:
             known = registry.parameters(registry.get(kind, name))
-        except PluginError:
+        except PluginError:  # its check reports the error
             attached.append((kind, name, dict(options)))
             continue
         if any(known[key] is Parameter.empty and key not in options for key in known):
@@ -153,16 +162,6 @@ def _attached(
     if not attached:
         raise SensorError("none of the sensors is attached: plug one in, or give its port=")
     return attached
-
-
-def _chosen(names: Sequence[str], kind: str | None) -> list[tuple[str, str]]:
-    kinds = (*registry.KINDS, *registry.MODULES)
-    installed = [(k, n) for k in kinds for n in registry.names(k)]
-    within = [(k, n) for k, n in installed if kind in (None, k.removesuffix("s"))]
-    for name in names:
-        if name not in (n for _, n in within):
-            raise PluginError(unknown(kind or "plugin", name, {n for _, n in within}))
-    return [(k, n) for k, n in within if not names or n in names]
 
 
 #: Files of the example needed by a plugin of each kind, beside the files of every package.

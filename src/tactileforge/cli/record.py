@@ -8,7 +8,7 @@ from tactileforge.cli._command import Command
 from tactileforge.errors import command
 from tactileforge.record.options import RecordOptions
 from tactileforge.record.record import record
-from tactileforge.record.status import RecordStatus, RecordSummary
+from tactileforge.record.status import RecordStatus
 from tactileforge.sensors.opening import build_sensors
 from tactileforge.sensors.status import of_drops
 from tactileforge.signals import stopped_by_signals
@@ -22,34 +22,27 @@ def _record(keys: RecordOptions, config: dict[str, Any]) -> None:
     """
     touch, force, camera, robot = build_sensors(config)
     status = RecordStatus()
+
+    def say(line: str) -> None:
+        status.end()  # a line of its own, below the status
+        print(line, flush=True)
+
     with stopped_by_signals() as stop:
         try:
-            summary = record(keys, touch, force, camera, stop, _say(status), status, robot)
+            summary = record(keys, touch, force, camera, stop, say, status, robot)
         finally:
             status.end()
-    print(_told(summary))
+    frames = ", ".join(f"{name} {count}" for name, count in summary.frames.items())
+    takes = "1 take" if summary.takes == 1 else f"{summary.takes} takes"
+    print(
+        f"{takes}, {summary.seconds:.1f} s, {summary.bytes / 1e6:.1f} MB; frames: {frames}; "
+        f"dropped: {of_drops(summary.reasons)}"
+    )
     for name, noticed in summary.noticed.items():
         for words in noticed.values():
             print(f"noticed: {name}: {words}")
     look = command("data", "inspect", "data=shards", f"data.root={keys.out}")
     print(f"look at it: {look}")
-
-
-def _say(status: RecordStatus) -> Any:
-    def say(line: str) -> None:
-        status.end()
-        print(line, flush=True)
-
-    return say
-
-
-def _told(summary: RecordSummary) -> str:
-    frames = ", ".join(f"{name} {count}" for name, count in summary.frames.items())
-    takes = "1 take" if summary.takes == 1 else f"{summary.takes} takes"
-    return (
-        f"{takes}, {summary.seconds:.1f} s, {summary.bytes / 1e6:.1f} MB; frames: {frames}; "
-        f"dropped: {of_drops(summary.reasons)}"
-    )
 
 
 _SENSORS = {"sensor": "???", "force": None, "camera": None, "robot": None}

@@ -27,9 +27,12 @@ def _report(keys: _Report, _: dict[str, Any]) -> None:
     print(f"report: {report_of_run(Path(keys.run))}")
 
 
-def _page(keys: _Report) -> Path | None:
-    """Path of the page; None if the folder of the run does not exist."""
-    return Path(keys.run) / "report.html" if Path(keys.run).is_dir() else None
-
-
-COMMANDS = {"": Command(run=_report, keys=_Report, bare=("run",), writes=_page)}
+COMMANDS = {
+    "": Command(
+        run=_report,
+        keys=_Report,
+        bare=("run",),
+        # a folder that does not exist is reported by the command, which knows what a run is
+        writes=lambda keys: Path(keys.run, "report.html") if Path(keys.run).is_dir() else None,
+    )
+}

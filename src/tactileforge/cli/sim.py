@@ -57,15 +57,14 @@ class _Sim:
 
 def _sim(keys: _Sim, _: dict[str, Any]) -> None:
     """Simulates touch and writes it as shards for data=shards."""
-    own = {name: value for name, value in vars(keys).items() if name in _SIMULATED}
+    simulated = {spec.name for spec in fields(SimConfig)}
+    own = {name: value for name, value in vars(keys).items() if name in simulated}
+    # `seconds` of the verb is the length of all touch, and that of `SimConfig` one action's
     config = SimConfig(**{**own, "seconds": keys.action_seconds})
     folder = Path(keys.out)
     train, val = write_seconds(config, folder, keys.seconds, keys.val, keys.processes)
     print(f"{train} touches for training and {val} for validation: {folder}")
     print(f"train on them: {command('train', 'data=shards', f'data.root={folder}')}")
-
-
-_SIMULATED = {spec.name for spec in fields(SimConfig)}
 
 
 COMMANDS = {"": Command(run=_sim, keys=_Sim, into=True)}

@@ -17,27 +17,39 @@ def _train(_: None, config: dict[str, Any]) -> float:
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
+    from tactileforge.cli._hydra import unknown_key
     from tactileforge.run_folder import LAST
 
-    folder = _folder()
-    _check_new_keys(config)
-    if HydraConfig.get().mode is RunMode.MULTIRUN:
-        from tactileforge.cli._job import run_job
+    hydra = HydraConfig.get()
+    words = list(hydra.overrides.task)
+    for word in words:
+        # +key=value for a key that nothing reads: a typo, or its group is missing
+        if (match := re.match(r"\+\+?(\w+)=", word)) and not isinstance(config[match[1]], dict):
+            raise ConfigError(unknown_key("train", match[1], []))
+    if hydra.mode is not RunMode.MULTIRUN:
+        return _run(config, Path(hydra.run.dir))
+    from tactileforge.cli._job import run_job
 
-        if (folder / LAST).is_file():
-            config = {**config, "resume": str(folder)}
-        words = list(HydraConfig.get().overrides.task)
-        anew = [word for word in words if word.partition("=")[0] in _ANEW]
-        return run_job(folder, config, words, anew, lambda: _run(config, folder, True))
-    return _run(config, folder)
+    folder = Path(hydra.runtime.output_dir)
+    if (folder / LAST).is_file():
+        config = {**config, "resume": str(folder)}
+    anew = [word for word in words if word.partition("=")[0] in _ANEW]
+    return run_job(folder, config, words, anew, lambda: _run(config, folder, True))
 
 
 def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
     """Trains and returns the number of the run; NaN for a run in a sweep that logged none."""
+    from hydra.core.hydra_config import HydraConfig
+
     from tactileforge.run_folder import LAST
 
     if config.get("resume"):
-        config = _with_given(_of_run(config["resume"]), config)
+        run = _of_run(config["resume"])
+        given = {word.partition("=")[0] for word in HydraConfig.get().overrides.task}
+        for path in given.intersection(_ANEW):
+            group, key = path.split(".")
+            run[group] = {**run[group], key: config[group][key]}
+        config = run
     elif config.get("init"):
         _check_encoder(str(config["init"]))
     try:
@@ -93,41 +105,6 @@ _ANEW = (
 )
 
 
-def _with_given(run: dict[str, Any], config: dict[str, Any]) -> dict[str, Any]:
-    """Configuration of a run, updated with the keys of `_ANEW` typed for the resumed run."""
-    from hydra.core.hydra_config import HydraConfig
-
-    given = {word.partition("=")[0] for word in HydraConfig.get().overrides.task}
-    for path in given.intersection(_ANEW):
-        group, key = path.split(".")
-        run[group] = {**run[group], key: config[group][key]}
-    return run
-
-
-def _folder() -> Path:
-    """Folder of the run: Hydra's own folder for it, or for this job of a sweep."""
-    from hydra.core.hydra_config import HydraConfig
-    from hydra.types import RunMode
-
-    hydra = HydraConfig.get()
-    return Path(hydra.runtime.output_dir if hydra.mode is RunMode.MULTIRUN else hydra.run.dir)
-
-
-def _check_new_keys(config: dict[str, Any]) -> None:
-    """Refuses ``+key=value`` for an unused key: it is a typo, or lacks its group.
-
-    Raises:
-        ConfigError: Nothing reads the key.
-    """
-    from hydra.core.hydra_config import HydraConfig
-
-    from tactileforge.cli._hydra import unknown_key
-
-    for word in HydraConfig.get().overrides.task:
-        if (match := re.match(r"\+\+?(\w+)=", word)) and not isinstance(config[match[1]], dict):
-            raise ConfigError(unknown_key("train", match[1], []))
-
-
 def _prepare(overrides: list[str]) -> list[str]:
     """Keeps a resumed run in its folder and lets it change only its length and machine.
 
@@ -147,7 +124,7 @@ def _prepare(overrides: list[str]) -> list[str]:
             f"for its length (trainer.max_steps=) and its machine ({', '.join(_ANEW[2:])}); init= "
             "starts a new run from its weights"
         )
-    _of_run(folders[-1])  # before Hydra makes a folder
+    _of_run(folders[-1])  # fails for a folder without a run, before Hydra makes one
     words = [word for word in overrides if not word.startswith("resume=")]
     name = quoted(folders[-1])  # a path may hold any character
     return [*words, f"resume={name}", f"hydra.run.dir={name}", "hydra.output_subdir=null"]

@@ -15,6 +15,7 @@ from tactileforge.errors import ConfigError
 
 #: Time after which a silent connection is closed, s.
 _SILENCE = 10.0
+#: No other machine reaches this address.
 _HOST = "127.0.0.1"
 #: Largest number of a port.
 _LAST_PORT = 65535
@@ -79,6 +80,7 @@ class LocalPage:
     ) -> None:
         check_port(port)
         self.token = secrets.token_urlsafe(18)
+        # http.server makes a handler for each request by itself: what it needs is in its class
         own: dict[str, Any] = {"get": staticmethod(get), "token": self.token}
         handler = type("Handler", (_Handler,), {**own, "post": post and staticmethod(post)})
         try:
@@ -175,7 +177,7 @@ class _Handler(BaseHTTPRequestHandler):
         for key, value in (
             ("Content-Type", answer.kind),
             ("Content-Length", str(len(body))),
-            ("Cache-Control", "no-store"),
+            ("Cache-Control", "no-store"),  # an address stays, and its picture changes
             ("Content-Security-Policy", policy),
             ("Cross-Origin-Resource-Policy", "same-origin"),
             ("Referrer-Policy", "no-referrer"),

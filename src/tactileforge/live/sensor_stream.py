@@ -75,6 +75,7 @@ class Reading(Prediction):
             "sensor": self.sensor,
             "frame": self.number,
             "time": round(self.time, 6),
+            # monotonic time means nothing on another machine
             "unix": round(time.time() - time.monotonic() + self.time, 6),
             "force": None if self.force is None else [round(axis, 4) for axis in self.force],
             "contact": self.contact,
@@ -183,11 +184,17 @@ class SensorStream:
         prediction = self.stream.predict()
         if prediction is None:
             return None
-        depth = None if prediction.trouble else self._depth()
-        moved = None if prediction.trouble else self._moved()
-        motion = None
-        if moved is not None and self.tracker is not None:
-            motion = marker_motion(self.tracker.grid.places, moved)
+        depth: NDArray[np.float32] | None = None
+        moved = motion = None
+        shown, still = self.stream.shown, self.stream.background
+        if shown is not None and not prediction.trouble:
+            is_alike = still is not None and shown.array.shape == still.shape
+            if self.depth is not None and still is not None and is_alike:
+                depth = self.depth.read(shown.array, still).depth.numpy()
+            if self.tracker is not None:
+                moved = self.tracker.read(shown.array)
+                motion = marker_motion(self.tracker.grid.places, moved)
+        # last, so that it has depth and markers in it
         latency = time.monotonic() - prediction.time
         reading = Reading(
             **vars(prediction),
@@ -199,21 +206,6 @@ class SensorStream:
         )
         self.readings.append(reading)
         return reading
-
-    def _moved(self) -> NDArray[np.float32] | None:
-        """Displacement of markers in the frame of the newest prediction."""
-        shown = self.stream.shown
-        return None if self.tracker is None or shown is None else self.tracker.read(shown.array)
-
-    def _depth(self) -> NDArray[np.float32] | None:
-        """Depth in the frame of the newest prediction."""
-        shown, still = self.stream.shown, self.stream.background
-        if self.depth is None or shown is None or still is None:
-            return None
-        if shown.array.shape != still.shape:
-            return None
-        found: NDArray[np.float32] = self.depth.read(shown.array, still).depth.numpy()
-        return found
 
 
 def read_background(path: str) -> NDArray[np.uint8]:

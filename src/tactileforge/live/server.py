@@ -11,7 +11,7 @@ from tactileforge.depth import depth_image
 from tactileforge.live.local_page import NOT_FOUND, LocalPage, PageAnswer
 from tactileforge.live.pictures import difference_image, page_jpeg
 from tactileforge.live.publish import to_json
-from tactileforge.live.sensor_stream import Reading, SensorStream
+from tactileforge.live.sensor_stream import SensorStream
 from tactileforge.live.session import LiveSession
 from tactileforge.markers.motion import draw_arrows
 
@@ -74,7 +74,12 @@ def page_state(view: LiveSession, after: Mapping[str, str]) -> dict[str, Any]:
         after: Monotonic times, s, by sensor, as text; only later readings are included. Each sensor
             has its own time, because latencies differ.
     """
-    seen = {name: _seconds(after.get(name, "")) for name in view.fingers}
+    given = {name: after.get(name, "") for name in view.fingers}
+    seen = {
+        name: float(text) if text.replace(".", "", 1).isdigit() else 0.0
+        for name, text in given.items()
+    }
+    # NaN, before the first reading, is no JSON
     p50, p99 = (None if x != x else round(1000 * x, 1) for x in view.latency.percentiles())
     now = time.monotonic()
     model = view.model
@@ -87,12 +92,15 @@ def page_state(view: LiveSession, after: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def _seconds(text: str) -> float:
-    return float(text) if text.replace(".", "", 1).isdigit() else 0.0
-
-
 def _of(finger: SensorStream, after: float, now: float) -> dict[str, Any]:
     shown = finger.stream.shown
+    rows = []
+    for r in list(finger.readings):  # copied, as readings are added meanwhile
+        if r.time > after:
+            deepest = None if r.depth is None else round(float(r.depth.max()), 2)
+            motion = None if r.motion is None else r.motion.message()
+            change = round(r.difference, 2)
+            rows.append([r.time, r.force, r.contact, r.slip, change, deepest, motion])
     return {
         "type": finger.sensor.spec.name,
         "state": finger.state,
@@ -105,17 +113,5 @@ def _of(finger: SensorStream, after: float, now: float) -> dict[str, Any]:
         "depth": finger.depth is not None,
         "markers": finger.tracker is not None,
         "contact_on": finger.stream.contact.options.begin,
-        "readings": [
-            [r.time, r.force, r.contact, r.slip, round(r.difference, 2), _deepest(r), _motion(r)]
-            for r in list(finger.readings)
-            if r.time > after
-        ],
+        "readings": rows,
     }
-
-
-def _deepest(reading: Reading) -> float | None:
-    return None if reading.depth is None else round(float(reading.depth.max()), 2)
-
-
-def _motion(reading: Reading) -> dict[str, Any] | None:
-    return None if reading.motion is None else reading.motion.message()

@@ -6,12 +6,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from tactileforge.calibration.file import Calibration, load_calibration
+from tactileforge.calibration.file import load_calibration
 from tactileforge.contracts import Sensor
 from tactileforge.depth import depth_readers
 from tactileforge.errors import ConfigError, SensorError, unknown
@@ -139,7 +139,11 @@ class LiveSession:
             SensorError: A sensor cannot be opened or gives no frames, or two are the same device.
             ConfigError: The model does not know a sensor, or a calibration is of a different one.
         """
-        options, known = self.options, self._calibrations()
+        options = self.options
+        # files and names first: a device is opened only where they are right
+        if strange := sorted(set(options.calibration) - set(self.sensors)):
+            raise ConfigError(unknown("sensor of calibration", strange[0], self.sensors))
+        known = {name: load_calibration(path) for name, path in options.calibration.items()}
         check_marker_sensors(options.markers, self.sensors)
         depth = depth_readers(options.depth, self.sensors, LIVE_ROWS)
         with ExitStack() as stack:
@@ -169,12 +173,6 @@ class LiveSession:
 
     def __exit__(self, *error: object) -> None:
         self._stack.close()
-
-    def _calibrations(self) -> dict[str, Calibration]:
-        paths = self.options.calibration
-        if strange := sorted(set(paths) - set(self.sensors)):
-            raise ConfigError(unknown("sensor of calibration", strange[0], self.sensors))
-        return {name: load_calibration(path) for name, path in paths.items()}
 
     def _wait_for_all(self) -> None:
         end = CLOCK.now() + _PATIENCE
@@ -224,6 +222,7 @@ class LiveSession:
             self.check()
             if all(f.capture.ended and not f.stream.is_fresh for f in fingers):
                 return
+            # not for ever: a lost sensor wakes nobody, and nor does `stop`
             with self.wake:
                 self.wake.wait_for(lambda: any(f.stream.is_fresh for f in fingers), _WAIT)
             batch = [finger.read() for finger in fingers]
@@ -262,7 +261,10 @@ def run_session(
         say("background: nothing may touch the sensors now")
     view.take_background()
     states = dict.fromkeys(view.fingers, "")
-    with _opened(publishers):
+    with ExitStack() as stack:
+        for publisher in publishers:
+            publisher.open()
+            stack.callback(publisher.close)
         for reading in view.readings(stop):
             messages = [] if reading is None else [reading.message()]
             for name, finger in view.fingers.items():
@@ -277,12 +279,3 @@ def run_session(
             if tell is not None:
                 tell(view)
     check([finger.capture for finger in view.fingers.values()], at_end=True)
-
-
-@contextmanager
-def _opened(publishers: Sequence[Publisher]) -> Iterator[None]:
-    with ExitStack() as stack:
-        for publisher in publishers:
-            publisher.open()
-            stack.callback(publisher.close)
-        yield

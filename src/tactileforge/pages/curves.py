@@ -49,7 +49,12 @@ def read_metrics(folder: Path) -> dict[str, Curve]:
         for key, value in row.items():
             if key not in ("step", "epoch") and value and math.isfinite(float(value)):
                 points.setdefault(key, {})[int(row["step"])] = float(value)
-    return {key: _curve(values) for key, values in sorted(points.items())}
+    curves = {}
+    for key, values in sorted(points.items()):
+        # a resumed run may log a step again: the later row has won above
+        steps = sorted(values)
+        curves[key] = Curve(np.array(steps, np.int64), np.array([values[step] for step in steps]))
+    return curves
 
 
 def metric_rows(path: Path) -> list[dict[str, str]]:
@@ -57,13 +62,9 @@ def metric_rows(path: Path) -> list[dict[str, str]]:
     if not path.is_file():
         return []
     with path.open(newline="", encoding="utf-8") as file:
+        # a killed run may leave half a line, and half a number is another number
         lines = [line for line in file if line.endswith("\n")]
     return [row for row in csv.DictReader(lines) if None not in row.values()]
-
-
-def _curve(points: dict[int, float]) -> Curve:
-    steps = np.array(sorted(points), np.int64)
-    return Curve(steps, np.array([points[step] for step in steps.tolist()]))
 
 
 def weighed(values: Curve, weights: Curve) -> Curve:

@@ -14,7 +14,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-_DPI = 150  # dots per inch
+#: Dots per inch of the images.
+_DPI = 150
 
 
 @dataclass(frozen=True)
@@ -57,16 +58,7 @@ def collect(figure: Figure, words: str, colours: Mapping[str, str]) -> None:
     drawings = _drawings.get()
     if drawings is None:
         return
-    _recolour(figure, colours)
-    figure.set(facecolor="white", dpi=_DPI)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    same = sum(re.sub(r" \(\d+\)$", "", other.name) == words for other in drawings)
-    name = f"{words} ({same + 1})" if same else words
-    drawings.append(Drawing(name, np.array(canvas.buffer_rgba())[..., :3]))
-
-
-def _recolour(figure: Figure, colours: Mapping[str, str]) -> None:
+    # a bitmap has no CSS to put colours in the place of the placeholders
     for artist in figure.findobj():
         for kind in ("color", "facecolor", "edgecolor"):
             found = getattr(artist, f"get_{kind}", lambda: None)()
@@ -74,3 +66,9 @@ def _recolour(figure: Figure, colours: Mapping[str, str]) -> None:
             used = mpl.colors.to_hex(found[0]) if len(found) and found[0] is not None else ""
             if used in colours:
                 getattr(artist, f"set_{kind}")(colours[used])
+    figure.set(facecolor="white", dpi=_DPI)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    same = sum(re.sub(r" \(\d+\)$", "", other.name) == words for other in drawings)
+    name = f"{words} ({same + 1})" if same else words
+    drawings.append(Drawing(name, np.array(canvas.buffer_rgba())[..., :3]))

@@ -45,8 +45,8 @@ _VARIABLES = {
     SHADE: "var(--shade)",
 } | {light: f"var(--c{i})" for i, (light, _) in enumerate(CLASSES)}
 _STYLE = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "tactileforge",
+    "svg.fonttype": "none",  # text as text: smaller, and read by screen readers
+    "svg.hashsalt": "tactileforge",  # random by default, and a report written again would differ
     "font.size": 10,
     "text.color": INK,
     "axes.labelcolor": INK,
@@ -97,7 +97,14 @@ def curve_figure(
     """
     with drawing(4.2, 2.4) as (figure, axes):
         if weight is not None:
-            _shade(axes, weight)
+            behind = axes.twinx()
+            axes.set_zorder(behind.get_zorder() + 1)  # a twin is drawn on top by default
+            behind.fill_between(weight.steps, weight.values, color=SHADE, linewidth=0)
+            top = float(weight.values.max()) or 1.0
+            behind.set_ylim(0, 1.05 * top)
+            behind.set_yticks([0, top], ["0", f"{top:.2g}"])
+            behind.grid(False)
+            behind.tick_params(length=0)
         if train is not None:
             thin = train.thinned()
             axes.plot(thin.steps, thin.values, ".-" if len(thin.steps) < 3 else "-", color=TRAIN)
@@ -128,17 +135,6 @@ def lines_figure(label: str, last_step: int, lines: Mapping[str, Curve]) -> Mark
         _log_if_wide(axes, values)
         axes.set(xlim=(0, max(last_step, 1)), xlabel="step", ylabel=label)
         return svg(figure, f"{label} over steps: {', '.join(lines)}")
-
-
-def _shade(axes: Any, weight: Curve) -> None:
-    behind = axes.twinx()
-    axes.set_zorder(behind.get_zorder() + 1)
-    behind.fill_between(weight.steps, weight.values, color=SHADE, linewidth=0)
-    top = float(weight.values.max()) or 1.0
-    behind.set_ylim(0, 1.05 * top)
-    behind.set_yticks([0, top], ["0", f"{top:.2g}"])
-    behind.grid(False)
-    behind.tick_params(length=0)
 
 
 def scatter_figure(groups: Sequence[Points], labels: tuple[str, str]) -> Markup:
@@ -173,19 +169,15 @@ def draw_points(axes: Any, points: Points) -> None:
             "alpha": strength,
             "zorder": 2 + strength + (number >= 0),
         }
-        if marker_of(number) == "o":
-            axes.add_patch(_dots(x[chosen], y[chosen], size, style))
-        else:
-            shape = marker_of(number)
-            axes.plot(x[chosen], y[chosen], shape, markersize=size, markeredgewidth=0, **style)
-
-
-def _dots(x: NDArray[Any], y: NDArray[Any], size: float, style: Mapping[str, Any]) -> PathPatch:
-    """All dots as one path, each a short round line, for a tenth of the bytes of markers."""
-    length = float(np.ptp(x)) / 2000
-    ends = np.stack([np.stack([x, y], 1), np.stack([x + length, y], 1)], 1).reshape(-1, 2)
-    codes = np.tile([Path.MOVETO, Path.LINETO], len(x))
-    return PathPatch(Path(ends, codes), fill=False, linewidth=size, capstyle="round", **style)
+        right, up, shape = x[chosen], y[chosen], marker_of(number)
+        if shape != "o":
+            axes.plot(right, up, shape, markersize=size, markeredgewidth=0, **style)
+            continue
+        # all dots as one path, each a short round line: a tenth of the bytes of markers
+        length = float(np.ptp(right)) / 2000
+        dots = np.stack([np.stack([right, up], 1), np.stack([right + length, up], 1)], 1)
+        path = Path(dots.reshape(-1, 2), np.tile([Path.MOVETO, Path.LINETO], len(right)))
+        axes.add_patch(PathPatch(path, fill=False, linewidth=size, capstyle="round", **style))
 
 
 def marker_of(number: int) -> str:
@@ -215,6 +207,7 @@ def svg(figure: Figure, words: str) -> Markup:
     figure.savefig(
         file, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
     )
+    # before `collect`, which changes the colours of the figure
     text = file.getvalue()
     collect(figure, words, {INK: "#222222", _LINE: "#cccccc", _OTHER: "#999999", SHADE: "#e8e8e8"})
     text = text[text.index("<svg") :]

@@ -48,8 +48,12 @@ def agreement_figure(
         words: Text in the upper left corner.
         name: Description for screen readers; made of the labels if empty.
     """
-    groups = [_finite(group) for group in groups]
-    low, high = limits or _span(groups)
+    known = [np.isfinite(x) & np.isfinite(y) for x, y, *_ in groups]
+    groups = [(x[k], y[k], c[k], s) for (x, y, c, s), k in zip(groups, known, strict=True)]
+    values = np.concatenate([part for x, y, *_ in groups for part in (x, y)])
+    span = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
+    low, high = limits or span
+    # at least 0.2 N across, so that noise alone does not fill the panel
     room = 0.02 * (high - low) if limits else max(0.05 * (high - low), 0.1 - (high - low) / 2)
     ends = (low - room, high + room)
     with drawing(3.9, 3.6) as (figure, axes):
@@ -61,18 +65,6 @@ def agreement_figure(
             axes.text(0.04, 0.97, words, **place)
         axes.set(xlim=ends, ylim=ends, aspect="equal", xlabel=labels[0], ylabel=labels[1])
         return svg(figure, name or f"{labels[1]} against {labels[0]}")
-
-
-def _finite(points: Points) -> Points:
-    """Drops points with a NaN or infinite coordinate."""
-    x, y, classes, strength = points
-    known = np.isfinite(x) & np.isfinite(y)
-    return x[known], y[known], classes[known], strength
-
-
-def _span(groups: Sequence[Points]) -> tuple[float, float]:
-    values = np.concatenate([part for x, y, *_ in groups for part in (x, y)])
-    return (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
 
 
 def prediction_figure(
@@ -190,7 +182,7 @@ def _stretches(
 ) -> list[tuple[str, float, float]]:
     """Name, start and end (s) of each stretch of one known action, with gaps between them."""
     edges = [0, *(np.flatnonzero(np.diff(action)) + 1).tolist(), len(action)]
-    gap = 0.002 * float(times[-1] - times[0])
+    gap = 0.002 * float(times[-1] - times[0])  # neighbours stay two stretches to the eye
     return [
         (ACTIONS[action[a]].replace("_", " "), float(times[a]) + gap, float(times[b - 1]) - gap)
         for a, b in pairwise(edges)

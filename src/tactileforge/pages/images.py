@@ -32,6 +32,7 @@ def frame_data_url(frame: Tensor) -> tuple[str, int, int]:
         size = (_WIDEST, max(1, round(image.height * _WIDEST / image.width)))
         image = image.resize(size, Image.Resampling.LANCZOS)
     file = io.BytesIO()
+    # colours at full resolution: lights of a gel differ in colour alone
     image.save(file, "JPEG", quality=90, subsampling=0)
     text = base64.b64encode(file.getvalue()).decode()
     return f"data:image/jpeg;base64,{text}", image.width, image.height

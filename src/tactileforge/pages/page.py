@@ -161,6 +161,7 @@ def percent(share: float, signed: bool = False) -> str:
     value = 100 * share
     if value != value:
         return NONE
+    # 9.95 is written as 9.9 or 10, never as 10.0
     text = f"{value:{'+' if signed else ''}.{1 if abs(value) < 9.95 else 0}f}"
     return f"{text.lstrip('+-') if float(text) == 0 else text} %".replace("-", MINUS)
 

@@ -16,7 +16,7 @@ def environment() -> Environment:
     return Environment(
         loader=PackageLoader("tactileforge.pages"),
         autoescape=True,
-        undefined=StrictUndefined,
+        undefined=StrictUndefined,  # a typing error in a template fails, where it would print ""
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,

@@ -86,7 +86,7 @@ class FrameQueue:
         if self.waiting >= self.queue or len(self._shots) >= self.hold:
             self.dropped += 1
             return
-        with self._lock:
+        with self._lock:  # the threads of the pool count down meanwhile
             self.waiting += 1
         future = self.pool.submit(self.encode, frame.array)
         future.add_done_callback(self._encoded)

@@ -37,11 +37,13 @@ def _one(key: str, parts: Sequence[Recording]) -> shards.Packed:
     frames = [_packed(part.frames) for part in parts]
     views = [_packed(part.image) for part in parts if part.image is not None]
     seen = [part.image_times for part in parts if part.image_times is not None]
+    # a track that one segment lacks would be shorter than the frames
     tracks = {
         name: np.concatenate([part.tracks[name] for part in parts])
         for name in first.tracks
         if all(name in part.tracks for part in parts)
     }
+    # of the last segment, as counters of dropped frames grow over the take
     labels = {name: value for name, value in last.labels.items() if name != "segment"}
     whole = replace(
         first,

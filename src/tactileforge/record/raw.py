@@ -21,6 +21,7 @@ from tactileforge.errors import DataError
 #: Name of a member of a shard with raw values.
 _RAW = re.compile(r"raw\.(?P<name>.+)\.npz")
 
+#: Errors of zipfile and numpy on damaged bytes.
 _DAMAGE = (
     *(ValueError, KeyError, OSError, EOFError, BadZipFile, zlib.error),
     *(MemoryError, NotImplementedError, RuntimeError),  # wrong size, method, password
@@ -35,6 +36,7 @@ def append_raw(path: Path, raw: Mapping[str, Raw]) -> None:
     """Adds raw values to a shard; readers of recordings skip them."""
     if not raw:
         return
+    # USTAR, as the recordings' own members: other formats would add headers between them
     with tarfile.open(path, "a", format=tarfile.USTAR_FORMAT) as tar:
         for name, (times, values) in raw.items():
             content = io.BytesIO()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 from tactileforge.calibration import file as calibration
 from tactileforge.contracts import Sensor
@@ -45,13 +44,17 @@ def record(
     Raises:
         SensorError: A sensor cannot be opened, is lost, or is touched while the background is
             taken. Earlier data is kept.
-        ConfigError: The folder holds something else, or the sensors do not fit.
+        ConfigError: The folder holds something else, or the sensors or a calibration do not fit.
+        DataNotFoundError: There is no such file of a calibration.
         TactileForgeError: The disk is full; says how much is safe.
     """
     stop = stop or threading.Event()
     summary = RecordSummary(0, 0.0, dict.fromkeys(sensors, 0), {}, 0)
     # before any device is opened, so that a wrong option is found first
-    matrices = {name: axes_matrix(_axes(options, name)) for name in sensors}
+    axes = (
+        options.axes if isinstance(options.axes, Mapping) else dict.fromkeys(sensors, options.axes)
+    )
+    matrices = {name: axes_matrix(axes.get(name, ("x", "y", "z"))) for name in sensors}
     try:
         with (
             low_latency_threads(),
@@ -60,7 +63,14 @@ def record(
         ):
             for line in store.notes:
                 say(line)
-            known = _calibrations(rig)
+            # once the sensors are open: only then are their units known
+            devices = {device.name: device.sensor for device in rig.devices}
+            if strange := sorted(set(options.calibration) - set(devices)):
+                raise ConfigError(unknown("sensor of calibration", strange[0], devices))
+            known = {}
+            for name, path in options.calibration.items():
+                kind, unit = devices[name].spec.name, unit_of(devices[name])
+                known[name] = calibration.calibration_labels(path, kind, unit)
             count = 0
             while not stop.is_set() and not rig.is_over and count != options.takes:
                 if count and stop.wait(options.pause):
@@ -75,25 +85,3 @@ def record(
             "s of touch are safe; make room, and record again into the same folder"
         ) from error
     return summary
-
-
-def _axes(options: RecordOptions, name: str) -> Any:
-    given = options.axes
-    return given.get(name, ("x", "y", "z")) if isinstance(given, Mapping) else given
-
-
-def _calibrations(rig: Rig) -> dict[str, dict[str, str]]:
-    """Labels of calibrations, by sensor.
-
-    Raises:
-        DataNotFoundError: There is no such file.
-        ConfigError: A calibration is invalid or of a different unit, or no sensor has that name.
-    """
-    given = rig.options.calibration
-    devices = {device.name: device.sensor for device in rig.devices}
-    if strange := sorted(set(given) - set(devices)):
-        raise ConfigError(unknown("sensor of calibration", strange[0], devices))
-    return {
-        name: calibration.calibration_labels(path, devices[name].spec.name, unit_of(devices[name]))
-        for name, path in given.items()
-    }

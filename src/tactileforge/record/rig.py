@@ -151,10 +151,12 @@ class Rig:
                 device.capture = Capture(device.name, device.sensor, sink, wait)
                 stack.callback(device.capture.stop)
                 device.capture.start()
+            # all is open: `__exit__` closes it, where an error above would have closed what was
             self._stack = stack.pop_all()
         return self
 
     def _keeper(self, device: RigSensor, pool: ThreadPoolExecutor) -> FrameQueue | SampleBuffer:
+        # two segments: one is written while the next one comes
         hold = int(device.sensor.spec.fps * (2 * self.options.segment + _SLACK)) + 1
         if device is self.force:
             return SampleBuffer(hold)
@@ -162,6 +164,7 @@ class Rig:
             return SampleBuffer(hold, device.sensor.spec.states + device.sensor.spec.actions)
         codecs = {self.codec(device)}
         if device is self.camera:
+            # its views go into the recording of each sensor, in the codec of that one
             codecs = {self.codec(device) for device in self.devices}
         return FrameQueue(pool, sorted(codecs), self.options.quality, self.options.queue, hold)
 
@@ -195,7 +198,7 @@ class Rig:
             seen, device.seen = device.seen or [], None
             device.background = []
             if given.seconds:
-                step = -(-len(seen) // _LOOKED_AT) or 1
+                step = -(-len(seen) // _LOOKED_AT) or 1  # rounded up
                 frames = [frame.array for frame in seen[::step]]
                 camera = device.sensor.spec.kind == "image"
                 good = background.check_background(device.name, frames, given.threshold, camera)

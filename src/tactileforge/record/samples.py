@@ -29,7 +29,7 @@ class SegmentSamples:
         Returns:
             The samples with their neighbours on both sides, for interpolation, and without.
         """
-        later, values = self.keeps.all()
+        later, values = self.keeps.all()  # before the cut: those after it are neighbours too
         own = self.keeps.cut(until)
         before, self._last = self._last, self._last
         if len(own[0]):

@@ -59,8 +59,14 @@ class RecordStatus(Status):
             return
         self._next = now + (_TERMINAL if self._is_terminal else _ELSEWHERE)
         for device in rig.all:
-            self._warn(device)
-        free = shutil.disk_usage(rig.options.out).free
+            # copied, as the sensor's thread adds to the counts
+            told = {key: TROUBLES[key] for key in list(device.capture.health.counts)}
+            for trouble, words in (told | device.capture.noticed()).items():
+                if (device.name, trouble) not in self._warned:
+                    self._warned.add((device.name, trouble))
+                    self.end()
+                    self.to.write(f"warning: {device.name}: {words}\n")
+        free = shutil.disk_usage(rig.options.out).free  # others may fill the disk, too
         parts = [
             f"take {take} {seconds:6.1f} s",
             *map(device_status, rig.all),
@@ -68,14 +74,6 @@ class RecordStatus(Status):
             f"disk {free / 1e9:.0f} GB",
         ]
         self._write(" | ".join(parts))
-
-    def _warn(self, device: RigSensor) -> None:
-        told = {key: TROUBLES[key] for key in list(device.capture.health.counts)}
-        for trouble, words in (told | device.capture.noticed()).items():
-            if (device.name, trouble) not in self._warned:
-                self._warned.add((device.name, trouble))
-                self.end()
-                self.to.write(f"warning: {device.name}: {words}\n")
 
 
 def device_status(device: RigSensor) -> str:

@@ -103,7 +103,7 @@ class TakeStore:
             self._entries.pop(path.name, None)
         if self._entries:
             self._save()
-        for path in spare:
+        for path in spare:  # after the index, which would list files that are gone
             path.unlink()
         for take in sorted({_whole(path.name) for path in segments} - takes):
             try:
@@ -159,6 +159,7 @@ class TakeStore:
             segment for segment in self._entries if _whole(segment) == name and segment != name
         )
         size = sum(self._entries[segment].bytes for segment in segments)
+        # segments stay until the whole shard is on disk, so both need room
         if not segments or shutil.disk_usage(self.out).free < 1.1 * size:
             return None
         paths = [self.out / segment for segment in segments]
@@ -189,7 +190,7 @@ class TakeStore:
         self._entries[name] = entry
         try:
             self._save()
-        except OSError:
+        except OSError:  # the index on disk is the old one, so the next one starts from it
             self._entries = before
             raise
         return entry

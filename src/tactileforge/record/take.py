@@ -33,6 +33,7 @@ from tactileforge.sensors.opening import unit_of
 _LATE = 2.0
 #: Period of the loop, s.
 _TICK = 0.05
+#: Frames of a recording that is described alone; its pictures are encoded already.
 _NO_FRAMES = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))
 
 
@@ -90,7 +91,7 @@ class Take:
             error = None
         except TactileForgeError as lost:
             error = lost
-        self._finish()
+        self._finish()  # writes what came before the error
         if error is not None:
             raise error
 
@@ -101,18 +102,16 @@ class Take:
             late = time.monotonic() - due > _LATE
             if due < self.end and (late or (time.monotonic() > due and self.rig.has_passed(due))):
                 self._save(due)
-                self._check_room()
+                free = shutil.disk_usage(self.store.out).free
+                if free < self.options.min_free_gb * 1e9:
+                    raise TactileForgeError(
+                        f"{self.store.out}: {free / 1e9:.2f} GB are left on the disk, min_free_gb="
+                        f"{self.options.min_free_gb}; the take has ended, and what was recorded is "
+                        "safe"
+                    )
             if self.status is not None:
                 self.status.show(self.rig, self.number, time.monotonic() - self.start, self.summary)
         check([device.capture for device in self.rig.all], at_end=True)
-
-    def _check_room(self) -> None:
-        free = shutil.disk_usage(self.store.out).free
-        if free < self.options.min_free_gb * 1e9:
-            raise TactileForgeError(
-                f"{self.store.out}: {free / 1e9:.2f} GB are left on the disk, min_free_gb="
-                f"{self.options.min_free_gb}; the take has ended, and what was recorded is safe"
-            )
 
     def _finish(self) -> None:
         """Writes the remaining frames and joins the segments."""
@@ -150,7 +149,11 @@ class Take:
         if not any(shots.values()):  # all sensors are lost: forces and views wait for the next one
             return
         views = rig.camera.keeps.cut(until) if rig.camera is not None else []
-        raw = {name: _raw(held, self.start) for name, held in shots.items() if _has_raw(held)}
+        raw: dict[str, Raw] = {}
+        for name, held in shots.items():
+            if held and held[0].raw is not None:
+                moments = np.array([shot.time - self.start for shot in held], np.float64)
+                raw[name] = moments, np.array([shot.raw for shot in held], np.float32)
         known: dict[str, Raw] = {}
         for name, samples in self._samples.items():
             known[name], (times, values) = samples.cut(until)
@@ -228,21 +231,17 @@ class Take:
         tracker = device.keeps.tracker if isinstance(device.keeps, FrameQueue) else None
         return None if tracker is None else tracker.grid
 
-    def _episode(self, device: RigSensor) -> dict[str, str | float]:
-        """Labels of a demonstration; none without a robot."""
-        if self.rig.robot is None:
-            return {}
-        folder = self.store.out.resolve().name
-        return {"episode": f"{folder}_{self.number:05d}", "finger": device.name}
-
     def _labels(self, device: RigSensor) -> dict[str, str | float]:
         counts, noticed = device.capture.counts, device.capture.noticed()
         grid = self._grid(device)
         clock = {"clock_trouble": noticed["clock"]} if "clock" in noticed else {}
+        # a take with a robot is an episode of a demonstration
+        name = f"{self.store.out.resolve().name}_{self.number:05d}"
+        episode = {"episode": name, "finger": device.name} if self.rig.robot is not None else {}
         return {
             **self.options.labels,
             **self.known.get(device.name, {}),
-            **self._episode(device),
+            **episode,
             **({} if grid is None else marker_labels(grid)),
             "take": self.number,
             "segment": self.segments,
@@ -257,12 +256,3 @@ class Take:
             "stalled": counts.stalled,
             "reopened": counts.reopened,
         }
-
-
-def _has_raw(shots: list[PendingFrame]) -> bool:
-    return bool(shots) and shots[0].raw is not None
-
-
-def _raw(shots: list[PendingFrame], start: float) -> Raw:
-    times = np.array([shot.time - start for shot in shots], np.float64)
-    return times, np.array([shot.raw for shot in shots], np.float32)

@@ -36,7 +36,7 @@ def interpolate_samples(
         return out
     after = np.searchsorted(times, wanted).clip(1, len(times) - 1)
     known = (wanted >= times[0]) & (wanted <= times[-1])
-    known &= times[after] - times[after - 1] <= gap
+    known &= times[after] - times[after - 1] <= gap  # np.interp would draw a line over the gap
     for axis in range(samples.shape[1]):
         out[known, axis] = np.interp(wanted[known], times, samples[:, axis])
     return out

@@ -27,7 +27,8 @@ from tactileforge.pages.page import (
 from tactileforge.report.pictures import Strips
 from tactileforge.report.samples import ClipReader, clip_title, quiet
 
-_NEAREST = 3  # captions shown of a clip
+#: Number of captions shown of a clip.
+_NEAREST = 3
 
 
 @dataclass(frozen=True)
@@ -92,12 +93,14 @@ def nearest_captions(
         for cosines, caption in zip(_cosines(reader, which, text), own, strict=True)
         if caption
     ]
-    rows = [
-        CaptionRow(clip_title(reader.clips, clip), caption, _nearest(cosines, known))
-        for clip, caption, cosines in zip(
-            shown, reader.captions(shown), _cosines(reader, shown, text), strict=True
-        )
-    ]
+    rows = []
+    for clip, caption, cosines in zip(
+        shown, reader.captions(shown), _cosines(reader, shown, text), strict=True
+    ):
+        # stable, so that equal captions keep their order from report to report
+        order = np.argsort(-cosines, kind="stable")[:_NEAREST].tolist()
+        nearest = [(known[i], float(cosines[i])) for i in order]
+        rows.append(CaptionRow(clip_title(reader.clips, clip), caption, nearest))
     return CaptionResult(split, rows, len(known), len(right), float(np.mean(right)))
 
 
@@ -108,11 +111,6 @@ def _cosines(
     touch = torch.from_numpy(reader.vectors(which))
     cosines: NDArray[np.float32] = F.normalize(touch, dim=-1).numpy() @ text.T
     return cosines
-
-
-def _nearest(cosines: NDArray[np.float32], known: Sequence[str]) -> list[tuple[str, float]]:
-    order = np.argsort(-cosines, kind="stable")[:_NEAREST]
-    return [(known[i], float(cosines[i])) for i in order.tolist()]
 
 
 def captions_section(result: CaptionResult, strips: Sequence[Strips]) -> Section:
@@ -152,8 +150,3 @@ def _card(row: CaptionRow, strips: Strips) -> Markup:
     ]
     own = f"Its own caption: {row.caption}" if row.caption else "It has no caption."
     return card(row.title, strip(images, len(images)) + verdict(lines), own)
-
-
-def _number(cosine: float) -> str:
-    """A cosine with two digits."""
-    return f"{cosine:.2f}".replace("-", MINUS)

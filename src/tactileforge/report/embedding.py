@@ -79,7 +79,7 @@ def embedding_of(data: TouchData, looks: dict[str, ClipSample]) -> Embedding:
     vectors = np.concatenate([look.cls for look in looks.values()]).astype(np.float64)
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True).clip(1e-12)
     held_out = np.concatenate([np.full(len(look.clips), s == "val") for s, look in looks.items()])
-    fine = np.isfinite(vectors).all(1)
+    fine = np.isfinite(vectors).all(1)  # one NaN would spoil the axes of all
     kept = np.flatnonzero(fine).tolist()
     names = {kind: [known[i] for i in kept] for kind, known in labels.items()}
     return Embedding(vectors[fine], [recordings[i] for i in kept], held_out[fine], names)
@@ -104,16 +104,18 @@ def neighbours(embedding: Embedding, kind: str) -> NeighbourScore | None:
     ask = known & embedding.held_out if embedding.held_out.any() else known
     right: dict[str, list[bool]] = {}
     for i in np.flatnonzero(ask):
+        # clips of one recording look alike whatever the encoder: they would vote for themselves
         others = recordings[known] != recordings[i]
         if names[i] not in names[known][others]:
             continue
         nearness = np.where(others, embedding.vectors[known] @ embedding.vectors[i], -np.inf)
         near = np.argsort(-nearness, kind="stable")[: min(_NEIGHBOURS, int(others.sum()))]
-        weights = np.exp((nearness[near] - 1) / _TEMPERATURE)
+        weights = np.exp((nearness[near] - 1) / _TEMPERATURE)  # - 1: no overflow, same vote
         votes = np.bincount(number[near], weights, len(classes))
         right.setdefault(names[i], []).append(classes[votes.argmax()] == names[i])
     if not right:
         return None
+    # mean over classes: a frequent one would hide the others
     accuracy = float(np.mean([np.mean(hits) for hits in right.values()]))
     return NeighbourScore(accuracy, 1 / len(classes), sum(map(len, right.values())), len(right))
 
@@ -147,22 +149,20 @@ def embedding_section(embedding: Embedding, scores: dict[str, NeighbourScore | N
         "mean over classes. A recording never helps to recognise itself."
     )
     head = ("What is read", "k-NN accuracy", "chance", "clips", "classes")
-    body = _introduction(embedding, shares) + maps + table("neighbours", head, rows, note)
-    if missing := [kind for kind in embedding.labels if kind not in known]:
-        body += paragraph(f"Not known of these clips: {', '.join(missing)}.", soft=True)
-    return Section(name, title, body)
-
-
-def _introduction(embedding: Embedding, shares: NDArray[np.float64]) -> Markup:
     count, size = embedding.vectors.shape
     faint = " Training clips are drawn faintly." if embedding.held_out.any() else ""
+    # the participation ratio: k for a variance spread evenly over k axes
     used = 1 / float((shares**2).sum())
-    return paragraph(
+    introduction = paragraph(
         f"Projected class tokens of {count} clips of {len(set(embedding.recordings))} recordings "
         f"on their first two principal axes; outliers are drawn at the edge.{faint} The map shows "
         f"{percent(float(shares[:2].sum()))} of the variance, which is spread over about "
         f"{used:.1f} of {size} dimensions: trust the numbers below it more than the map."
     )
+    body = introduction + maps + table("neighbours", head, rows, note)
+    if missing := [kind for kind in embedding.labels if kind not in known]:
+        body += paragraph(f"Not known of these clips: {', '.join(missing)}.", soft=True)
+    return Section(name, title, body)
 
 
 def _map(
@@ -173,11 +173,13 @@ def _map(
     score: NeighbourScore | None,
 ) -> Markup:
     counts = Counter(name for name in embedding.labels[kind] if name)
+    # the most frequent ones get colours; by name among equals, so that maps stay the same
     names = [name for name, _ in sorted(counts.items(), key=lambda item: (-item[1], item[0]))]
     shown = sorted(names[:_SHOWN])
     which = {name: i for i, name in enumerate(shown)}
     classes = np.array([which.get(name, -1) for name in embedding.labels[kind]])
     faint = embedding.held_out.any()
+    # a few outliers would shrink all other points to a dot
     low, high = np.percentile(places, [1, 99], axis=0)
     x, y = np.clip(places, low - 0.2 * (high - low), high + 0.2 * (high - low)).T
     groups = [

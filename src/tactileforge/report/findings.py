@@ -70,7 +70,7 @@ def run_findings(
     if "train" not in present:
         raise DataError("setup() has not been called")
     skipped, count = data.skipped | dict(skipped), min(_CLIPS, learned)
-    split, clips = next(iter(present.items()))
+    split, clips = next(iter(present.items()))  # validation, if there is any
     # the type of a prediction, not the name of a head, tells which heads predict forces
     _, tried = predictions(module, clips, [0])
     forces = [key for key, value in tried.items() if isinstance(value, Forces)]

@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from tactileforge.contracts import AXES, Recording
+from tactileforge.contracts import AXES
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.pages.curves import Curve
@@ -70,13 +70,15 @@ def force_results(
     for key in keys:
         readings: dict[str, ForceReading] = {}
         for split, reader in readers.items():
-            reading = reader.forces(spread(reader.clips, count, _has_force), key)
+            labelled = spread(reader.clips, count, lambda recording: recording.force is not None)
+            reading = reader.forces(labelled, key)
             if reading:
                 readings[split] = reading
         recording = _liveliest(readers, readings)
         curve = {}
         for split in readings:
             clips = readers[split].clips
+            # its parts may be in both splits
             clips_of_it = [i for i, r in enumerate(clips.recordings) if whole_key(r) == recording]
             cut = np.flatnonzero(np.isin(clips.index[:, 0], clips_of_it))
             reading = readers[split].forces(cut[spread_places(len(cut), count)].tolist(), key)
@@ -84,10 +86,6 @@ def force_results(
                 curve[split] = reading
         results.append(ForceResult(key, readings, recording, curve))
     return results
-
-
-def _has_force(recording: Recording) -> bool:
-    return recording.force is not None
 
 
 def _liveliest(readers: Mapping[str, ClipReader], readings: Mapping[str, ForceReading]) -> str:
@@ -99,14 +97,12 @@ def _liveliest(readers: Mapping[str, ClipReader], readings: Mapping[str, ForceRe
             recording = clips.recordings[row]
             if split == next(iter(readings)) and recording.force is not None:
                 forces.setdefault(whole_key(recording), []).append(recording.force)
-    varies = {key: _spread(np.concatenate(parts)) for key, parts in forces.items()}
+    varies = {}
+    for key, parts in forces.items():
+        # deviations of the labelled axes, N: a constant force along one of them counts nothing
+        axes = (axis[np.isfinite(axis)] for axis in np.concatenate(parts).T)
+        varies[key] = float(sum(values.std() for values in axes if len(values)))
     return max(varies, key=lambda key: varies[key], default="")
-
-
-def _spread(force: NDArray[np.float32]) -> float:
-    """Sum of the standard deviations of the labelled axes, N."""
-    known = (axis[np.isfinite(axis)] for axis in force.T)
-    return float(sum(values.std() for values in known if len(values)))
 
 
 def forces_section(
@@ -185,6 +181,7 @@ def _sensors(clips: Clips, reading: ForceReading) -> list[str]:
 
 def _scatter(result: ForceResult, data: TouchData, sensors: list[str], axis: int) -> Markup:
     groups = []
+    # validation last, on top of the fainter training clips
     for split, reading in reversed(result.readings.items()):
         names = _sensors(getattr(data, split), reading)
         classes = np.repeat([sensors.index(name) for name in names], reading.measured.shape[1])
@@ -203,7 +200,7 @@ def _scores(result: ForceResult) -> Markup:
             f"{axis}, {SPLIT_WORDS[split]}",
             milli(axis_score.mae),
             milli(axis_score.median),
-            number(round(axis_score.correlation, 2) + 0.0),
+            number(round(axis_score.correlation, 2) + 0.0),  # + 0.0 turns -0.0 into 0
             number(round(axis_score.r2, 2) + 0.0),
             milli(axis_score.measured),
             f"{'bad|' if axis_score.collapsed else ''}{milli(axis_score.predicted)}",
@@ -228,6 +225,7 @@ def _over_time(result: ForceResult, data: TouchData) -> Markup:
             recording = clips.recordings[row]
             measured.append((recording.times, recording.force))
         rows = [(clip, clips.recordings[clips.index[clip, 0]]) for clip in reading.clips.tolist()]
+        # forces are predicted for frames 2..T
         times = np.concatenate([part.times[clips.rows(clip)[1:]] for clip, part in rows])
         predicted[split] = (times, reading.predicted.reshape(-1, 3))
     drawings = []

@@ -71,9 +71,12 @@ def strips_of(
         predictions: Reconstructions of the batch.
         row: Index of the clip in the batch.
     """
-    frames = _framewise(patches[row], encoder.tube)
+    # tubes to frames: (slots, N, 3 * tube * P) to (N, slots * tube, 3 * P)
+    slots, patch_count, _ = patches[row].shape
+    cells = patches[row].float().cpu().view(slots, patch_count, 3, encoder.tube, -1)
+    frames = cells.permute(1, 0, 3, 2, 4).reshape(patch_count, slots * encoder.tube, -1)
     count = frames.shape[1]
-    by_kind = {kind_of(value, count): value for value in reversed(predictions)}
+    by_kind = {kind_of(value, count): value for value in reversed(predictions)}  # the first wins
     explained: dict[str, float] = {
         kind: share(residuals(by_kind[kind], kind)[row])
         for kind in ("frames", "differences")
@@ -81,7 +84,13 @@ def strips_of(
     }
     rows = {"Input": _colour(encoder, _canvas(encoder, frames))}
     if predictions:
-        rows["Masked"] = _masked(encoder, rows["Input"], predictions[0].masked[row].cpu())
+        _, down, across = encoder.grid
+        where = torch.zeros(down * across, dtype=torch.bool)
+        where[predictions[0].masked[row].cpu()] = True
+        side = encoder.patch
+        mask = where.view(down, across).repeat_interleave(side, 0).repeat_interleave(side, 1)
+        hidden = torch.tensor(_HIDDEN).view(3, 1, 1)
+        rows["Masked"] = torch.where(mask, hidden, rows["Input"])
     if "frames" in by_kind:
         pasted = _pasted(frames, by_kind["frames"], row)
         rows["Reconstructed"] = _colour(encoder, _canvas(encoder, pasted))
@@ -89,19 +98,13 @@ def strips_of(
         return Strips(rows, 1.0, explained)
     true = frames[:, 1:] - frames[:, :1]
     drawn = _canvas(encoder, true) * _spread(encoder)
+    # all but the largest half percent fits; a still clip is not amplified to show noise alone
     gain = 0.5 / max(float(drawn.abs().quantile(0.995)), 2 / 255)
-    rows["Difference"] = (0.5 + gain * drawn).clamp(0, 1)
+    rows["Difference"] = (0.5 + gain * drawn).clamp(0, 1)  # one gain for both rows below
     if "differences" in by_kind:
         pasted = _canvas(encoder, _pasted(true, by_kind["differences"], row))
         rows["Difference, reconstructed"] = (0.5 + gain * pasted * _spread(encoder)).clamp(0, 1)
     return Strips(rows, gain, explained)
-
-
-def _framewise(patches: Tensor, tube: int) -> Tensor:
-    """Splits tubes into frames: (slots, N, 3 * tube * P) to (N, slots * tube, 3 * P)."""
-    slots, count, _ = patches.shape
-    x = patches.float().cpu().view(slots, count, 3, tube, -1).permute(1, 0, 3, 2, 4)
-    return x.reshape(count, slots * tube, -1)
 
 
 def _canvas(encoder: Encoder, x: Tensor) -> Tensor:
@@ -117,16 +120,6 @@ def _pasted(frames: Tensor, reconstruction: Reconstruction, row: int) -> Tensor:
     out = frames.clone()
     out[reconstruction.masked[row].cpu()] = reconstruction.predicted[row].float().cpu()
     return out
-
-
-def _masked(encoder: Encoder, frames: Tensor, hidden: Tensor) -> Tensor:
-    """Paints over the hidden positions of frames (n, 3, H, W)."""
-    _, rows, columns = encoder.grid
-    where = torch.zeros(rows * columns, dtype=torch.bool)
-    where[hidden] = True
-    side = encoder.patch
-    mask = where.view(rows, columns).repeat_interleave(side, 0).repeat_interleave(side, 1)
-    return torch.where(mask, torch.tensor(_HIDDEN).view(3, 1, 1), frames)
 
 
 def _spread(encoder: Any) -> Tensor:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from tactileforge import run_folder
 from tactileforge.checkpoint_file import read_checkpoint, read_own
@@ -37,7 +36,7 @@ def report_of_run(folder: Path) -> Path:
     """
     from tactileforge.assemble import build_data
 
-    config = _config(folder)
+    config = run_folder.read_config(folder)
     state = read_own(folder, config.get("run"), ("skipped", "labels"))
     data, _ = build_data(config)
     assert data.train is not None  # set up by `build_data`
@@ -68,7 +67,7 @@ def write_report(
     Returns:
         Path of the report.
     """
-    config = _config(folder)
+    config = run_folder.read_config(folder)
     curves = read_metrics(folder)
     steps, seconds = _progress(folder, curves)
     weights = {key: float(node["weight"]) for key, node in config["objective"].items()}
@@ -79,7 +78,7 @@ def write_report(
     findings = run_findings(module, data, skipped, learned) if data.train.is_touch else None
     lines = [line for line, _ in (data.skipped | dict(skipped)).values()]
     lines = lines if findings is None else findings.skipped
-    kept = sections.kept_versions(folder)
+    kept = run_folder.read_versions(folder)
     top = summary.run_facts(config, module, data, steps, seconds, curves, kept)
     held_out = data.val is not None
     top += summary.run_verdict(curves, weights, findings, labels, held_out, lines)
@@ -104,28 +103,19 @@ def _of_clips(
     """Sections on the module's outputs for single clips; none for data other than touch."""
     if findings is None:
         return []
+    nearest = findings.captions  # None for a run without alignment
     return [
         sections.frames(findings),
         forces.forces_section(findings.forces, data, curves, steps),
         embedding.embedding_section(findings.embedding, findings.scores),
-        *_of_captions(findings),
+        *([captions.captions_section(nearest, findings.strips)] if nearest else []),
     ]
-
-
-def _of_captions(findings: RunFindings) -> list[Section]:
-    """Section on the nearest captions; none for a run without alignment."""
-    if findings.captions is None:
-        return []
-    return [captions.captions_section(findings.captions, findings.strips)]
-
-
-def _config(folder: Path) -> dict[str, Any]:
-    return run_folder.read_config(folder)
 
 
 def _progress(folder: Path, curves: Mapping[str, Curve]) -> tuple[int, float | None]:
     """Number of steps, and seconds of training over all restarts; None if not recorded."""
     if not (folder / run_folder.LAST).is_file():
+        # steps are logged from 0 on
         return max((int(curve.steps[-1]) + 1 for curve in curves.values()), default=0), None
     state = read_checkpoint(folder)
     timer = state.get("callbacks", {}).get("Timer", {})

@@ -20,7 +20,8 @@ from tactileforge.heads.decoder import Reconstruction
 from tactileforge.module import TouchModule
 from tactileforge.report.pictures import kind_of, residuals, share
 
-_BATCH = 16  # clips at once
+#: Number of clips at once.
+_BATCH = 16
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,7 @@ class _Row(NamedTuple):
 def quiet(module: TouchModule, seed: int = 0) -> Iterator[None]:
     """Evaluation mode without gradients, with a fixed seed and untouched outer random state."""
     devices = [module.device] if module.device.type == "cuda" else []
+    # of each part: frozen ones are in evaluation mode while the rest trains
     modes = [(part, part.training) for part in module.modules()]
     module.eval()
     try:
@@ -89,6 +91,7 @@ def spread(
     chosen: list[int] = []
     for place, number in enumerate(numbers):
         members = np.flatnonzero(which == number)
+        # what short recordings leave over goes to those after them
         quota = (count - len(chosen)) // (len(numbers) - place)
         chosen += members[spread_places(len(members), quota)].tolist()
     return chosen
@@ -169,7 +172,7 @@ class ClipReader:
         with quiet(self._module):
             for batch in batches(self._module, self.clips, missing):
                 self._skipped |= batch["skipped"]
-                numbers = batch["clip"].tolist()
+                numbers = batch["clip"].tolist()  # those that were read, not those asked for
                 self._rows |= zip(numbers, self._rows_of(batch), strict=True)
                 read += numbers
         self._asked |= zip(missing, read, strict=True)

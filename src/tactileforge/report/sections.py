@@ -15,7 +15,7 @@ from tactileforge import run_folder
 from tactileforge.contracts import LABELS
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.data.shards.summary import Count, counted
+from tactileforge.data.shards.summary import counted
 from tactileforge.pages.curves import Curve, weighed
 from tactileforge.pages.figures import SPLITS, curve_figure, lines_figure
 from tactileforge.pages.images import image, strip
@@ -38,13 +38,15 @@ from tactileforge.report.findings import RunFindings
 from tactileforge.report.pictures import Strips
 from tactileforge.report.samples import clip_title
 
+#: Explanations of the rows of a clip's images.
 _ROW_NOTES = {
     "Masked": "what the encoder is given; dark tubes are hidden in every frame",
     "Reconstructed": "hidden tubes as predicted, among the visible ones",
     "Difference": "to the first frame, amplified",
     "Difference, reconstructed": "the same, hidden tubes as predicted",
 }
-_FRAMES = 6  # shown of a clip, at most
+#: Largest number of frames shown of a clip.
+_FRAMES = 6
 
 
 def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: int) -> Section:
@@ -65,6 +67,7 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
         if key in curves:
             label = {"lr": "learning rate", "universal": "chance"}[key]
             parts.append(panel(title, curve_figure(label, last_step, curves[key])))
+    # names of three words, as val/force/r2_x, are parts of a loss or tell about it
     parts_of = [
         panel(
             key,
@@ -162,7 +165,15 @@ def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
         summary = data.summary(split)
         for sensor in summary.sensors:
             counts = [count for kind, count in summary.items() if kind.sensor == sensor]
-            rows.append((f"{sensor}, {SPLIT_WORDS[split]}", *_row(counts)))
+            total: Counter[str] = Counter()
+            for count in counts:
+                total.update(count.labels)
+            recordings = sum(count.recordings for count in counts)
+            frames_of_it = sum(count.frames for count in counts)
+            time = duration(sum(count.seconds for count in counts))
+            labels = (counted(total, label) for label in LABELS)
+            name = f"{sensor}, {SPLIT_WORDS[split]}"
+            rows.append((name, str(recordings), str(frames_of_it), time, *labels))
         for kind, count in summary.items():
             sources[kind.source, kind.licence, kind.tier] += count.recordings
     head = ("Sensor", "recordings", "frames", "time", *(f"with {label}" for label in LABELS))
@@ -182,35 +193,17 @@ def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
 
 def facts(known: Mapping[str, Any]) -> Section:
     """Facts about the samples from the data set, used to build heads."""
-    rows = [(key.replace("_", " "), f"text|{_listed(value)}") for key, value in known.items()]
+    rows = []
+    for key, value in known.items():
+        said = ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+        rows.append((key.replace("_", " "), f"text|{said}"))
     return Section("facts", "Samples", table("facts", ("Of the samples", "text|is"), rows))
-
-
-def _listed(value: Any) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
-
-
-def _row(counts: Sequence[Count]) -> list[str]:
-    total: Counter[str] = Counter()
-    for count in counts:
-        total.update(count.labels)
-    return [
-        str(sum(count.recordings for count in counts)),
-        str(sum(count.frames for count in counts)),
-        duration(sum(count.seconds for count in counts)),
-        *(counted(total, label) for label in LABELS),
-    ]
-
-
-def kept_versions(folder: Path) -> dict[str, Any]:
-    """Content of a run's ``versions.json``; empty if it is absent."""
-    return run_folder.read_versions(folder)
 
 
 def recipe(folder: Path) -> Section:
     """The resolved recipe, the versions and the command."""
     body = _details("The resolved recipe (config.yaml)", (folder / "config.yaml").read_text())
-    kept = kept_versions(folder)
+    kept = run_folder.read_versions(folder)
     if not kept:
         return Section("recipe", "Recipe", body + paragraph("versions.json is not there."))
     program, *words = kept["command"]

@@ -23,7 +23,6 @@ from tactileforge.report.speed import speed_fact, speed_verdict
 _LEAST = 0.01
 #: Share of explained variance above which a reconstruction counts as learnt.
 _LEARNT = 0.05
-_NAMED = ("tactileforge", "torch")
 _HEAD = (
     "Objective",
     "training: first",
@@ -135,8 +134,7 @@ def _rebuilt(explained: Mapping[str, float]) -> list[tuple[str, str]]:
     if not explained:
         return []
     shares = _and([f"{percent(share)} of {kind}" for kind, share in explained.items()])
-    learnt = [share > _LEARNT for share in explained.values()]
-    mark = "good" if all(learnt) else "plain" if any(learnt) else "bad"
+    mark = _mark([share > _LEARNT for share in explained.values()])
     text = f"Reconstruction explains this share of the variance of hidden pixels: {shares}."
     return [(mark, text)]
 
@@ -148,9 +146,12 @@ def _read(scores: Mapping[str, NeighbourScore | None]) -> list[tuple[str, str]]:
     words = _and(
         [f"{k} {percent(s.accuracy)} (chance {percent(s.chance)})" for k, s in known.items()]
     )
-    learnt = [score.accuracy > 1.5 * score.chance for score in known.values()]
-    mark = "good" if all(learnt) else "plain" if any(learnt) else "bad"
+    mark = _mark([score.accuracy > 1.5 * score.chance for score in known.values()])
     return [(mark, f"Nearest neighbours in the embedding tell {words}.")]
+
+
+def _mark(learnt: Sequence[bool]) -> str:
+    return "good" if all(learnt) else "plain" if any(learnt) else "bad"
 
 
 def _and(words: Sequence[str]) -> str:
@@ -158,29 +159,22 @@ def _and(words: Sequence[str]) -> str:
 
 
 def _force(result: ForceResult) -> list[tuple[str, str]]:
-    for split, reading in result.readings.items():
-        every = zip(AXES, result.scores(split), strict=True)
-        scores = {axis: score for axis, score in every if score.mae == score.mae}  # with labels
-        errors = ", ".join(f"{axis} {milli(score.mae)}" for axis, score in scores.items())
-        guesses = ", ".join(f"{axis} {milli(score.median)}" for axis, score in scores.items())
-        better = [axis for axis, score in scores.items() if score.mae < score.median]
-        text = (
-            f"Force error on {len(reading.clips)} {SPLIT_WORDS[split]} clips: {errors} mN; always "
-            f"guessing the median: {guesses} mN. Better than it along {_and(better) or 'no axis'}."
-        )
-        if collapsed := [axis for axis, score in scores.items() if score.collapsed]:
-            text += f" Predictions hardly vary along {_and(collapsed)}: it has collapsed."
-        return [
-            (
-                "good"
-                if len(better) == len(scores) and not collapsed
-                else "plain"
-                if better
-                else "bad",
-                text,
-            )
-        ]
-    return []
+    if not result.readings:
+        return []
+    split, reading = next(iter(result.readings.items()))  # validation, if there is any
+    every = zip(AXES, result.scores(split), strict=True)
+    scores = {axis: score for axis, score in every if score.mae == score.mae}  # with labels
+    errors = ", ".join(f"{axis} {milli(score.mae)}" for axis, score in scores.items())
+    guesses = ", ".join(f"{axis} {milli(score.median)}" for axis, score in scores.items())
+    better = [axis for axis, score in scores.items() if score.mae < score.median]
+    text = (
+        f"Force error on {len(reading.clips)} {SPLIT_WORDS[split]} clips: {errors} mN; always "
+        f"guessing the median: {guesses} mN. Better than it along {_and(better) or 'no axis'}."
+    )
+    if collapsed := [axis for axis, score in scores.items() if score.collapsed]:
+        text += f" Predictions hardly vary along {_and(collapsed)}: it has collapsed."
+    is_good = len(better) == len(scores) and not collapsed
+    return [("good" if is_good else "plain" if better else "bad", text)]
 
 
 def _row(key: str, weight: float, curves: Mapping[str, Curve]) -> list[str]:
@@ -192,7 +186,7 @@ def _row(key: str, weight: float, curves: Mapping[str, Curve]) -> list[str]:
             continue
         first, last = ends(curve)
         change = NONE
-        if len(curve.values) > 1 and first:
+        if len(curve.values) > 1 and first:  # 0 has no relative change
             share = (last - first) / abs(first)
             mark = "" if abs(share) < _LEAST else "good|" if share < 0 else "bad|"
             change = f"{mark}{percent(share, signed=True)}"

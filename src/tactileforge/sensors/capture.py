@@ -199,7 +199,10 @@ class Capture:
             self._take(frame)
 
     def _take(self, frame: Frame) -> None:
-        if not self._is_timed(frame):
+        is_finite = math.isfinite(frame.time)
+        if not is_finite or frame.time <= self.latest:
+            self.counts.untimed += not is_finite
+            self.counts.backwards += is_finite
             self._miss("its times do not go on")
             return
         check_frame(frame, self.sensor.spec)
@@ -238,15 +241,6 @@ class Capture:
             self.counts.reopened += 1
             self._opened = CLOCK.now()
             return
-
-    def _is_timed(self, frame: Frame) -> bool:
-        if not math.isfinite(frame.time):
-            self.counts.untimed += 1
-            return False
-        if not frame.time > self.latest:
-            self.counts.backwards += 1
-            return False
-        return True
 
     def _accept(self, frame: Frame) -> None:
         # by the awake clock: after Ctrl-Z and fg, frames are old through no fault of the driver

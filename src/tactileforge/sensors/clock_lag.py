@@ -43,18 +43,16 @@ class ClockLag:
         """
         if now >= self._end:
             if len(self._ends) == _MOST:
-                self._merge()
+                # twice as wide windows: the whole recording is looked at in bounded memory
+                self._ends = self._ends[::2]
+                pairs = zip(self._least[::2], self._least[1::2], strict=True)
+                self._least = [min(pair) for pair in pairs]
+                self._window *= 2
             self._end = now + self._window
             self._ends.append(now)
             self._least.append(now - taken)
         elif now - taken < self._least[-1]:
             self._least[-1] = now - taken
-
-    def _merge(self) -> None:
-        self._ends = self._ends[::2]
-        pairs = zip(self._least[::2], self._least[1::2], strict=True)
-        self._least = [min(pair) for pair in pairs]
-        self._window *= 2
 
     def trouble(self) -> str:
         """Problem of the times so far, in words; "" for none."""

@@ -33,8 +33,18 @@ def check_frame(frame: Frame, spec: SensorSpec) -> None:
     if spec.kind in ("image", "array"):
         _check_picture(frame.array, spec)
         check_orientation(spec)
-    if spec.kind != "image" and frame.raw is not None:
-        _check_shape(np.shape(frame.raw), spec)
+    if spec.kind == "image" or frame.raw is None:
+        return
+    got = np.shape(frame.raw)
+    if spec.kind == "wrench":
+        good, want = got == (6,), "(6,), in N and N m"
+    elif spec.kind == "robot":
+        count = spec.states + spec.actions
+        good, want = got == (count,), f"({count},), states and actions"
+    else:
+        good, want = len(got) == 2, "(taxels, values of each)"
+    if not good:
+        raise SensorError(f"values of the shape {got}, and those of a {spec.kind} are {want}")
 
 
 def check_orientation(spec: SensorSpec) -> None:
@@ -110,15 +120,3 @@ _RGB = {
     1: "read the camera in colour; grey is not what models of this sensor are trained on",
     4: "leave out the fourth",
 }
-
-
-def _check_shape(got: tuple[int, ...], spec: SensorSpec) -> None:
-    if spec.kind == "wrench":
-        good, want = got == (6,), "(6,), in N and N m"
-    elif spec.kind == "robot":
-        count = spec.states + spec.actions
-        good, want = got == (count,), f"({count},), states and actions"
-    else:
-        good, want = len(got) == 2, "(taxels, values of each)"
-    if not good:
-        raise SensorError(f"values of the shape {got}, and those of a {spec.kind} are {want}")

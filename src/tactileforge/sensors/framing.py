@@ -177,7 +177,8 @@ class PacketParser:
         if size and len(buffer) < end + len(self._next):
             return start, None
         payload = bytes(buffer[start + len(self.framing.header) : end - self._after()])
-        if size and self._holds(start, end) and self._valid(payload):
+        valid = self.framing.valid
+        if size and self._holds(start, end) and (valid is None or valid(payload)):
             self.good += 1
             return end, [payload]
         self.bad += 1
@@ -192,16 +193,15 @@ class PacketParser:
     def _start(self, place: int) -> int:
         """First possible start of a packet, at a position or after it."""
         mark = self.framing.header or self._before
-        if self.framing.header:
-            found_at = self._buffer.find(mark, place)
-        elif self._anchored:
+        if self._anchored and not self.framing.header:
             return place
-        else:
-            found_at = self._buffer.find(mark, place)
-            self._anchored = found_at >= 0
-            if found_at >= 0:
-                return found_at + len(mark)
-        return found_at if found_at >= 0 else max(place, len(self._buffer) - len(mark) + 1)
+        found_at = self._buffer.find(mark, place)
+        if found_at < 0:  # the mark may have begun: its last byte alone can still be missing
+            return max(place, len(self._buffer) - len(mark) + 1)
+        if self.framing.header:
+            return found_at
+        self._anchored = True
+        return found_at + len(mark)
 
     def _after(self) -> int:
         """Number of bytes between the payload and the end of a packet."""
@@ -233,9 +233,6 @@ class PacketParser:
         stop = end - self._after()
         first = start if framing.covers == "packet" else start + len(framing.header)
         return buffer.startswith(self._checksum.of(bytes(buffer[first:stop])), stop)
-
-    def _valid(self, payload: bytes) -> bool:
-        return self.framing.valid is None or self.framing.valid(payload)
 
 
 class Datagrams:

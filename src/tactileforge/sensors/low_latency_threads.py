@@ -16,9 +16,8 @@ def low_latency_threads() -> Iterator[None]:
     over them stops all threads for a tenth of a second.
     """
     before = sys.getswitchinterval()
-    sys.setswitchinterval(
-        0.0001
-    )  # 5 ms by default: a thread at work would delay each frame by that
+    # 5 ms by default: a thread at work would delay each frame by that
+    sys.setswitchinterval(0.0001)
     gc.freeze()
     try:
         yield

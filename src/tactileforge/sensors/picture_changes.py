@@ -66,7 +66,10 @@ class PictureChanges:
             return ""
         reference = self._reference
         if reference is None or reference.shape != frame.array.shape:
-            self._begin(frame)
+            if self._begun is None:
+                self._begun = frame.time
+            if frame.time - self._begun >= _SETTLE:
+                self._reference, self._small = frame.array, _smaller(frame.array)
             return ""
         change = _difference(_smaller(frame.array), self._small)
         sudden = abs(change - self._change) > _SUDDEN
@@ -81,12 +84,6 @@ class PictureChanges:
             self.first.setdefault(self._state, frame.time)
         return self._state
 
-    def _begin(self, frame: Frame) -> None:
-        if self._begun is None:
-            self._begun = frame.time
-        if frame.time - self._begun >= _SETTLE:
-            self._reference, self._small = frame.array, _smaller(frame.array)
-
 
 def change_of(picture: NDArray[np.uint8], reference: NDArray[np.uint8]) -> str:
     """Change of a picture, one of `CHANGES`; "" for none but touch.
@@ -100,14 +97,18 @@ def change_of(picture: NDArray[np.uint8], reference: NDArray[np.uint8]) -> str:
     most = _REMAINS * _difference(small, want)
     if min(_difference(small[..., list(order)], want) for order in _ORDERS) < most:
         return "recoloured"
-    if min(_difference(turned, want) for turned in _turned(small)) < most:
+    quarters = [np.rot90(small, 1), np.rot90(small, 3)]  # another shape, unless square
+    turned = [small[::-1], small[:, ::-1], small[::-1, ::-1], *quarters]
+    if min(_difference(one, want) for one in turned) < most:
         return "turned"
-    if (
-        min((_difference(_smaller(r), want) for r in _rolled(picture, reference)), default=most)
-        < most
-    ):
+    rolled = (_difference(_smaller(one), want) for one in _rolled(picture, reference))
+    if min(rolled, default=most) < most:
         return "rolled"
-    if np.abs(_colour(small) - _colour(want)).max() > _COLOUR or _has_lost_colour(small, want):
+    # it has become grey, or has lost a channel
+    now, before = (np.ptp(one, axis=2).mean() for one in (small, want))
+    dead = (small.std(axis=(0, 1)) < _DEAD) & (want.std(axis=(0, 1)) > _ALIVE)
+    has_lost_colour = dead.any() or (now < _DEAD and before > _ALIVE)
+    if np.abs(_colour(small) - _colour(want)).max() > _COLOUR or has_lost_colour:
         return "recoloured"
     return ""
 
@@ -128,19 +129,6 @@ def _colour(small: NDArray[np.int16]) -> NDArray[np.float64]:
     median = np.median(small, axis=(0, 1))
     colour: NDArray[np.float64] = median - median.mean()
     return colour
-
-
-def _has_lost_colour(small: NDArray[np.int16], want: NDArray[np.int16]) -> bool:
-    """Whether a picture has become grey, or has lost a channel."""
-    now, before = (np.ptp(one, axis=2).mean() for one in (small, want))
-    contrasts = small.std(axis=(0, 1)), want.std(axis=(0, 1))
-    dead = (contrasts[0] < _DEAD) & (contrasts[1] > _ALIVE)
-    return bool(dead.any() or (now < _DEAD and before > _ALIVE))
-
-
-def _turned(small: NDArray[np.int16]) -> list[NDArray[np.int16]]:
-    quarter = [np.rot90(small, 1), np.rot90(small, 3)]  # another shape, unless square
-    return [small[::-1], small[:, ::-1], small[::-1, ::-1], *quarter]
 
 
 def _rolled(picture: NDArray[np.uint8], reference: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:

@@ -105,11 +105,10 @@ def _lamp(degrees: float, colour: tuple[float, float, float], fall: float = 0.5)
 
 #: Simulations of the published sensors. Published are thickness, stiffness and curvature of the gel
 #: of the GelSight Mini (FEATS), a curvature of DIGIT's (TACTO), and the thickness of a lab
-#: GelSight's; other gels
-#: take the Mini's thickness and stiffness. Ranges of friction are our choice; ToucHD's
-#: demonstrations show at least 1.2 on a Mini and 0.55 on a DIGIT. No calibration of DuraGel,
-#: GelSlim and DM-Tac may be shipped, so their lamps are our choice. GelSight's marker gel has
-#: 11 x 9 dots, the Mini's dots of 1 mm, 2.4 mm apart, DM-Tac's a dense speckle.
+#: GelSight's; other gels take the Mini's thickness and stiffness. Ranges of friction are our
+#: choice; ToucHD's demonstrations show at least 1.2 on a Mini and 0.55 on a DIGIT. No calibration
+#: of DuraGel, GelSlim and DM-Tac may be shipped, so their lamps are our choice. GelSight's marker
+#: gel has 11 x 9 dots, the Mini's dots of 1 mm, 2.4 mm apart, DM-Tac's a dense speckle.
 PUBLISHED = {
     "gelsight": Simulation(
         calibrations=("gelsight", "gelsight_fots"),

@@ -136,9 +136,8 @@ class StreamSensor(Sensor, ABC):
         link = self.connect()
         self._link, self.address = link, link.address
         self.unit = getattr(link, "unit", "")
-        self._before = (
-            self.drops
-        )  # before parser and continuity are replaced, as they hold the counts
+        # before parser and continuity are replaced, as they hold the counts
+        self._before = self.drops
         self.parser = self.new_parser()
         self.continuity = Continuity(self.follows)
         self._stamper = Stamper(1 / self.spec.fps)

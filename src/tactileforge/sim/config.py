@@ -152,7 +152,10 @@ class SimConfig:
         train = number < FIRST_VAL
         shapes = self.shapes("train" if train else "val")
         place = number if train else number - FIRST_VAL
-        chosen = shapes[_shuffled(len(shapes), self.seed, place)]
+        # an endless row of permutations: every shape is used before any is repeated
+        turn, rest = divmod(place, len(shapes))
+        order = np.random.default_rng([self.seed, turn]).permutation(len(shapes))
+        chosen = shapes[int(order[rest])]
         moves = self.moves(chosen.round)
         rng = np.random.default_rng([self.seed, number])
         motion = moves[int(rng.integers(len(moves)))]
@@ -166,12 +169,6 @@ class SimConfig:
             randomise=self.randomise,
             reach="clip",
         )
-
-
-def _shuffled(count: int, seed: int, place: int) -> int:
-    """Element of an endless row of permutations: every shape is used before any is repeated."""
-    turn, rest = divmod(place, count)
-    return int(np.random.default_rng([seed, turn]).permutation(count)[rest])
 
 
 @lru_cache

@@ -9,7 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactileforge import strict
 from tactileforge.bars import Bar
@@ -62,13 +61,16 @@ def recordings(config: SimConfig, number: int) -> list[shards.Packed]:
     felt = zip(config.sensors, pictures, surface, force, torque, strict=True)
     for sensor, encoded, moved, forces, twist in felt:
         times = scene.times(simulated_rate(sensor))
+        # Forces earlier by the lag, and 0 at the end: a path ends clear of the gel.
+        early, felt_force = round(config.lag * simulated_rate(sensor)), np.concatenate(forces)
+        ahead = np.concatenate([felt_force[early:], np.zeros_like(felt_force[:early])])
         about = Recording(
             key=f"sim/{number:06d}_{sensor}_{scene.shape.name}_{scene.motion}",
             sensor=sensor,
             frames=_NONE,
             times=times,
             no_contact=None,
-            force=_ahead(np.concatenate(forces), round(config.lag * simulated_rate(sensor))),
+            force=ahead,
             action=scene.path.action(times),
             object=scene.shape.name,
             text=f"{{action}} a {scene.shape.words} {kind}",
@@ -91,11 +93,7 @@ def recordings(config: SimConfig, number: int) -> list[shards.Packed]:
     return out
 
 
-def _ahead(force: NDArray[np.float32], frames: int) -> NDArray[np.float32]:
-    """Forces shifted earlier by some frames, padded with 0: a path ends clear of the gel."""
-    return np.concatenate([force[frames:], np.zeros_like(force[:frames])])
-
-
+#: Frames of a recording that is described alone; its pictures are encoded already.
 _NONE = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))
 
 

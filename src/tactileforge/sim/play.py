@@ -9,7 +9,6 @@ from itertools import islice
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from tactileforge.errors import ConfigError
 from tactileforge.sim.mechanics.gel import Gel
@@ -121,7 +120,11 @@ def _feels(number: int, scene: Scene, sensors: Sequence[str], viscosity: float) 
 
 def _play(group: Sequence[_Feel], window: int, show: _Show, where: str) -> Iterator[SimFrames]:
     """Plays touches on gels of one solver."""
-    poses, frames = _aligned([feel.scene.poses(feel.fps) for feel in group])
+    paths = [feel.scene.poses(feel.fps) for feel in group]
+    frames = [len(path) for path in paths]
+    # Shorter paths rest at their last poses, clear of the gel; their further moments are dropped.
+    full = [np.concatenate([p, np.repeat(p[-1:], max(frames) - len(p), 0)]) for p in paths]
+    poses = torch.from_numpy(np.stack(full)).float()
     heights = torch.from_numpy(np.stack([feel.scene.heights for feel in group]))
     moments = contacts(
         heights.to(where),
@@ -147,14 +150,24 @@ class _Film:
     """Views of a scene by the sensors of one gel."""
 
     def __init__(self, feel: _Feel, show: _Show, where: str) -> None:
-        fine = feel.scene.shape.map(POINTS * DETAIL, SPACING / DETAIL)
+        scene = feel.scene
+        fine = scene.shape.map(POINTS * DETAIL, SPACING / DETAIL)
         self.number = feel.number
         self.surface = GelSurface(torch.from_numpy(fine)[None].to(where), SPACING, feel.gel)
-        drift = torch.from_numpy(feel.scene.drift(feel.fps)).to(where)
-        self.views = [
-            (place, _view(feel.scene, name, show, drift, where))
-            for place, name in feel.seen.items()
-        ]
+        drift = torch.from_numpy(scene.drift(feel.fps)).to(where)
+        self.views = []
+        for place, name in feel.seen.items():
+            view = SensorView(
+                name,
+                scene.seed if scene.unit is None else scene.unit,
+                show.size,
+                randomise=scene.randomise,
+                markers=show.markers,
+                surface=show.surface,
+                drift=drift if "drift" in scene.row.chosen else None,
+                device_name=where,
+            )
+            self.views.append((place, view))
 
     def shots(self, first: int, part: ContactState) -> Iterator[SimFrames]:
         """Renders a batch of moments; ``first`` is the number of its first frame."""
@@ -164,32 +177,6 @@ class _Film:
             pictures, displaced = view.pictures(first, self.surface, fields, part)
             force, torque = part.force.cpu().numpy(), part.torque.cpu().numpy()
             yield SimFrames(self.number, place, pictures, force, torque, displaced)
-
-
-def _view(scene: Scene, sensor: str, show: _Show, drift: Tensor, where: str) -> SensorView:
-    unit = scene.seed if scene.unit is None else scene.unit
-    return SensorView(
-        sensor,
-        unit,
-        show.size,
-        randomise=scene.randomise,
-        markers=show.markers,
-        surface=show.surface,
-        drift=drift if "drift" in scene.row.chosen else None,
-        device_name=where,
-    )
-
-
-def _aligned(poses: Sequence[NDArray[np.float64]]) -> tuple[Tensor, list[int]]:
-    """Paths of different length as one tensor (B, T, 6), padded with their last poses.
-
-    Returns:
-        The poses, and the number of frames of each path.
-    """
-    frames = [len(p) for p in poses]
-    longest = max(frames)
-    full = [np.concatenate([p, np.repeat(p[-1:], longest - len(p), 0)]) for p in poses]
-    return torch.from_numpy(np.stack(full)).float(), frames
 
 
 def _part(moments: Sequence[ContactState], row: int) -> ContactState:

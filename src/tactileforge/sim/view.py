@@ -99,31 +99,21 @@ class SensorView:
             dent = surface.picture(fields, part, self.places)
             dent = dent if bool(touched.all()) else torch.where(touched, dent, 0.0)
         drift = None if self.drift is None else self.drift[first : first + len(dent)]
-        at_markers, at_cells = self._lateral(surface, part)
-        pictures = self.optics.render(dent, self._motion(at_markers), first, drift)
-        moved = self._displacement(dent, torch.where(touched, at_cells, 0.0))
-        return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy()), moved
-
-    def _lateral(self, surface: GelSurface, part: ContactState) -> tuple[Tensor, Tensor]:
-        """Lateral displacement of markers (K, M, 2) and cells (K, C, 2), mm, by one transform."""
+        # Lateral displacement of markers (K, M, 2) and cells (K, C, 2), mm, by one transform.
         points = torch.cat([self.markers, self.centres])
         rest = points.expand(len(part.pose), -1, -1)
         lateral = surface.lateral(part, rest) if len(points) else rest
-        return lateral[:, : len(self.markers)], lateral[:, len(self.markers) :]
-
-    def _motion(self, lateral: Tensor) -> Tensor | None:
-        """Displacement of the markers in the image, mm, float32 (K, M, 2); None without markers."""
-        if self.optics.markers is None:
-            return None
-        unit = self.optics.unit
-        there = self.markers + lateral
-        return unit.camera.seen(there, *self.optics.size, unit.spacing) - self.markers
-
-    def _displacement(self, dent: Tensor, lateral: Tensor) -> NDArray[np.uint8] | None:
-        """Image of the displacement, uint8 (K, h, w, 3); None without ``surface``."""
-        if self.cells is None:
-            return None
-        deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)
-        across = lateral.mT.reshape(len(dent), 2, *self.cells)
-        moved = torch.cat([across, deep], 1).permute(0, 2, 3, 1)
-        return displacement.encode_displacement(moved.cpu().numpy())
+        at_markers, at_cells = lateral[:, : len(self.markers)], lateral[:, len(self.markers) :]
+        motion, unit = None, self.optics.unit
+        if self.optics.markers is not None:
+            # Markers are drawn in the distorted image: they move as its camera sees them move.
+            there = self.markers + at_markers
+            motion = unit.camera.seen(there, *self.optics.size, unit.spacing) - self.markers
+        pictures = self.optics.render(dent, motion, first, drift)
+        moved = None
+        if self.cells is not None:
+            deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)
+            across = torch.where(touched, at_cells, 0.0).mT.reshape(len(dent), 2, *self.cells)
+            image = torch.cat([across, deep], 1).permute(0, 2, 3, 1)
+            moved = displacement.encode_displacement(image.cpu().numpy())
+        return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy()), moved

@@ -68,6 +68,7 @@ def check(
     subject = _subject(kind, plugin, head, options)
     own: list[Check] = import_module(f"tactileforge.testing.{kind}").CHECKS
     shared = [general.name_is_snake_case] if kind in registry.MODULES else general.CHECKS
+    # seeds of checks are their own affair; one thread, as sums over several differ in the last bit
     with torch.random.fork_rng(devices=[]), one_thread():
         return [run_check(test, subject) for test in (*shared, *own)]
 

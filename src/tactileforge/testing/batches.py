@@ -17,6 +17,7 @@ from tactileforge.data.labels import displacement
 from tactileforge.data.labels.turns import STEPS
 from tactileforge.sensors.specs import spec
 
+#: Types of sensors of the samples, in turn.
 _SENSORS = ("gelsight", "digit")
 
 
@@ -50,6 +51,7 @@ def batch(size: int = 8, frames: int = 4, image: int = 32, seed: int = 0) -> Bat
     y, x = torch.meshgrid(*[torch.linspace(-1, 1, image)] * 2, indexing="ij")
     dent = torch.exp(-((y - place[:, 0]) ** 2 + (x - place[:, 1]) ** 2) / 0.2)
     colour = 80 * torch.rand(size, 1, 3, 1, 1, generator=draw)
+    # pictures follow the normal force, so that a small encoder can learn from them
     pressed = background[:, None] + colour * rise[:, :, 2, None, None, None] * dent[:, None, None]
     return {
         "frames": _as_read(pressed.to(torch.uint8)),
@@ -165,7 +167,7 @@ def half_labelled(need: str, plugins: Iterable[type[Any]] = ()) -> Batch:
     made["group"][:3] = 0
     made["group"][3:] = 1
     if "force" in labels:
-        made["force"][3:] = 1e4
+        made["force"][3:] = 1e4  # so large that a loss shows it
         made["force_valid"][3:] = False
     if "image" in labels:
         made["image_valid"][3:] = False

@@ -64,7 +64,7 @@ class TimedLink:
         packet = next(self._packets, b"")
         if packet:
             self._due += self.period
-        else:
+        else:  # time passes for a caller that waits in vain, too
             self.clock.sleep(timeout)
         return packet
 

@@ -19,7 +19,8 @@ from tactileforge.sensors.specs import spec
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, require
 
 _SPLITS = ("train", "val")
-_MOST = 1000  # recordings of a split, for checks of all of them
+#: Number of recordings of a split that stand for all: a data set may have millions.
+_MOST = 1000
 
 
 def _first(dataset: Any, split: str, most: int = 8) -> list[Recording]:
@@ -72,7 +73,7 @@ def _require_whole(recording: Recording) -> None:
     require(times.shape == (count,), f"{count} frames, times of shape {times.shape}")
     require(times.dtype == np.float64, f"times are {times.dtype}, not float64")
     require(bool((np.diff(times) > 0).all()), "times do not strictly increase")
-    frame = recording.frames.read([count - 1])
+    frame = recording.frames.read([count - 1])  # the last: a video may hold fewer than it states
     want = (1, *recording.frames.shape, 3)
     good = frame.dtype == np.uint8 and frame.shape == want
     require(good, f"a frame is {frame.dtype} {frame.shape}, not uint8 {want}")
@@ -157,6 +158,7 @@ def missing_data_names_the_folder_and_the_fix(subject: CheckSubject) -> None:
         else:
             raise Violation(f"an empty folder gives {len(recordings)} recordings, and no error")
     require(empty in text, f"the error does not name the folder: {text}")
+    # without the path, which may hold such a word itself
     fix = re.search(r"root|set |give |download|https?://", text.replace(empty, ""))
     require(fix is not None, f"the error does not say what to do: {text}")
 

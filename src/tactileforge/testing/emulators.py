@@ -149,7 +149,7 @@ class _Device:
         for thread in self._threads:
             thread.join(5.0)
         self._threads.clear()
-        self._stop.clear()
+        self._stop.clear()  # it may play again
 
     def close(self) -> None:
         """Ends everything."""
@@ -200,6 +200,7 @@ class PtyDevice(_Device):
         """Sends bytes, waiting while the driver does not read, and stores the driver's bytes."""
         left = memoryview(data)
         while left and not self._stop.is_set():
+            # not for ever: `halt` ends a write to a driver that does not read
             readable, writable, _ = select.select([self._ours], [self._ours], [], 0.05)
             if readable:
                 self.received += os.read(self._ours, 65536)

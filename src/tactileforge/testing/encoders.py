@@ -101,6 +101,7 @@ def batch_of_one_equals_a_row(subject: CheckSubject) -> None:
     """A sample does not depend on its neighbours."""
     encoder = _build(subject)
     inputs = _inputs(encoder, 4)
+    # `rows_of`, as the inputs of text are lists
     first_row = tuple(rows_of({"x": value}, slice(1))["x"] for value in inputs)
     with torch.no_grad():
         require_row(leaves(encoder(*inputs)), leaves(encoder(*first_row)))

@@ -8,7 +8,6 @@ import re
 import sys
 import threading
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires
 from importlib.util import find_spec, resolve_name
@@ -66,8 +65,13 @@ def constructing_does_no_io(subject: CheckSubject) -> None:
     if subject.instance is not None:
         raise Skip("an instance was given; give the class and its options to check this")
     handles, threads = _handles(), threading.active_count()
-    with _watched() as events:
+    _listen()
+    events: list[str] = []
+    _local.events = events
+    try:
         built = subject.build(**context)
+    finally:
+        _local.events = None
     require(not events, f"the constructor does I/O: {'; '.join(events[:3])}")
     require(_handles() <= handles, "the constructor leaves a file or device open")
     require(threading.active_count() <= threads, "the constructor leaves a thread running")
@@ -75,10 +79,11 @@ def constructing_does_no_io(subject: CheckSubject) -> None:
 
 
 def _handles() -> int:
-    folder = Path("/dev/fd")
+    folder = Path("/dev/fd")  # where there is none, as on Windows, nothing is counted
     return len(os.listdir(folder)) if folder.is_dir() else 0
 
 
+#: Beginnings of the names of Python's audit events of files, sockets and processes.
 _IO = (
     "open",
     "os.",
@@ -89,6 +94,7 @@ _IO = (
     "subprocess.",
     "sqlite3.",
 )
+# a thread of its own, as other threads may open files meanwhile
 _local = threading.local()
 
 
@@ -106,16 +112,6 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
 @cache
 def _listen() -> None:
     sys.addaudithook(_hear)  # once, since Python cannot remove an audit hook
-
-
-@contextmanager
-def _watched() -> Iterator[list[str]]:
-    _listen()
-    _local.events = []
-    try:
-        yield _local.events
-    finally:
-        _local.events = None
 
 
 def module_imports_no_vendor_sdk(subject: CheckSubject) -> None:
@@ -171,15 +167,17 @@ def _top_level(nodes: Iterable[ast.AST], package: str) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom):
             base = resolve_name("." * node.level + (node.module or ""), package)
             yield base
+            # a name that is imported may be a module itself
             yield from (f"{base}.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            # imports for type checking alone never run
             yield from _top_level(node.orelse, package)
         elif not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
             yield from _top_level(ast.iter_child_nodes(node), package)
 
 
 def _canonical(name: str) -> str:
-    return re.sub(r"[-_.]+", "-", name).lower()
+    return re.sub(r"[-_.]+", "-", name).lower()  # PEP 503
 
 
 @cache

@@ -106,6 +106,7 @@ def require_close(first: list[Tensor], second: list[Tensor], message: str) -> No
         require(a.shape == b.shape, f"{message}: {tuple(a.shape)}, not {tuple(b.shape)}")
         gap = float((a.double() - b.double()).abs().max()) if a.numel() else 0.0
         size = float(b.double().abs().max()) if b.numel() else 0.0
+        # batches of other sizes and exported programs add up float32 in another order
         require(gap <= 1e-4 * max(1.0, size), f"{message}: they differ by {gap:.2g}")
 
 
@@ -128,6 +129,7 @@ def reloaded(source: nn.Module, target: nn.Module) -> None:
     """Saves one module as safetensors and loads it strictly into the other."""
     from safetensors.torch import load, save
 
+    # safetensors takes contiguous tensors alone
     state = {key: value.contiguous() for key, value in source.state_dict().items()}
     target.load_state_dict(load(save(state)), strict=True)
 
@@ -140,7 +142,7 @@ def require_export(module: nn.Module, arguments: tuple[Any, ...]) -> None:
     with torch.no_grad(), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # torch.export warns about its own internals
         program = torch.export.export(module, arguments)
-        torch.manual_seed(0)
+        torch.manual_seed(0)  # a head may draw: both draw the same
         exported = leaves(program.module()(*arguments))
         torch.manual_seed(0)
         eager = leaves(module(*arguments))

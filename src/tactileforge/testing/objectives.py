@@ -39,7 +39,7 @@ class _Parts:
         return self.term(made).loss.value
 
     def term(self, made: Batch) -> Term:
-        torch.manual_seed(0)
+        torch.manual_seed(0)  # masks are drawn: two calls of one batch are to hide the same tubes
         return self.of_views(self.encoder.views(made), made)
 
     def of_views(self, views: Views, made: Batch) -> Term:
@@ -107,6 +107,7 @@ def every_own_parameter_gets_gradient(subject: CheckSubject) -> None:
     A layer initialised with zeros hides the layers before it in the first step.
     """
     parts = _parts(subject)
+    # a head may hold the encoder's own parameters, which are the encoder's to check
     shared = {id(parameter) for parameter in parts.encoder.parameters()}
     parameters = {
         name: parameter
@@ -129,25 +130,19 @@ def twenty_steps_lower_the_loss(subject: CheckSubject) -> None:
     """Training on one batch lowers the loss at one of three learning rates."""
     ends = []
     for rate in (1e-4, 1e-5, 1e-6):
-        first, last = _twenty_steps(subject, rate)
-        if last < first:
+        parts = _parts(subject)
+        optimizer = torch.optim.AdamW(parts.modules.parameters(), lr=rate)
+        losses = []
+        for _ in range(21):  # the last loss is the one after 20 steps
+            optimizer.zero_grad()
+            loss = parts(_batch(subject))
+            losses.append(float(loss.detach()))
+            torch.autograd.backward(loss)
+            optimizer.step()
+        if losses[-1] < losses[0]:
             return
-        ends.append(f"{last:.4g} at {rate:g}")
-    require(False, f"it was {first:.4g} and is {', '.join(ends)}")
-
-
-def _twenty_steps(subject: CheckSubject, rate: float) -> tuple[float, float]:
-    """The loss before the first step and after the last."""
-    parts = _parts(subject)
-    optimizer = torch.optim.AdamW(parts.modules.parameters(), lr=rate)
-    losses = []
-    for _ in range(21):
-        optimizer.zero_grad()
-        loss = parts(_batch(subject))
-        losses.append(float(loss.detach()))
-        torch.autograd.backward(loss)
-        optimizer.step()
-    return losses[0], losses[-1]
+        ends.append(f"{losses[-1]:.4g} at {rate:g}")
+    require(False, f"it was {losses[0]:.4g} and is {', '.join(ends)}")
 
 
 def same_seed_same_loss(subject: CheckSubject) -> None:
@@ -164,6 +159,7 @@ def bf16_autocast_works(subject: CheckSubject) -> None:
         loss = parts(_batch(subject))
     torch.autograd.backward(loss)
     gap = abs(float(loss.detach()) - full)
+    # + 0.02 for losses near 0, of which bfloat16's two to three digits are a large share
     require(gap <= 0.1 * abs(full) + 0.02, f"the loss is {loss.item():.4g}, in fp32 {full:.4g}")
     gradients = [p.grad for p in parts.modules.parameters() if p.grad is not None]
     require(all(bool(torch.isfinite(g).all()) for g in gradients), "a gradient is not finite")
@@ -178,7 +174,7 @@ def unlabelled_samples_change_nothing(subject: CheckSubject) -> None:
         views = views_of(parts.encoder, made)
         losses = []
         for rows in (slice(3), slice(6), slice(3, 6)):
-            torch.manual_seed(0)
+            torch.manual_seed(0)  # a loss may draw partners
             with torch.no_grad():
                 term = parts.of_views(views.rows(rows), rows_of(made, rows))
             losses.append(float(term.loss.value))
@@ -188,6 +184,7 @@ def unlabelled_samples_change_nothing(subject: CheckSubject) -> None:
             f"with 3 samples that have {need!r} it is {labelled:.6g}, with 3 more that lack it "
             f"{half:.6g}",
         )
+        # a mean over no sample is NaN, and NaN in one step ends a training
         require(none == none and abs(none) != float("inf"), f"with no {need!r} at all it is {none}")
 
 
@@ -214,7 +211,7 @@ def missing_key_is_named(subject: CheckSubject) -> None:
     for need in needs:
         try:
             parts(without(_batch(subject), need))
-        except Exception as error:
+        except Exception as error:  # a KeyError does, which names the key
             named = any(key in str(error) for key in need.split("|"))
             require(named, f"without {need!r} it raises {type(error).__name__}: {error}")
         else:

@@ -22,7 +22,7 @@ def _built(subject: CheckSubject, network: nn.Module) -> torch.optim.Optimizer:
 
 
 def _step(network: nn.Module, optimizer: torch.optim.Optimizer, number: int) -> Tensor:
-    rng = torch.Generator().manual_seed(number % 4)
+    rng = torch.Generator().manual_seed(number % 4)  # four batches, so that losses compare
     x = torch.randn(32, 8, generator=rng)
     loss: Tensor = (network(x) - x[:, :4].cumsum(1)).pow(2).mean()
     optimizer.zero_grad()
@@ -56,6 +56,7 @@ def fifty_steps_lower_the_loss(subject: CheckSubject) -> None:
     network = _network()
     optimizer = _built(subject, network)
     for group in optimizer.param_groups:
+        # rates for large models are too small to be seen in 50 steps of a small one
         group["lr"] = max(group["lr"], 1e-2)
     losses = [float(_step(network, optimizer, number)) for number in range(50)]
     first, last = sum(losses[:4]) / 4, sum(losses[-4:]) / 4
@@ -83,7 +84,7 @@ def goes_on_bit_identically(subject: CheckSubject) -> None:
     file = io.BytesIO()
     torch.save([network.state_dict(), optimizer.state_dict()], file)
     file.seek(0)
-    weights, state = torch.load(file, weights_only=True)
+    weights, state = torch.load(file, weights_only=True)  # as checkpoints are read: no code runs
     again = _network()
     again.load_state_dict(weights)
     resumed = _built(subject, again)
@@ -100,7 +101,7 @@ def parameters_without_gradient_stay(subject: CheckSubject) -> None:
     network = _network()
     optimizer = _built(subject, network)
     before = deepcopy(network)
-    network[0](torch.ones(2, 8)).sum().backward()
+    network[0](torch.ones(2, 8)).sum().backward()  # no gradient reaches the layers after it
     idle = {name for name, p in network.named_parameters() if p.grad is None}
     optimizer.step()
     moved = sorted(idle.intersection(_different(network, before)))

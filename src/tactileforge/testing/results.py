@@ -72,7 +72,7 @@ class CheckSubject:
             Skip: An option without a default is missing.
         """
         if self.instance is not None:
-            return deepcopy(self.instance)
+            return deepcopy(self.instance)  # a check may change it
         known = registry.parameters(self.plugin)
         missing = [
             f"{key}=..."
@@ -101,7 +101,7 @@ def run_check(check: Check, subject: CheckSubject) -> CheckResult:
         check(subject)
     except Skip as why:
         return CheckResult(name, "skipped", str(why))
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit) as error:  # Ctrl-C alone ends the suite
         text = str(error) if isinstance(error, Violation) else f"{type(error).__name__}: {error}"
         text = "; ".join([text, *moves.change_hints(subject.plugin)])
         if reason is None:

@@ -11,7 +11,8 @@ from tactileforge.contracts import Frame, Sensor, SensorSpec
 from tactileforge.errors import TactileForgeError
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, require
 
-_TIMEOUT = 5.0  # s, for a frame
+#: Longest wait for a frame, s.
+_TIMEOUT = 5.0
 
 
 @contextmanager
@@ -20,7 +21,7 @@ def _opened(subject: CheckSubject) -> Iterator[Sensor]:
     try:
         sensor.open()
     except (OSError, ImportError, TactileForgeError) as error:
-        if sensor.discover():
+        if sensor.discover():  # it is there, so failing to open it is a fault
             raise
         raise Skip(f"it cannot be opened, and no device is found: {error}") from error
     try:
@@ -123,7 +124,7 @@ def closes_for_good(subject: CheckSubject) -> None:
 
 def closes_on_exception(subject: CheckSubject) -> None:
     """An exception in the ``with`` block of a sensor closes it and is passed on."""
-    with _opened(subject) as sensor:
+    with _opened(subject) as sensor:  # skips the check where nothing is attached
         sensor.close()
 
     class Planned(Exception):

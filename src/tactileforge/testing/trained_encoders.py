@@ -50,7 +50,7 @@ def build_for_run(subject: CheckSubject, seed: int = 0) -> Any:
     if "sensors" not in registry.parameters(subject.plugin):
         return encoder
     rows = rows_of_run(encoder)
-    torch.manual_seed(seed)
+    torch.manual_seed(seed)  # again, as the first build has drawn
     built = CheckSubject(
         subject.kind, subject.plugin, subject.name, {**subject.options, "sensors": rows}
     ).build()
@@ -70,6 +70,7 @@ def made_for(encoder: Any) -> Batch:
     """A labelled batch of frames of the encoder's size, channels last as data readers give them."""
     made = batch(_SAMPLES, frames=encoder.frames, image=encoder.image_size[0])
     if encoder.image_size[0] != encoder.image_size[1]:
+        # `batch` draws squares; the encoder resizes them, as it does frames of other sensors
         made |= batch(_SAMPLES, frames=encoder.frames, image=48)
     return made | {"sensor": known_sensors(encoder, _SAMPLES)}
 
@@ -143,6 +144,7 @@ def resumes_to_the_same_bits(subject: CheckSubject) -> None:
         whole = _Run.of(encoder, name)
         whole.step(made, 0)
         kept = whole.state
+        # of another seed: what a state does not hold would differ
         later = _Run.of(build_for_run(subject, seed=1).train(), name)
         later.load(kept)
         for number in (1, 2):

@@ -147,7 +147,7 @@ class Camera(Sensor):
             there = (self.number(c) for c in video_devices() if c.path == self.address)
             self.unit = next(there, "")
             for _ in range(self.warmup):
-                capture.grab()
+                capture.grab()  # not decoded
         except BaseException:
             self.close()
             raise
@@ -307,7 +307,15 @@ class Camera(Sensor):
         high, wide = int(self.border * frame.shape[0]), int(self.border * frame.shape[1])
         frame = frame[high : frame.shape[0] - high, wide : frame.shape[1] - wide]
         if self.crop is not None:
-            frame = _cropped(frame, self.crop)
+            left, top, width, height = self.crop
+            rows, columns = frame.shape[:2]
+            is_inside = left + width <= columns and top + height <= rows
+            if min(left, top) < 0 or min(width, height) < 1 or not is_inside:
+                raise ConfigError(
+                    f"crop={list(self.crop)} (left, top, width, height) lies outside frames of "
+                    f"{columns}x{rows} pixels"
+                )
+            frame = frame[top : top + height, left : left + width]
         frame = np.rot90(frame, self.rotation // 90)
         if self.resize is not None:
             height, width = self.resize
@@ -332,19 +340,3 @@ def open_capture(source: str, backend: int) -> Any:
         return cv2.VideoCapture(source, backend)
     finally:
         cv2.utils.logging.setLogLevel(level)
-
-
-def _cropped(frame: NDArray[np.uint8], crop: Sequence[int]) -> NDArray[np.uint8]:
-    left, top, width, height = crop
-    rows, columns = frame.shape[:2]
-    if (
-        min(left, top) < 0
-        or min(width, height) < 1
-        or left + width > columns
-        or top + height > rows
-    ):
-        raise ConfigError(
-            f"crop={list(crop)} (left, top, width, height) lies outside frames of {columns}x{rows} "
-            "pixels"
-        )
-    return frame[top : top + height, left : left + width]

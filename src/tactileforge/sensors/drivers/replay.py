@@ -107,7 +107,14 @@ class Replay(Sensor):
         if not path.exists():
             raise DataNotFoundError(f"{path}: no such file or folder; correct sensor.replay.path")
         if path.suffix == ".tar":
-            return self._recording(path)
+            keys = []
+            for recording in shards.read_shard(path):
+                if self.key in ("", recording.key):
+                    known = spec(self.type or recording.sensor)
+                    self.spec = replace(known, kind="image")
+                    return recording.frames, recording.times
+                keys.append(recording.key)
+            raise ConfigError(unknown(f"recording of {path}", self.key, keys))
         if not self.type:
             raise ConfigError(f"{path}: set sensor.replay.type= to the sensor that made it")
         if path.is_file():
@@ -118,16 +125,6 @@ class Replay(Sensor):
         if not images:
             raise DataNotFoundError(f"{path}: no image in this folder; correct sensor.replay.path")
         return ImageFrames(images), None
-
-    def _recording(self, path: Path) -> tuple[Frames, NDArray[np.float64]]:
-        keys = []
-        for recording in shards.read_shard(path):
-            if self.key in ("", recording.key):
-                known = spec(self.type or recording.sensor)
-                self.spec = replace(known, kind="image")
-                return recording.frames, recording.times
-            keys.append(recording.key)
-        raise ConfigError(unknown(f"recording of {path}", self.key, keys))
 
     def read(self, timeout: float = 1.0) -> Frame:
         """Read the next unseen frame.
@@ -143,7 +140,16 @@ class Replay(Sensor):
             )
         count = len(self._frames)
         if self.realtime:
-            self._wait(timeout)
+            # late frames are left out, but the last one of a file is shown however late
+            now = time.monotonic()
+            last = None if self.loop else len(self._times) - 1
+            while (last is None or self._next < last) and self._due(self._next + 1) <= now:
+                self._next += 1
+            wait = self._due(self._next) - now
+            if wait > timeout:
+                time.sleep(timeout)
+                raise TimeoutError(f"{self.path}: no frame within {timeout} s")
+            time.sleep(max(0.0, wait))
         if self._next >= count and not self.loop:
             raise EOFError(f"{self.path}: its {count} frames are over")
         index = self._next
@@ -156,18 +162,6 @@ class Replay(Sensor):
         step = float(self._times[-1]) / (count - 1) if count > 1 else 1 / self.spec.fps
         rounds, place = divmod(index, count)
         return self._start + rounds * (float(self._times[-1]) + step) + float(self._times[place])
-
-    def _wait(self, timeout: float) -> None:
-        """Skip late frames, and wait for the next."""
-        now = time.monotonic()
-        last = None if self.loop else len(self._times) - 1
-        while (last is None or self._next < last) and self._due(self._next + 1) <= now:
-            self._next += 1
-        wait = self._due(self._next) - now
-        if wait > timeout:
-            time.sleep(timeout)
-            raise TimeoutError(f"{self.path}: no frame within {timeout} s")
-        time.sleep(max(0.0, wait))
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""

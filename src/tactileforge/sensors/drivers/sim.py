@@ -120,7 +120,14 @@ class SimSensor(Sensor):
                 "the sim sensor is not open: use it in a with block, or call open()"
             )
         if self.realtime:
-            self._wait(timeout)
+            wait = self._start + self._next / self._fps - time.monotonic()
+            if wait < -_LATE:  # the frames meanwhile are lost, as those of a camera
+                self._next += ceil(-wait * self._fps)
+                wait = self._start + self._next / self._fps - time.monotonic()
+            if wait > timeout:
+                time.sleep(timeout)
+                raise TimeoutError(f"sim: no frame within {timeout} s")
+            time.sleep(max(0.0, wait))
         array, self.force = next(self._frames)
         if self.realtime:  # a new touch may take long to simulate: its first frame is due now
             late = time.monotonic() - self._start - self._next / self._fps
@@ -128,16 +135,6 @@ class SimSensor(Sensor):
         due = self._start + self._next / self._fps
         self._next += 1
         return Frame(array=array, time=due)
-
-    def _wait(self, timeout: float) -> None:
-        wait = self._start + self._next / self._fps - time.monotonic()
-        if wait < -_LATE:
-            self._next += ceil(-wait * self._fps)
-            wait = self._start + self._next / self._fps - time.monotonic()
-        if wait > timeout:
-            time.sleep(timeout)
-            raise TimeoutError(f"sim: no frame within {timeout} s")
-        time.sleep(max(0.0, wait))
 
     def close(self) -> None:
         """End the touch; a second call does nothing."""

@@ -38,16 +38,18 @@ def video_devices(system: Path | None = None) -> list[VideoDevice]:
     """
     folder = system or SYSTEM
     nodes = sorted(folder.glob("video*"), key=lambda node: int(re.sub(r"\D", "", node.name) or 0))
-    # index 0 alone: uvcvideo makes a second node a camera, for metadata without pictures
-    return [_device(node) for node in nodes if _text(node / "index") in ("", "0")]
-
-
-def _device(node: Path) -> VideoDevice:
-    interface = node / "device"
-    owner = interface.resolve().parent
-    vendor, product = _text(owner / "idVendor"), _text(owner / "idProduct")
-    usb = f"{vendor}:{product}" if vendor else ""
-    return VideoDevice(f"/dev/{node.name}", _text(node / "name"), usb, _text(owner / "serial"))
+    devices = []
+    for node in nodes:
+        # index 0 alone: uvcvideo makes a second node a camera, for metadata without pictures
+        if _text(node / "index") not in ("", "0"):
+            continue
+        # the link leads to an interface of the USB device; the device itself is its parent
+        owner = (node / "device").resolve().parent
+        vendor, product = _text(owner / "idVendor"), _text(owner / "idProduct")
+        usb = f"{vendor}:{product}" if vendor else ""
+        name, serial = _text(node / "name"), _text(owner / "serial")
+        devices.append(VideoDevice(f"/dev/{node.name}", name, usb, serial))
+    return devices
 
 
 def _text(path: Path) -> str:

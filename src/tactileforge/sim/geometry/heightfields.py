@@ -101,7 +101,7 @@ def raised(mask: SDF, depth: float, fillet: float = 0.15) -> Height:
 
 def cut(mask: SDF, depth: float, fillet: float = 0.15) -> Height:
     """An outline cut ``depth`` mm deep into the ground."""
-    return raised(minus(_everywhere, mask), depth, fillet)
+    return raised(minus(lambda x, y: np.full(x.shape, -np.inf), mask), depth, fillet)
 
 
 def weave(pitch: float, depth: float, over: Pattern) -> Height:
@@ -244,10 +244,6 @@ def bricks(width: float, height: float, joint: float) -> SDF:
         return brick((u - np.round(u)) * width, y - row * height)
 
     return distance
-
-
-def _everywhere(x: Array, y: Array) -> Array:
-    return np.full(x.shape, -np.inf)
 
 
 def _sharp(phase: Array) -> Array:

@@ -115,17 +115,13 @@ def shape_of(
     radius = float(away[solid].max(initial=0.0)) + 0.1
     even = bool(np.ptp(heights, 0).max() < 1e-6)
     lowest = float(heights.min())
-    if lowest > 1e-3:
-        height = _lowered(height, lowest)
-    return Shape(name, height, radius, index, split, even, detail)
 
-
-def _lowered(height: Height, by: float) -> Height:
     def lowered(x: Array, y: Array) -> Array:
         high = height(x, y)
-        return np.where(high < DEEP, np.maximum(high - by, 0), DEEP)
+        return np.where(high < DEEP, np.maximum(high - lowest, 0), DEEP)
 
-    return lowered
+    given = lowered if lowest > 1e-3 else height
+    return Shape(name, given, radius, index, split, even, detail)
 
 
 def extrude(mask: SDF, fillet: float = FILLET, steep: float = STEEP) -> Height:

@@ -63,7 +63,15 @@ def load_mesh(source: str | Path | Mesh, name: str | None) -> tuple[Mesh, str]:
     if not isinstance(source, str | Path):
         return source, name or "mesh"
     path = existing_file(source)
-    _check_bytes(path)
+    size = path.stat().st_size
+    if zipfile.is_zipfile(path):  # as 3MF is
+        with zipfile.ZipFile(path) as archive:
+            size += sum(member.file_size for member in archive.infolist())
+    if size > MAX_BYTES:
+        raise DataError(
+            f"{path}: a mesh of {size / 1e6:,.1f} MB, where {MAX_BYTES / 1e6:,.1f} MB are the "
+            "limit; make it coarser"
+        )
     try:
         trimesh = import_module("trimesh")
     except ModuleNotFoundError as error:
@@ -79,18 +87,6 @@ def load_mesh(source: str | Path | Mesh, name: str | None) -> tuple[Mesh, str]:
     if not len(getattr(mesh, "vertices", ())):
         raise DataError(f"{path}: the file holds no points")
     return mesh, name or path.stem
-
-
-def _check_bytes(path: Path) -> None:
-    size = path.stat().st_size
-    if zipfile.is_zipfile(path):  # as 3MF is
-        with zipfile.ZipFile(path) as archive:
-            size += sum(member.file_size for member in archive.infolist())
-    if size > MAX_BYTES:
-        raise DataError(
-            f"{path}: a mesh of {size / 1e6:,.1f} MB, where {MAX_BYTES / 1e6:,.1f} MB are the "
-            "limit; make it coarser"
-        )
 
 
 def check_count(name: str, count: int, what: str) -> None:

@@ -153,8 +153,10 @@ def _placed(
     check_count(name, len(raw), "points")
     if raw.ndim != 2 or raw.shape[1] != 3 or not len(raw):
         raise DataError(f"{name}: points of shape {raw.shape}; give (N, 3) with N above 0")
-    if not np.issubdtype(raw.dtype, np.number) or not np.isfinite(raw).all():
-        raise DataError(f"{name}: {_bad_rows(raw)} of {len(raw)} points are not finite numbers")
+    numeric = np.issubdtype(raw.dtype, np.number)
+    if not numeric or not np.isfinite(raw).all():
+        bad = int((~np.isfinite(raw)).any(1).sum()) if numeric else len(raw)
+        raise DataError(f"{name}: {bad} of {len(raw)} points are not finite numbers")
     if not mm_per_unit > 0 or not spacing_mm > 0:
         raise ConfigError(
             f"{name}: mm_per_unit is {mm_per_unit:g} and spacing_mm {spacing_mm:g}: both must be "
@@ -172,11 +174,6 @@ def _placed(
     points[:, :2] -= (low + high)[:2] / 2 + np.asarray(at)
     points[:, 1] *= -1
     return points
-
-
-def _bad_rows(raw: NDArray[Any]) -> int:
-    numeric = np.issubdtype(raw.dtype, np.number)
-    return int((~np.isfinite(raw)).any(1).sum()) if numeric else len(raw)
 
 
 def _cells(spacing_mm: float) -> int:

@@ -124,7 +124,11 @@ class GelSurface:
         more -= depth
         x, y = there[0].abs().unbind(-1)
         more *= torch.maximum(x, y) < 1
-        more *= self._shared(contact.give[frame])
+        # The share of the finest shape of a soft object that the gel takes; 1 for a rigid one. A
+        # wave q on a bed of springs of compliance g presses the gel against its stiffness
+        # k = q / (2 (1 - nu^2)) over the modulus: the gel takes 1 / (1 + g k) of it.
+        stiff = math.pi / self.spacing / (2 * (1 - self.poisson**2))
+        more *= 1 / (1 + stiff * contact.give[frame])
         inside = _sample(fields.inside[here], there)[0]
         return depth.add_(more.clamp(min=0)).addcmul_(more.clamp_(max=0), inside)
 
@@ -143,22 +147,15 @@ class GelSurface:
         moved = moved + 1j * self.kernel.coupling * self._spectrum(pressure)
         n = self.n
         field = inverse_transform(moved)
-        there = torch.stack(_unplaced(places[:, None], contact.pose), -1) / self.spacing
-        out = F.grid_sample(field, there / n, align_corners=False)[:, :, 0]
-        # The field is in the frame of the object; markers move in that of the image.
-        angle = contact.pose[:, 2, None]
+        # The field is in the frame of the object; markers lie and move in that of the image.
+        x, y = places.unbind(-1)
+        left, top, angle = contact.pose[:, :3, None].unbind(1)
+        x, y = x - left, y - top
         cos, sin = torch.cos(angle), torch.sin(angle)
+        there = torch.stack([cos * x + sin * y, cos * y - sin * x], -1)[:, None] / self.spacing
+        out = F.grid_sample(field, there / n, align_corners=False)[:, :, 0]
         x, y = out.unbind(1)
         return torch.stack([cos * x - sin * y, sin * x + cos * y], -1)
-
-    def _shared(self, give: Tensor) -> Tensor:
-        """Share of the finest shape of soft objects taken by the gel; 1 for rigid ones.
-
-        A wave q on a bed of springs of compliance g presses the gel against its stiffness
-        k = q / (2 (1 - nu^2)) over the modulus: the gel takes 1 / (1 + g k) of it.
-        """
-        stiff = math.pi / self.spacing / (2 * (1 - self.poisson**2))
-        return 1 / (1 + stiff * give)
 
     def _spectrum(self, field: Tensor) -> Tensor:
         """Fourier transform of a field, centred on a zero-padded grid of twice its width."""
@@ -199,12 +196,3 @@ def _affine(contact: ContactState, frame: int) -> tuple[Tensor, Tensor, Tensor, 
 def _sample(field: Tensor, there: Tensor, padding: str = "zeros") -> Tensor:
     """A field (B, 1, h, w) at places (B, H, W, 2) from -1 to 1: (B, H, W)."""
     return F.grid_sample(field, there, padding_mode=padding, align_corners=False)[:, 0]
-
-
-def _unplaced(places: Tensor, pose: Tensor) -> tuple[Tensor, Tensor]:
-    """Places (..., H, W, 2) in the image as x and y (B, H, W) in the frames of the objects."""
-    x, y = places.unbind(-1)
-    left, top, angle = pose[:, :3, None, None].unbind(1)
-    x, y = x - left, y - top
-    cos, sin = torch.cos(angle), torch.sin(angle)
-    return cos * x + sin * y, cos * y - sin * x

@@ -96,22 +96,18 @@ class Lens:
         if self.kernel.numel() == 1:
             return picture
         if self.shrink == 1 and picture.device.type == "cpu" and not picture.requires_grad:
-            return self._blurred(picture)
+            # The same without shrinking, two to four times as fast on a CPU.
+            out, spot = torch.empty_like(picture), self.kernel.flatten().numpy()
+            for before, after in zip(picture.flatten(0, 1), out.flatten(0, 1), strict=True):
+                dst, border = after.numpy(), cv2.BORDER_REPLICATE
+                cv2.sepFilter2D(before.numpy(), -1, spot, spot, dst=dst, borderType=border)
+            return out
         x = F.pad(picture, (self.reach,) * 4, mode="replicate").flatten(0, 1)[None]
         count, step = x.shape[1], self.shrink
         across = self.kernel[None].expand(count, -1, -1, -1).contiguous()
         x = F.conv2d(x, across, stride=(1, step), groups=count)
         x = F.conv2d(x, across.transpose(2, 3).contiguous(), stride=(step, 1), groups=count)
         return x.view(*picture.shape[:2], *x.shape[-2:])
-
-    def _blurred(self, picture: Tensor) -> Tensor:
-        """The same without shrinking, two to four times as fast on a CPU."""
-        out, spot = torch.empty_like(picture), self.kernel.flatten().numpy()
-        for before, after in zip(picture.flatten(0, 1), out.flatten(0, 1), strict=True):
-            cv2.sepFilter2D(
-                before.numpy(), -1, spot, spot, dst=after.numpy(), borderType=cv2.BORDER_REPLICATE
-            )
-        return out
 
 
 class Codec:

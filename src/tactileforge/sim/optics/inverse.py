@@ -98,19 +98,21 @@ class SurfaceReader:
                 "of these are read"
             )
         change = pictures.float() - background
+        rows, columns = (max(1, round(_BORDER * n)) for n in self.size)
+        inner = torch.zeros_like(change[:1, 0])
+        inner[:, rows:-rows, columns:-columns] = 1
+        rim = 1 - inner
         scattered = torch.zeros_like(change)
         for _ in range(_ROUNDS):
             slope = self._slopes(change - scattered)
             depth = self._poisson(slope)
             # Slopes leave a constant open; it is chosen to put the border at rest.
-            depth = depth - _border(depth)
-            scattered = torch.lerp(scattered, self._scattered(depth), _SHARE)
+            depth = depth - (depth * rim).sum((1, 2), keepdim=True) / rim.sum()
+            # Change of the picture by the coarse features of that surface, (B, 3, H, W).
+            coarse = self._coarse(depth).clamp(-self._limits, self._limits)
+            small = torch.einsum("bkhw,kchw->bchw", coarse, self._smooth)
+            scattered = torch.lerp(scattered, self._coarse.enlarge(small), _SHARE)
         return Surface(slope, depth)
-
-    def _scattered(self, depth: Tensor) -> Tensor:
-        """Change of the picture by the coarse features of a surface, (B, 3, H, W)."""
-        coarse = self._coarse(depth).clamp(-self._limits, self._limits)
-        return self._coarse.enlarge(torch.einsum("bkhw,kchw->bchw", coarse, self._smooth))
 
     def _slopes(self, change: Tensor) -> Tensor:
         """The most probable slopes (B, 2, H, W) for a change of grey levels (B, 3, H, W)."""
@@ -152,14 +154,6 @@ def _fine_slopes(x: Tensor, y: Tensor) -> tuple[list[Tensor], list[Tensor]]:
     by_x = [term(max(i - 1, 0), j, i) for i, j in POWERS]
     by_y = [term(i, max(j - 1, 0), j) for i, j in POWERS]
     return by_x, by_y
-
-
-def _border(depth: Tensor) -> Tensor:
-    """Mean depth along the border of the image, (B, 1, 1)."""
-    rows, columns = (max(1, round(_BORDER * n)) for n in depth.shape[1:])
-    inner = torch.zeros_like(depth[:1])
-    inner[:, rows:-rows, columns:-columns] = 1
-    return (depth * (1 - inner)).sum((1, 2), keepdim=True) / (1 - inner).sum()
 
 
 class Poisson:

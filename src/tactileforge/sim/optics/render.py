@@ -124,8 +124,19 @@ class Optics:
 
     def _change(self, dent: Tensor) -> Tensor:
         """Change of the light by dents, grey levels (B, 3, H, W)."""
-        out = self._scattered(dent)
-        self._shade(dent, out)
+        coarse = self._coarse(dent).clamp(-self._limits, self._limits)
+        smooth = coarse[:, :1] * self._smooth[0]
+        for number, weight in enumerate(self._smooth[1:], 1):
+            smooth.addcmul_(coarse[:, number, None], weight)
+        out = self._coarse.enlarge(smooth)
+        x, y = (
+            n.flatten(1) for n in normals(dent, self.unit.spacing, self.unit.calibration.steepest)
+        )
+        flat = out.flatten(2)
+        for start in range(0, x.shape[1], _TILE):
+            part = slice(start, start + _TILE)
+            for feature, weight in zip(fine(x[:, part], y[:, part]), self._fine, strict=True):
+                flat[..., part].addcmul_(feature[:, None], weight[:, part])
         if any(self.unit.face):
             # Flat against an object, the coating shows it: fully from a few tenths of a mm on.
             pressed = (dent / _PRESSED).clamp_(0, 1)
@@ -137,33 +148,11 @@ class Optics:
         """The camera's image of the light behind its lens, float32 (B, 3, H, W)."""
         out = self.unit.camera.tone(light).add_(0.5)
         if first is not None:
+            height, width = self.shown
             for number, picture in enumerate(out, first):
-                picture += self._grain(number)
+                # A part of the bank at a random place: drawing normal numbers costs far more.
+                rng = np.random.default_rng([self.unit.seed, number])
+                down, right = (int(n) for n in rng.integers(0, _MARGIN, 2))
+                picture += self._noise[:, down : down + height, right : right + width]
         # The conversion to uint8 truncates; with the half added above, it rounds.
         return out.clamp_(0, 255)
-
-    def _scattered(self, dent: Tensor) -> Tensor:
-        """Change by the coarse features, (B, 3, H, W)."""
-        coarse = self._coarse(dent).clamp(-self._limits, self._limits)
-        change = coarse[:, :1] * self._smooth[0]
-        for number, weight in enumerate(self._smooth[1:], 1):
-            change.addcmul_(coarse[:, number, None], weight)
-        return self._coarse.enlarge(change)
-
-    def _shade(self, dent: Tensor, out: Tensor) -> None:
-        """Adds the change by the normals."""
-        x, y = (
-            n.flatten(1) for n in normals(dent, self.unit.spacing, self.unit.calibration.steepest)
-        )
-        flat = out.flatten(2)
-        for start in range(0, x.shape[1], _TILE):
-            part = slice(start, start + _TILE)
-            for feature, weight in zip(fine(x[:, part], y[:, part]), self._fine, strict=True):
-                flat[..., part].addcmul_(feature[:, None], weight[:, part])
-
-    def _grain(self, number: int) -> Tensor:
-        """The camera's noise in one frame: a part of the bank at a random place."""
-        height, width = self.shown
-        rng = np.random.default_rng([self.unit.seed, number])
-        down, right = (int(n) for n in rng.integers(0, _MARGIN, 2))
-        return self._noise[:, down : down + height, right : right + width]

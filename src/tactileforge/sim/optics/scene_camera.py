@@ -45,12 +45,24 @@ def render_scene_image(shape: Shape, size: int, seed: int) -> NDArray[np.uint8]:
     turned, sunward = draw.uniform(0, 2 * np.pi, 2)
     tilt = draw.uniform(0.15, 0.4) * _direction(draw.uniform(0, 2 * np.pi))
     middle = size / 2 + draw.uniform(-0.08, 0.08, 2) * size - tilt * DEEP / 2
-    pose = _pose(turned, draw.uniform(0.85, 1.1), middle, size)
+    zoom = draw.uniform(0.85, 1.1)
+    # The affine matrix (2, 3) for a turn, a zoom about the middle, and a shift of an image.
+    cosine, sine = zoom * np.cos(turned), zoom * np.sin(turned)
+    turn = np.asarray([[cosine, -sine], [sine, cosine]])
+    moved = middle - turn @ np.full(2, size / 2)
+    pose: _Image = np.asarray(np.column_stack([turn, moved]), dtype=np.float32)
     table = _table(draw, size)
 
     side = max(TABLE, 2.4 * shape.radius)
     high, slope = _relief(shape, size, side)
-    lit = _lit(slope, sunward - turned)
+    # Brightness under a sun at 45 degrees of elevation.
+    facing = (1 - slope @ _direction(sunward - turned)) / np.sqrt(1 + (slope**2).sum(-1))
+    lit = np.asarray(0.25 + 0.75 * np.clip(facing / np.sqrt(2), 0, 1), dtype=np.float32)
+    # A colour of the shape's name, the same on every machine.
+    code = crc32(shape.name.encode())
+    hue, full, bright = code % 1009 / 1009, code // 1009 % 97 / 97, code // 97873 % 89 / 89
+    rgb = colorsys.hsv_to_rgb(hue, 0.4 + 0.55 * full, 0.65 + 0.35 * bright)
+    colour: _Image = np.asarray(rgb, dtype=np.float32)
     shadow = _warped(high > 0, pose, -1.5 * _direction(sunward) * size / side)
     blurred = cv2.GaussianBlur(shadow, (0, 0), size / 50)
     picture = table * (1 - 0.6 * blurred[..., None])
@@ -60,7 +72,7 @@ def render_scene_image(shape: Shape, size: int, seed: int) -> NDArray[np.uint8]:
         cover = _warped(np.clip(0.5 + (high - level) / step, 0, 1), pose, shift)
         # Layers are drawn from the bottom up: later ones cover the top, so only walls stay dark.
         shade = _warped(np.where(high < level + 2 * step, lit, 0.3), pose, shift)
-        surface = shade[..., None] * _colour(shape.name)
+        surface = shade[..., None] * colour
         picture += cover[..., None] * (surface - picture)
     picture += draw.normal(0, 0.01, picture.shape)
     return np.asarray(np.clip(picture * 255, 0, 255), dtype=np.uint8)
@@ -82,22 +94,8 @@ def _relief(shape: Shape, size: int, side: float) -> tuple[_Image, _Image]:
     )
 
 
-def _lit(slope: _Image, sunward: float) -> _Image:
-    """Brightness of a surface, from its slopes, lit from ``sunward`` at 45 degrees elevation."""
-    facing = (1 - slope @ _direction(sunward)) / np.sqrt(1 + (slope**2).sum(-1))
-    return np.asarray(0.25 + 0.75 * np.clip(facing / np.sqrt(2), 0, 1), dtype=np.float32)
-
-
 def _direction(angle: float) -> _Image:
     return np.asarray([np.cos(angle), np.sin(angle)], dtype=np.float32)
-
-
-def _pose(turned: float, zoom: float, middle: NDArray[np.float64], size: int) -> _Image:
-    """The affine matrix (2, 3) for a turn, a zoom about the middle, and a shift of an image."""
-    cosine, sine = zoom * np.cos(turned), zoom * np.sin(turned)
-    turn = np.asarray([[cosine, -sine], [sine, cosine]])
-    moved = middle - turn @ np.full(2, size / 2)
-    return np.asarray(np.column_stack([turn, moved]), dtype=np.float32)
 
 
 def _warped(image: NDArray[np.generic], pose: _Image, shift: _Image) -> _Image:
@@ -105,14 +103,6 @@ def _warped(image: NDArray[np.generic], pose: _Image, shift: _Image) -> _Image:
     matrix[:, 2] += shift
     size = image.shape[1], image.shape[0]
     return np.asarray(cv2.warpAffine(image.astype(np.float32), matrix, size))
-
-
-def _colour(name: str) -> _Image:
-    """A colour derived from a name, the same on every machine."""
-    code = crc32(name.encode())
-    hue, full, bright = code % 1009 / 1009, code // 1009 % 97 / 97, code // 97873 % 89 / 89
-    rgb = colorsys.hsv_to_rgb(hue, 0.4 + 0.55 * full, 0.65 + 0.35 * bright)
-    return np.asarray(rgb, dtype=np.float32)
 
 
 def _table(draw: np.random.Generator, size: int) -> _Image:
