@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, DataError, unknown
 
 #: Units of time, and their seconds.
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -86,6 +86,36 @@ def seconds_of(unit: str, where: str) -> float:
     if unit not in UNITS:
         raise ConfigError(f"{where}: {unknown('unit', unit, UNITS)}")
     return UNITS[unit]
+
+
+def check_rising(
+    times: NDArray[np.float64], where: str, fix: str, row: str = "frame", shown: str = "{:g} s"
+) -> None:
+    """Check times for strict increase.
+
+    Args:
+        times: float64 (T,).
+        where: Place of the times, for the message.
+        fix: Fix, as a phrase.
+        row: Word for what has a time.
+        shown: Format of a time in the message.
+
+    Raises:
+        DataError: A time is not after the one before.
+
+    Example:
+        >>> check_rising(np.array([0.0, 0.5]), "take 1", "correct it")
+        >>> check_rising(np.array([0.0, 0.5, 0.5]), "take 1", "correct it")
+        Traceback (most recent call last):
+        tactileforge.errors.DataError: take 1: the time of frame 2, 0.5 s, is not after ...
+    """
+    wrong = np.flatnonzero(~(np.diff(times) > 0))
+    if len(wrong):
+        i = int(wrong[0]) + 1
+        raise DataError(
+            f"{where}: the time of {row} {i}, {shown.format(times[i])}, is not after that of the "
+            f"{row} before, {shown.format(times[i - 1])}; {fix}"
+        )
 
 
 def misfit(

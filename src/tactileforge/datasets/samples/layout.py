@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from tactileforge.contracts import ACTIONS
-from tactileforge.data.labels.clock import UNITS
 from tactileforge.data.labels.newtons import newtons_of
 from tactileforge.datasets.reading.layout import check_sensor, given, parse_background, several
 from tactileforge.datasets.reading.layout_keys import BackgroundRule
@@ -274,7 +273,3 @@ def words_of(layout: SampleLayout) -> Mapping[str, Mapping[str, str]]:
         str(place): {str(value): str(word) for value, word in words.items()}
         for place, words in layout.words.items()
     }
-
-
-#: Seconds of each unit.
-SECONDS = UNITS

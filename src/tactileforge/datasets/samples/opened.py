@@ -14,8 +14,9 @@ from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.encoded import Blob, EncodedFrames
 from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.actions import label_actions
+from tactileforge.data.labels.clock import UNITS, check_rising
 from tactileforge.datasets.reading.layout import check_action, check_sensor, parse_background
-from tactileforge.datasets.samples.layout import SECONDS, SampleLayout, newtons
+from tactileforge.datasets.samples.layout import SampleLayout, newtons
 from tactileforge.datasets.samples.places import (
     VIDEOS,
     fields_of,
@@ -129,7 +130,9 @@ class _Opening(UnitValues):
             read = self.rows(layout.times.values, count)
             if read.ndim != 1 or np.isnan(read).any():
                 raise DataError(f"{self.where}: times of shape {read.shape}, or empty; correct it")
-            return self._rising((read - read[0]) * SECONDS[layout.times.unit])
+            times = (read - read[0]) * UNITS[layout.times.unit]
+            check_rising(times, self.where, "correct it")
+            return times
         if layout.by_frame and layout.fps:
             numbers = [sample.frame for sample in self.unit.samples]
             return (np.array(numbers, np.float64) - numbers[0]) / layout.fps
@@ -138,16 +141,6 @@ class _Opening(UnitValues):
         if layout.fps is None and count > 1:
             raise ConfigError(f"{self.where}: {count} frames without times; give layout.fps")
         return np.arange(count) / (layout.fps or 1.0)
-
-    def _rising(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        wrong = np.flatnonzero(np.diff(times) <= 0)
-        if len(wrong):
-            i = int(wrong[0]) + 1
-            raise DataError(
-                f"{self.where}: the time of frame {i}, {times[i]:g} s, is not after that of the "
-                f"frame before, {times[i - 1]:g} s; correct it"
-            )
-        return times
 
     def _force(self, count: int) -> NDArray[np.float32] | None:
         keys = self.layout.force
