@@ -11,8 +11,8 @@ import numpy as np
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.untared import NO_CONTACT, untared
-from tactileforge.data.labels.align import Lag, estimate_lag
-from tactileforge.data.labels.doubts import GAP, RANGE, TINY, Suspicion
+from tactileforge.data.labels.align import GAP, Lag, estimate_lag
+from tactileforge.data.labels.doubts import RANGE, TINY, Suspicion
 from tactileforge.inspection.findings import Reason
 from tactileforge.inspection.frame_stats import FrameStats, changes
 from tactileforge.pages.page import percent

@@ -163,6 +163,7 @@ class Augment(nn.Module):
             turn_labels(batch, angle)
         if self._lights:
             drawn["relight"] = self._draw_light(coded)
+        # a mirror first, then a turn, as `forward` treats the pixels
         turn_columns(batch, columns, frame_change(flip, angle), flip, drawn.get("warp"))
         return batch | drawn
 
@@ -172,6 +173,7 @@ class Augment(nn.Module):
         is_drawn &= ~fixed[:, None]
         draw = torch.where(is_drawn[:, [0, 1, 1, 2]], 2 * torch.rand(len(first), 4)[first] - 1, 0.0)
         angle = self.rotate * draw[:, 0]
+        # even in the logarithm: as often larger as smaller by one factor
         factor = torch.exp(math.log1p(self.scale) * draw[:, 3])
         linear = rotation(angle)[:, :2, :2] * factor[:, None, None]
         # shares of width and height are not of one length where the frames are not square

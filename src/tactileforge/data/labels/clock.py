@@ -70,6 +70,7 @@ def date_unit(values: NDArray[np.float64]) -> str:
         >>> date_unit(np.array([1.7e12, 1.8e12])), date_unit(np.array([0.0, 2.0]))
         ('ms', '')
     """
+    # units are a factor of 1000 apart and dates of one of 4.2, so a number fits one unit at most
     for unit, seconds in UNITS.items():
         low, high = (date / seconds for date in _DATES)
         if len(values) and values.min() >= low and values.max() < high:
@@ -213,8 +214,7 @@ def _rate(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | No
     if len(frames) < _LEAST or len(rows) < _LEAST or span <= 0 or length <= 0:
         return None
     late = float(rows[0] - frames[0])
-    spans = f"goes from {_number(rows[0])} to {_number(rows[-1])}, the frames from "
-    spans += f"{frames[0]:.3g} to {frames[-1]:.3g} s"
+    spans = _spans(rows, frames)
     if abs(late) <= _START * span:
         times = _times(length / span)
         if length < _SHORT * span:
@@ -244,8 +244,7 @@ def _few(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | Non
     """Labels of less than half of the frames, or as long as at another usual rate of videos."""
     if len(frames) < _LEAST:
         return None
-    spans = f"goes from {_number(rows[0])} to {_number(rows[-1])}, the frames from "
-    spans += f"{frames[0]:.3g} to {frames[-1]:.3g} s"
+    spans = _spans(rows, frames)
     share = float(((frames >= rows[0]) & (frames <= rows[-1])).mean())
     if share < _HALF:
         return Misfit(
@@ -277,6 +276,11 @@ def _times(ratio: float) -> str:
 
 def _ends(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> str:
     return f"ends at {_number(rows[-1])}, the recording at {frames[-1]:.3g} s"
+
+
+def _spans(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> str:
+    ours = f"goes from {_number(rows[0])} to {_number(rows[-1])}"
+    return f"{ours}, the frames from {frames[0]:.3g} to {frames[-1]:.3g} s"
 
 
 def _number(value: float) -> str:

@@ -162,7 +162,12 @@ def turn_columns(
             turned = transform(torque, matrix * sign[:, None, None])
             batch[column.name] = torch.cat([transform(force, matrix), turned], dim=-1)
         elif column.turns == "pose":
-            batch[column.name] = _turn_pose(values, matrix)
+            whole = torch.eye(4).repeat(len(matrix), 1, 1)
+            whole[:, :3, :3] = matrix
+            whole = whole.view(-1, *(1 for _ in values.shape[1:-2]), 4, 4)
+            # into the new axes: the change, the pose, and the change undone, whose inverse is its
+            # transpose, as for each mirror and turn
+            batch[column.name] = whole @ values @ whole.mT
         elif column.turns == "field":
             batch[column.name] = _move_field(transform(values, matrix), flip, warp)
 
@@ -176,17 +181,10 @@ def _move_field(field: Tensor, flip: Tensor | None, warp: Tensor | None) -> Tens
     if warp is None:
         return field
     images = field.movedim(-1, 2)
+    # areas grow by the determinant, so lengths by its root
     factor: Tensor = torch.linalg.det(warp[:, :, :2]).abs().sqrt()
     moved: Tensor = sample(images.flatten(1, 2), warp, "zeros").view_as(images).movedim(2, -1)
     return moved * factor.view(-1, 1, 1, 1, 1)
-
-
-def _turn_pose(poses: Tensor, matrix: Tensor) -> Tensor:
-    """Poses (B, ..., 4, 4) in the new axes: the change, the pose, and the change undone."""
-    whole = torch.eye(4).repeat(len(matrix), 1, 1)
-    whole[:, :3, :3] = matrix
-    whole = whole.view(-1, *(1 for _ in poses.shape[1:-2]), 4, 4)
-    return whole @ poses @ whole.mT  # a mirror and a turn are orthogonal
 
 
 def check_turns(column: Column, shape: tuple[int, ...]) -> None:
