@@ -36,6 +36,7 @@ LAG_GAIN, LAG_LONG = 0.1, 0.2
 #: Smallest and largest number of frames for an estimate of lag.
 LAG_LEAST, LAG_MOST = 30, 1000
 
+#: Checks by name, in the order of the page; `docs/inspect.md` has the same table.
 REASONS = {
     "no_background": Reason(
         "No background",

@@ -16,7 +16,7 @@ from tactileforge.inspection.findings import Total
 
 #: Edges of the bins of durations, s: eight a decade.
 DURATIONS = np.geomspace(0.01, 1e5, 57)
-#: Bins on each side of 0.
+#: Bins on each side of 0, an even number: two of them become one.
 _BINS = 24
 
 
@@ -73,9 +73,11 @@ class Histogram:
         values = values[np.isfinite(values)].astype(np.float64)
         if not len(values):
             return
+        # by doubling, so that counts of old bins fall into new ones as a whole
         while np.abs(values).max() >= self.reach:
             self.counts = self.over(2 * self.reach)
             self.reach *= 2
+        # after the bins have grown: a value beyond them would be lost
         self.counts += np.histogram(values, self.edges)[0]
 
     def over(self, reach: float) -> NDArray[np.int64]:
@@ -176,11 +178,14 @@ class Counters:
         self.durations[int(np.clip(place, 0, len(self.durations) - 1))] += 1
 
     def _labels(self, recording: Recording) -> None:
-        self.names.add("source", _line(recording))
+        # one name of three fields, taken apart again in `source_rows`: no text of them has a zero
+        source = f"{recording.source}\0{recording.licence}\0{recording.tier}"
+        self.names.add("source", source)
         if recording.object is not None:
             self.names.add("object", recording.object)
         if recording.action is not None:
             for label, count in zip(*np.unique(recording.action, return_counts=True), strict=True):
+                # a foreign data set may have numbers of its own
                 name = ACTIONS[label] if 0 <= label < len(ACTIONS) else "unknown"
                 self.names.add("action", name, int(count))
         if recording.force is not None:
@@ -203,7 +208,3 @@ def source_rows(names: NameCounts, most: int) -> Iterable[tuple[str, str, str, i
     for line, count in names.top("source", most):
         source, licence, tier = line.split("\0")
         yield source, licence, tier, count
-
-
-def _line(recording: Recording) -> str:
-    return f"{recording.source}\0{recording.licence}\0{recording.tier}"

@@ -45,6 +45,7 @@ def similar_pairs(looks: Sequence[FrameStats]) -> list[tuple[int, int, float]]:
         # similar pictures have similar means: one number each rules out most pairs
         near = np.flatnonzero(np.abs(means[place + 1 :] - means[place]) < SIMILAR) + place + 1
         close = (np.abs(pictures[near] - pictures[place]) >= SIMILAR).mean(axis=1) < _ELSEWHERE
+        # exact ones are told by their digests, as groups
         for other in near[close].tolist():
             j = chosen[other]
             if looks[i].digest != looks[j].digest and looks[i].shape == looks[j].shape:

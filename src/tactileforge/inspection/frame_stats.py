@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, Recording
 from tactileforge.data.frames.crop import size_text
+from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.data.frames.small import shrink, strongest
 from tactileforge.errors import DataError
@@ -23,9 +24,9 @@ FRAMES = 24
 STRIP = 8
 #: Frames of the background for its median.
 _BACKGROUND = 15
-#: Frames in memory at once.
+#: Frames in memory at once: 8 of 640 x 480 pixels are 7 MB, as they come from the decoder.
 _CHUNK = 8
-#: Height and width of the images for comparison, pixels.
+#: Height and width of the images for comparison, pixels: all recordings are held in memory.
 _SIGNATURE = (24, 32)
 _NOTHING = np.empty((0, 1, 1, 3), np.uint8)
 
@@ -94,7 +95,9 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
     small, saturated, digests = [], 0.0, []
     for chunk in _chunks(recording.frames, rows.tolist()):
         for frame in chunk:
-            saturated = max(saturated, _saturated(frame))
+            # before it is made small: an average hides single pixels
+            ends = ((frame == 0) | (frame == 255)).any(axis=-1)
+            saturated = max(saturated, float(ends.mean()))
             digests.append(digest_of(frame))
             small.append(shrink(frame))
     frames = np.stack(small)
@@ -108,6 +111,8 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
         rows=rows,
         shape=recording.frames.shape,
         change=change.astype(np.float64),
+        # in the frame of largest change, as a touch is short; the ground in that of smallest, which
+        # shows no contact if any does
         contact=strongest(frames[most] - still),
         ground=float(np.median(away[least])),
         saturated=saturated,
@@ -166,7 +171,7 @@ def background_of(recording: Recording) -> NDArray[np.float32] | None:
 
 def evenly(length: int, count: int) -> NDArray[np.int64]:
     """At most ``count`` different numbers spread evenly over ``0..length - 1``, with both ends."""
-    return np.unique(np.linspace(0, length - 1, min(length, count)).round().astype(np.int64))
+    return np.array(spread_rows(length, count), np.int64)
 
 
 def amplify(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -181,14 +186,10 @@ def _chunks(frames: Frames, rows: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
         yield checked_pixels(frames.read(rows[start : start + _CHUNK]), "frames", 4)
 
 
-def _saturated(frame: NDArray[np.uint8]) -> float:
-    ends = (frame == 0) | (frame == 255)
-    return float((ends[..., 0] | ends[..., 1] | ends[..., 2]).mean())
-
-
 def _signature(frames: NDArray[np.float32]) -> NDArray[np.int16]:
     size = _SIGNATURE[::-1]
     grey = [cv2.resize(frame.mean(-1), size, interpolation=cv2.INTER_AREA) for frame in frames]
+    # always as many, some of them twice in a short recording: signatures are compared one by one
     rows = np.linspace(0, len(grey) - 1, STRIP).round().astype(int)
     out: NDArray[np.int16] = np.round(grey).astype(np.int16)[rows]
     return out

@@ -29,8 +29,9 @@ from tactileforge.pages.page import (
 
 #: Reasons without pixels, checked on all recordings.
 _COUNTED = ("no_background", "gaps_in_time", *(name for name in FIXES if name != "untared_force"))
-_SHOWN = 12
-_LINES = 100
+#: Groups, pairs and keys of duplicates that are shown, and lines about unreadable recordings: a
+#: page of a large set has to stay one that a browser opens.
+_SHOWN, _LINES = 12, 100
 
 
 def top_section(name: str, survey: Scan) -> Markup:
@@ -127,6 +128,7 @@ def duplicates_section(survey: Scan) -> Section:
 
 def _group(survey: Scan, group: Sequence[int], words: str = "") -> Markup:
     ones = [survey.seen[i] for i in group]
+    # said first: validation then measures what was learnt by heart
     splits = {member.of.split for member in ones}
     across = "IN BOTH SPLITS: " if len(splits) > 1 else ""
     keys = ", ".join(member.of.recording.key for member in ones[:4])
@@ -147,7 +149,10 @@ def suspicious_section(survey: Scan) -> Section:
         body += cards(
             recording_card(seen[suspect.order], _words(suspect))
             if suspect.order in seen
-            else _unseen(suspect)
+            else captioned(
+                Markup() if suspect.picture is None else image(suspect.picture, suspect.key),
+                _words(suspect),
+            )
             for suspect in worst
         )
     if not body:
@@ -157,11 +162,6 @@ def suspicious_section(survey: Scan) -> Section:
 
 def _words(suspect: Suspect) -> str:
     return f"{suspect.words}: {suspect.key}, {suspect.sensor}, {SPLIT_WORDS[suspect.split]}"
-
-
-def _unseen(suspect: Suspect) -> Markup:
-    picture = Markup() if suspect.picture is None else image(suspect.picture, suspect.key)
-    return captioned(picture, _words(suspect))
 
 
 def _unreadable(findings: InspectionFindings) -> Markup:

@@ -74,6 +74,7 @@ def find_markers(reference: NDArray[np.uint8], what: str = "the picture") -> Mar
     """
     check_picture(reference, what)
     reasons = []
+    # dark first, the usual print
     for bright in (False, True):
         found = _found(reference, bright)
         if isinstance(found, MarkerGrid):
@@ -178,13 +179,16 @@ def _found(reference: NDArray[np.uint8], bright: bool) -> MarkerGrid | str:
     middle = float(np.median(area[real & inside]))
     fill, long = area / (wide * high), np.maximum(wide, high) / np.minimum(wide, high)
     alike = (area > _ALIKE[0] * middle) & (area < _ALIKE[1] * middle) & (long < _LONG)
+    # a disc fills pi / 4 of its box; of fewer than 9 pixels, no shape can be told
     alike &= (fill > _ROUND[0]) | (area < 9)
     kept = real & inside & alike
+    # a texture or a contact also has some round spots, but not most of them
     if kept.sum() < max(_FEWEST, _MOST * (real & inside).sum()):
         return f"only {int(kept.sum())} of {int((real & inside).sum())} spots have one round shape"
     radius = float(np.sqrt(np.median(area[kept]) / np.pi))
     sharp = spots(reference, 2 * radius, bright)
     places = centers(sharp, middles[1:][kept], radius)
+    # row by row: y in steps of two diameters, so that a tilted row stays one
     places = places[np.lexsort((places[:, 0], np.rint(places[:, 1] / max(4 * radius, 1))))]
     x, y = np.rint(places).astype(np.int64).T
     apart = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))

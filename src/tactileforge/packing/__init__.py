@@ -27,7 +27,8 @@ __all__ = ["Filter", "PackOptions", "pack", "summary"]
 
 #: Damaged recordings named by an error.
 _NAMED = 20
-#: Options of data sets without effect on their recordings.
+#: Options of data sets without effect on their recordings: a stopped run may go on from another
+#: folder, or with other processes.
 _PLACES = ("name", "root", "cache", "cache_gb", "processes", "max_bad")
 
 

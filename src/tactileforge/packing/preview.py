@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset, Recording
+from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.data.shards.index import sort_recordings
 from tactileforge.errors import DataError
@@ -40,6 +41,7 @@ from tactileforge.pages.page import (
 _SHARES = (0.75, 0.5, 0.25)
 #: Recordings to show, and frames of a strip.
 _SHOWN, _STRIP = 12, 6
+#: Frames in memory at once.
 _CHUNK = 16
 
 
@@ -101,7 +103,11 @@ def preview(
     judged = []
     for recording in Bar(_spread(everything, recordings), desc="look", unit="recording"):
         try:
-            judged.append(judge(_middle(recording, frames), chosen))
+            # from the middle: the ends are more often without contact
+            start = max(0, (len(recording.frames) - frames) // 2)
+            is_long = len(recording.frames) > frames
+            part = recording.part(start, start + frames) if is_long else recording
+            judged.append(judge(part, chosen))
         except DataError as error:
             skipped.append(f"{recording.key}: {error}")
     if not judged:
@@ -133,6 +139,7 @@ def threshold_for(judged: Sequence[Judged], share: float) -> float:
     """Threshold to keep a share of the frames; NaN for stills alone."""
     peaks = np.concatenate([item.peaks for item in judged])
     peaks = peaks[np.isfinite(peaks)]
+    # a score that occurs, not one between two: frames at the threshold are kept
     return float(np.quantile(peaks, 1 - share, method="higher")) if len(peaks) else float("nan")
 
 
@@ -151,16 +158,8 @@ def _spread(everything: Sequence[Recording], count: int) -> list[Recording]:
     spread = []
     for sensor in sorted(sensors):
         members = sensors[sensor]
-        most = min(len(members), max(2, count // len(sensors)))
-        spread += [members[i] for i in np.linspace(0, len(members) - 1, most).round().astype(int)]
+        spread += [members[i] for i in spread_rows(len(members), max(2, count // len(sensors)))]
     return spread
-
-
-def _middle(recording: Recording, frames: int) -> Recording:
-    if len(recording.frames) <= frames:
-        return recording
-    start = (len(recording.frames) - frames) // 2
-    return recording.part(start, start + frames)
 
 
 def _overview(judged: Sequence[Judged], total: int, chosen: Filter) -> Markup:
@@ -219,8 +218,10 @@ def _suggested(judged: Sequence[Judged]) -> list[str]:
 
 def _pictures(judged: Sequence[Judged], chosen: Filter) -> Section:
     shown = [item for item in judged if len(item.rows) > 1] or judged
-    places = np.linspace(0, len(shown) - 1, min(_SHOWN, len(shown))).round().astype(int)
-    cards = [_card(shown[i], chosen.threshold(shown[i].recording.sensor)) for i in places]
+    cards = [
+        _card(shown[i], chosen.threshold(shown[i].recording.sensor))
+        for i in spread_rows(len(shown), _SHOWN)
+    ]
     words = (
         "Frames with their scores; below each, how it differs from the frame before, amplified "
         "alike in one recording. Shaded: what is kept."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ _MOST_FILES = 50_000
 #: that between images in another order. Takes of a sensor have .1 to .4, still touches about 1.
 _COMPARED, _SMOOTH = 24, 0.6
 #: Frames per second where nothing tells them: the usual rate of the cameras in such sensors.
-_FPS = 30
+FPS = 30
 #: Smallest share of files or names in a table, for the table to be about them.
 _ABOUT = 0.8
 _BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
@@ -107,8 +107,8 @@ def _frames(root: Path, media: Sequence[Path], doubts: list[str]) -> dict[str, A
     layout: dict[str, Any] = {"images": pattern, "each": "sequence"}
     if name_times([path.stem for path in largest], None).times is not None:
         return layout | {"times": "names"}
-    doubts.append(f"fps: {_FPS} is assumed, names tell no times")
-    return layout | {"fps": _FPS}
+    doubts.append(f"fps: {FPS} is assumed, names tell no times")
+    return layout | {"fps": FPS}
 
 
 def _follow_each_other(images: Sequence[Path]) -> bool:
@@ -128,12 +128,29 @@ def _follow_each_other(images: Sequence[Path]) -> bool:
 
 
 def _sensor(root: Path, media: Sequence[Path], doubts: list[str]) -> dict[str, Any]:
-    words = "_".join([root.name, *media[0].relative_to(root).parts]).lower().replace("-", "_")
-    words = words.replace("gsmini", "gelsight_mini")
+    words = "_".join([root.name, *media[0].relative_to(root).parts])
+
+    def shape() -> tuple[int, int]:
+        return (1, 1) if (frames := _open(media[0])) is None else frames.shape
+
+    return guess_sensor(words, shape, doubts)
+
+
+def guess_sensor(
+    words: str, shape: Callable[[], tuple[int, int]], doubts: list[str]
+) -> dict[str, Any]:
+    """Guess the key of the sensor.
+
+    Args:
+        words: Names of folders and files.
+        shape: Function to height and width of a frame, called where no name tells the type.
+        doubts: Lines, added to.
+    """
+    words = words.lower().replace("-", "_").replace("gsmini", "gelsight_mini")
     # the longest name first: gelsight_mini holds gelsight
     if named := [name for name in sorted(SPECS, key=len, reverse=True) if name in words]:
         return {"sensor": named[0]}
-    height, width = (1, 1) if (frames := _open(media[0])) is None else frames.shape
+    height, width = shape()
     # DIGIT alone of the usual sensors is taller than wide
     sensor = "digit" if height > width else "gelsight_mini"
     doubts.append(f"sensor: no name tells the type; {sensor} by the shape {height} x {width} alone")

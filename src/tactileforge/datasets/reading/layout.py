@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -160,9 +160,9 @@ def given(values: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def several(value: str | tuple[str, ...]) -> tuple[str, ...]:
+def several(value: str | Sequence[str]) -> tuple[str, ...]:
     """One or more texts, as several."""
-    return (value,) if isinstance(value, str) else value
+    return (value,) if isinstance(value, str) else tuple(value)
 
 
 def _check(keys: LayoutKeys, each: str, where: str) -> None:

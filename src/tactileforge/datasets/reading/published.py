@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,13 @@ from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.labels.missing import stated
+from tactileforge.datasets.reading.drawn import Drawn
 from tactileforge.datasets.reading.layout_keys import MEDIAN_FRAMES
 from tactileforge.datasets.reading.notes import add_once
 from tactileforge.datasets.reading.official import ALL, OfficialSplit
 from tactileforge.datasets.reading.splits import is_held_out
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
 from tactileforge.sensors.specs import spec
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _IMAGES = frozenset({".bmp", ".jpeg", ".jpg", ".png"})
 
@@ -49,7 +47,7 @@ class RecordingItem:
     group: str = ""
 
 
-class PublishedDataset(ABC):
+class PublishedDataset(Drawn, ABC):
     """Base class of readers of published data sets; subclasses describe one and list its items.
 
     Args:
@@ -143,13 +141,6 @@ class PublishedDataset(ABC):
             )
         about = f"split {self.split}: {self.chosen.about}"
         raise self._missing(f"nothing for {split} in {self.root} ({about})")
-
-    def plot(self, recording: Recording) -> Figure:
-        """A figure of a recording: frames, frames less the background, forces, actions."""
-        # imported here: matplotlib takes a second, and training draws no figure
-        from tactileforge.datasets.reading.figure import plot_recording
-
-        return plot_recording(recording)
 
     def _side(self, item: RecordingItem) -> str | None:
         side = self.chosen.side(item.facts)

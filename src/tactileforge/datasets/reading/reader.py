@@ -27,6 +27,7 @@ from tactileforge.datasets.reading.layout import (
 )
 from tactileforge.datasets.reading.layout_keys import FrameTable
 from tactileforge.datasets.reading.order import order_doubt
+from tactileforge.datasets.reading.tables import number_or_text
 from tactileforge.datasets.reading.templates import template_columns
 from tactileforge.datasets.reading.touch import FileFrames, LayoutTouch, open_files
 from tactileforge.errors import DataError, DataNotFoundError
@@ -163,7 +164,7 @@ class LayoutReader:
             object=row.fill(layout.object) if layout.object else None,
             text=", ".join(phrase for phrase in phrases if phrase) or None,
             image=self._camera(touch),
-            labels={name: _value(cell) for name, cell in row.cells.items() if cell},
+            labels={name: number_or_text(cell) for name, cell in row.cells.items() if cell},
             source=layout.source,
             tier=layout.tier,
             licence=layout.licence,
@@ -296,10 +297,3 @@ class LayoutReader:
                 f"correct image of layout {self.layout.name!r}"
             )
         return open_files(files)
-
-
-def _value(cell: str) -> str | float:
-    try:
-        return float(cell)
-    except ValueError:
-        return cell

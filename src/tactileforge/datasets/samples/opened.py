@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +16,7 @@ from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.data.labels.clock import UNITS, check_rising
 from tactileforge.datasets.reading.layout import check_action, check_sensor, parse_background
+from tactileforge.datasets.reading.tables import number_or_text
 from tactileforge.datasets.samples.layout import SampleLayout, newtons
 from tactileforge.datasets.samples.places import (
     VIDEOS,
@@ -73,6 +74,7 @@ class _Opening(UnitValues):
         """The recording, with the name of its tar at the start of its key."""
         layout, frames = self.layout, self.frames
         times = self._times(frames)
+
         force = self._force(len(frames))
         sensor = self.text(layout.sensor)
         check_sensor(sensor, self.where)
@@ -90,7 +92,11 @@ class _Opening(UnitValues):
             text=", ".join(one for one in captions if one) or None,
             image=camera,
             image_times=times if camera is not None and layout.by_frame else None,
-            labels=self._labels(),
+            labels={
+                name: number_or_text(said)
+                for name, template in layout.labels.items()
+                if (said := self.text(template))
+            },
             tracks={
                 name: self.rows(place, len(frames)).astype(np.float32)
                 for name, place in layout.tracks.items()
@@ -208,10 +214,6 @@ class _Opening(UnitValues):
             return None
         return self._shown([self.part(sample, name) for sample in self.unit.samples], name)
 
-    def _labels(self) -> Mapping[str, str | float]:
-        found = {name: self.text(template) for name, template in self.layout.labels.items()}
-        return {name: _number(said) for name, said in found.items() if said}
-
 
 def shown(where: str, blobs: Sequence[Blob], part: str) -> Frames:
     """Frames of pictures, arrays or a video.
@@ -230,6 +232,7 @@ def shown(where: str, blobs: Sequence[Blob], part: str) -> Frames:
     if kind == "npy":
         return ArrayRows(where, blobs)
     for number, blob in enumerate(blobs):
+        # told here, by name: the decoder would say so in the middle of training
         start = Blob(blob.path, blob.offset, min(12, blob.size)).read()
         if not start.startswith(_STARTS):
             frame = f", frame {number}" if len(blobs) > 1 else ""
@@ -237,10 +240,3 @@ def shown(where: str, blobs: Sequence[Blob], part: str) -> Frames:
                 f"{where}{frame}: no picture, it starts with {start[:4]!r}; write it again"
             )
     return EncodedFrames(where, blobs)
-
-
-def _number(text: str) -> str | float:
-    try:
-        return float(text)
-    except ValueError:
-        return text
