@@ -156,8 +156,18 @@ class Counters:
         total = self.totals.setdefault((split, recording.sensor), Total())
         total.recordings += 1
         total.frames += len(recording.frames)
-        total.seconds += duration_of(recording)
-        self._clock(total, recording)
+        seconds = duration_of(recording)
+        total.seconds += seconds
+        if seconds > 0:
+            rate = 1 / recording.period
+            # fmin and fmax pass over the NaN of a sum without a rate yet
+            total.slowest = float(np.fmin(total.slowest, rate))
+            total.fastest = float(np.fmax(total.fastest, rate))
+            place = np.searchsorted(DURATIONS, seconds, side="right") - 1
+            self.durations[int(np.clip(place, 0, len(self.durations) - 1))] += 1
+        else:
+            self.stills += 1
+            total.stills += 1
         for label in labels_of(recording):
             total.carrying[label] = total.carrying.get(label, 0) + 1
         if recording.no_contact is not None:
@@ -165,20 +175,8 @@ class Counters:
         self._labels(recording)
         self.names.add("key", recording.key)
 
-    def _clock(self, total: Total, recording: Recording) -> None:
-        seconds = duration_of(recording)
-        if seconds <= 0:
-            self.stills += 1
-            total.stills += 1
-            return
-        rate = 1 / recording.period
-        total.slowest = float(np.fmin(total.slowest, rate))
-        total.fastest = float(np.fmax(total.fastest, rate))
-        place = np.searchsorted(DURATIONS, seconds, side="right") - 1
-        self.durations[int(np.clip(place, 0, len(self.durations) - 1))] += 1
-
     def _labels(self, recording: Recording) -> None:
-        # one name of three fields, taken apart again in `source_rows`: no text of them has a zero
+        # one name of three fields, taken apart again in `source_rows`
         source = f"{recording.source}\0{recording.licence}\0{recording.tier}"
         self.names.add("source", source)
         if recording.object is not None:

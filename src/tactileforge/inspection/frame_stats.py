@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frames, Recording
+from tactileforge.contracts import Recording
 from tactileforge.data.frames.crop import size_text
 from tactileforge.data.frames.cut import spread_rows
-from tactileforge.data.frames.pixel_contract import checked_pixels
+from tactileforge.data.frames.pixel_contract import checked_chunks
 from tactileforge.data.frames.small import shrink, strongest
 from tactileforge.errors import DataError
 from tactileforge.inspection.frozen import digest_of, frozen_time
@@ -93,7 +93,7 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
     background = background_of(recording)
     rows = evenly(len(recording.frames), FRAMES)
     small, saturated, digests = [], 0.0, []
-    for chunk in _chunks(recording.frames, rows.tolist()):
+    for chunk in checked_chunks(recording.frames, rows.tolist(), "frames", _CHUNK):
         for frame in chunk:
             # before it is made small: an average hides single pixels
             ends = ((frame == 0) | (frame == 255)).any(axis=-1)
@@ -142,7 +142,7 @@ def changes(recording: Recording, rows: Sequence[int]) -> NDArray[np.float64]:
     """
     still = background_of(recording)
     differences = []
-    for chunk in _chunks(recording.frames, rows):
+    for chunk in checked_chunks(recording.frames, rows, "frames", _CHUNK):
         for frame in chunk:
             small = shrink(frame)
             still = small if still is None else still
@@ -165,7 +165,8 @@ def background_of(recording: Recording) -> NDArray[np.float32] | None:
             f"{size_text(recording.frames.shape)}; give a background of the same size"
         )
     rows = evenly(len(still), _BACKGROUND).tolist()
-    small = [shrink(frame) for chunk in _chunks(still, rows) for frame in chunk]
+    chunks = checked_chunks(still, rows, "frames", _CHUNK)
+    small = [shrink(frame) for chunk in chunks for frame in chunk]
     return np.median(small, axis=0).astype(np.float32)
 
 
@@ -179,11 +180,6 @@ def amplify(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
     # at least 8 levels to full scale: the noise of a recording without contact stays grey
     gain = 127 / max(float(np.quantile(np.abs(difference), 0.995)), 8.0)
     return images.difference(difference, gain)
-
-
-def _chunks(frames: Frames, rows: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
-    for start in range(0, len(rows), _CHUNK):
-        yield checked_pixels(frames.read(rows[start : start + _CHUNK]), "frames", 4)
 
 
 def _signature(frames: NDArray[np.float32]) -> NDArray[np.int16]:

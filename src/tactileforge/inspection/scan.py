@@ -130,7 +130,7 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
     doubts = Doubts()
     unreadable: list[str] = []
     listed = _listed(dataset, unreadable)
-    # one pass: listing may cost minutes, and a reader notes what it skips each time
+    # one pass for all counts, none of which holds a recording: the data may exceed the memory
     for sampled in Bar(listed, desc="count", unit="recording", disable=not progress):
         tally.add(sampled.recording, sampled.split)
         doubts.add(sampled.recording)

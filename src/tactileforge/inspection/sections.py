@@ -37,7 +37,7 @@ from tactileforge.pages.page import (
 )
 
 AXES = ("x", "y", "z")
-#: Recordings of a contact sheet, and rows of objects and of sources: what one screen shows.
+#: Recordings of a contact sheet of a sensor, and rows of objects and of sources.
 _SHEET, _OBJECTS, _SOURCES = 24, 30, 20
 
 

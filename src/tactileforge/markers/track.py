@@ -185,7 +185,7 @@ class MarkerTracker:
         gap = self.grid.places[lost][:, None] - self.grid.places[known][None]
         apart = np.hypot(*gap.transpose(2, 0, 1))
         few = np.argsort(apart, axis=1)[:, :_NEIGHBORS]
-        # the nearest count most; no distance is 0, but a division by it would be
+        # the nearest count most
         weight = 1 / (np.take_along_axis(apart, few, 1) + 1e-6)
         out[lost] = (weight[..., None] * moved[known[few]]).sum(1) / weight.sum(1)[:, None]
         return out

@@ -75,7 +75,7 @@ def _local(jobs: Sequence[ShardJob], count: int, tick: Tick) -> Made:
     try:
         while waiting or busy:
             while waiting and idle:
-                # pickled here, before a process is taken: an error names the recordings
+                # pickled here, before a process is taken: an error names the shard
                 content = packed_job(waiting[0])
                 worker, job = idle.pop(), waiting.popleft()
                 # the first job of a pool starts its process, and a signal meanwhile would end it

@@ -48,7 +48,7 @@ class FollowedMarkers:
         Args:
             shown: Numbers and frames in their order; encoded ones are decoded for this alone.
         """
-        # before any filter: markers are followed from frame to frame, and a gap would lose them
+        # before frames without change are left out: a gap would lose the markers
         for row, frame in shown:
             try:
                 whole = self.recording.frames

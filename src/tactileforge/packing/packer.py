@@ -74,7 +74,6 @@ class Packer:
             shards.describe_recording(recording),
             self.options.codec,
             frames,
-            # of the whole recording: the filter is about motion, which these have none of
             self._all(whole.no_contact),
             self._all(whole.image),
             # lossless, and never resized: their levels are displacements

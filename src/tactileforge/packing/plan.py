@@ -107,7 +107,7 @@ def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recordin
     """
     shard: list[Recording] = []
     count = 0
-    # objects first, as in the order of the recordings; those without one stand alone, by key
+    # a recording without an object is alone, by its key, which may be the name of an object
     for _, group in groupby(
         recordings,
         key=lambda recording: (recording.object is None, recording.object or recording.key),

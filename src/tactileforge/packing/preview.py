@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.frames.cut import spread_rows
-from tactileforge.data.frames.pixel_contract import checked_pixels
+from tactileforge.data.frames.pixel_contract import checked_chunks
 from tactileforge.data.shards.index import sort_recordings
 from tactileforge.errors import DataError
 from tactileforge.files import write_text
@@ -103,7 +103,6 @@ def preview(
     judged = []
     for recording in Bar(_spread(everything, recordings), desc="look", unit="recording"):
         try:
-            # from the middle: the ends are more often without contact
             start = max(0, (len(recording.frames) - frames) // 2)
             is_long = len(recording.frames) > frames
             part = recording.part(start, start + frames) if is_long else recording
@@ -129,7 +128,9 @@ def judge(recording: Recording, chosen: Filter) -> Judged:
         DataError: A frame cannot be read.
     """
     rows = filters.sample_in_time(recording.times, chosen.every)
-    scores = filters.laplacian_scores(_read(recording, rows.tolist()))
+    chunks = checked_chunks(recording.frames, rows.tolist(), recording.key, _CHUNK)
+    frames = (frame for chunk in chunks for frame in chunk)
+    scores = filters.laplacian_scores(zip(rows.tolist(), frames, strict=True))
     times = recording.times[rows]
     peaks = filters.peaks(times, scores, filters.reach(times, chosen.span))
     return Judged(recording, rows, np.array(scores), peaks)
@@ -141,13 +142,6 @@ def threshold_for(judged: Sequence[Judged], share: float) -> float:
     peaks = peaks[np.isfinite(peaks)]
     # a score that occurs, not one between two: frames at the threshold are kept
     return float(np.quantile(peaks, 1 - share, method="higher")) if len(peaks) else float("nan")
-
-
-def _read(recording: Recording, rows: Sequence[int]) -> Iterator[filters.Numbered]:
-    for start in range(0, len(rows), _CHUNK):
-        chunk = rows[start : start + _CHUNK]
-        frames = checked_pixels(recording.frames.read(chunk), recording.key, 4)
-        yield from zip(chunk, frames, strict=True)
 
 
 def _spread(everything: Sequence[Recording], count: int) -> list[Recording]:

@@ -69,7 +69,7 @@ class ShardNote:
             row = plain["entry"]
             entry = None if row is None else IndexEntry.from_json(row)
             note = cls(plain["digest"], entry, PackStatistics.from_json(plain["statistics"]))
-            # by its bytes, not its name: a run that was killed by a full disk may have cut it off
+            # by its bytes: a shard that was damaged since is made anew
             is_there = entry is None or sha256(job.path) == entry.sha256
         except (OSError, ValueError, KeyError, TypeError):
             return None

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.sources import Source
+from tactileforge.data.frames.small import ELSEWHERE, SIMILAR
 from tactileforge.errors import DataError
 
 #: Validation recordings to check, and training recordings to compare each with; four frames of each
 #: are decoded, so a check costs seconds at most.
 _LOOKED, _COMPARED = 32, 256
-#: Size of small pictures, the largest difference of one encoded again, grey levels, and the largest
-#: share of their pixels with a larger one.
-_SMALL, _SIMILAR, _ELSEWHERE = (32, 24), 3.0, 0.005
+#: Size of small pictures.
+_SMALL = (32, 24)
 #: Smallest change from the first frame, grey levels, and share of the pixels with it: pictures
 #: without touch look alike.
 _TOUCH, _TOUCHED = 8.0, 0.02
@@ -128,7 +128,7 @@ class _Look:
             return True
         if self.small is None or other.small is None or self.small.shape != other.small.shape:
             return False
-        return bool((np.abs(self.small - other.small) > _SIMILAR).mean() < _ELSEWHERE)
+        return bool((np.abs(self.small - other.small) > SIMILAR).mean() < ELSEWHERE)
 
 
 def _look(one: Recording) -> _Look | None:

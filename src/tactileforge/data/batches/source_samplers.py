@@ -128,25 +128,22 @@ class WindowedSource:
         """Draws the clips of batch ``number`` for a reader's rank."""
         turn, worker = divmod(number, reader.workers)  # torch deals batches to workers in turn
         mine = (reader.rank * reader.workers + worker, reader.world * reader.workers)
-        passed, place, done = self._place(turn, mine)
-        clips = self._open(self._schedule(passed, *mine)[place][1], bad)
-        order = np.random.default_rng([*self.seed, passed, mine[0], place]).permutation(len(clips))
-        # the window's length was estimated: where it holds fewer clips, they come again
-        rows = np.arange(done * self.count, (done + 1) * self.count) % len(order)
-        return SourceDraw(clips, order[rows])
-
-    def _place(self, turn: int, mine: tuple[int, int]) -> tuple[int, int, int]:
-        """Pass and window of a reader's batch, and its number within the window."""
         starts = self._starts.setdefault(mine, [0])
         # passes differ in length, as each deals the parts anew: their starts are summed up once
         while starts[-1] <= turn:
             plan = self._schedule(len(starts) - 1, *mine)
             starts.append(starts[-1] + sum(lasts for lasts, _ in plan))
         passed = int(np.searchsorted(starts, turn, side="right")) - 1
+        schedule = self._schedule(passed, *mine)
         rest = turn - starts[passed]
-        ends = np.cumsum([lasts for lasts, _ in self._schedule(passed, *mine)])
+        ends = np.cumsum([lasts for lasts, _ in schedule])
         place = int(np.searchsorted(ends, rest, side="right"))
-        return passed, place, rest - (int(ends[place - 1]) if place else 0)
+        done = rest - (int(ends[place - 1]) if place else 0)  # batches of the window before this
+        clips = self._open(schedule[place][1], bad)
+        order = np.random.default_rng([*self.seed, passed, mine[0], place]).permutation(len(clips))
+        # the window's length was estimated: where it holds fewer clips, they come again
+        rows = np.arange(done * self.count, (done + 1) * self.count) % len(order)
+        return SourceDraw(clips, order[rows])
 
     def _schedule(self, passed: int, reader: int, readers: int) -> list[tuple[int, list[int]]]:
         """Windows of one reader in one pass: the batches of each, and its parts."""

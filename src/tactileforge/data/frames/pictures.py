@@ -86,11 +86,6 @@ def rgb_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
     check_depth(image, where)
     # before the pixels, which may be followed by a tag that no other door reads
     turned = orientation(image)
-    pixels = _decoded(image, where)
-    return np.ascontiguousarray(_UPRIGHT[turned](pixels)) if turned in _UPRIGHT else pixels
-
-
-def _decoded(image: Image.Image, where: str) -> NDArray[np.uint8]:
     if image.mode in _ALPHA or "transparency" in image.info:
         # RGBA also for a palette: convert("RGB") would drop its transparent color unseen
         pixels = np.asarray(image.convert("RGBA"))
@@ -100,8 +95,10 @@ def _decoded(image: Image.Image, where: str) -> NDArray[np.uint8]:
                 f"{where}: {share:.0%} of its pixels are transparent, so they have no colour of "
                 "their own; save it without an alpha"
             )
-        return np.ascontiguousarray(pixels[..., :3])
-    return np.asarray(image.convert("RGB"))
+        pixels = np.ascontiguousarray(pixels[..., :3])
+    else:
+        pixels = np.asarray(image.convert("RGB"))
+    return np.ascontiguousarray(_UPRIGHT[turned](pixels)) if turned in _UPRIGHT else pixels
 
 
 def _is_deep(image: Image.Image) -> bool:

@@ -202,36 +202,29 @@ class Augment(nn.Module):
             flipped = batch["flip"][:, axis, None, None, None, None]
             clip = torch.where(flipped, clip.flip(dim), clip)
         if self._moves or self._lights:
-            clip = self._changed(clip, batch)
+            with torch.autocast(clip.device.type, enabled=False):  # bf16 has no 256 levels
+                clip = clip.to(torch.float32, memory_format=torch.contiguous_format)
+                if self._moves:
+                    clip = pixels.move_clip(clip, batch["warp"])
+                if self._lights:
+                    clip = pixels.light_clip(clip, batch["relight"], self.blur, self.noise > 0)
+                clip = pixels.as_levels(clip)
         if self.jitter is not None:
             jittered: Any = self.jitter(clip.float() / 255)
             jittered = (jittered * 255).round().clamp(0, 255).to(torch.uint8)
             clip = torch.where(batch["coded"][:, None, None, None, None], clip, jittered)
         moved: Batch = {"background": clip[:, 0], "frames": clip[:, 1:]}
         if "surface" in batch:
-            moved["surface"] = self._surface(batch)
-        return batch | moved
-
-    def _changed(self, clip: Tensor, batch: Batch) -> Tensor:
-        """Moves and lights clips (B, 1 + T, 3, H, W), the background first."""
-        with torch.autocast(clip.device.type, enabled=False):  # bf16 has no 256 levels
-            clip = clip.to(torch.float32, memory_format=torch.contiguous_format)
+            surface: Tensor = batch["surface"]
+            for axis in (0, 1):
+                flipped = batch["flip"][:, axis, None, None, None, None]
+                mirrored = displacement.mirror_displacement(surface, axis)
+                surface = torch.where(flipped, mirrored, surface)
             if self._moves:
-                clip = pixels.move_clip(clip, batch["warp"])
-            if self._lights:
-                clip = pixels.light_clip(clip, batch["relight"], self.blur, self.noise > 0)
-            return pixels.as_levels(clip)
-
-    def _surface(self, batch: Batch) -> Tensor:
-        """Surfaces with the mirrors and turns of the pixels."""
-        surface: Tensor = batch["surface"]
-        for axis in (0, 1):
-            flipped = batch["flip"][:, axis, None, None, None, None]
-            surface = torch.where(flipped, displacement.mirror_displacement(surface, axis), surface)
-        if not self._moves:
-            return surface
-        with torch.autocast(surface.device.type, enabled=False):
-            return pixels.move_surface(surface, batch["warp"], batch["warp_turn"])
+                with torch.autocast(surface.device.type, enabled=False):
+                    surface = pixels.move_surface(surface, batch["warp"], batch["warp_turn"])
+            moved["surface"] = surface
+        return batch | moved
 
 
 def build_augment(options: Mapping[str, Any] | None) -> Augment | None:

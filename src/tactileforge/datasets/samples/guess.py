@@ -91,7 +91,9 @@ def _layout(
     layout = _frames(samples, counts, doubts)
     if not layout:
         return {}
-    layout |= _sensor(root, samples, layout, doubts)
+    key = next(iter(samples))
+    words = "_".join([root.absolute().name, key, *parts])
+    layout |= guess_sensor(words, lambda: _shape(parts, str(layout["frames"])), doubts)
     background = [part for part in counts if kind_of(part) in PICTURES and _BACKGROUND.search(part)]
     layout["background"] = {"file": background[0]} if background else "none"
     if not background:
@@ -173,17 +175,6 @@ def _clips(samples: Mapping[str, dict[str, Blob]], doubts: list[str]) -> dict[st
 def _numbered(key: str, sign: str) -> bool:
     start, _, number = key.rpartition(sign)
     return bool(start) and number.isdecimal() and len(number) < 19
-
-
-def _sensor(
-    root: Path,
-    samples: Mapping[str, dict[str, Blob]],
-    layout: Mapping[str, Any],
-    doubts: list[str],
-) -> dict[str, Any]:
-    key, parts = next(iter(samples.items()))
-    words = "_".join([root.absolute().name, key, *parts])
-    return guess_sensor(words, lambda: _shape(parts, str(layout["frames"])), doubts)
 
 
 def _shape(parts: Mapping[str, Blob], frames: str) -> tuple[int, int]:
