@@ -50,10 +50,10 @@ def impossible(recording: Recording) -> str:
     if recording.force is not None:
         row = impossible_row(recording.force, recording.sensor)
         if row is not None:
-            values = ", ".join(f"{axis:g}" for axis in recording.force[row])
+            felt = ", ".join(f"{axis:g}" for axis in recording.force[row])
             most = ", ".join(f"{axis:g}" for axis in limits(recording.sensor))
             return (
-                f"{recording.key}, row {row}: a force of ({values}) N, where {recording.sensor} "
+                f"{recording.key}, row {row}: a force of ({felt}) N, where {recording.sensor} "
                 f"can feel ({most}) N at most; say its unit (force_unit: of a layout), or correct "
                 "it"
             )

@@ -136,7 +136,7 @@ class _Opening(UnitValues):
             read = self.rows(layout.times.values, count)
             if read.ndim != 1 or np.isnan(read).any():
                 raise DataError(f"{self.where}: times of shape {read.shape}, or empty; correct it")
-            times = (read - read[0]) * UNITS[layout.times.unit]
+            times: NDArray[np.float64] = (read - read[0]) * UNITS[layout.times.unit]
             check_rising(times, self.where, "correct it")
             return times
         if layout.by_frame and layout.fps:
