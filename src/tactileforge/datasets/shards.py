@@ -120,12 +120,9 @@ class Shards(Drawn):
             ConfigError: An unknown split.
         """
         check_split(split)
-        if self.val:
-            return self._held_out(split)
-        return self._stored(split)
-
-    def _held_out(self, split: str) -> list[Source]:
-        """One source of the held-out recordings, or of the others."""
+        if not self.val:
+            return self._stored(split)
+        # a part of the training is held out: one source of that part, or of the rest
         stored = {side: self._stored(side) for side in SPLITS}
         content = [
             part_of_it

@@ -172,24 +172,20 @@ class Counters:
             total.carrying[label] = total.carrying.get(label, 0) + 1
         if recording.no_contact is not None:
             total.carrying["background"] = total.carrying.get("background", 0) + 1
-        self._labels(recording)
-        self.names.add("key", recording.key)
-
-    def _labels(self, recording: Recording) -> None:
         # one name of three fields, taken apart again in `source_rows`
-        source = f"{recording.source}\0{recording.licence}\0{recording.tier}"
-        self.names.add("source", source)
+        self.names.add("source", f"{recording.source}\0{recording.licence}\0{recording.tier}")
         if recording.object is not None:
             self.names.add("object", recording.object)
         if recording.action is not None:
-            for label, count in zip(*np.unique(recording.action, return_counts=True), strict=True):
+            for label, number in zip(*np.unique(recording.action, return_counts=True), strict=True):
                 # a foreign data set may have numbers of its own
                 name = ACTIONS[label] if 0 <= label < len(ACTIONS) else "unknown"
-                self.names.add("action", name, int(count))
+                self.names.add("action", name, int(number))
         if recording.force is not None:
             axes = self.forces.setdefault(recording.sensor, [Histogram() for _ in range(3)])
             for axis, values in zip(axes, recording.force.T, strict=True):
                 axis.add(values)
+        self.names.add("key", recording.key)
 
 
 def duration_of(recording: Recording) -> float:
