@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames.crop import size_text
+from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.pixel_contract import checked_chunks
 from tactileforge.data.frames.small import shrink, strongest
@@ -159,11 +159,7 @@ def background_of(recording: Recording) -> NDArray[np.float32] | None:
     still = recording.no_contact
     if still is None:
         return None
-    if still.shape != recording.frames.shape:
-        raise DataError(
-            f"{recording.key}: the background has {size_text(still.shape)} pixels, the frames "
-            f"{size_text(recording.frames.shape)}; give a background of the same size"
-        )
+    check_background_size(still.shape, recording.frames.shape, recording.key)
     rows = evenly(len(still), _BACKGROUND).tolist()
     chunks = checked_chunks(still, rows, "frames", _CHUNK)
     small = [shrink(frame) for chunk in chunks for frame in chunk]

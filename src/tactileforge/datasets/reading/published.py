@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, FrameSubset, Guess, Recording
 from tactileforge.data.frames.companions import is_companion
-from tactileforge.data.frames.crop import size_text
+from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.labels.missing import stated
@@ -304,9 +304,6 @@ def still_background(path: Path, frames: Frames) -> ImageFrames | None:
     if not path.is_file():
         return None
     background = ImageFrames([path])
-    if background.shape != frames.shape:
-        raise DataError(
-            f"{path}: the background has {size_text(background.shape)} pixels, the frames "
-            f"{size_text(frames.shape)}; give a background of the same size, or remove it"
-        )
+    fix = "give a background of the same size, or remove it"
+    check_background_size(background.shape, frames.shape, str(path), fix=fix)
     return background

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
-from tactileforge.data.frames.crop import size_text
+from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.lazy import Crop, ImageFrames, VideoFrames
 from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.actions import label_actions
@@ -268,12 +268,8 @@ class LayoutReader:
         if path not in self._backgrounds:
             self._backgrounds[path] = open_files([path])
         background = self._backgrounds[path]
-        if background.full_shape != frames.full_shape:
-            raise DataError(
-                f"{path}: the background has {size_text(background.full_shape)} pixels, "
-                f"{touch.paths[0]} {size_text(frames.full_shape)}; give a background of the same "
-                "size"
-            )
+        other = str(touch.paths[0])
+        check_background_size(background.full_shape, frames.full_shape, str(path), other)
         if isinstance(background, VideoFrames) and not rule.first + rule.last:
             raise DataError(f"{path}: a video as background: say which frames with first or last")
         return background

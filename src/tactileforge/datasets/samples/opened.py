@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
-from tactileforge.data.frames.crop import size_text
+from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.encoded import Blob, EncodedFrames
 from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.actions import label_actions
@@ -200,11 +200,7 @@ class _Opening(UnitValues):
         base = frames
         if rule.file:
             base = self._shown([self.part(self.unit.samples[0], rule.file)], rule.file)
-            if base.shape != frames.shape:
-                raise DataError(
-                    f"{self.where}: the background has {size_text(base.shape)} pixels, the frames "
-                    f"{size_text(frames.shape)}; give a background of the same size"
-                )
+            check_background_size(base.shape, frames.shape, self.where)
         return FrameSubset(self._upright(base), rule.rows(len(base)))
 
     def _camera(self) -> Frames | None:
