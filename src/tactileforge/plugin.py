@@ -49,6 +49,7 @@ from tactileforge.data.frames.lazy import ArrayFrames, ImageFrames, VideoFrames
 from tactileforge.data.frames.pictures import upright_size
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.data.labels.align import estimate_lag, nearest
+from tactileforge.data.labels.clock import check_rising
 from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.newtons import NEWTONS, named_unit, newtons_of
 from tactileforge.data.shards.shards import describe_recording, read_shard, write_shard
@@ -194,6 +195,7 @@ __all__ = [
     "changes_by_at_most",
     "check_data_licence",
     "check_names",
+    "check_rising",
     "close_sensor",
     "describe_recording",
     "difference_image",

@@ -73,6 +73,7 @@ class Cloth(PublishedDataset):
             key = f"{cloth}/{trial}"
             opened = partial(self._open, key, folder, classes.get(_plain(cloth), []))
             side = sides.get((_plain(cloth), _plain(trial)), "")
+            # held out by cloth: trials of one look alike
             yield RecordingItem(key, opened, {"list": side}, group=cloth)
 
     def _open(self, key: str, folder: Path, classes: list[Any]) -> Recording:

@@ -13,6 +13,7 @@ from tactileforge.datasets.reading.files import read_rows
 from tactileforge.datasets.reading.published import PublishedDataset, RecordingItem
 from tactileforge.errors import DataError
 
+#: The first is before the gripper closes, and so without contact.
 _MOMENTS = ("before", "during", "after")
 _FINGERS = ("A", "B")
 

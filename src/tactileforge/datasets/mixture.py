@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tactileforge import registry
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.batches.sources import Bad, Part, Source, sources_of
+from tactileforge.datasets.reading.drawn import Drawn
 from tactileforge.errors import ConfigError, check_names
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-
-class Mixture:
+class Mixture(Drawn):
     """Several data sets as one; every batch holds a fixed share of each.
 
     Objects are distinct between data sets: ``cup`` of one is not the ``cup`` of another. Command
@@ -50,6 +48,7 @@ class Mixture:
                 "data=mixture has no sources; add some: +data@data.sources.a=sim "
                 "+data@data.sources.b=shards data.sources.b.root=DIR"
             )
+
         nodes: Mapping[str, Mapping[str, Any]] = self.given
         if any(node.get("name") == "mixture" for node in nodes.values()):
             raise ConfigError("a source of data=mixture is a mixture; list its sources instead")
@@ -92,12 +91,6 @@ class Mixture:
         for name, data in self.datasets.items():
             for recording in data.recordings(split):
                 yield _named(name, recording)
-
-    def plot(self, recording: Recording) -> Figure:
-        """A figure of a recording."""
-        from tactileforge.datasets.reading.figure import plot_recording
-
-        return plot_recording(recording)
 
 
 @dataclass(frozen=True)

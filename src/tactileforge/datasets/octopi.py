@@ -70,6 +70,7 @@ class Octopi(PublishedDataset):
 
     def _open(self, path: Path, name: str, ranks: dict[str, tuple[float, str]]) -> Recording:
         frames = VideoFrames(path)
+        # three frames, or half of a short film
         still = max(1, min(3, len(frames) // 2))
         phrases = [f"{{action}} {name}".replace("_", " "), *(word for _, word in ranks.values())]
         return self._recording(

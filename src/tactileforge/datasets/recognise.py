@@ -43,4 +43,5 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
             f"{path}: no installed data set recognises it, and it has no videos or images; "
             "tactileforge plugins list shows what is installed, docs/datasets.md what can be"
         )
+    # of equal scores, the first by name
     return tuple(sorted(found, key=lambda one: -one[1].score))

@@ -6,17 +6,23 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from omegaconf import OmegaConf
 
 from tactileforge.contracts import Guess, Recording
+from tactileforge.datasets.reading.drawn import Drawn
 from tactileforge.datasets.reading.files import DamagedFileError, read_text
 from tactileforge.datasets.reading.guessed_layout import guess_layout
 from tactileforge.datasets.reading.layout import EXAMPLE, SPLITS, DatasetLayout, parse_layout
 from tactileforge.datasets.reading.notes import Notes, add_once
 from tactileforge.datasets.reading.reader import LayoutReader
-from tactileforge.datasets.reading.splits import is_held_out, split_parts
+from tactileforge.datasets.reading.splits import (
+    check_share,
+    check_split,
+    is_held_out,
+    split_parts,
+)
 from tactileforge.datasets.reading.touch import LayoutTouch
 from tactileforge.errors import (
     ConfigError,
@@ -24,13 +30,9 @@ from tactileforge.errors import (
     DataNotFoundError,
     check_names,
     home_path,
-    unknown,
 )
 from tactileforge.strict import build
 from tactileforge.untrusted import load_yaml
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: Name of a file in the root with the layouts of its data.
 LAYOUT_FILE = "tactileforge.yaml"
@@ -43,7 +45,7 @@ class LayoutFile:
     layouts: dict[str, Any] = field(metadata={"example": "{my_touches: {...}}"})
 
 
-class Recordings:
+class Recordings(Drawn):
     """Touch recordings in folders, described by layouts (`docs/data.md` lists their keys).
 
     Args:
@@ -69,8 +71,7 @@ class Recordings:
         val: float = 0.1,
         tracks: bool = True,
     ) -> None:
-        if not 0 <= val < 1:
-            raise ConfigError(f"val is {val}; give the share that is held out, 0 or more, below 1")
+        check_share(val)
         self.root = home_path(root)
         self.val = val
         self.tracks = tracks
@@ -130,8 +131,7 @@ class Recordings:
             DataError: Labels contradict the files, or no recording for training can be opened.
             ConfigError: An unknown split, or an unknown sensor or action in a label.
         """
-        if split not in ("train", "val"):
-            raise ConfigError(unknown("split", split, ("train", "val")))
+        check_split(split)
         opened, failed = 0, []
         layouts = (
             self.layouts if self.tracks else [replace(one, tracks=None) for one in self.layouts]
@@ -170,12 +170,6 @@ class Recordings:
         if failed and not opened and split == "train":
             raise DataError(f"not one of {len(failed)} recordings can be opened; {failed[0]}")
 
-    def plot(self, recording: Recording) -> Figure:
-        """A figure of a recording: frames, frames less the background, forces, actions."""
-        from tactileforge.datasets.reading.figure import plot_recording
-
-        return plot_recording(recording)
-
 
 def _labelled(reader: LayoutReader, touch: LayoutTouch) -> list[Recording] | str:
     """Recordings of a touch, or a line about a damaged file of it."""
@@ -212,7 +206,7 @@ def _parse_all(layouts: Mapping[str, Any]) -> list[DatasetLayout]:
 
 
 def _as_plain(config: Any) -> Any:
-    """Plain data; a mapping's keys are names."""
+    """Plain data; a mapping's keys are names, though YAML reads some as numbers."""
     plain = OmegaConf.to_container(config, resolve=True) if OmegaConf.is_config(config) else config
     if not isinstance(plain, Mapping):
         return plain
@@ -226,6 +220,7 @@ def _shipped(root: Path) -> dict[str, DatasetLayout]:
         found = "a file, and no folder" if root.is_file() else "no such folder"
         raise DataNotFoundError(f"{root}: {found}; set data.root to the folder of the data")
     if not path.is_file():
+        # the name with another ending is the likeliest reason
         for other in sorted(root.iterdir()):
             if other.stem.lower() == path.stem and other.suffix.lower() in (".yml", ".yaml"):
                 raise DataNotFoundError(f"{path}: no such file; rename {other.name} to {path.name}")

@@ -6,27 +6,28 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tactileforge.contracts import Guess, Recording
-from tactileforge.data.batches.sources import Bad, InMemory, Source
+from tactileforge.data.batches.sources import Bad, Source, loaded_source
 from tactileforge.data.shards import index, shards
 from tactileforge.data.shards.fetch import ShardFolder
 from tactileforge.data.shards.foreign import ForeignShardError, check_foreign, is_foreign
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.data.shards.summary import Summary
+from tactileforge.datasets.reading.drawn import Drawn
 from tactileforge.datasets.reading.notes import add_once
-from tactileforge.datasets.reading.splits import HOLD_OUT, held_out
+from tactileforge.datasets.reading.splits import (
+    HOLD_OUT,
+    SPLITS,
+    check_share,
+    check_split,
+    held_out,
+)
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, command, unknown
 from tactileforge.files import cache_folder
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-_SPLITS = ("train", "val")
-
-
-class Shards:
+class Shards(Drawn):
     """Shards of a folder, with ``index.json`` (`docs/shards.md`).
 
     They may be on this machine or behind a URL. Remote shards are fetched on demand, verified and
@@ -58,8 +59,7 @@ class Shards:
         val: float = 0.0,
         hold_out: str = "take",
     ) -> None:
-        if not 0 <= val < 1:
-            raise ConfigError(f"val is {val}; give the share that is held out, 0 or more, below 1")
+        check_share(val)
         if hold_out not in HOLD_OUT:
             raise ConfigError(unknown("hold_out", hold_out, HOLD_OUT))
         self.val = val
@@ -119,15 +119,11 @@ class Shards:
             DataNotFoundError: There are no shards.
             ConfigError: An unknown split.
         """
-        if split not in _SPLITS:
-            raise ConfigError(unknown("split", split, _SPLITS))
-        if self.val:
-            return self._held_out(split)
-        return self._stored(split)
-
-    def _held_out(self, split: str) -> list[Source]:
-        """One source of the held-out recordings, or of the others."""
-        stored = {side: self._stored(side) for side in _SPLITS}
+        check_split(split)
+        if not self.val:
+            return self._stored(split)
+        # a part of the training is held out: one source of that part, or of the rest
+        stored = {side: self._stored(side) for side in SPLITS}
         content = [
             part_of_it
             for source in stored["train"]
@@ -142,9 +138,7 @@ class Shards:
                 for part in source.parts
                 for recording in part.open(self._note)
             ]
-        summary = Summary.of(content)
-        name = next((source.name for source in stored["train"]), "")
-        return [Source(name, [InMemory(content, summary.seconds)], summary)] if content else []
+        return loaded_source(next((source.name for source in stored["train"]), ""), content)
 
     def _stored(self, split: str) -> list[Source]:
         """One source of the shards of a split."""
@@ -174,23 +168,16 @@ class Shards:
             for part in source.parts:
                 yield from part.open(self._note)
 
-    def plot(self, recording: Recording) -> Figure:
-        """A figure of a recording."""
-        from tactileforge.datasets.reading.figure import plot_recording
-
-        return plot_recording(recording)
-
     def _unindexed(self, split: str) -> list[Source]:
         content: list[Recording] = []
         for path in sorted(self.folder.path.glob(f"{split}-*.tar")):
             try:
                 content += shards.read_shard(path, lambda error: self._note(str(error), 1))
-            except ForeignShardError:
+            except ForeignShardError:  # not damaged: none of them is ours
                 raise
             except DataError as error:
                 self._note(str(error), 1)
-        summary = Summary.of(content)
-        return [Source("", [InMemory(content, summary.seconds)], summary)] if content else []
+        return loaded_source("", content)
 
     def _note(self, line: str, count: int) -> None:
         add_once(self.skipped, line)
@@ -216,6 +203,7 @@ class _Shard:
     def open(self, bad: Bad) -> Iterator[Recording]:
         """Fetches the shard on demand, yields its recordings; see `data.batches.sources.Part`."""
         left, lines = self.recordings, []
+        # lines are reported after the last recording: only then is known how many are lost
         try:
             path = self.folder.get(self.entry.file, self.entry.bytes, self.entry.sha256)
             for recording in shards.read_shard(path, lambda error: lines.append(str(error))):

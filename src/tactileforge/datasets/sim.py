@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING
 
 from tactileforge.contracts import Recording
 from tactileforge.data.shards import shards
+from tactileforge.datasets.reading.drawn import Drawn
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import cache_folder
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from tactileforge.sim.config import SimConfig
 
 
-class Sim:
+class Sim(Drawn):
     """Objects pressed, slid or turned, and lifted, on several sensors at once.
 
     Forces are exact; see `docs/simulator.md`. The first use simulates, and caches the touches in
@@ -92,6 +91,7 @@ class Sim:
         Raises:
             ConfigError: An unknown sensor, indenter or motion.
         """
+        # imported on use: the options of this class are read without the simulator
         from tactileforge.sim.config import SimConfig
 
         return SimConfig(**self._given)  # type: ignore[arg-type]
@@ -122,9 +122,3 @@ class Sim:
         write_scenes(self.config, folder, numbers[split], self.processes)
         for number in numbers[split]:
             yield from shards.read_shard(path_of(folder, number))
-
-    def plot(self, recording: Recording) -> Figure:
-        """A figure of a recording."""
-        from tactileforge.datasets.reading.figure import plot_recording
-
-        return plot_recording(recording)

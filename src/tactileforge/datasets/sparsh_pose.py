@@ -80,10 +80,8 @@ class SparshPose(PublishedDataset):
             yield RecordingItem(key, partial(self._open, key, path), {"folder": folder})
 
     def _open(self, key: str, path: Path) -> Recording:
-        bag, names = (
-            load_pickle(path),
-            (f"digit_{self.finger}", f"object_{self.finger}_rel_pose_n5"),
-        )
+        bag = load_pickle(path)
+        names = f"digit_{self.finger}", f"object_{self.finger}_rel_pose_n5"
         try:
             images, poses = (list(bag[name]) for name in names)
             count = min(len(images), len(poses))

@@ -49,7 +49,11 @@ class Ssvtp(PublishedDataset):
 
     def _items(self) -> Iterator[RecordingItem]:
         touch = self._folder("images_tac", "ssvtp/images_tac", "tvl_dataset/ssvtp/images_tac")
-        tests = _numbers(touch.parent / "test.csv")
+        index = touch.parent / "test.csv"
+        listed = read_rows(index) if index.is_file() else []
+        # by number: the list names the photographs, which have names of their own
+        names = [re.search(r"image_(\d+)_rgb", row[0]) for row in listed if row]
+        tests = {int(match[1]) for match in names if match}
         views = NumberedImages(touch.parent / "images_rgb", r"image_\d+_rgb")
         for number, path in NumberedImages(touch, r"image_\d+_tac").files.items():
             opened = partial(self._open, str(number), path, views.files.get(number))
@@ -58,26 +62,13 @@ class Ssvtp(PublishedDataset):
 
     def _open(self, key: str, path: Path, view: Path | None) -> Recording:
         caption = path.parents[1] / "text" / f"labels_{key}.txt"
+        text = read_text(caption).strip() if caption.is_file() else ""
         return self._recording(
             key,
             sensor="digit",
             frames=ImageFrames([path]),
             times=np.zeros(1),
             no_contact=None,
-            text=_first_line(caption) or None,
+            text=text.partition("\n")[0].strip() or None,
             image=ImageFrames([view]) if view else None,
         )
-
-
-def _first_line(path: Path) -> str:
-    if not path.is_file():
-        return ""
-    return read_text(path).strip().partition("\n")[0].strip()
-
-
-def _numbers(path: Path) -> set[int]:
-    """Numbers of the images in a list; empty without the list."""
-    if not path.is_file():
-        return set()
-    names = [re.search(r"image_(\d+)_rgb", row[0]) for row in read_rows(path) if row]
-    return {int(match[1]) for match in names if match}

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.labels.missing import stated
 from tactileforge.datasets.reading.files import read_rows
@@ -83,7 +83,13 @@ class TacQuad(PublishedDataset):
             raise self._missing(f"no index {root / 'contact_indoor.csv'}")
 
     def _open(self, key: str, place: Path, name: str, contact: tuple[int, int]) -> Recording:
-        item, folder = _named(place, name), key.rpartition("/")[2]
+        folder = key.rpartition("/")[2]
+        names = [name, *(other for other, kept in _ALIASES.items() if kept == name)]
+        item = next((place / one for one in names if (place / one).is_dir()), None)
+        if item is None:
+            raise DataError(
+                f"{place / name}: no such folder, although the index names it; download it"
+            )
         touch, sensor = NumberedImages(item / folder, r"\d+"), _SENSORS[folder]
         first, last = contact
         numbers = [number for number in touch.files if first <= number <= last]
@@ -92,6 +98,11 @@ class TacQuad(PublishedDataset):
                 f"{touch.folder}: no image from {first} to {last}, as the index says; download it "
                 "again"
             )
+        views = NumberedImages(item / f"img_{folder}", r"\d+").files
+        # camera and touch have different numbers of frames, and no times
+        rows = [
+            min(int(number / len(touch.files) * len(views)), len(views) - 1) for number in numbers
+        ]
         before = [path for number, path in touch.files.items() if number < first][:3]
         return self._recording(
             key,
@@ -101,7 +112,7 @@ class TacQuad(PublishedDataset):
             no_contact=ImageFrames(before) if before else None,
             object=key.rpartition("/")[0],
             text=f"{{action}} {name}".replace("_", " ") if stated(name) else None,
-            image=_views(item / f"img_{folder}", numbers, len(touch.files)),
+            image=FrameSubset(ImageFrames(list(views.values())), rows) if views else None,
         )
 
 
@@ -114,20 +125,3 @@ def _read(index: Path) -> Iterator[tuple[str, list[tuple[int, int]]]]:
             )
         name, numbers = row[0].strip(), [int(cell) for cell in row[1:7]]
         yield _ALIASES.get(name, name), list(zip(numbers[::2], numbers[1::2], strict=True))
-
-
-def _named(place: Path, name: str) -> Path:
-    """The folder of an item, under either of its names."""
-    others = (other for other, kept in _ALIASES.items() if kept == name)
-    for candidate in (name, *others):
-        if (place / candidate).is_dir():
-            return place / candidate
-    raise DataError(f"{place / name}: no such folder, although the index names it; download it")
-
-
-def _views(folder: Path, numbers: list[int], touches: int) -> Frames | None:
-    views = NumberedImages(folder, r"\d+").files
-    if not views:
-        return None
-    rows = [min(int(number / touches * len(views)), len(views) - 1) for number in numbers]
-    return FrameSubset(ImageFrames(list(views.values())), rows)

@@ -88,7 +88,11 @@ class Tvl(PublishedDataset):
         if not parts:
             raise self._missing(f"no folder data1 in {self.root}")
         for part in parts:
-            rows = {(row.side, _folder(row), row.number): row for row in self._rows(part)}
+            # RECORDING/tactile/12-0.034.jpg: frames of one recording and side stand together
+            rows = {
+                (row.side, Path(row.touch).parent.parent.as_posix(), row.number): row
+                for row in self._rows(part)
+            }
             for (side, folder), group in groupby(sorted(rows), lambda place: place[:2]):
                 group_rows = [rows[place] for place in group]
                 for run in label_runs(
@@ -148,7 +152,3 @@ class Tvl(PublishedDataset):
             text=rows[0].caption or None,
             image=image,
         )
-
-
-def _folder(row: _Row) -> str:
-    return Path(row.touch).parent.parent.as_posix()

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from omegaconf import OmegaConf
 
@@ -15,24 +15,22 @@ from tactileforge.contracts import Guess, Recording
 from tactileforge.data.batches.sources import Bad, Source
 from tactileforge.data.shards.fetch import ShardFolder
 from tactileforge.data.shards.summary import Summary
+from tactileforge.datasets.reading.drawn import Drawn
+from tactileforge.datasets.reading.layout import several
 from tactileforge.datasets.reading.notes import add_once
-from tactileforge.datasets.reading.splits import is_held_out
+from tactileforge.datasets.reading.splits import check_share, check_split, is_held_out
 from tactileforge.datasets.samples.layout import SampleLayout, parse_samples
 from tactileforge.datasets.samples.opened import SampleOpener
 from tactileforge.datasets.samples.tars import Tar, find_tars
 from tactileforge.datasets.samples.units import SampleTar, Unit, read_samples
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError, command, unknown
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, command
 from tactileforge.files import cache_folder
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-_SPLITS = ("train", "val")
 #: Recordings that are opened to count frames and labels; those of more are estimated from them.
 _COUNTED = 20_000
 
 
-class WebDataset:
+class WebDataset(Drawn):
     """Tars of samples of other programs, as webdataset has them (`docs/webdataset.md`).
 
     Frames and videos are read where they lie. Tars of this machine are indexed by the headers of
@@ -62,8 +60,7 @@ class WebDataset:
         cache: str | None = None,
         cache_gb: float | None = None,
     ) -> None:
-        if not 0 <= val < 1:
-            raise ConfigError(f"val is {val}; give the share that is held out, 0 or more, below 1")
+        check_share(val)
         if not layout:
             raise ConfigError(
                 "data.layout is missing: it says which part of a sample is what "
@@ -73,7 +70,7 @@ class WebDataset:
         self.layout = parse_samples(plain)
         self.root, self.val = root, val
         self.cache, self.cache_gb = cache, cache_gb
-        self.tars, self.val_tars = _several(tars), _several(val_tars)
+        self.tars, self.val_tars = several(tars), several(val_tars)
         self.skipped: list[str] = []
         self._notes: list[str] = []
         self._unread: Counter[str] = Counter()
@@ -157,18 +154,12 @@ class WebDataset:
                 yield recording
         self._check(opened, split)
 
-    def plot(self, recording: Recording) -> Figure:
-        """A figure of a recording."""
-        from tactileforge.datasets.reading.figure import plot_recording
-
-        return plot_recording(recording)
-
     def _parts(self, split: str) -> list[_TarPart]:
         """Tars of a split, not indexed yet."""
-        if split not in _SPLITS:
-            raise ConfigError(unknown("split", split, _SPLITS))
+        check_split(split)
         if split == "val" and not self.val_tars and not self.val:
             return []
+        # a pattern of all tars may take in those of validation
         val = find_tars(self.folder, self.val_tars)
         held_out = {tar.file for tar in val}
         tars = [tar for tar in find_tars(self.folder, self.tars) if tar.file not in held_out]
@@ -219,6 +210,7 @@ class WebDataset:
             "only while the tars stay the same, and a pass may miss or repeat some clips; download "
             "them, or make shards with data pack, for exact passes"
         )
+
         alike = [replace(part, tar=one.tar, seconds=own.seconds) for one in parts]
         return _source(alike, own.times(len(parts)))
 
@@ -288,7 +280,3 @@ class _TarPart:
 
 def _source(parts: Sequence[_TarPart], summary: Summary) -> list[Source]:
     return [Source("", parts, summary)] if summary.recordings else []
-
-
-def _several(names: str | Sequence[str]) -> list[str]:
-    return [names] if isinstance(names, str) else list(names)

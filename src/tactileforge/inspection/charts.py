@@ -35,6 +35,7 @@ def force_histogram(sensors: Sequence[Histogram], axis: str) -> Markup:
             axes.stairs(shares, edges, color=CLASSES[i % len(CLASSES)][0], linewidth=1.6)
             least = min(least, *shares[shares > 0].tolist(), 1.0)
         axes.set(yscale="log", xlabel=f"{axis} (N)", ylabel="share of frames")
+        # up to 2: a constant force has a share of 1, which the border would hide
         axes.set_ylim(least / 2, 2)
         middle = (edges[0] + edges[-1]) / 2  # a constant force should not fill the panel
         room = max(0.05, 0.55 * (edges[-1] - edges[0]))

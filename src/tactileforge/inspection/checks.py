@@ -11,8 +11,8 @@ import numpy as np
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.untared import NO_CONTACT, untared
-from tactileforge.data.labels.align import Lag, estimate_lag
-from tactileforge.data.labels.doubts import GAP, RANGE, TINY, Suspicion
+from tactileforge.data.labels.align import GAP, Lag, estimate_lag
+from tactileforge.data.labels.doubts import RANGE, TINY, Suspicion
 from tactileforge.inspection.findings import Reason
 from tactileforge.inspection.frame_stats import FrameStats, changes
 from tactileforge.pages.page import percent
@@ -36,6 +36,7 @@ LAG_GAIN, LAG_LONG = 0.1, 0.2
 #: Smallest and largest number of frames for an estimate of lag.
 LAG_LEAST, LAG_MOST = 30, 1000
 
+#: Checks by name, in the order of the page; `docs/inspect.md` has the same table.
 REASONS = {
     "no_background": Reason(
         "No background",

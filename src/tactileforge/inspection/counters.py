@@ -16,7 +16,7 @@ from tactileforge.inspection.findings import Total
 
 #: Edges of the bins of durations, s: eight a decade.
 DURATIONS = np.geomspace(0.01, 1e5, 57)
-#: Bins on each side of 0.
+#: Bins on each side of 0, an even number: two of them become one.
 _BINS = 24
 
 
@@ -73,9 +73,11 @@ class Histogram:
         values = values[np.isfinite(values)].astype(np.float64)
         if not len(values):
             return
+        # by doubling, so that counts of old bins fall into new ones as a whole
         while np.abs(values).max() >= self.reach:
             self.counts = self.over(2 * self.reach)
             self.reach *= 2
+        # after the bins have grown: a value beyond them would be lost
         self.counts += np.histogram(values, self.edges)[0]
 
     def over(self, reach: float) -> NDArray[np.int64]:
@@ -154,39 +156,36 @@ class Counters:
         total = self.totals.setdefault((split, recording.sensor), Total())
         total.recordings += 1
         total.frames += len(recording.frames)
-        total.seconds += duration_of(recording)
-        self._clock(total, recording)
+        seconds = duration_of(recording)
+        total.seconds += seconds
+        if seconds > 0:
+            rate = 1 / recording.period
+            # fmin and fmax pass over the NaN of a sum without a rate yet
+            total.slowest = float(np.fmin(total.slowest, rate))
+            total.fastest = float(np.fmax(total.fastest, rate))
+            place = np.searchsorted(DURATIONS, seconds, side="right") - 1
+            self.durations[int(np.clip(place, 0, len(self.durations) - 1))] += 1
+        else:
+            self.stills += 1
+            total.stills += 1
         for label in labels_of(recording):
             total.carrying[label] = total.carrying.get(label, 0) + 1
         if recording.no_contact is not None:
             total.carrying["background"] = total.carrying.get("background", 0) + 1
-        self._labels(recording)
-        self.names.add("key", recording.key)
-
-    def _clock(self, total: Total, recording: Recording) -> None:
-        seconds = duration_of(recording)
-        if seconds <= 0:
-            self.stills += 1
-            total.stills += 1
-            return
-        rate = 1 / recording.period
-        total.slowest = float(np.fmin(total.slowest, rate))
-        total.fastest = float(np.fmax(total.fastest, rate))
-        place = np.searchsorted(DURATIONS, seconds, side="right") - 1
-        self.durations[int(np.clip(place, 0, len(self.durations) - 1))] += 1
-
-    def _labels(self, recording: Recording) -> None:
-        self.names.add("source", _line(recording))
+        # one name of three fields, taken apart again in `source_rows`
+        self.names.add("source", f"{recording.source}\0{recording.licence}\0{recording.tier}")
         if recording.object is not None:
             self.names.add("object", recording.object)
         if recording.action is not None:
-            for label, count in zip(*np.unique(recording.action, return_counts=True), strict=True):
+            for label, number in zip(*np.unique(recording.action, return_counts=True), strict=True):
+                # a foreign data set may have numbers of its own
                 name = ACTIONS[label] if 0 <= label < len(ACTIONS) else "unknown"
-                self.names.add("action", name, int(count))
+                self.names.add("action", name, int(number))
         if recording.force is not None:
             axes = self.forces.setdefault(recording.sensor, [Histogram() for _ in range(3)])
             for axis, values in zip(axes, recording.force.T, strict=True):
                 axis.add(values)
+        self.names.add("key", recording.key)
 
 
 def duration_of(recording: Recording) -> float:
@@ -203,7 +202,3 @@ def source_rows(names: NameCounts, most: int) -> Iterable[tuple[str, str, str, i
     for line, count in names.top("source", most):
         source, licence, tier = line.split("\0")
         yield source, licence, tier, count
-
-
-def _line(recording: Recording) -> str:
-    return f"{recording.source}\0{recording.licence}\0{recording.tier}"

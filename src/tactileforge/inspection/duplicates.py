@@ -6,13 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tactileforge.data.frames.small import ELSEWHERE, SIMILAR
 from tactileforge.data.frames.untared import NO_CONTACT
 from tactileforge.inspection.frame_stats import FrameStats
-
-#: Largest difference of small images of the same frames encoded again, grey levels.
-SIMILAR = 3.0
-#: Largest share of the images with a larger difference: less than the smallest contact covers.
-_ELSEWHERE = 0.005
 
 
 def identical_groups(looks: Sequence[FrameStats]) -> list[list[int]]:
@@ -44,10 +40,11 @@ def similar_pairs(looks: Sequence[FrameStats]) -> list[tuple[int, int, float]]:
     for place, i in enumerate(chosen):
         # similar pictures have similar means: one number each rules out most pairs
         near = np.flatnonzero(np.abs(means[place + 1 :] - means[place]) < SIMILAR) + place + 1
-        close = (np.abs(pictures[near] - pictures[place]) >= SIMILAR).mean(axis=1) < _ELSEWHERE
+        close = (np.abs(pictures[near] - pictures[place]) >= SIMILAR).mean(axis=1) < ELSEWHERE
+        # exact ones are told by their digests, as groups
         for other in near[close].tolist():
             j = chosen[other]
             if looks[i].digest != looks[j].digest and looks[i].shape == looks[j].shape:
-                level = np.quantile(np.abs(pictures[other] - pictures[place]), 1 - _ELSEWHERE)
+                level = np.quantile(np.abs(pictures[other] - pictures[place]), 1 - ELSEWHERE)
                 pairs.append((i, j, float(level)))
     return sorted(pairs, key=lambda pair: pair[2])

@@ -123,10 +123,6 @@ class InspectionFindings:
         """Duration of all splits, s."""
         return sum(total.seconds for total in self.totals.values())
 
-    def _worst(self, reason: str) -> str:
-        worst = self.worst.get(reason)
-        return f", the worst {worst[0].key}: {worst[0].words}" if worst else ""
-
     def __str__(self) -> str:
         """Summary of a few lines for the command line."""
         sensors = sorted({sensor for _, sensor in self.totals})
@@ -134,11 +130,11 @@ class InspectionFindings:
             f"{self.recordings} recordings, {self.frames} frames, {self.seconds:.0f} s, of "
             f"{', '.join(sensors) or 'no sensor'}; {self.looked} looked at"
         ]
-        lines += [
-            f"{count} {name.replace('_', ' ')}{self._worst(name)}"
-            for name, count in self.counts.items()
-            if count and name not in _IN_LOOKS
-        ]
+        for name, count in self.counts.items():
+            if count and name not in _IN_LOOKS:
+                worst = self.worst.get(name)
+                of = f", the worst {worst[0].key}: {worst[0].words}" if worst else ""
+                lines.append(f"{count} {name.replace('_', ' ')}{of}")
         lines += self.looks
         counted = (
             ("recording", " cannot be read", self.unreadable),

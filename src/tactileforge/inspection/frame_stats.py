@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frames, Recording
-from tactileforge.data.frames.crop import size_text
-from tactileforge.data.frames.pixel_contract import checked_pixels
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.crop import check_background_size
+from tactileforge.data.frames.cut import spread_rows
+from tactileforge.data.frames.pixel_contract import checked_chunks
 from tactileforge.data.frames.small import shrink, strongest
 from tactileforge.errors import DataError
 from tactileforge.inspection.frozen import digest_of, frozen_time
@@ -23,9 +24,9 @@ FRAMES = 24
 STRIP = 8
 #: Frames of the background for its median.
 _BACKGROUND = 15
-#: Frames in memory at once.
+#: Frames in memory at once: 8 of 640 x 480 pixels are 7 MB, as they come from the decoder.
 _CHUNK = 8
-#: Height and width of the images for comparison, pixels.
+#: Height and width of the images for comparison, pixels: all recordings are held in memory.
 _SIGNATURE = (24, 32)
 _NOTHING = np.empty((0, 1, 1, 3), np.uint8)
 
@@ -92,9 +93,11 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
     background = background_of(recording)
     rows = evenly(len(recording.frames), FRAMES)
     small, saturated, digests = [], 0.0, []
-    for chunk in _chunks(recording.frames, rows.tolist()):
+    for chunk in checked_chunks(recording.frames, rows.tolist(), "frames", _CHUNK):
         for frame in chunk:
-            saturated = max(saturated, _saturated(frame))
+            # before it is made small: an average hides single pixels
+            ends = ((frame == 0) | (frame == 255)).any(axis=-1)
+            saturated = max(saturated, float(ends.mean()))
             digests.append(digest_of(frame))
             small.append(shrink(frame))
     frames = np.stack(small)
@@ -108,6 +111,8 @@ def frame_stats(recording: Recording, strip: bool = False) -> FrameStats:
         rows=rows,
         shape=recording.frames.shape,
         change=change.astype(np.float64),
+        # in the frame of largest change, as a touch is short; the ground in that of smallest, which
+        # shows no contact if any does
         contact=strongest(frames[most] - still),
         ground=float(np.median(away[least])),
         saturated=saturated,
@@ -137,7 +142,7 @@ def changes(recording: Recording, rows: Sequence[int]) -> NDArray[np.float64]:
     """
     still = background_of(recording)
     differences = []
-    for chunk in _chunks(recording.frames, rows):
+    for chunk in checked_chunks(recording.frames, rows, "frames", _CHUNK):
         for frame in chunk:
             small = shrink(frame)
             still = small if still is None else still
@@ -154,19 +159,16 @@ def background_of(recording: Recording) -> NDArray[np.float32] | None:
     still = recording.no_contact
     if still is None:
         return None
-    if still.shape != recording.frames.shape:
-        raise DataError(
-            f"{recording.key}: the background has {size_text(still.shape)} pixels, the frames "
-            f"{size_text(recording.frames.shape)}; give a background of the same size"
-        )
+    check_background_size(still.shape, recording.frames.shape, recording.key)
     rows = evenly(len(still), _BACKGROUND).tolist()
-    small = [shrink(frame) for chunk in _chunks(still, rows) for frame in chunk]
+    chunks = checked_chunks(still, rows, "frames", _CHUNK)
+    small = [shrink(frame) for chunk in chunks for frame in chunk]
     return np.median(small, axis=0).astype(np.float32)
 
 
 def evenly(length: int, count: int) -> NDArray[np.int64]:
     """At most ``count`` different numbers spread evenly over ``0..length - 1``, with both ends."""
-    return np.unique(np.linspace(0, length - 1, min(length, count)).round().astype(np.int64))
+    return np.array(spread_rows(length, count), np.int64)
 
 
 def amplify(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -176,19 +178,10 @@ def amplify(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
     return images.difference(difference, gain)
 
 
-def _chunks(frames: Frames, rows: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
-    for start in range(0, len(rows), _CHUNK):
-        yield checked_pixels(frames.read(rows[start : start + _CHUNK]), "frames", 4)
-
-
-def _saturated(frame: NDArray[np.uint8]) -> float:
-    ends = (frame == 0) | (frame == 255)
-    return float((ends[..., 0] | ends[..., 1] | ends[..., 2]).mean())
-
-
 def _signature(frames: NDArray[np.float32]) -> NDArray[np.int16]:
     size = _SIGNATURE[::-1]
     grey = [cv2.resize(frame.mean(-1), size, interpolation=cv2.INTER_AREA) for frame in frames]
+    # always as many, some of them twice in a short recording: signatures are compared one by one
     rows = np.linspace(0, len(grey) - 1, STRIP).round().astype(int)
     out: NDArray[np.int16] = np.round(grey).astype(np.int16)[rows]
     return out

@@ -41,6 +41,7 @@ def frozen_time(recording: Recording, rows: Sequence[int], digests: Sequence[byt
         after |= dict(zip(chunk, map(digest_of, recording.frames.read(chunk)), strict=True))
     longest, reached = 0.0, -1
     for row, digest in zip(rows, digests, strict=True):
+        # within a run that was followed already
         if row <= reached or after.get(row + 1) != digest:
             continue
         reached = _follow(recording, digest, range(row + 1, min(count, row + _MOST)))
@@ -54,6 +55,7 @@ def _follow(recording: Recording, digest: bytes, rows: range) -> int:
     last = rows[0]
     for at in range(1, len(rows), _CHUNK):
         chunk = rows[at : at + _CHUNK]
+        # ascending, which a video reads without going back
         frames = recording.frames.read(sorted(chunk))
         for row, frame in zip(chunk, frames if rows.step > 0 else frames[::-1], strict=True):
             if digest_of(frame) != digest:

@@ -9,7 +9,7 @@ from markupsafe import Markup
 from tactileforge.contracts import LABELS
 from tactileforge.data.labels.doubts import FIXES
 from tactileforge.inspection.checks import REASONS, is_sure
-from tactileforge.inspection.findings import InspectionFindings, Suspect
+from tactileforge.inspection.findings import Suspect
 from tactileforge.inspection.scan import Scan
 from tactileforge.inspection.sections import recording_card
 from tactileforge.pages.images import captioned, figure, image
@@ -29,8 +29,9 @@ from tactileforge.pages.page import (
 
 #: Reasons without pixels, checked on all recordings.
 _COUNTED = ("no_background", "gaps_in_time", *(name for name in FIXES if name != "untared_force"))
-_SHOWN = 12
-_LINES = 100
+#: Groups, pairs and keys of duplicates that are shown, and lines about unreadable recordings: the
+#: page of a large set stays small.
+_SHOWN, _LINES = 12, 100
 
 
 def top_section(name: str, survey: Scan) -> Markup:
@@ -127,6 +128,7 @@ def duplicates_section(survey: Scan) -> Section:
 
 def _group(survey: Scan, group: Sequence[int], words: str = "") -> Markup:
     ones = [survey.seen[i] for i in group]
+    # said first: validation then measures what was learnt by heart
     splits = {member.of.split for member in ones}
     across = "IN BOTH SPLITS: " if len(splits) > 1 else ""
     keys = ", ".join(member.of.recording.key for member in ones[:4])
@@ -137,7 +139,14 @@ def _group(survey: Scan, group: Sequence[int], words: str = "") -> Markup:
 
 def suspicious_section(survey: Scan) -> Section:
     """Section of the worst recordings of each reason, and of unreadable ones."""
-    body = _unreadable(survey.findings)
+    body = Markup()
+    if count := len(survey.findings.unreadable):
+        lines = survey.findings.unreadable[:_LINES]
+        more = [f"and {count - _LINES:,} more"] if count > _LINES else []
+        why = "Training goes on without them. Download them again, or remove them."
+        body += heading(f"{_count(count, 'recording')} that cannot be read")
+        body += paragraph(why, soft=True)
+        body += details("Which", items([*lines, *more]), is_open=count <= 10)
     seen = {item.of.order: item for item in survey.seen}
     for reason, worst in survey.findings.worst.items():
         about = REASONS[reason]
@@ -147,7 +156,10 @@ def suspicious_section(survey: Scan) -> Section:
         body += cards(
             recording_card(seen[suspect.order], _words(suspect))
             if suspect.order in seen
-            else _unseen(suspect)
+            else captioned(
+                Markup() if suspect.picture is None else image(suspect.picture, suspect.key),
+                _words(suspect),
+            )
             for suspect in worst
         )
     if not body:
@@ -157,23 +169,3 @@ def suspicious_section(survey: Scan) -> Section:
 
 def _words(suspect: Suspect) -> str:
     return f"{suspect.words}: {suspect.key}, {suspect.sensor}, {SPLIT_WORDS[suspect.split]}"
-
-
-def _unseen(suspect: Suspect) -> Markup:
-    picture = Markup() if suspect.picture is None else image(suspect.picture, suspect.key)
-    return captioned(picture, _words(suspect))
-
-
-def _unreadable(findings: InspectionFindings) -> Markup:
-    if not findings.unreadable:
-        return Markup()
-    count = len(findings.unreadable)
-    lines = [*findings.unreadable[:_LINES]]
-    if count > _LINES:
-        lines.append(f"and {count - _LINES:,} more")
-    why = "Training goes on without them. Download them again, or remove them."
-    return (
-        heading(f"{_count(count, 'recording')} that cannot be read")
-        + paragraph(why, soft=True)
-        + details("Which", items(lines), is_open=count <= 10)
-    )

@@ -79,51 +79,44 @@ def odd_pictures(seen: Sequence[Resting], has_layout: bool = True) -> Iterator[O
         has_layout: Whether a layout describes the data, with keys that put pictures right.
     """
     for sensor in sorted({one.sensor for one in seen}):
+        # sensor by sensor: their lights differ, so only pictures of one type can be compared
         rows = [i for i, one in enumerate(seen) if one.sensor == sensor]
-        yield from _of_sensor(sensor, rows, seen, has_layout)
+        if sensor in COLOURED and (grey := [i for i in rows if is_grey(seen[i].still)]):
+            words = "grey, where the sensor is lit in colours"
+            yield _odd("grey_pictures", grey, rows, seen, f"are {words}", words)
+        coloured = [i for i in rows if has_colours(seen[i].grid)]
+        found = {i: _turn(seen[i], sensor) for i in coloured}
+        reference = known_colours(sensor)
+        if reference is not None:
+            standing = [i for i in rows if found.get(i) in (0, 180)]
+            yield from _upside_down(rows, standing, reference, seen)
+        turns: dict[int, int | None] = {i: turn for i, turn in found.items() if turn in (90, 270)}
+        turns |= dict.fromkeys(_on_their_side([i for i in rows if i not in turns], seen), None)
+        for turn in sorted(set(turns.values()), key=str):
+            odd = [i for i in rows if i in turns and turns[i] == turn]
+            fix = _fix(f"rotate: {turn or '90 or 270'}", "puts it upright", has_layout)
+            words = f"lying on its side ({fix})"
+            yield _odd("on_its_side", odd, rows, seen, f"look as if {words}", words)
+        other: list[int] = []
+        if reference is not None:
+            other = [i for i in coloured if has_other_order(seen[i].grid, reference)]
+        if other:
+            words = "as if their channels were neither RGB nor BGR (write them as RGB)"
+            yield _odd("colours_swapped", other, rows, seen, f"look {words}", words)
+        if reference is not None:
+            swapped = [i for i in coloured if i not in other and _is_swapped(seen[i], reference)]
+        else:  # not those on their side, whose lights are elsewhere
+            swapped = _swapped_here([i for i in coloured if i not in turns], seen)
+        if swapped:
+            fix = _fix("channels: bgr", "puts them right", has_layout)
+            words = f"as if red and blue were swapped ({fix})"
+            yield _odd("colours_swapped", swapped, rows, seen, f"look {words}", words)
 
 
 def _fix(key: str, effect: str, has_layout: bool) -> str:
     if has_layout:
         return f"{key} in the layout {effect}"
     return f"correct the files, or read them by data=recordings, where {key} {effect}"
-
-
-def _of_sensor(
-    sensor: str, rows: list[int], seen: Sequence[Resting], has_layout: bool
-) -> Iterator[OddGroup]:
-    if sensor in COLOURED and (grey := [i for i in rows if is_grey(seen[i].still)]):
-        words = "grey, where the sensor is lit in colours"
-        yield _odd("grey_pictures", grey, rows, seen, f"are {words}", words)
-    coloured = [i for i in rows if has_colours(seen[i].grid)]
-    found = {i: _turn(seen[i], sensor) for i in coloured}
-    if (known := known_colours(sensor)) is not None:
-        yield from _upside_down(rows, [i for i in rows if found.get(i) in (0, 180)], known, seen)
-    turns: dict[int, int | None] = {i: turn for i, turn in found.items() if turn in (90, 270)}
-    turns |= dict.fromkeys(_on_their_side([i for i in rows if i not in turns], seen), None)
-    for turn in sorted(set(turns.values()), key=str):
-        odd = [i for i in rows if i in turns and turns[i] == turn]
-        fix = _fix(f"rotate: {turn or '90 or 270'}", "puts it upright", has_layout)
-        words = f"lying on its side ({fix})"
-        yield _odd("on_its_side", odd, rows, seen, f"look as if {words}", words)
-    reference = known_colours(sensor)
-    other = (
-        [i for i in coloured if has_other_order(seen[i].grid, reference)]
-        if reference is not None
-        else []
-    )
-    if other:
-        words = "as if their channels were neither RGB nor BGR (write them as RGB)"
-        yield _odd("colours_swapped", other, rows, seen, f"look {words}", words)
-    swapped = (
-        [i for i in coloured if i not in other and _is_swapped(seen[i], reference)]
-        if reference is not None
-        else _swapped_here([i for i in coloured if i not in turns], seen)
-    )
-    if swapped:
-        fix = _fix("channels: bgr", "puts them right", has_layout)
-        words = f"as if red and blue were swapped ({fix})"
-        yield _odd("colours_swapped", swapped, rows, seen, f"look {words}", words)
 
 
 def _odd(
@@ -210,11 +203,9 @@ def _swapped_here(rows: list[int], seen: Sequence[Resting]) -> list[int]:
         ([j for j in rows if is_swapped(seen[j].grid, seen[i].grid)], i) for i in rows[:_COMPARED]
     ]
     for swapped, i in sides:
-        same = [j for j in rows if j not in swapped and _fits(seen[i].grid, seen[j].grid)]
+        same = [
+            j for j in rows if j not in swapped and agreement(seen[i].grid, seen[j].grid) >= 0.5
+        ]
         if swapped and 2 * (len(swapped) + len(same)) > len(rows):
             return swapped if len(swapped) <= len(same) else same
     return []
-
-
-def _fits(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
-    return agreement(one, other) >= 0.5

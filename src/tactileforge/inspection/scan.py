@@ -32,7 +32,7 @@ from tactileforge.inspection.resting import Resting, odd_pictures
 
 SPLITS = ("train", "val")
 #: Suspicious recordings to keep for each reason, recordings shown as strips, and recordings to read
-#: in full for an estimate of lag.
+#: in full for an estimate of lag, which decodes up to a thousand frames of each.
 _WORST = 12
 _STRIPS = 9
 _LAGS = 10
@@ -93,6 +93,7 @@ class Suspects:
         heapq.heappush(
             heap, (REASONS[flag.reason].worst * flag.value, -sampled.order, suspect, sampled)
         )
+        # the mildest goes, and of equal ones the last: memory does not grow with the data
         if len(heap) > _WORST:
             heapq.heappop(heap)
 
@@ -129,6 +130,7 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
     doubts = Doubts()
     unreadable: list[str] = []
     listed = _listed(dataset, unreadable)
+    # one pass for all counts, none of which holds a recording: the data may exceed the memory
     for sampled in Bar(listed, desc="count", unit="recording", disable=not progress):
         tally.add(sampled.recording, sampled.split)
         doubts.add(sampled.recording)
@@ -144,6 +146,7 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
     chosen = [orders[order] for order in sorted(orders)]
     stripped = {sampled.order for sampled in _strips(drawn)}
     seen = _look(chosen, stripped, suspects, unreadable, progress)
+    # together, after all are decoded: a picture is odd in comparison with the others
     looks = _compare(seen, suspects, _has_layout(dataset))
     readable = {item.of.order for item in seen}
     lags = _lags(

@@ -37,9 +37,8 @@ from tactileforge.pages.page import (
 )
 
 AXES = ("x", "y", "z")
-_SHEET = 24
-_OBJECTS = 30
-_SOURCES = 20
+#: Recordings of a contact sheet of a sensor, and rows of objects and of sources.
+_SHEET, _OBJECTS, _SOURCES = 24, 30, 20
 
 
 def totals(survey: Scan) -> Section:

@@ -22,8 +22,9 @@ _SMALLEST = 4
 _DARK = 8
 #: Areas that count as those of the same print, as shares of their median.
 _ALIKE = (0.4, 2.5)
-#: Share of the spots that have to be alike, and share of a box that a disc fills, about.
-_MOST, _ROUND = 0.6, (0.55, 0.95)
+#: Least share of the spots that have to be alike, and of its box that a spot fills; a disc fills
+#: pi / 4 of it.
+_MOST, _ROUND = 0.6, 0.55
 #: Longest side of a marker's box over the other.
 _LONG = 1.8
 
@@ -74,6 +75,7 @@ def find_markers(reference: NDArray[np.uint8], what: str = "the picture") -> Mar
     """
     check_picture(reference, what)
     reasons = []
+
     for bright in (False, True):
         found = _found(reference, bright)
         if isinstance(found, MarkerGrid):
@@ -178,13 +180,16 @@ def _found(reference: NDArray[np.uint8], bright: bool) -> MarkerGrid | str:
     middle = float(np.median(area[real & inside]))
     fill, long = area / (wide * high), np.maximum(wide, high) / np.minimum(wide, high)
     alike = (area > _ALIKE[0] * middle) & (area < _ALIKE[1] * middle) & (long < _LONG)
-    alike &= (fill > _ROUND[0]) | (area < 9)
+    # of fewer than 9 pixels, no shape can be told
+    alike &= (fill > _ROUND) | (area < 9)
     kept = real & inside & alike
+
     if kept.sum() < max(_FEWEST, _MOST * (real & inside).sum()):
         return f"only {int(kept.sum())} of {int((real & inside).sum())} spots have one round shape"
     radius = float(np.sqrt(np.median(area[kept]) / np.pi))
     sharp = spots(reference, 2 * radius, bright)
     places = centers(sharp, middles[1:][kept], radius)
+    # row by row: y in steps of two diameters, so that a tilted row stays one
     places = places[np.lexsort((places[:, 0], np.rint(places[:, 1] / max(4 * radius, 1))))]
     x, y = np.rint(places).astype(np.int64).T
     apart = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))

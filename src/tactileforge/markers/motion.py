@@ -101,10 +101,12 @@ def displacement_field(
     if known.sum() < _FEWEST or known.mean() < _LEAST:
         return np.full((*FIELD, 2), np.nan, np.float32)
     height, width = size
+    # middles of cells; the first pixel has its middle at 0, so its edge is at -0.5
     y = (np.arange(FIELD[0]) + 0.5) * height / FIELD[0] - 0.5
     x = (np.arange(FIELD[1]) + 0.5) * width / FIELD[1] - 0.5
     cells = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 1, 2)
     far = ((cells - places[known]) ** 2).sum(-1)
+    # less that of the nearest: far from all markers, every weight would round to 0
     weight = np.exp(-(far - far.min(1, keepdims=True)) / (2 * (0.45 * pitch) ** 2))
     weight /= weight.sum(1, keepdims=True)
     field = 100 / min(size) * (weight @ np.asarray(moved[known], np.float64))

@@ -57,7 +57,10 @@ class MarkerTracker:
         self.what = what
         self.grid = find_markers(reference, what)
         self._still = self.grid.shares(reference)
-        self._near = _nearest(self.grid.places)
+        apart = np.hypot(*(self.grid.places[:, None] - self.grid.places[None]).transpose(2, 0, 1))
+        np.fill_diagonal(apart, np.inf)  # no marker is its own neighbor
+        # int64 (N, K), numbers of the neighbors of each marker
+        self._near = np.argsort(apart, axis=1)[:, : min(_NEIGHBORS, len(apart) - 1)]
         x, y = np.rint(self.grid.places).astype(np.int64).T
         self._soft = float(np.median(self._softened(self._still)[y, x]))
         self._moved = np.zeros_like(self.grid.places)
@@ -89,7 +92,10 @@ class MarkerTracker:
         moved, seen = self._refined(shares, moved, seen)
         seen &= self._smooth(moved, seen)
         self._moved = self._filled(moved, seen)
-        seen &= self._inside(self._moved)
+        # wholly in the picture: a marker cut off by the border has its center elsewhere
+        edge, (height, width) = self.grid.radius, self.grid.size
+        x, y = (self.grid.places + self._moved).T
+        seen &= (x >= edge) & (x <= width - 1 - edge) & (y >= edge) & (y <= height - 1 - edge)
         out: NDArray[np.float32] = np.where(seen[:, None], moved, np.nan).astype(np.float32)
         return out
 
@@ -139,6 +145,7 @@ class MarkerTracker:
         side = 2 * int(np.ceil(self.grid.radius + 1)) + 1
         start = self.grid.places[seen].astype(np.float32)[:, None]
         guess = (self.grid.places + moved)[seen].astype(np.float32)[:, None]
+        # no pyramid: spots have already told the place to less than a radius
         there, good, _ = cv2.calcOpticalFlowPyrLK(
             self._still,
             shares,
@@ -162,6 +169,7 @@ class MarkerTracker:
         count = seen[self._near].sum(1)
         rows = np.arange(len(moved))
         last = around.shape[1] - 1
+        # a median of the seen neighbors alone: the hidden ones were sorted to the end as infinity
         middle = around[rows, (count // 2).clip(max=last)] / 2
         middle += around[rows, ((count - 1) // 2).clip(0)] / 2
         away = np.hypot(*(moved - middle).T)
@@ -177,25 +185,10 @@ class MarkerTracker:
         gap = self.grid.places[lost][:, None] - self.grid.places[known][None]
         apart = np.hypot(*gap.transpose(2, 0, 1))
         few = np.argsort(apart, axis=1)[:, :_NEIGHBORS]
+        # the nearest count most
         weight = 1 / (np.take_along_axis(apart, few, 1) + 1e-6)
         out[lost] = (weight[..., None] * moved[known[few]]).sum(1) / weight.sum(1)[:, None]
         return out
-
-    def _inside(self, moved: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Markers wholly in the picture."""
-        edge = self.grid.radius
-        height, width = self.grid.size
-        x, y = (self.grid.places + moved).T
-        return np.asarray(
-            (x >= edge) & (x <= width - 1 - edge) & (y >= edge) & (y <= height - 1 - edge)
-        )
-
-
-def _nearest(places: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Numbers of the neighbors of each marker, int64 (N, K)."""
-    apart = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
-    np.fill_diagonal(apart, np.inf)
-    return np.argsort(apart, axis=1)[:, : min(_NEIGHBORS, len(places) - 1)]
 
 
 def _vertex(

@@ -43,6 +43,7 @@ def marker_tracks(grid: MarkerGrid, moved: Sequence[NDArray[np.floating]]) -> di
 
 def marker_labels(grid: MarkerGrid) -> dict[str, str]:
     """The label ``marker_rest``: height and width of the picture, then x,y of each marker."""
+    # a label is text or a number, so a table of places is text
     places = " ".join(f"{x:.2f},{y:.2f}" for x, y in grid.places.tolist())
     return {REST: f"{grid.size[0]}x{grid.size[1]} {places}"}
 

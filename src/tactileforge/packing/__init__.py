@@ -27,7 +27,8 @@ __all__ = ["Filter", "PackOptions", "pack", "summary"]
 
 #: Damaged recordings named by an error.
 _NAMED = 20
-#: Options of data sets without effect on their recordings.
+#: Options of data sets without effect on their recordings: a stopped run may go on from another
+#: folder, or with other processes.
 _PLACES = ("name", "root", "cache", "cache_gb", "processes", "max_bad")
 
 
@@ -60,7 +61,17 @@ def pack(
     planned = plan_pack(dataset, out, options)
     for line in planned.notes:
         print(f"note: {line}", file=sys.stderr)
-    made = _made(name, data or {}, planned, options)
+    # provenance, all of which but ``by`` must not change within a folder; through JSON, as it is
+    # compared with what was read from JSON: tuples become lists
+    made = {
+        "by": f"tactileforge {version('tactileforge')}",
+        "data": name,
+        "options": json.loads(json.dumps(_content(data or {}))),
+        "recordings": planned.recordings,
+        "frames": planned.frames,
+        "digest": planned.digest,
+        "pack": json.loads(json.dumps(options.content())),
+    }
     try:
         # before the lock, which creates files there: a folder of others stays as it is
         _claim(out, made)
@@ -154,22 +165,6 @@ def _merged(planned: PackPlan, notes: Mapping[int, ShardNote]) -> dict[str, Any]
             "data filter shows what each value keeps"
         )
     return {"splits": splits, "statistics": {k: each.report() for k, each in by_split.items()}}
-
-
-def _made(
-    name: str, data: Mapping[str, Any], planned: PackPlan, options: PackOptions
-) -> dict[str, Any]:
-    """Provenance of the shards; all but ``by`` must not change within a folder."""
-    # through JSON, as it is compared with what was read from JSON: tuples become lists
-    return {
-        "by": f"tactileforge {version('tactileforge')}",
-        "data": name,
-        "options": json.loads(json.dumps(_content(data))),
-        "recordings": planned.recordings,
-        "frames": planned.frames,
-        "digest": planned.digest,
-        "pack": json.loads(json.dumps(options.content())),
-    }
 
 
 def _content(data: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,7 +23,9 @@ def score_histogram(
         scores: Scores of frames, by sensor; NaN is ignored.
         thresholds: Threshold, by sensor; None for none.
     """
-    drawn = {name: _drawable(values) for name, values in scores.items()}
+    drawn = {
+        name: np.maximum(values[np.isfinite(values)], _LEAST) for name, values in scores.items()
+    }
     every = np.concatenate([*drawn.values(), [value for value in thresholds.values() if value]])
     low, high = (float(every.min()), float(every.max())) if len(every) else (_LEAST, 1.0)
     edges = np.geomspace(low / 1.2, high * 1.2, 60)
@@ -56,6 +58,7 @@ def score_curve(
     with drawing(5.2, 1.5) as (figure, axes):
         axes.plot(times, scores, color=CLASSES[0][0], linewidth=1.2)
         axes.set(xlabel="time (s)", ylabel="score", xlim=(times[0], times[-1]))
+        # half a period to each side, so that a single kept frame shows
         half = float(np.median(np.diff(times))) / 2
         edges = np.flatnonzero(np.diff(np.concatenate([[False], kept, [False]]).astype(int)))
         for start, stop in edges.reshape(-1, 2):
@@ -66,8 +69,3 @@ def score_curve(
             axes.axhline(threshold, color=INK, dashes=(4, 3), linewidth=0.8)
         axes.set_ylim(bottom=0)
         return svg(figure, "scores over time")
-
-
-def _drawable(scores: NDArray[np.float64]) -> NDArray[np.float64]:
-    out: NDArray[np.float64] = np.maximum(scores[np.isfinite(scores)], _LEAST)
-    return out

@@ -50,12 +50,10 @@ def execute(jobs: Sequence[ShardJob], executor: str, processes: int | None, tick
     count = process_count(len(jobs), processes)
     if executor == "ray" and jobs:
         return _on_ray(jobs, processes, tick)
-    return _local(jobs, count, tick) if count > 1 else _here(jobs, tick)
-
-
-def _here(jobs: Sequence[ShardJob], tick: Tick) -> Made:
-    for job in jobs:
-        yield job, make_shard(job, tick)
+    # one process is this one: a data set that cannot be pickled is packed all the same
+    return (
+        _local(jobs, count, tick) if count > 1 else ((job, make_shard(job, tick)) for job in jobs)
+    )
 
 
 def _local(jobs: Sequence[ShardJob], count: int, tick: Tick) -> Made:
@@ -77,6 +75,7 @@ def _local(jobs: Sequence[ShardJob], count: int, tick: Tick) -> Made:
     try:
         while waiting or busy:
             while waiting and idle:
+                # pickled here, before a process is taken: an error names the shard
                 content = packed_job(waiting[0])
                 worker, job = idle.pop(), waiting.popleft()
                 # the first job of a pool starts its process, and a signal meanwhile would end it
@@ -154,6 +153,7 @@ def _on_ray(jobs: Sequence[ShardJob], processes: int | None, tick: Tick) -> Made
         raise ConfigError("pack.executor=ray needs Ray: pip install 'tactileforge[ray]'") from error
     is_ours = not ray.is_initialized()
     if is_ours:
+        # Ray reports its use over the network unless it is told not to (docs of Ray, usage stats)
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         here = {} if "RAY_ADDRESS" in os.environ else {"num_cpus": processes}
         ray.init(include_dashboard=False, log_to_driver=False, logging_level="error", **here)
@@ -185,5 +185,5 @@ def _on_ray(jobs: Sequence[ShardJob], processes: int | None, tick: Tick) -> Made
 
 
 def _task(job: ShardJob) -> ShardNote:
-    cv2.setNumThreads(1)
+    cv2.setNumThreads(1)  # Ray starts a process for each core
     return make_shard(job)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tactileforge.data.labels.align import nearest
 
-#: Tolerance for rounding of times, s.
+#: Tolerance for rounding of times, s: a frame at the very end of a clip is within it.
 _ROUNDING = 1e-6
 #: Steps of a clip of four frames, as in AnyTouch 2.
 _STEPS = 3
@@ -37,6 +37,7 @@ def sample_in_time(times: NDArray[np.float64], every: float | None) -> NDArray[n
     if every is None or len(times) < 2:
         return np.arange(len(times))
     ticks = np.arange(times[0], times[-1] + _ROUNDING, every)
+    # at a low rate, two ticks may have one nearest frame
     return np.unique(nearest(times, ticks))
 
 

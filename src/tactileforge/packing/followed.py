@@ -48,6 +48,7 @@ class FollowedMarkers:
         Args:
             shown: Numbers and frames in their order; encoded ones are decoded for this alone.
         """
+        # before frames without change are left out: a gap would lose the markers
         for row, frame in shown:
             try:
                 whole = self.recording.frames

@@ -94,6 +94,7 @@ class PackOptions:
     def content(self) -> dict[str, Any]:
         """Options with an effect on the bytes of the shards, as plain data."""
         plain = asdict(self)
+        # any executor gives the same bytes, and a stopped run may go on with another one
         for name in ("processes", "executor", "max_bad"):
             del plain[name]
         return plain

@@ -17,7 +17,7 @@ from tactileforge.packing import filters
 from tactileforge.packing.followed import FollowedMarkers
 from tactileforge.packing.options import PackOptions
 
-#: Frames to decode at once.
+#: Frames to decode at once: memory of a process does not grow with the length of a recording.
 _CHUNK = 16
 #: Tolerated unreadable frames of a recording; with more, all of it counts as unreadable.
 _MAX_FRAMES = 8
@@ -58,16 +58,28 @@ class Packer:
         rows, frames = self._frames(tick)
         if not rows:
             return None
-        recording = _with_rows(whole, rows)
+        recording = whole
+        if len(rows) < len(whole.frames):
+            seen, count = whole.image_times, len(whole.frames)
+            if whole.image is not None and seen is None and len(whole.image) > 1:
+                # views without times are spread evenly, each in the middle of its frames; once
+                # frames are left out, only times tell which view is of which frame
+                middle = (np.arange(len(whole.image)) + 0.5) * count / len(whole.image) - 0.5
+                seen = np.interp(middle, np.arange(count), whole.times)
+            recording = replace(whole.select(rows), image_times=seen)
         if self._markers is not None:
             recording = self._markers.added(recording, rows)
+        surface = recording.surface
         packed = shards.Packed(
             shards.describe_recording(recording),
             self.options.codec,
             frames,
             self._all(whole.no_contact),
             self._all(whole.image),
-            [] if recording.surface is None else _lossless(recording.surface),
+            # lossless, and never resized: their levels are displacements
+            []
+            if surface is None
+            else [shards.encode_image(one, "png") for one in surface.read(range(len(surface)))],
         )
         return recording, packed
 
@@ -147,31 +159,9 @@ class Packer:
         return shards.encode_image(shown, self.options.codec, self.options.quality)
 
 
-def _lossless(frames: Frames) -> list[bytes]:
-    """Encode all images of a lossless group, without resizing."""
-    return [shards.encode_image(image, "png") for image in frames.read(range(len(frames)))]
-
-
 def _smaller(shape: Sequence[int], size: int | None) -> tuple[int, int] | None:
     """Height and width after shrinking; None for an unchanged size."""
     shorter = min(shape)
     if size is None or shorter <= size:
         return None
     return round(shape[0] * size / shorter), round(shape[1] * size / shorter)
-
-
-def _with_rows(whole: Recording, rows: Sequence[int]) -> Recording:
-    """Select frames of a recording with their labels; all camera views stay."""
-    if len(rows) == len(whole.frames):
-        return whole
-    seen = whole.image_times
-    if whole.image is not None and seen is None and len(whole.image) > 1:
-        seen = _view_times(whole.times, len(whole.image))
-    return replace(whole.select(rows), image_times=seen)
-
-
-def _view_times(times: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Times of evenly spread views, each in the middle of its frames."""
-    frames = len(times)
-    middle = (np.arange(count) + 0.5) * frames / count - 0.5
-    return np.interp(middle, np.arange(frames), times)

@@ -87,6 +87,7 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
             frames = sum(len(recording.frames) for recording in members)
             digest = _digest(members, path.name, options)
             jobs.append(ShardJob(len(jobs), path, split, members, frames, digest, options))
+    # of all shards, so that a recording which moved from one to another changes it
     whole = hashlib.sha256("".join(job.digest for job in jobs).encode()).hexdigest()
     doubts = Doubts()
     for recording in chain.from_iterable(by_split.values()):
@@ -106,6 +107,7 @@ def deal(recordings: Sequence[Recording], frames: int) -> Iterator[list[Recordin
     """
     shard: list[Recording] = []
     count = 0
+    # a recording without an object is alone, by its key, which may be the name of an object
     for _, group in groupby(
         recordings,
         key=lambda recording: (recording.object is None, recording.object or recording.key),
@@ -149,6 +151,7 @@ def _check(by_split: dict[str, list[Recording]]) -> None:
 
 
 def _digest(recordings: Sequence[Recording], file: str, options: PackOptions) -> str:
+    # of descriptions and stamps of files, as a hash of the pixels would decode all of them
     digest = hashlib.sha256(json.dumps([file, options.content()], sort_keys=True).encode())
     for recording in recordings:
         pictures = recording.frames, recording.no_contact, recording.image, recording.surface

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset, Recording
-from tactileforge.data.frames.pixel_contract import checked_pixels
+from tactileforge.data.frames.cut import spread_rows
+from tactileforge.data.frames.pixel_contract import checked_chunks
 from tactileforge.data.shards.index import sort_recordings
 from tactileforge.errors import DataError
 from tactileforge.files import write_text
@@ -40,6 +41,7 @@ from tactileforge.pages.page import (
 _SHARES = (0.75, 0.5, 0.25)
 #: Recordings to show, and frames of a strip.
 _SHOWN, _STRIP = 12, 6
+#: Frames in memory at once.
 _CHUNK = 16
 
 
@@ -101,7 +103,10 @@ def preview(
     judged = []
     for recording in Bar(_spread(everything, recordings), desc="look", unit="recording"):
         try:
-            judged.append(judge(_middle(recording, frames), chosen))
+            start = max(0, (len(recording.frames) - frames) // 2)
+            is_long = len(recording.frames) > frames
+            part = recording.part(start, start + frames) if is_long else recording
+            judged.append(judge(part, chosen))
         except DataError as error:
             skipped.append(f"{recording.key}: {error}")
     if not judged:
@@ -123,7 +128,9 @@ def judge(recording: Recording, chosen: Filter) -> Judged:
         DataError: A frame cannot be read.
     """
     rows = filters.sample_in_time(recording.times, chosen.every)
-    scores = filters.laplacian_scores(_read(recording, rows.tolist()))
+    chunks = checked_chunks(recording.frames, rows.tolist(), recording.key, _CHUNK)
+    frames = (frame for chunk in chunks for frame in chunk)
+    scores = filters.laplacian_scores(zip(rows.tolist(), frames, strict=True))
     times = recording.times[rows]
     peaks = filters.peaks(times, scores, filters.reach(times, chosen.span))
     return Judged(recording, rows, np.array(scores), peaks)
@@ -133,14 +140,8 @@ def threshold_for(judged: Sequence[Judged], share: float) -> float:
     """Threshold to keep a share of the frames; NaN for stills alone."""
     peaks = np.concatenate([item.peaks for item in judged])
     peaks = peaks[np.isfinite(peaks)]
+    # a score that occurs, not one between two: frames at the threshold are kept
     return float(np.quantile(peaks, 1 - share, method="higher")) if len(peaks) else float("nan")
-
-
-def _read(recording: Recording, rows: Sequence[int]) -> Iterator[filters.Numbered]:
-    for start in range(0, len(rows), _CHUNK):
-        chunk = rows[start : start + _CHUNK]
-        frames = checked_pixels(recording.frames.read(chunk), recording.key, 4)
-        yield from zip(chunk, frames, strict=True)
 
 
 def _spread(everything: Sequence[Recording], count: int) -> list[Recording]:
@@ -151,16 +152,8 @@ def _spread(everything: Sequence[Recording], count: int) -> list[Recording]:
     spread = []
     for sensor in sorted(sensors):
         members = sensors[sensor]
-        most = min(len(members), max(2, count // len(sensors)))
-        spread += [members[i] for i in np.linspace(0, len(members) - 1, most).round().astype(int)]
+        spread += [members[i] for i in spread_rows(len(members), max(2, count // len(sensors)))]
     return spread
-
-
-def _middle(recording: Recording, frames: int) -> Recording:
-    if len(recording.frames) <= frames:
-        return recording
-    start = (len(recording.frames) - frames) // 2
-    return recording.part(start, start + frames)
 
 
 def _overview(judged: Sequence[Judged], total: int, chosen: Filter) -> Markup:
@@ -219,8 +212,10 @@ def _suggested(judged: Sequence[Judged]) -> list[str]:
 
 def _pictures(judged: Sequence[Judged], chosen: Filter) -> Section:
     shown = [item for item in judged if len(item.rows) > 1] or judged
-    places = np.linspace(0, len(shown) - 1, min(_SHOWN, len(shown))).round().astype(int)
-    cards = [_card(shown[i], chosen.threshold(shown[i].recording.sensor)) for i in places]
+    cards = [
+        _card(shown[i], chosen.threshold(shown[i].recording.sensor))
+        for i in spread_rows(len(shown), _SHOWN)
+    ]
     words = (
         "Frames with their scores; below each, how it differs from the frame before, amplified "
         "alike in one recording. Shaded: what is kept."

@@ -13,17 +13,14 @@ from numpy.typing import NDArray
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.shards.summary import duration_seconds
 
-#: Edges of the bins of forces, N; the outermost bins also hold larger forces.
+#: Edges of the bins of forces, N, the same for all shards so that counts add up; the outermost bins
+#: also hold larger forces.
 FORCE_EDGES = np.linspace(-20.0, 20.0, 81)
 AXES = ("x", "y", "z")
 
 
 #: Counts of what was read, and of what is missing.
 COUNTS = ("read", "emptied", "damaged", "unmarked")
-
-
-def _no_forces() -> NDArray[np.int64]:
-    return np.zeros((len(AXES), len(FORCE_EDGES) - 1), np.int64)
 
 
 @dataclass(eq=False)
@@ -53,7 +50,9 @@ class PackStatistics:
     sensors: Counter[str] = field(default_factory=Counter)
     actions: Counter[str] = field(default_factory=Counter)
     objects: set[str] = field(default_factory=set)
-    force: NDArray[np.int64] = field(default_factory=_no_forces)
+    force: NDArray[np.int64] = field(
+        default_factory=lambda: np.zeros((len(AXES), len(FORCE_EDGES) - 1), np.int64)
+    )
     read: int = 0
     emptied: int = 0
     damaged: int = 0

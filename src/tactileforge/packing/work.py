@@ -69,6 +69,7 @@ class ShardNote:
             row = plain["entry"]
             entry = None if row is None else IndexEntry.from_json(row)
             note = cls(plain["digest"], entry, PackStatistics.from_json(plain["statistics"]))
+            # by its bytes: a shard that was damaged since is made anew
             is_there = entry is None or sha256(job.path) == entry.sha256
         except (OSError, ValueError, KeyError, TypeError):
             return None
@@ -103,6 +104,7 @@ def packed_job(job: ShardJob) -> bytes:
 def run_packed(job: bytes, tick: Callable[[int, int], None]) -> ShardNote:
     """Unpickle a job of the parent process, and make its shard."""
     try:
+        # bytes of the parent process alone, never of a file
         unpickled: ShardJob = pickle.loads(job)
     except (pickle.UnpicklingError, AttributeError, ImportError, TypeError) as error:
         raise DataError(_NO_PICKLE.format("a shard", error)) from error

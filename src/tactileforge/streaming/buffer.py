@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frame
 from tactileforge.data.frames.cut import clip_rows, frame_period, is_slow
 
-#: Largest number of buffered frames, for any frame rate.
+#: Largest number of buffered frames, for any frame rate: a source with a stopped clock would fill
+#: the memory.
 _MOST = 512
 #: Duration of frames kept beyond a clip, s, for an estimate of the frame rate.
 _BEYOND = 0.5

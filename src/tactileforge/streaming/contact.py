@@ -116,6 +116,7 @@ class SlipEstimator:
         options = self.options
         shear, normal = math.hypot(force[0], force[1]), float(force[2])
         if not contact or normal < options.least:
+            # forgotten: the next touch is another hold
             self._recent.clear()
             self.is_on = False
             return False
@@ -123,17 +124,14 @@ class SlipEstimator:
             self._recent.popleft()
         # hysteresis: slip ends a fifth below the cone, so that noise does not toggle it
         edge = options.friction * (0.8 if self.is_on else 1.0)
-        self.is_on = shear >= edge * normal or self._has_let_go(shear, normal)
-        self._recent.append((time, shear, normal))
-        return self.is_on
-
-    def _has_let_go(self, shear: float, normal: float) -> bool:
-        """Whether shear of at least half the friction cone dropped at a steady normal force."""
-        options = self.options
-        # a drop from a weak hold is noise, and one with the normal force is lifting, not slip
-        return any(
+        # a drop from a weak hold (half the cone) is noise, and one with the normal force is
+        # lifting, not slip
+        has_let_go = any(
             before >= 0.5 * options.friction * pressed
             and shear <= (1 - options.drop) * before
             and abs(normal - pressed) <= 0.1 * pressed
             for _, before, pressed in self._recent
         )
+        self.is_on = shear >= edge * normal or has_let_go
+        self._recent.append((time, shear, normal))
+        return self.is_on

@@ -34,6 +34,7 @@ def known_as(name: str, model: HeadModel | None, unknown_sensor: str) -> str:
         raise ConfigError(f"unknown_sensor={unknown_sensor}: give error or universal")
     if model is None or model.any_sensor or name in model.sensors:
         return name
+    # encoders of other packages need not have such tokens
     has_universal = getattr(model.encoder, "universal", None) is not None
     if has_universal and "universal" in (name, unknown_sensor):
         return "universal"

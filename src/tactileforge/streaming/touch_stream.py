@@ -176,6 +176,7 @@ class TouchStream:
         """Adds a frame, from one thread; `predict` may run in a different one."""
         seen = self._seen
         if seen is not None and len(seen) < _LOOKED_AT:
+            # as it came: it is checked for contact at its full size
             seen.append(frame.array)
         self.buffer.push(frame)
 
@@ -196,6 +197,7 @@ class TouchStream:
         Raises:
             SensorError: Something touches, or there is no image.
         """
+        # taken away first: the thread of the sensor goes on adding frames
         seen, self._seen = self._seen or [], None
         if image is None and options is not None and options.seconds:
             seen = list(check_background(name, seen, options.threshold, self._camera))
@@ -232,6 +234,7 @@ class TouchStream:
             warn_of_slow_frames(shot.period, self.model.spacing, self.model.frames, stacklevel=4)
         if not self.done and self._camera and shot.frame.array.shape == self.background.shape:
             warn_of_swapped(self.sensor or "stream", shot.frame.array, self.background, 4)
+        # not those before the first prediction, which went into the background and the first clip
         self.skipped += behind if self.done else 0
         self.done += 1
         return self._predict(shot)
@@ -246,6 +249,8 @@ class TouchStream:
         difference = self._difference(frame.array)
         if self._camera and not trouble and self._light(frame.array):
             trouble = "light"
+        # under another light the vector is still that of the picture, but contact and force compare
+        # with a background that no longer holds
         if trouble == "light":
             vector = self._read(shot)[1]
         elif not trouble:

@@ -306,6 +306,10 @@ def test_what_is_no_shard_is_named(touch: Recording, tmp_path: Path) -> None:
         ({"version": 99}, "shard version 99, but this tactileforge reads 3"),
         ({"sensor": 3}, "sensor is 3, not a string"),
         ({"times": [0.0]}, "5 frames and 1 rows of times"),
+        (
+            {"times": [0.0], "tracks": {"times": {"dtype": "int8", "values": [0] * 5}}},
+            "5 frames and 1 rows of times",
+        ),
         ({"times": ["a"] * 5}, "could not convert string to float"),
         ({"force": [[1.0, 2.0]] * 5}, "cannot reshape"),
         ({"labels": 7}, "not iterable"),

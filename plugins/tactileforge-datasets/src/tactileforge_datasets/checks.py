@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, unknown
+from tactileforge.plugin import DataError, check_rising, unknown
 
 #: Columns of a pose: place in mm, and quaternion.
 POSE = ("x_mm", "y_mm", "z_mm", "quat_x", "quat_y", "quat_z", "quat_w")
@@ -83,13 +83,7 @@ def rising(times: NDArray[np.float64], where: str) -> NDArray[np.float64]:
     Raises:
         DataError: A time is not after the one before.
     """
-    wrong = np.flatnonzero(np.diff(times) <= 0)
-    if len(wrong):
-        i = int(wrong[0]) + 1
-        raise DataError(
-            f"{where}: the time of row {i}, {times[i]:.6f} s, is not after that of the row before, "
-            f"{times[i - 1]:.6f} s; sort the rows, or download it again"
-        )
+    check_rising(times, where, "sort the rows, or download it again", row="row", shown="{:.6f} s")
     from_zero: NDArray[np.float64] = times - times[0]
     return from_zero
 

@@ -19,7 +19,7 @@ from tactileforge.plugin import (
 
 if TYPE_CHECKING:
     from tactileforge.plugin import Model
-    from tactileforge_lerobot.episode import Episode
+    from tactileforge_lerobot.episode import EpisodeRows
 
 _VECTORS = ("pooled", "cls", "projected", "encode")
 
@@ -76,7 +76,7 @@ class TouchVectors:
         clip = {"frames": self.model.frames, "spacing": self.model.spacing}
         return {"model": self.name, **asdict(self.options), **clip, "devices": self.devices}
 
-    def __call__(self, shown: Episode) -> NDArray[np.float32]:
+    def __call__(self, shown: EpisodeRows) -> NDArray[np.float32]:
         """Encodes the rows of an episode, float32 (N, devices * width).
 
         Warns where the frame rate is too low for the clips of the model's training.

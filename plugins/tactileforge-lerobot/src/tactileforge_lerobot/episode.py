@@ -16,7 +16,7 @@ from tactileforge_lerobot import folder
 
 
 @dataclass(frozen=True)
-class Episode:
+class EpisodeRows:
     """Simultaneous recordings.
 
     Attributes:
@@ -123,7 +123,7 @@ def _known_span(recordings: Sequence[Recording]) -> tuple[float, float]:
     return float(start), float(end)
 
 
-def episode(recordings: Sequence[Recording], fps: float) -> Episode:
+def episode(recordings: Sequence[Recording], fps: float) -> EpisodeRows:
     """Puts recordings on common rows; each row has the frame nearest to its time.
 
     Raises:
@@ -152,10 +152,10 @@ def episode(recordings: Sequence[Recording], fps: float) -> Episode:
         rows[name] = np.where(nearer, np.minimum(after, len(recording.times) - 1), before)
         parts[name] = recording
         dropped[name] = len(recording.times) - len(np.unique(rows[name]))
-    return Episode(parts, rows, dropped)
+    return EpisodeRows(parts, rows, dropped)
 
 
-def episode_features(shown: Episode, images: str) -> dict[str, dict[str, Any]]:
+def episode_features(shown: EpisodeRows, images: str) -> dict[str, dict[str, Any]]:
     """Declares the features of an episode, without `folder.COMMON`.
 
     Args:
@@ -202,7 +202,7 @@ def _numbers(dtype: str, size: int, names: list[str] | None) -> dict[str, Any]:
     return {"dtype": dtype, "shape": [size], "names": names}
 
 
-def number_rows(shown: Episode, feature: str) -> NDArray[Any]:
+def number_rows(shown: EpisodeRows, feature: str) -> NDArray[Any]:
     """Rows of a numeric feature, (N, size)."""
     for track, name in folder.ROBOT.items():
         source = robot_part(shown.parts.values(), track)
@@ -216,7 +216,7 @@ def number_rows(shown: Episode, feature: str) -> NDArray[Any]:
     return np.asarray(values)[rows].reshape(len(rows), -1)
 
 
-def image_rows(shown: Episode, feature: str) -> Frames:
+def image_rows(shown: EpisodeRows, feature: str) -> Frames:
     """Rows of an image feature, as they were recorded; read on demand."""
     name = feature.removeprefix("observation.images.")
     if name in shown.parts:

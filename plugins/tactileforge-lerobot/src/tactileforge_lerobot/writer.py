@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactileforge.plugin import DataError, Recording, encode_image, write_text
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.episode import (
-    Episode,
+    EpisodeRows,
     episode,
     episode_features,
     episode_rate,
@@ -96,7 +96,7 @@ class Writer:
             self.found.dropped[name] = self.found.dropped.get(name, 0) + count
 
     def _columns(
-        self, added: Episode, vectors: NDArray[np.float32] | None
+        self, added: EpisodeRows, vectors: NDArray[np.float32] | None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Builds the columns of an episode, and the statistics and locations of its features."""
         columns: dict[str, Any] = {}
@@ -125,7 +125,7 @@ class Writer:
         self.seen.setdefault(name, []).append(values)
         return {f"stats/{name}/{key}": value for key, value in statistics.items()}
 
-    def _check(self, added: Episode, vectors: NDArray[np.float32] | None) -> None:
+    def _check(self, added: EpisodeRows, vectors: NDArray[np.float32] | None) -> None:
         declared = episode_features(added, self.options.images)
         if vectors is not None:
             self.found.vectors = vectors.shape[1]

@@ -161,6 +161,7 @@ def _size(column: Column, recordings: Sequence[Recording]) -> ColumnSize:
             f"the column {column.name!r} is cut from the track {name!r}, which the data does not "
             f"have (it has: {', '.join(known) or 'no tracks'}); use data that has it"
         )
+    # the first recording says the shape: it is named beside the one that differs
     first, shape = next((key, track.shape[1:]) for key, track in tracks.items())
     if column.shape is not None and shape != column.shape:
         raise DataError(
@@ -176,6 +177,7 @@ def _size(column: Column, recordings: Sequence[Recording]) -> ColumnSize:
     check_turns(column, tuple(shape))
     if not column.statistics:
         return ColumnSize(shape=tuple(shape))
+    # float64: sums of squares of a long float32 track lose digits
     values = np.concatenate([*tracks.values()]).astype(np.float64).reshape(-1, *shape)
     values = values[np.isfinite(values).reshape(len(values), -1).all(1)]
     if not len(values):

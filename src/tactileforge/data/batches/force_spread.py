@@ -30,6 +30,7 @@ def force_spread(clips: TrainingClips) -> NDArray[np.float32]:
         if recording.force is None:
             continue
         force = recording.force.astype(np.float64) / clips.scales[recording.sensor]
+        # the change that a clip shows, which depends on the rate of the recording
         step = int(clips.strides[number])
         for row, values in enumerate((force, force[step:] - force[:-step])):
             known = np.isfinite(values)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import cv2
 import numpy as np
@@ -13,14 +14,14 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.sources import Source
+from tactileforge.data.frames.small import ELSEWHERE, SIMILAR
 from tactileforge.errors import DataError
 
 #: Validation recordings to check, and training recordings to compare each with; four frames of each
 #: are decoded, so a check costs seconds at most.
 _LOOKED, _COMPARED = 32, 256
-#: Size of small pictures, the largest difference of one encoded again, grey levels, and the largest
-#: share of their pixels with a larger one.
-_SMALL, _SIMILAR, _ELSEWHERE = (32, 24), 3.0, 0.005
+#: Size of small pictures.
+_SMALL = (32, 24)
 #: Smallest change from the first frame, grey levels, and share of the pixels with it: pictures
 #: without touch look alike.
 _TOUCH, _TOUCHED = 8.0, 0.02
@@ -72,7 +73,13 @@ def find_leaks(
     found = []
     for source, one in held_out[::step]:
         mine = None
-        for other in _candidates(one, source, alike[_size(one)]):
+        others = [other for number, other in alike[_size(one)] if number != source]
+        # one folder given to two sources is the usual mistake, and leaves the keys as they are
+        name = one.key.partition("/")[2]
+        same = [other for other in others if other.key.partition("/")[2] == name]
+        spread = others[:: max(1, -(-len(others) // _COMPARED))]
+        for other in chain(same[:_COMPARED], spread):
+            # decoded only where there is something to compare with
             mine = mine or _look(one)
             if mine is None:
                 break
@@ -103,19 +110,6 @@ def _size(one: Recording) -> tuple[int, tuple[int, int]]:
     return len(one.frames), one.frames.shape
 
 
-def _candidates(
-    one: Recording, source: int, alike: Sequence[tuple[int, Recording]]
-) -> Iterator[Recording]:
-    """Recordings of other sources, first those with the same key within their source."""
-    others = [other for number, other in alike if number != source]
-    name = one.key.partition("/")[2]
-    same = [other for other in others if other.key.partition("/")[2] == name]
-    step = max(1, -(-len(others) // _COMPARED))
-    # one folder given to two sources is the usual mistake, and leaves the keys as they are
-    yield from same[:_COMPARED]
-    yield from others[::step]
-
-
 @dataclass(frozen=True)
 class _Look:
     """Pictures of a recording, reduced for comparison.
@@ -134,13 +128,14 @@ class _Look:
             return True
         if self.small is None or other.small is None or self.small.shape != other.small.shape:
             return False
-        return bool((np.abs(self.small - other.small) > _SIMILAR).mean() < _ELSEWHERE)
+        return bool((np.abs(self.small - other.small) > SIMILAR).mean() < ELSEWHERE)
 
 
 def _look(one: Recording) -> _Look | None:
     """Pictures of a recording for comparison; None for unreadable or blank ones."""
     last = len(one.frames) - 1
     try:
+        # thirds between the ends, which may be at rest in all recordings
         pixels = one.frames.read([0, last // 3, 2 * last // 3, last])
         first = one.background() if last == 0 else pixels[0]
     except DataError:

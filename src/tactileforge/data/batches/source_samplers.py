@@ -75,14 +75,11 @@ class FullSource:
         passes, rows = divmod(np.arange(first, first + self.count), len(self.clips))
         for old in set(self._orders) - set(passes.tolist()):  # permutations are large: keep two
             del self._orders[old]
-        picked = [self._order(int(p))[row] for p, row in zip(passes, rows, strict=True)]
+        for new in set(passes.tolist()) - set(self._orders):
+            rng = np.random.default_rng([*self.seed, new])
+            self._orders[new] = rng.permutation(len(self.clips))
+        picked = [self._orders[int(p)][row] for p, row in zip(passes, rows, strict=True)]
         return SourceDraw(self.clips, np.array(picked, np.int64))
-
-    def _order(self, number: int) -> NDArray[np.int64]:
-        if number not in self._orders:
-            rng = np.random.default_rng([*self.seed, number])
-            self._orders[number] = rng.permutation(len(self.clips))
-        return self._orders[number]
 
 
 class WindowedSource:
@@ -131,28 +128,22 @@ class WindowedSource:
         """Draws the clips of batch ``number`` for a reader's rank."""
         turn, worker = divmod(number, reader.workers)  # torch deals batches to workers in turn
         mine = (reader.rank * reader.workers + worker, reader.world * reader.workers)
-        passed, place, done = self._place(turn, mine)
-        clips = self._open(self._schedule(passed, *mine)[place][1], bad)
-        order = np.random.default_rng([*self.seed, passed, mine[0], place]).permutation(len(clips))
-        # the window's length was estimated: where it holds fewer clips, they come again
-        rows = np.arange(done * self.count, (done + 1) * self.count) % len(order)
-        return SourceDraw(clips, order[rows])
-
-    def _place(self, turn: int, mine: tuple[int, int]) -> tuple[int, int, int]:
-        """Pass and window of a reader's batch, and its number within the window."""
-        passed, rest = self._pass(turn, mine)
-        ends = np.cumsum([lasts for lasts, _ in self._schedule(passed, *mine)])
-        place = int(np.searchsorted(ends, rest, side="right"))
-        return passed, place, rest - (int(ends[place - 1]) if place else 0)
-
-    def _pass(self, turn: int, mine: tuple[int, int]) -> tuple[int, int]:
-        """Pass over the source, and place within it, of a reader's batch."""
         starts = self._starts.setdefault(mine, [0])
+        # passes differ in length, as each deals the parts anew: their starts are summed up once
         while starts[-1] <= turn:
             plan = self._schedule(len(starts) - 1, *mine)
             starts.append(starts[-1] + sum(lasts for lasts, _ in plan))
         passed = int(np.searchsorted(starts, turn, side="right")) - 1
-        return passed, turn - starts[passed]
+        schedule = self._schedule(passed, *mine)
+        rest = turn - starts[passed]
+        ends = np.cumsum([lasts for lasts, _ in schedule])
+        place = int(np.searchsorted(ends, rest, side="right"))
+        done = rest - (int(ends[place - 1]) if place else 0)  # batches of the window before this
+        clips = self._open(schedule[place][1], bad)
+        order = np.random.default_rng([*self.seed, passed, mine[0], place]).permutation(len(clips))
+        # the window's length was estimated: where it holds fewer clips, they come again
+        rows = np.arange(done * self.count, (done + 1) * self.count) % len(order)
+        return SourceDraw(clips, order[rows])
 
     def _schedule(self, passed: int, reader: int, readers: int) -> list[tuple[int, list[int]]]:
         """Windows of one reader in one pass: the batches of each, and its parts."""
@@ -196,4 +187,5 @@ class WindowedSource:
 
 def estimate_clips(recordings: int, seconds: float, hop: float) -> float:
     """Estimate the number of clips of some recordings."""
+    # a recording shorter than a clip still gives one
     return max(recordings, seconds / hop)

@@ -51,6 +51,7 @@ class Source:
 
     def open(self, which: Iterable[int], bad: Bad) -> list[Recording]:
         """Open recordings of some parts in the order of `index.sort_key`, each key once."""
+        # before sorting: of two with one key, the first that is read stays
         by_key: dict[str, Recording] = {}
         for number in which:
             for recording in self.parts[number].open(bad):
@@ -101,6 +102,15 @@ def sources_of(dataset: Dataset, split: str) -> list[Source]:
     """
     if isinstance(dataset, Sharded):
         return dataset.sources(split)
-    content = list(dataset.recordings(split))
+    return loaded_source("", list(dataset.recordings(split)))
+
+
+def loaded_source(name: str, content: Sequence[Recording]) -> list[Source]:
+    """One source of one part with recordings in memory; none without a recording.
+
+    Args:
+        name: Name for messages.
+        content: All recordings of the source.
+    """
     summary = Summary.of(content)
-    return [Source("", [InMemory(content, summary.seconds)], summary)] if content else []
+    return [Source(name, [InMemory(content, summary.seconds)], summary)] if content else []

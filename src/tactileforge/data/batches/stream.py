@@ -76,26 +76,23 @@ class Stream(Dataset[Batch]):
         if self.n_pairs:
             bounds = np.cumsum([0, *(len(draw.clips) for draw in draws)])
             rng = np.random.default_rng([self.seed, number, self.reader.rank, 1])
-            pairs = self._pairs_of([draw.clips for draw in draws])
-            if pairs:
+            clips, cached = [draw.clips for draw in draws], self._pairs
+            # by identity: windows are swapped whole, so equal objects mean equal labels
+            if cached is None or any(a is not b for a, b in zip(cached[0], clips, strict=True)):
+                labels = zip(*(each.labels() for each in clips), strict=True)
+                objects, sensors, actions = (np.concatenate(column) for column in labels)
+                self._pairs = cached = clips, Pairs(objects, sensors, actions)
+            if pairs := cached[1]:
                 drawn = pairs.draw(self.n_pairs, rng)
             else:  # no pairs in this window: single clips keep the size of the batch
                 drawn = [(int(i), -1) for i in rng.integers(bounds[-1], size=2 * self.n_pairs)]
             for clip, group in drawn:
                 track = int(np.searchsorted(bounds, clip, side="right")) - 1
                 items[track].append((clip - int(bounds[track]), group))
+
         for source_items, draw in zip(items, draws, strict=True):
             source_items += [(int(row), -1) for row in draw.rows]
         return items
-
-    def _pairs_of(self, clips: Sequence[Clips]) -> Pairs:
-        cached = self._pairs
-        if cached is None or any(a is not b for a, b in zip(cached[0], clips, strict=True)):
-            labels = zip(*(each.labels() for each in clips), strict=True)
-            objects, sensors, actions = (np.concatenate(column) for column in labels)
-            self._pairs = cached = list(clips), Pairs(objects, sensors, actions)
-        # compared by identity above: windows are swapped whole, so equal objects mean equal labels
-        return cached[1]
 
     def _note(self, line: str, count: int) -> None:
         self._bad[line] = line, count

@@ -26,8 +26,10 @@ class Transfer:
         if self._stream is None:
             self._stream = torch.cuda.Stream(device)  # type: ignore[no-untyped-call]
         with torch.cuda.stream(self._stream):
+            # from pageable memory, a copy blocks the host whatever non_blocking says
             batch = _moved(pin(batch), device)
         consumer = torch.cuda.current_stream(device)
+        # on the device: the host goes on at once
         consumer.wait_stream(self._stream)
         for value in batch.values():
             if isinstance(value, Tensor):
@@ -40,13 +42,12 @@ class Transfer:
 def pin(batch: Batch) -> Batch:
     """Pin the tensors of a batch on the host."""
     return {
-        key: value.pin_memory() if isinstance(value, Tensor) and _pageable(value) else value
+        # a loader has pinned most of them already, and what is on the device cannot be
+        key: value.pin_memory()
+        if isinstance(value, Tensor) and value.device.type == "cpu" and not value.is_pinned()
+        else value
         for key, value in batch.items()
     }
-
-
-def _pageable(x: Tensor) -> bool:
-    return x.device.type == "cpu" and not x.is_pinned()
 
 
 def _moved(batch: Batch, device: torch.device) -> Batch:

@@ -71,6 +71,32 @@ def check_range(indices: Sequence[int], count: int, name: str) -> None:
             raise IndexError(f"{name}: frame {i} of {count}")
 
 
+def check_background_size(
+    background: Sequence[int],
+    frames: Sequence[int],
+    where: str,
+    other: str = "the frames",
+    fix: str = "give a background of the same size",
+) -> None:
+    """Check a background for the size of the frames.
+
+    Args:
+        background: Height and width of the background, pixels.
+        frames: Height and width of the frames, pixels.
+        where: Name of the background, for the message.
+        other: Name of the frames.
+        fix: Fix, as a phrase.
+
+    Raises:
+        DataError: The sizes differ.
+    """
+    if tuple(background) != tuple(frames):
+        raise DataError(
+            f"{where}: the background has {size_text(background)} pixels, {other} "
+            f"{size_text(frames)}; {fix}"
+        )
+
+
 def size_text(shape: Sequence[int]) -> str:
     """Format (height, width) as width x height."""
     return f"{shape[1]}x{shape[0]}"

@@ -14,6 +14,17 @@ from tactileforge.data.labels.align import nearest
 _STRETCH = 4 / 3
 
 
+def spread_rows(count: int, most: int) -> list[int]:
+    """At most ``most`` different rows, spread evenly over ``count`` of them, both ends among them.
+
+    Example:
+        >>> spread_rows(10, 4), spread_rows(2, 4)
+        ([0, 3, 6, 9], [0, 1])
+    """
+    rows = np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)
+    return [int(row) for row in np.unique(rows)]
+
+
 def frame_period(times: NDArray[np.float64]) -> float:
     """Seconds between frames: the median, robust against lost and late frames.
 

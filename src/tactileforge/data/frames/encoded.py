@@ -148,6 +148,7 @@ class EncodedFrames:
                 raise DataError(
                     f"{self.name}, frame {i}: not a readable image ({error}); download it again"
                 ) from error
+        # decoders give the order of the file; a writer that handed BGR to one of RGB exchanged it
         if self.bgr:
             frame = frame[..., ::-1]
         return np.rot90(frame, self.turns)

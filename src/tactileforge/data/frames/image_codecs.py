@@ -63,6 +63,7 @@ def encode_image(image: NDArray[np.uint8], codec: str = "jpg", quality: int | No
         if codec != "jpg" or not 1 <= quality <= 100:
             raise ConfigError(f"quality={quality}: only jpg has one, from 1 to 100")
         options = [cv2.IMWRITE_JPEG_QUALITY, quality]
+    # OpenCV takes what it is given for BGR
     done, out = cv2.imencode(f".{codec}", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
     if not done:
         raise DataError(f"an image of {image.shape} could not be encoded as {codec}")
@@ -170,6 +171,7 @@ class PackedFrames:
     def _checked(self, file: BinaryIO, i: int) -> bytes:
         size = int(self.sizes[i])
         file.seek(int(self.starts[i]))
+        # the header too: it proves that the picture is the one that the JSON names
         block = file.read(BLOCK + size)
         member = f"{self.stem}.{member_name(self.group, i, self.codec)}"
         if block[:100].rstrip(b"\0") != member.encode():

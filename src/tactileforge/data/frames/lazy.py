@@ -51,10 +51,14 @@ class ImageFrames(Cropped):
 
     def __init__(self, paths: Sequence[str | Path], crop: Crop | None = None) -> None:
         self.paths = [str(path) for path in paths]
-        self.tagged = 0
         if not self.paths:
             raise DataError("an image sequence without images")
-        sizes = [self._opened(path) for path in self.paths]
+        heads = [
+            _image(path, lambda image: (upright_size(image), orientation(image) != 1))
+            for path in self.paths
+        ]
+        sizes = [size for size, _ in heads]
+        self.tagged = sum(is_turned for _, is_turned in heads)
         for path, size in zip(self.paths, sizes, strict=True):
             if size != sizes[0]:
                 raise DataError(
@@ -62,11 +66,6 @@ class ImageFrames(Cropped):
                     "frames of one recording have one size; move the file out, or resize it"
                 )
         super().__init__(self.paths[0], sizes[0], crop)
-
-    def _opened(self, path: str) -> tuple[int, int]:
-        size, turned = _image(path, _size_of)
-        self.tagged += turned
-        return size
 
     def __len__(self) -> int:
         return len(self.paths)
@@ -77,6 +76,7 @@ class ImageFrames(Cropped):
         out = np.empty((len(indices), *self.shape, 3), np.uint8)
         for place, i in enumerate(indices):
             frame = _image(self.paths[i], partial(rgb_pixels, where=self.paths[i]))
+            # files may be replaced between opening and reading: the array has one size
             if frame.shape[:2] != self.full_shape:
                 raise DataError(
                     f"{self.paths[i]}: its size has changed to {size_text(frame.shape[:2])} pixels"
@@ -118,11 +118,6 @@ class ArrayFrames:
         """Copy frames; see `contracts.Frames.read`."""
         check_range(indices, len(self), "array")
         return self.array[list(indices)]
-
-
-def _size_of(image: Image.Image) -> tuple[tuple[int, int], bool]:
-    """Height and width of an open image, and whether it has an orientation."""
-    return upright_size(image), orientation(image) != 1
 
 
 def _image(path: str, read: Callable[[Image.Image], T]) -> T:

@@ -61,14 +61,8 @@ def orientation(image: Image.Image) -> int:
         return 1
     try:
         found = image.getexif().get(_TAG, 1)
-    except (
-        OSError,
-        SyntaxError,
-        TypeError,
-        ValueError,
-        struct.error,
-    ):  # a damaged EXIF says nothing
-        return 1
+    except (OSError, SyntaxError, TypeError, ValueError, struct.error):
+        return 1  # a damaged EXIF says nothing
     return found if found in _UPRIGHT else 1
 
 
@@ -92,12 +86,8 @@ def rgb_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
     check_depth(image, where)
     # before the pixels, which may be followed by a tag that no other door reads
     turned = orientation(image)
-    pixels = _decoded(image, where)
-    return np.ascontiguousarray(_UPRIGHT[turned](pixels)) if turned in _UPRIGHT else pixels
-
-
-def _decoded(image: Image.Image, where: str) -> NDArray[np.uint8]:
     if image.mode in _ALPHA or "transparency" in image.info:
+        # RGBA also for a palette: convert("RGB") would drop its transparent color unseen
         pixels = np.asarray(image.convert("RGBA"))
         if pixels[..., 3].min() < 255:
             share = float((pixels[..., 3] < 255).mean())
@@ -105,8 +95,10 @@ def _decoded(image: Image.Image, where: str) -> NDArray[np.uint8]:
                 f"{where}: {share:.0%} of its pixels are transparent, so they have no colour of "
                 "their own; save it without an alpha"
             )
-        return np.ascontiguousarray(pixels[..., :3])
-    return np.asarray(image.convert("RGB"))
+        pixels = np.ascontiguousarray(pixels[..., :3])
+    else:
+        pixels = np.asarray(image.convert("RGB"))
+    return np.ascontiguousarray(_UPRIGHT[turned](pixels)) if turned in _UPRIGHT else pixels
 
 
 def _is_deep(image: Image.Image) -> bool:
@@ -115,7 +107,9 @@ def _is_deep(image: Image.Image) -> bool:
     Pillow has no mode for RGB of 16 bits (python-pillow/Pillow#1888) and opens such files as RGB:
     only the arguments of its decoders tell. This can go once it has one.
     """
-    if any(bits > 8 for bits in _tiff_bits(image)):
+    # 258 is BitsPerSample (TIFF 6.0, section 8): a number, or one for each channel
+    bits = (getattr(image, "tag_v2", None) or {}).get(258, ())
+    if any(one > 8 for one in (bits if isinstance(bits, tuple) else (int(bits),))):
         return True
     for tile in getattr(image, "tile", ()):
         args = tile[3] if isinstance(tile[3], tuple) else (tile[3],)
@@ -124,10 +118,3 @@ def _is_deep(image: Image.Image) -> bool:
         if tile[0].startswith("ppm") and any(isinstance(arg, int) and arg > 255 for arg in args):
             return True
     return False
-
-
-def _tiff_bits(image: Image.Image) -> tuple[int, ...]:
-    tags = getattr(image, "tag_v2", None)
-    # 258 is BitsPerSample (TIFF 6.0, section 8)
-    bits = tags.get(258, ()) if tags is not None else ()
-    return bits if isinstance(bits, tuple) else (int(bits),)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.contracts import Frames
 from tactileforge.errors import DataError
 
 #: Bits a channel of cameras with more than 8, in the lower bits of 16.
@@ -41,6 +43,24 @@ def checked_pixels(array: Any, where: str, axes: int | None = None) -> NDArray[n
             f"{where}: expected (H, W, 3), RGB, found {array.shape}{channel_fix(array.shape)}"
         )
     return array
+
+
+def checked_chunks(
+    frames: Frames, rows: Sequence[int], where: str, most: int
+) -> Iterator[NDArray[np.uint8]]:
+    """Read and check frames a few at a time: memory does not grow with their number.
+
+    Args:
+        frames: Frames of a recording.
+        rows: Numbers of the frames to read.
+        where: Name of the recording, for messages.
+        most: Largest number of frames of a chunk.
+
+    Raises:
+        DataError: A frame cannot be decoded, or is of another type or shape.
+    """
+    for start in range(0, len(rows), most):
+        yield checked_pixels(frames.read(rows[start : start + most]), where, 4)
 
 
 def channel_fix(shape: tuple[int, ...]) -> str:

@@ -53,6 +53,7 @@ class PyAvCursor:
         import av
 
         try:
+            # a title that is not UTF-8 must not cost the frames
             self._container: Any = av.open(self.path, metadata_errors="replace")
             self._stream: Any = self._container.streams.video[0]
             # one thread, as in `open_video`
@@ -99,6 +100,7 @@ class PyAvCursor:
         self._container.seek(place, stream=self._stream)
         self._frames = self._container.decode(self._stream)
         self._frame = next(self._frames)
+        # times of PyAV and of OpenCV may begin differently: both are taken from the first frame
         landed = self.index.number(self._seconds() - self._start + self.index.start)
         if landed is None or landed > number:
             return False

@@ -39,6 +39,7 @@ class TurnedFrames:
         frames = self.base.read(indices)
         if self.bgr:
             frames = frames[..., ::-1]
+        # numpy turns counter-clockwise, layouts turn clockwise
         return np.ascontiguousarray(np.rot90(frames, -self.turns, axes=(1, 2)))
 
 

@@ -8,6 +8,7 @@ from contextlib import suppress
 import numpy as np
 
 from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.small import shrink, strongest
 from tactileforge.data.labels.doubts import Doubts, Suspicion
 from tactileforge.errors import ConfigError, TactileForgeError
@@ -32,12 +33,12 @@ def untared(recording: Recording) -> Suspicion | None:
         DataError: A frame cannot be decoded.
     """
     force, rest = recording.force, recording.no_contact
-    if (
-        force is None
-        or rest is None
-        or _is_spread(recording)
-        or len(force) != len(recording.frames)
-    ):
+    count = len(recording.frames)
+    if force is None or rest is None or len(force) != count:
+        return None
+    # a median of frames from all over the recording, some of them perhaps in contact
+    spread = rest.rows if isinstance(rest, FrameSubset) else ()
+    if len(spread) and 2 * (max(spread) - min(spread)) >= count > 1:
         return None
     scale = np.ones(3)
     with suppress(ConfigError):  # the sensor is not installed here
@@ -46,6 +47,7 @@ def untared(recording: Recording) -> Suspicion | None:
     if not len(known) or rest.shape != recording.frames.shape:
         return None
     level = np.nanmax(np.abs(force[known]) / scale, axis=1)
+    # the ends, where sensors usually rest, and the faintest force: the likeliest to show no contact
     rows = sorted({0, len(known) - 1, int(level.argmin())})
     if level[rows].max() <= _OFFSET:
         return None
@@ -68,15 +70,7 @@ def add_untared(doubts: Doubts, recordings: Sequence[Recording]) -> None:
         recordings: Recordings of the set.
     """
     able = [one for one in recordings if one.force is not None and one.no_contact is not None]
-    for place in np.unique(np.linspace(0, len(able) - 1, min(_LOOKED, len(able))).round()):
+    for place in spread_rows(len(able), _LOOKED):
         with suppress(TactileForgeError, OSError):  # told where it is read
-            if found := untared(able[int(place)]):
-                doubts.flag(able[int(place)], found)
-
-
-def _is_spread(recording: Recording) -> bool:
-    """Whether the background has frames from all over the recording, perhaps in contact."""
-    rest = recording.no_contact
-    if not isinstance(rest, FrameSubset) or not len(rest):
-        return False
-    return 2 * (max(rest.rows) - min(rest.rows)) >= len(recording.frames) > 1
+            if found := untared(able[place]):
+                doubts.flag(able[place], found)

@@ -18,6 +18,7 @@ from tactileforge.data.frames.pyav import CODECS, PyAvCursor, is_missing, missin
 from tactileforge.data.frames.video_index import VideoIndex, open_video, read_index
 from tactileforge.errors import DataError
 
+#: Endings that tell a video from an image where a layout may name either.
 VIDEO_SUFFIXES = frozenset({".avi", ".gif", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".ts", ".webm"})
 
 #: Open videos of a process: each holds a decoder and its buffers.
@@ -72,6 +73,7 @@ class VideoFrames(Cropped):
         """Decode frames; see `contracts.Frames.read`."""
         check_range(indices, len(self), self.path)
         out = np.empty((len(indices), *self.shape, 3), np.uint8)
+        # a decoder has a position, which two threads would move under each other
         with _POOL.lock:
             cursor = _POOL.take(self.path, self._index)
             # ascending, so that a clip is one walk forward, whatever the order of its rows

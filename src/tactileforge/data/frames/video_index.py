@@ -115,6 +115,7 @@ def open_video(path: str) -> Any:
         DataError: The path is a folder, or no video.
     """
     _check_file(path)
+    # one level for all of the process, so that it is put back
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(0)
     try:
@@ -151,6 +152,7 @@ def read_index(path: str) -> VideoIndex:
     codec = letters.decode("ascii", "replace").lower()
     rate = float(capture.get(cv2.CAP_PROP_FPS))
     announced = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    # before any packet is read: a header may announce years
     _check_size(path, shape, announced)
     _check_depth(path, int(capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)))
     capture.set(cv2.CAP_PROP_FORMAT, -1)  # raw packets, not decoded
@@ -185,6 +187,7 @@ def _spread_times(times: NDArray[np.float64], rate: float) -> NDArray[np.float64
     new = np.diff(times, prepend=-np.inf) > 0
     if 2 * new.sum() <= len(times):
         return rows / (rate if np.isfinite(rate) and rate > 0 else _NO_RATE)
+    # the last ones have no later neighbor: one usual step stands for it
     period = float(np.median(np.diff(times[new])))
     known = np.append(rows[new], len(times))
     out: NDArray[np.float64] = np.interp(rows, known, np.append(times[new], times[-1] + period))

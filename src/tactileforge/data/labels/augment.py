@@ -163,6 +163,7 @@ class Augment(nn.Module):
             turn_labels(batch, angle)
         if self._lights:
             drawn["relight"] = self._draw_light(coded)
+        # a mirror first, then a turn, as `forward` treats the pixels
         turn_columns(batch, columns, frame_change(flip, angle), flip, drawn.get("warp"))
         return batch | drawn
 
@@ -172,6 +173,7 @@ class Augment(nn.Module):
         is_drawn &= ~fixed[:, None]
         draw = torch.where(is_drawn[:, [0, 1, 1, 2]], 2 * torch.rand(len(first), 4)[first] - 1, 0.0)
         angle = self.rotate * draw[:, 0]
+        # even in the logarithm: as often larger as smaller by one factor
         factor = torch.exp(math.log1p(self.scale) * draw[:, 3])
         linear = rotation(angle)[:, :2, :2] * factor[:, None, None]
         # shares of width and height are not of one length where the frames are not square
@@ -200,36 +202,29 @@ class Augment(nn.Module):
             flipped = batch["flip"][:, axis, None, None, None, None]
             clip = torch.where(flipped, clip.flip(dim), clip)
         if self._moves or self._lights:
-            clip = self._changed(clip, batch)
+            with torch.autocast(clip.device.type, enabled=False):  # bf16 has no 256 levels
+                clip = clip.to(torch.float32, memory_format=torch.contiguous_format)
+                if self._moves:
+                    clip = pixels.move_clip(clip, batch["warp"])
+                if self._lights:
+                    clip = pixels.light_clip(clip, batch["relight"], self.blur, self.noise > 0)
+                clip = pixels.as_levels(clip)
         if self.jitter is not None:
             jittered: Any = self.jitter(clip.float() / 255)
             jittered = (jittered * 255).round().clamp(0, 255).to(torch.uint8)
             clip = torch.where(batch["coded"][:, None, None, None, None], clip, jittered)
         moved: Batch = {"background": clip[:, 0], "frames": clip[:, 1:]}
         if "surface" in batch:
-            moved["surface"] = self._surface(batch)
-        return batch | moved
-
-    def _changed(self, clip: Tensor, batch: Batch) -> Tensor:
-        """Moves and lights clips (B, 1 + T, 3, H, W), the background first."""
-        with torch.autocast(clip.device.type, enabled=False):  # bf16 has no 256 levels
-            clip = clip.to(torch.float32, memory_format=torch.contiguous_format)
+            surface: Tensor = batch["surface"]
+            for axis in (0, 1):
+                flipped = batch["flip"][:, axis, None, None, None, None]
+                mirrored = displacement.mirror_displacement(surface, axis)
+                surface = torch.where(flipped, mirrored, surface)
             if self._moves:
-                clip = pixels.move_clip(clip, batch["warp"])
-            if self._lights:
-                clip = pixels.light_clip(clip, batch["relight"], self.blur, self.noise > 0)
-            return pixels.as_levels(clip)
-
-    def _surface(self, batch: Batch) -> Tensor:
-        """Surfaces with the mirrors and turns of the pixels."""
-        surface: Tensor = batch["surface"]
-        for axis in (0, 1):
-            flipped = batch["flip"][:, axis, None, None, None, None]
-            surface = torch.where(flipped, displacement.mirror_displacement(surface, axis), surface)
-        if not self._moves:
-            return surface
-        with torch.autocast(surface.device.type, enabled=False):
-            return pixels.move_surface(surface, batch["warp"], batch["warp_turn"])
+                with torch.autocast(surface.device.type, enabled=False):
+                    surface = pixels.move_surface(surface, batch["warp"], batch["warp_turn"])
+            moved["surface"] = surface
+        return batch | moved
 
 
 def build_augment(options: Mapping[str, Any] | None) -> Augment | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, DataError, unknown
 
 #: Units of time, and their seconds.
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -70,6 +70,7 @@ def date_unit(values: NDArray[np.float64]) -> str:
         >>> date_unit(np.array([1.7e12, 1.8e12])), date_unit(np.array([0.0, 2.0]))
         ('ms', '')
     """
+    # units are a factor of 1000 apart and dates of one of 4.2, so a number fits one unit at most
     for unit, seconds in UNITS.items():
         low, high = (date / seconds for date in _DATES)
         if len(values) and values.min() >= low and values.max() < high:
@@ -86,6 +87,36 @@ def seconds_of(unit: str, where: str) -> float:
     if unit not in UNITS:
         raise ConfigError(f"{where}: {unknown('unit', unit, UNITS)}")
     return UNITS[unit]
+
+
+def check_rising(
+    times: NDArray[np.float64], where: str, fix: str, row: str = "frame", shown: str = "{:g} s"
+) -> None:
+    """Check times for strict increase.
+
+    Args:
+        times: float64 (T,).
+        where: Place of the times, for the message.
+        fix: Fix, as a phrase.
+        row: Word for what has a time.
+        shown: Format of a time in the message.
+
+    Raises:
+        DataError: A time is not after the one before.
+
+    Example:
+        >>> check_rising(np.array([0.0, 0.5]), "take 1", "correct it")
+        >>> check_rising(np.array([0.0, 0.5, 0.5]), "take 1", "correct it")
+        Traceback (most recent call last):
+        tactileforge.errors.DataError: take 1: the time of frame 2, 0.5 s, is not after ...
+    """
+    wrong = np.flatnonzero(~(np.diff(times) > 0))
+    if len(wrong):
+        i = int(wrong[0]) + 1
+        raise DataError(
+            f"{where}: the time of {row} {i}, {shown.format(times[i])}, is not after that of the "
+            f"{row} before, {shown.format(times[i - 1])}; {fix}"
+        )
 
 
 def misfit(
@@ -183,8 +214,7 @@ def _rate(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | No
     if len(frames) < _LEAST or len(rows) < _LEAST or span <= 0 or length <= 0:
         return None
     late = float(rows[0] - frames[0])
-    spans = f"goes from {_number(rows[0])} to {_number(rows[-1])}, the frames from "
-    spans += f"{frames[0]:.3g} to {frames[-1]:.3g} s"
+    spans = _spans(rows, frames)
     if abs(late) <= _START * span:
         times = _times(length / span)
         if length < _SHORT * span:
@@ -214,8 +244,7 @@ def _few(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | Non
     """Labels of less than half of the frames, or as long as at another usual rate of videos."""
     if len(frames) < _LEAST:
         return None
-    spans = f"goes from {_number(rows[0])} to {_number(rows[-1])}, the frames from "
-    spans += f"{frames[0]:.3g} to {frames[-1]:.3g} s"
+    spans = _spans(rows, frames)
     share = float(((frames >= rows[0]) & (frames <= rows[-1])).mean())
     if share < _HALF:
         return Misfit(
@@ -247,6 +276,11 @@ def _times(ratio: float) -> str:
 
 def _ends(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> str:
     return f"ends at {_number(rows[-1])}, the recording at {frames[-1]:.3g} s"
+
+
+def _spans(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> str:
+    ours = f"goes from {_number(rows[0])} to {_number(rows[-1])}"
+    return f"{ours}, the frames from {frames[0]:.3g} to {frames[-1]:.3g} s"
 
 
 def _number(value: float) -> str:

@@ -37,6 +37,7 @@ def encode_displacement(displacement: NDArray[np.float32]) -> NDArray[np.uint8]:
         uint8 (..., 3).
     """
     share = displacement / np.asarray(RANGE_MM, np.float32)
+    # 127 levels on each side of 128: the sign of a level is that of the displacement
     root = np.sign(share) * np.sqrt(np.abs(share))
     image: NDArray[np.uint8] = np.rint(NONE + 127 * root.clip(-1, 1)).astype(np.uint8)
     return image

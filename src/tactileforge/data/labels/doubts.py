@@ -11,16 +11,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.data.labels.align import GAP
 from tactileforge.data.labels.force_axes import ForceAxes
-from tactileforge.data.labels.force_runs import away, between, stuck
+from tactileforge.data.labels.force_runs import FRAMES, away, between, stuck
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.specs import spec
 
-#: Smallest gap in time, as a multiple of the usual step; no clip is cut across it.
-GAP = 2.5
 #: Largest plausible force, as a multiple of the sensor's scale. Strong touches are within twice
 #: (simulated ones too); pounds, kilograms and grams taken for newtons are 4 times or more.
 RANGE = 3.0
@@ -34,8 +32,7 @@ TINY = 8
 _FAINT = 0.01
 #: Objects whose spelling is compared; the first of a set, so that memory does not grow with it.
 _SPELLED = 300
-#: Labelled frames from which constant forces are no coincidence.
-_FRAMES = 10
+
 #: Names kept to tell one from several.
 _NAMES = 2
 
@@ -80,16 +77,13 @@ def check_labels(recording: Recording) -> Iterator[Suspicion]:
     yield from _force(recording)
     yield from _views(recording)
     height, width = recording.frames.shape
-    if min(height, width) < _smallest_side(recording.sensor):
+    smallest = TINY
+    with suppress(ConfigError):  # the sensor is not installed here
+        own = spec(recording.sensor)
+        # arrays have a few taxels, and a side of 0 is not stated
+        smallest = min([TINY, *(side for side in (own.height, own.width) if side > 0)])
+    if min(height, width) < smallest:
         yield Suspicion("tiny_pictures", min(height, width), f"{width} x {height} pixels")
-
-
-def _smallest_side(sensor: str) -> int:
-    """Smallest plausible side of a picture of a sensor, pixels: arrays have a few taxels."""
-    with suppress(ConfigError):
-        own = spec(sensor)
-        return min([TINY, *(side for side in (own.height, own.width) if side > 0)])
-    return TINY
 
 
 class Doubts:
@@ -116,9 +110,14 @@ class Doubts:
         force = recording.force
         if force is not None and np.isfinite(force).any():
             known = force[np.isfinite(force).any(axis=1)]
-            self._compare_with_scale(recording.sensor, known)
+            with suppress(ConfigError):  # the sensor is not installed here
+                scale = np.array(spec(recording.sensor).force_scale)
+                share = float(np.nanmax(np.abs(known) / scale))
+                if share > self._strongest:
+                    self._strongest, self._felt = share, f"{np.nanmax(np.abs(known)):.2g} N"
             self._axes.add(force)
             self._force_frames += len(known)
+            # fmin and fmax pass over NaN: an axis may be without a label
             self._range[0] = np.fmin(self._range[0], np.fmin.reduce(known))
             self._range[1] = np.fmax(self._range[1], np.fmax.reduce(known))
 
@@ -129,12 +128,6 @@ class Doubts:
             if found.value > value:
                 value, words = found.value, f"{recording.key}: {found.words}"
             self._worst[found.reason] = value, count + 1, words
-
-    def _compare_with_scale(self, sensor: str, force: NDArray[np.floating]) -> None:
-        with suppress(ConfigError):  # the sensor is not installed here
-            share = np.nanmax(np.abs(force) / np.array(spec(sensor).force_scale))
-            if share > self._strongest:
-                self._strongest, self._felt = float(share), f"{np.nanmax(np.abs(force)):.2g} N"
 
     def _classes(self, recording: Recording) -> None:
         seen: dict[str, set[str]] = {"object": set(), "action": set()}
@@ -174,14 +167,14 @@ class Doubts:
         low, high = self._range
         known = np.isfinite(low)
         constant = (low[known] == high[known]).all()
-        if "force" in labels and self._force_frames >= _FRAMES and constant:
+        if "force" in labels and self._force_frames >= FRAMES and constant:
             values = ", ".join(f"{axis:g}" for axis in low[known])
             what = "are all 0 N" if not low[known].any() else f"are all the same ({values} N)"
             out.append(
                 f"the forces of all {self._force_frames} frames {what}: was the sensor of force "
                 "connected, and are its columns the right ones?"
             )
-        if "force" in labels and self._force_frames >= _FRAMES and 0 < self._strongest < _FAINT:
+        if "force" in labels and self._force_frames >= FRAMES and 0 < self._strongest < _FAINT:
             out.append(
                 f"the largest force is {self._felt}, less than a hundredth of the scale of its "
                 "sensor: is it kN? force_unit: kN of a layout converts"

@@ -12,7 +12,7 @@ _STUCK, _STUCK_SHARE = 1.0, 0.25
 #: the one before.
 _NOISY_STUCK, _NOISE = 2.0, 0.1
 #: Rows from which constant forces are no coincidence.
-_FRAMES = 10
+FRAMES = 10
 #: Longest plausible time without forces before the first or after the last, s, and share of the
 #: recording; and share of the rows between that have one, for forces that are not rare.
 _AWAY, _AWAY_SHARE, _WHOLE = 1.0, 0.1, 0.9
@@ -25,7 +25,7 @@ def stuck(force: NDArray[np.floating], times: NDArray[np.float64]) -> str:
         force: Forces, (T, 3), N.
         times: Times of the rows, (T,), s.
     """
-    if len(force) != len(times) or len(force) < _FRAMES:
+    if len(force) != len(times) or len(force) < FRAMES:
         return ""
     same = (force[1:] == force[:-1]).all(axis=1) & (force[1:] != 0).any(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
@@ -37,7 +37,7 @@ def stuck(force: NDArray[np.floating], times: NDArray[np.float64]) -> str:
     start, stop = runs[int(lengths.argmax())]
     longest = float(lengths.max())
     others = np.delete(same, slice(start, stop))
-    is_noisy = len(others) >= _FRAMES and others.mean() <= _NOISE
+    is_noisy = len(others) >= FRAMES and others.mean() <= _NOISE
     most = max(_STUCK, _STUCK_SHARE * float(times[-1] - times[0]))
     most = min(most, _NOISY_STUCK) if is_noisy else most
     return f"{longest:.3g} s of one and the same force" if longest > most else ""

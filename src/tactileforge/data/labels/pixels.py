@@ -21,6 +21,7 @@ def sample(images: Tensor, warp: Tensor, padding: str) -> Tensor:
     from kornia.geometry.transform import warp_affine
 
     height, width = images.shape[-2:]
+    # filled in on the device: a tensor of the host would be waited for
     sides = warp.new_ones(2)
     sides[0], sides[1] = width, height
     linear = warp[:, :, :2] * sides[:, None] / sides
@@ -47,6 +48,7 @@ def move_clip(clip: Tensor, warp: Tensor) -> Tensor:
         The clip, of the same shape.
     """
     rest = sample(clip[:, 0], warp, "reflection")
+    # moved along with the frames: where it is below 1, a pixel comes from beyond the border
     inside = torch.ones_like(clip[:, 0, :1])
     moved = sample(torch.cat([clip[:, 1:].flatten(1, 2), inside], dim=1), warp, "zeros")
     frames = moved[:, :-1].reshape(clip[:, 1:].shape)
@@ -83,22 +85,18 @@ def light_clip(clip: Tensor, light: Tensor, blur: float, noise: bool) -> Tensor:
         The clip, of the same shape.
     """
     if blur:
-        clip = _blurred(clip, light[:, 3:4], blur)
+        from kornia.filters import filter2d_separable, get_gaussian_kernel1d
+
+        # each clip by its own Gauss: kornia's gaussian_blur2d reads the deviations back, for which
+        # the host would wait. Three deviations to each side hold all of it but .3 %
+        kernel = get_gaussian_kernel1d(2 * math.ceil(3 * blur) + 1, light[:, 3:4].clamp(min=1e-3))
+        flat: Tensor = filter2d_separable(clip.flatten(1, 2), kernel, kernel, "replicate")
+        clip = flat.view_as(clip)
     clip *= light[:, None, :3, None, None]
     if noise:
         frames = clip[:, 1:]
         frames += light[:, 4, None, None, None, None] * torch.randn_like(frames)
     return clip
-
-
-def _blurred(clip: Tensor, deviation: Tensor, most: float) -> Tensor:
-    """Clips (B, T, C, H, W), each blurred by its own Gauss of a deviation (B, 1)."""
-    from kornia.filters import filter2d_separable, get_gaussian_kernel1d
-
-    # kornia's gaussian_blur2d reads the deviations back, for which the host would wait
-    kernel = get_gaussian_kernel1d(2 * math.ceil(3 * most) + 1, deviation.clamp(min=1e-3))
-    out: Tensor = filter2d_separable(clip.flatten(1, 2), kernel, kernel, border_type="replicate")
-    return out.view_as(clip)
 
 
 def as_levels(clip: Tensor) -> Tensor:

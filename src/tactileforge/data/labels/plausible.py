@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError
@@ -50,7 +50,13 @@ def impossible(recording: Recording) -> str:
     if recording.force is not None:
         row = impossible_row(recording.force, recording.sensor)
         if row is not None:
-            return _force(recording, recording.force, row)
+            felt = ", ".join(f"{axis:g}" for axis in recording.force[row])
+            most = ", ".join(f"{axis:g}" for axis in limits(recording.sensor))
+            return (
+                f"{recording.key}, row {row}: a force of ({felt}) N, where {recording.sensor} "
+                f"can feel ({most}) N at most; say its unit (force_unit: of a layout), or correct "
+                "it"
+            )
     for name, value in recording.labels.items():
         if not isinstance(value, str) and abs(value) > _LARGEST:
             return f"{recording.key}: {name} is {value:g}, more than float32 holds; correct it"
@@ -63,12 +69,3 @@ def impossible(recording: Recording) -> str:
                     ", more than float32 holds; correct it"
                 )
     return ""
-
-
-def _force(recording: Recording, force: NDArray[np.floating], row: int) -> str:
-    values = ", ".join(f"{axis:g}" for axis in force[row])
-    most = ", ".join(f"{axis:g}" for axis in limits(recording.sensor))
-    return (
-        f"{recording.key}, row {row}: a force of ({values}) N, where {recording.sensor} can feel "
-        f"({most}) N at most; say its unit (force_unit: of a layout), or correct it"
-    )

@@ -37,24 +37,6 @@ STEPS = {
 }
 
 
-def _swap(pairs: tuple[tuple[str, str], ...]) -> Tensor:
-    table = list(range(len(ACTIONS)))
-    for a, b in pairs:
-        i, j = ACTIONS.index(a), ACTIONS.index(b)
-        table[i], table[j] = j, i
-    return torch.tensor([*table, -1])  # the last entry keeps -1, unknown
-
-
-def _quarters() -> Tensor:
-    """Action after 0 to 3 quarter turns, int64 (4, actions + 1); the last column keeps -1."""
-    table = torch.tensor([*range(len(ACTIONS)), -1]).repeat(4, 1)
-    slides = [ACTIONS.index(name) for name in _AROUND]
-    for turns in range(4):
-        for place, slide in enumerate(slides):
-            table[turns, slide] = slides[(place + turns) % 4]
-    return table
-
-
 def flip_labels(batch: Batch, horizontal: Tensor, vertical: Tensor) -> None:
     """Flips forces and actions of flipped clips, in place.
 
@@ -67,8 +49,11 @@ def flip_labels(batch: Batch, horizontal: Tensor, vertical: Tensor) -> None:
         vertical: bool (B,), clips mirrored top to bottom.
     """
     for axis, (name, flipped) in enumerate((("horizontal", horizontal), ("vertical", vertical))):
-        swapped = _swap(_SWAPS[name])[batch["action"]]
-        batch["action"] = torch.where(flipped, swapped, batch["action"])
+        table = torch.tensor([*range(len(ACTIONS)), -1])  # the last entry keeps -1, unknown
+        for one, other in _SWAPS[name]:
+            i, j = ACTIONS.index(one), ACTIONS.index(other)
+            table[i], table[j] = j, i
+        batch["action"] = torch.where(flipped, table[batch["action"]], batch["action"])
         sign = torch.where(flipped, -1.0, 1.0)
         batch["force"] = batch["force"].clone()
         batch["force"][..., axis] *= sign[:, None]
@@ -88,10 +73,14 @@ def turn_labels(batch: Batch, angle: Tensor) -> None:
     shear = batch["force_valid"][:, :2]
     known = torch.where((angle == 0)[:, None], shear, shear.all(1, keepdim=True))
     batch["force_valid"] = torch.cat([known, batch["force_valid"][:, 2:]], dim=1)
-    quarters = (angle / 90).round()
-    action = _quarters()[quarters.long() % 4, batch["action"]]
-    between = (angle - 90 * quarters).abs() > SLIDE_SLACK
+    # int64 (4, actions + 1), actions after 0 to 3 quarter turns; the last column keeps -1, unknown
+    table = torch.tensor([*range(len(ACTIONS)), -1]).repeat(4, 1)
     slides = torch.tensor([ACTIONS.index(name) for name in _AROUND])
+    for turns in range(4):
+        table[turns, slides] = slides.roll(-turns)
+    quarters = (angle / 90).round()
+    action = table[quarters.long() % 4, batch["action"]]
+    between = (angle - 90 * quarters).abs() > SLIDE_SLACK
     batch["action"] = torch.where(between & torch.isin(action, slides), -1, action)
 
 
@@ -162,7 +151,12 @@ def turn_columns(
             turned = transform(torque, matrix * sign[:, None, None])
             batch[column.name] = torch.cat([transform(force, matrix), turned], dim=-1)
         elif column.turns == "pose":
-            batch[column.name] = _turn_pose(values, matrix)
+            whole = torch.eye(4).repeat(len(matrix), 1, 1)
+            whole[:, :3, :3] = matrix
+            whole = whole.view(-1, *(1 for _ in values.shape[1:-2]), 4, 4)
+            # into the new axes: the change, the pose, and the change undone, whose inverse is its
+            # transpose, as for each mirror and turn
+            batch[column.name] = whole @ values @ whole.mT
         elif column.turns == "field":
             batch[column.name] = _move_field(transform(values, matrix), flip, warp)
 
@@ -176,17 +170,10 @@ def _move_field(field: Tensor, flip: Tensor | None, warp: Tensor | None) -> Tens
     if warp is None:
         return field
     images = field.movedim(-1, 2)
+    # areas grow by the determinant, so lengths by its root
     factor: Tensor = torch.linalg.det(warp[:, :, :2]).abs().sqrt()
     moved: Tensor = sample(images.flatten(1, 2), warp, "zeros").view_as(images).movedim(2, -1)
     return moved * factor.view(-1, 1, 1, 1, 1)
-
-
-def _turn_pose(poses: Tensor, matrix: Tensor) -> Tensor:
-    """Poses (B, ..., 4, 4) in the new axes: the change, the pose, and the change undone."""
-    whole = torch.eye(4).repeat(len(matrix), 1, 1)
-    whole[:, :3, :3] = matrix
-    whole = whole.view(-1, *(1 for _ in poses.shape[1:-2]), 4, 4)
-    return whole @ poses @ whole.mT  # a mirror and a turn are orthogonal
 
 
 def check_turns(column: Column, shape: tuple[int, ...]) -> None:

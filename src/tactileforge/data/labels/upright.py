@@ -5,6 +5,7 @@ from __future__ import annotations
 from tactileforge.contracts import Recording
 from tactileforge.errors import DataError
 
+#: Spellings in labels: a CSV has text, a shard a number.
 _WORDS = {
     **dict.fromkeys(("1", "1.0", "true", "yes"), True),
     **dict.fromkeys(("", "0", "0.0", "false", "no", "nan"), False),

@@ -119,8 +119,9 @@ def build_recording(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Rec
     seen = _views(about["image_times"], lazy.get("image"))
     tracks = {name: _track(track) for name, track in about["tracks"].items()}
     surface = lazy.get("surface")
-    columns = {"times": times, "force": force, "action": action, "surface": surface, **tracks}
-    for name, column in columns.items():
+    own = {"times": times, "force": force, "action": action, "surface": surface}
+    # one after the other: in one mapping, a track called "times" would hide the times
+    for name, column in (*own.items(), *tracks.items()):
         if column is not None and len(column) != len(lazy["frames"]):
             raise ValueError(f"{len(lazy['frames'])} frames and {len(column)} rows of {name}")
     for name in ("key", "sensor", "source", "licence"):

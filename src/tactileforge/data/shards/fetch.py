@@ -49,6 +49,7 @@ class ShardFolder:
         self.root = root.rstrip("/")
         self.path = home_path(unquote(parts.path) if parts.scheme == "file" else root)
         self.cache_gb = cache_gb
+        # a folder of its own for each URL: names of shards are the same everywhere
         if self.remote:
             self.path = cache / hashlib.sha256(self.root.encode()).hexdigest()[:16]
 
@@ -132,6 +133,7 @@ class ShardFolder:
         """Path of the file; other processes may remove it from the cache at any time."""
         if self.remote and not (path.exists() and self._has_checksum(path, sha256)):
             self._fetch(path, size, sha256)  # also in place of a file damaged in the cache
+        # the user's own folder is never written to
         elif not self._has_checksum(path, sha256):
             raise DataError(
                 f"{path}: {path.stat().st_size} bytes that are not the {size} of the index (their "
@@ -187,7 +189,9 @@ class ShardFolder:
             with suppress(FileNotFoundError):  # another process makes room, too
                 status = path.stat()
                 cached.append((status.st_atime, path, status.st_size))
+
         total = sum(row[-1] for row in cached) + size
+        # by the time of the last use: what was not read for longest goes first
         for _, path, taken in sorted(cached):
             if total <= self.cache_gb * 1e9:
                 break
@@ -205,5 +209,6 @@ def _has_end(out: BinaryIO, path: Path) -> bool:
 
 
 def _state(path: Path, sha256: str) -> tuple[str, int, int, int, str]:
+    # with the inode: a file put in place of another may have its size and time
     status = path.stat()
     return str(path), status.st_ino, status.st_size, status.st_mtime_ns, sha256

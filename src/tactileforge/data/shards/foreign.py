@@ -9,7 +9,7 @@ from pathlib import Path
 from tactileforge.data.frames.image_codecs import CODECS, GROUPS
 from tactileforge.errors import DataError, command
 
-#: Members to look at.
+#: Members to look at: a shard has a picture among the first few, after a description.
 _LOOKED = 64
 _GROUP = "|".join(re.escape(prefix) for prefix in GROUPS.values() if prefix)
 #: Names of images of a shard. Names of descriptions (``000000.json``) are common elsewhere, too.
@@ -61,6 +61,7 @@ def _member_names(path: Path) -> list[str]:
     """Names of the first files of a tar file; [] for another file."""
     names: list[str] = []
     try:
+        # ":" for no compression: the first members of a compressed tar cost its unpacking
         with tarfile.open(path, "r:") as tar:
             for member in tar:
                 if member.isfile():

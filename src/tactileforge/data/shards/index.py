@@ -157,11 +157,7 @@ def parse_index(text: str | bytes, where: str) -> Index:
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DataError(f"{where}: no index of shards ({error!r}); pack the data again") from error
-    _check_apart(index, where)
-    return index
-
-
-def _check_apart(index: Index, where: str) -> None:
+    # before a recording is read twice in each pass, as if it were two
     for entries in index.splits.values():
         ordered = sorted((e for e in entries if e.first), key=lambda e: (e.first, e.last))
         for entry, other in pairwise(ordered):
@@ -171,6 +167,7 @@ def _check_apart(index: Index, where: str) -> None:
                     f"{where}: {entry.file} and {other.file} hold recordings of one key; remove "
                     "one of them and pack again"
                 )
+    return index
 
 
 def sort_key(object: str | None, key: str) -> str:

@@ -60,10 +60,8 @@ __all__ = [
 ]
 
 _JSON = re.compile(r"\d{6,}\.json")
-#: Largest JSON to read, bytes.
-_MAX_JSON = 1 << 26
-#: Largest image to read, bytes.
-_MAX_PICTURE = 1 << 28
+#: Largest JSON and largest image to read, bytes: a damaged size must not fill the memory.
+_MAX_JSON, _MAX_PICTURE = 1 << 26, 1 << 28
 
 
 @dataclass(frozen=True)
@@ -108,6 +106,7 @@ def _add(tar: tarfile.TarFile, stem: str, packed: Packed) -> None:
         tar.addfile(info, io.BytesIO(content))
 
     pictures = {group: getattr(packed, group) for group in GROUPS if getattr(packed, group)}
+
     for group, encoded in pictures.items():
         for number, picture in enumerate(encoded):
             check_upright(picture, f"{stem}.{member_name(group, number, packed.codec)}")

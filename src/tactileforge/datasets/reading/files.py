@@ -5,15 +5,16 @@ from __future__ import annotations
 import codecs
 import csv
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 from tactileforge.data.frames.companions import is_companion
-from tactileforge.datasets.reading.order import Natural, name_keys, natural
+from tactileforge.datasets.reading.order import name_keys, natural
 from tactileforge.errors import ConfigError, DataError
 
-#: Byte order marks of UTF-32 and UTF-16. The longest first: that of UTF-16 LE begins UTF-32 LE's.
+#: Byte order marks of UTF-32 and UTF-16. UTF-32 first: the mark of UTF-16 LE begins UTF-32 LE's.
 _MARKS = {
     codecs.BOM_UTF32_LE: "utf-32",
     codecs.BOM_UTF32_BE: "utf-32",
@@ -67,6 +68,7 @@ def wide_encoding(raw: bytes) -> str | None:
     for mark, name in _MARKS.items():
         if raw.startswith(mark):
             return name
+    # without a mark: in UTF-16, every other byte of Latin letters is 0, and a text has no 0 else
     even, odd = raw[:2000:2].count(0), raw[1:2000:2].count(0)
     if even + odd <= len(raw[:2000]) // 4:
         return None
@@ -80,6 +82,7 @@ def read_rows(path: Path) -> list[list[str]]:
         DataError: The file cannot be read, or is not a CSV; names it.
     """
     try:
+        # newline="" leaves line ends inside of quoted cells to the parser (docs of csv)
         return list(csv.reader(StringIO(read_text(path), newline="")))
     except csv.Error as error:
         raise DataError(f"{path}: not a CSV ({error}); download it again") from error
@@ -108,15 +111,30 @@ def matching_files(
         is_for_files = "." in pattern.rpartition("/")[2]
         for path in _matches(folder, pattern, layout):
             found[path] = found.get(path, False) or is_for_files
-    _check_endings(found)
+    seen: dict[Path, Path] = {}
+    for path in found:
+        ending = path.suffix.lower()
+        other = seen.setdefault(path.with_suffix(_ENDINGS.get(ending, ending)), path)
+        if other != path:
+            raise DataError(
+                f"{path}: {other.name} lies beside it, of the same name; remove or rename one"
+            )
     keys = name_keys(found)
-    paths = sorted(found, key=lambda path: (*_folders(path.relative_to(folder)), *keys[path]))
+
+    def place(path: Path) -> tuple[Any, ...]:
+        # folders first, name by name: a file sorts among those of its own folder
+        folders = path.relative_to(folder).parts[:-1]
+        return (*map(natural, folders), *keys[path])
+
+    paths = sorted(found, key=place)
+    # a folder may match "*" by chance, but not a pattern with an ending
     odd = [path for path in paths if not path.is_file() and (found[path] or not path.is_dir())]
     return [path for path in paths if path.is_file()], odd
 
 
 def _matches(folder: Path, pattern: str, layout: str) -> list[Path]:
     try:
+        # a camera writes .MP4, a program .mp4, and glob tells them apart on Linux
         paths = list(folder.glob(_any_case(pattern)))
         hidden = any(part.startswith(".") for part in Path(pattern).parts)  # named explicitly
         return [path for path in paths if hidden or not is_companion(path.relative_to(folder))]
@@ -149,23 +167,11 @@ def deeper(folder: Path, patterns: Sequence[str], layout: str) -> str:
 
 
 def _any_case(pattern: str) -> str:
-    """A pattern with its ending in either case: a camera writes .MP4, a program .mp4."""
+    """A pattern with its ending in either case."""
     start, dot, ending = pattern.rpartition(".")
     if not dot or not ending.isalnum() or not ending.isascii():
         return pattern
     return start + dot + "".join(f"[{c.lower()}{c.upper()}]" if c.isalpha() else c for c in ending)
-
-
-def _check_endings(paths: Iterable[Path]) -> None:
-    """Raises an error for two files with names differing only in the spelling of their ending."""
-    seen: dict[Path, Path] = {}
-    for path in paths:
-        ending = path.suffix.lower()
-        other = seen.setdefault(path.with_suffix(_ENDINGS.get(ending, ending)), path)
-        if other != path:
-            raise DataError(
-                f"{path}: {other.name} lies beside it, of the same name; remove or rename one"
-            )
 
 
 def kind_of(path: Path) -> str:
@@ -173,8 +179,3 @@ def kind_of(path: Path) -> str:
     if path.is_symlink() and not path.exists():
         return "a link to nothing"
     return "a folder" if path.is_dir() else "a pipe, socket or device"
-
-
-def _folders(path: Path) -> list[Natural]:
-    """Sort key of the folders of a path, name by name."""
-    return [natural(part) for part in path.parts[:-1]]

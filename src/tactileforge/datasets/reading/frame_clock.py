@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.data.frames.video import VideoFrames
 from tactileforge.data.frames.video_clock import rate_doubt, video_times
-from tactileforge.data.labels.clock import UNITS, date_unit
+from tactileforge.data.labels.clock import UNITS, check_rising, date_unit
 from tactileforge.datasets.reading.image_rows import ImageRows
 from tactileforge.datasets.reading.layout import DatasetLayout
 from tactileforge.datasets.reading.layout_keys import ClockKeys
@@ -22,7 +22,8 @@ from tactileforge.datasets.reading.split_times import part_of_second
 from tactileforge.datasets.reading.tables import read_cells
 from tactileforge.errors import ConfigError, DataError
 
-#: Median step of frames, s, beyond which times need an explicit unit.
+#: Median step of frames, s (or, with fps, as a multiple of its period), beyond which times need an
+#: explicit unit: milliseconds taken for seconds are 33 a frame at 30 Hz.
 _SLOW = 5.0
 
 
@@ -109,6 +110,7 @@ class Clocks:
         """A column of numbers, one per frame."""
         column = keys.column or ""
         if keys.key is not None:
+            # a file without a template serves all touches
             found = self.rows.find(path, keys.key, [column], paths, "{" not in (keys.file or ""))
             if lost := [paths[i] for i in range(count) if i not in found]:
                 raise DataError(f"{path}: no row of {lost[0]}; add it, or move the image out")
@@ -143,15 +145,10 @@ def _of_values(
     keys: ClockKeys, path: Path, values: NDArray[np.float64], fps: float | None
 ) -> FrameClock:
     """Times from the numbers of a column, in its unit."""
-    steps = np.diff(values)
-    if not (steps > 0).all():
-        row = int(np.flatnonzero(steps <= 0)[0]) + 1
-        raise DataError(
-            f"{path}: the time of frame {row}, {values[row]:.10g}, is not after that of the frame "
-            f"before, {values[row - 1]:.10g}; correct {keys.column!r}"
-        )
+    check_rising(values, str(path), f"correct {keys.column!r}", shown="{:.10g}")
     date = date_unit(values)
     seconds = UNITS[keys.unit or date or "s"]
+    # from the first, before the unit: a date in nanoseconds uses all digits of a float
     times = (values - values[0]) * seconds
     period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     if keys.unit is None and not date and (period > _SLOW or (fps and period * fps > _SLOW)):

@@ -100,6 +100,8 @@ class FrameTables:
             return None
         is_shared = not template_columns(table.file)
         is_stills = self.layout.each == "touch" and (is_shared or names_images(path))
+        # without a key, a column with a usual name tells the images of stills alone: in a table a
+        # recording, it may be anything
         if table.key is None and not is_stills:
             return None
         columns = [name for name in table.columns if name]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ _MOST_FILES = 50_000
 #: that between images in another order. Takes of a sensor have .1 to .4, still touches about 1.
 _COMPARED, _SMOOTH = 24, 0.6
 #: Frames per second where nothing tells them: the usual rate of the cameras in such sensors.
-_FPS = 30
+FPS = 30
 #: Smallest share of files or names in a table, for the table to be about them.
 _ABOUT = 0.8
 _BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
@@ -53,7 +53,9 @@ def guess_layout(root: Path) -> Guess | None:
     Returns:
         Options of the data set ``recordings``; None for a folder without videos and images.
     """
-    files = list(islice(_files(root), _MOST_FILES))
+    found = (path for path in sorted(root.rglob("*")) if path.is_file())
+    files = list(islice((x for x in found if not is_companion(x.relative_to(root))), _MOST_FILES))
+    # videos first: stills beside them are usually backgrounds
     media = _of(files, _VIDEOS) or _of(files, _IMAGES)
     if not media:
         return None
@@ -72,12 +74,6 @@ def guess_layout(root: Path) -> Guess | None:
     return Guess(options=options, format=f"a folder of {kind}", score=0.1, doubts=doubts)
 
 
-def _files(root: Path) -> Iterator[Path]:
-    for path in sorted(root.rglob("*")):
-        if path.is_file() and not is_companion(path.relative_to(root)):
-            yield path
-
-
 def _of(files: Sequence[Path], endings: frozenset[str] | set[str]) -> list[Path]:
     return [path for path in files if path.suffix.lower() in endings]
 
@@ -91,7 +87,11 @@ def _rows(path: Path) -> list[list[str]]:
 
 def _frames(root: Path, media: Sequence[Path], doubts: list[str]) -> dict[str, Any]:
     """Keys of the files and of their times."""
-    pattern = _pattern(root, media)
+    depths = {len(path.relative_to(root).parts) for path in media}
+    above = "*/" * (depths.pop() - 1) if len(depths) == 1 else "**/"
+    endings = sorted({path.suffix.lower() for path in media})
+    patterns = [f"{above}*{ending}" for ending in endings]
+    pattern = patterns[0] if len(patterns) == 1 else patterns
     if media[0].suffix.lower() in _VIDEOS:
         return {"videos": pattern}
     folders: dict[Path, list[Path]] = {}
@@ -107,17 +107,8 @@ def _frames(root: Path, media: Sequence[Path], doubts: list[str]) -> dict[str, A
     layout: dict[str, Any] = {"images": pattern, "each": "sequence"}
     if name_times([path.stem for path in largest], None).times is not None:
         return layout | {"times": "names"}
-    doubts.append(f"fps: {_FPS} is assumed, names tell no times")
-    return layout | {"fps": _FPS}
-
-
-def _pattern(root: Path, paths: Sequence[Path]) -> str | list[str]:
-    """Globs of files, by their depth and ending."""
-    depths = {len(path.relative_to(root).parts) for path in paths}
-    above = "*/" * (depths.pop() - 1) if len(depths) == 1 else "**/"
-    endings = sorted({path.suffix.lower() for path in paths})
-    patterns = [f"{above}*{ending}" for ending in endings]
-    return patterns[0] if len(patterns) == 1 else patterns
+    doubts.append(f"fps: {FPS} is assumed, names tell no times")
+    return layout | {"fps": FPS}
 
 
 def _follow_each_other(images: Sequence[Path]) -> bool:
@@ -128,6 +119,7 @@ def _follow_each_other(images: Sequence[Path]) -> bool:
         pictures = ImageFrames(images[:_COMPARED]).read(range(min(len(images), _COMPARED)))
     except TactileForgeError:
         return False
+    # every eighth pixel: neighbors say nearly the same, and a guess is for the whole picture
     small = pictures[:, ::8, ::8].astype(np.float32)
     following = np.abs(np.diff(small, axis=0)).mean()
     half = len(small) // 2
@@ -136,11 +128,30 @@ def _follow_each_other(images: Sequence[Path]) -> bool:
 
 
 def _sensor(root: Path, media: Sequence[Path], doubts: list[str]) -> dict[str, Any]:
-    words = "_".join([root.name, *media[0].relative_to(root).parts]).lower().replace("-", "_")
-    words = words.replace("gsmini", "gelsight_mini")
+    words = "_".join([root.name, *media[0].relative_to(root).parts])
+
+    def shape() -> tuple[int, int]:
+        return (1, 1) if (frames := _open(media[0])) is None else frames.shape
+
+    return guess_sensor(words, shape, doubts)
+
+
+def guess_sensor(
+    words: str, shape: Callable[[], tuple[int, int]], doubts: list[str]
+) -> dict[str, Any]:
+    """Guess the key of the sensor.
+
+    Args:
+        words: Names of folders and files.
+        shape: Function to height and width of a frame, called where no name tells the type.
+        doubts: Lines, added to.
+    """
+    words = words.lower().replace("-", "_").replace("gsmini", "gelsight_mini")
+    # the longest name first: gelsight_mini holds gelsight
     if named := [name for name in sorted(SPECS, key=len, reverse=True) if name in words]:
         return {"sensor": named[0]}
-    height, width = (1, 1) if (frames := _open(media[0])) is None else frames.shape
+    height, width = shape()
+    # DIGIT alone of the usual sensors is taller than wide
     sensor = "digit" if height > width else "gelsight_mini"
     doubts.append(f"sensor: no name tells the type; {sensor} by the shape {height} x {width} alone")
     return {"sensor": sensor}
@@ -179,7 +190,9 @@ def _force(
         if columns[2] is None:
             continue
         table: dict[str, Any] = {"columns": columns}
-        names = {one.stem for one in media} if "videos" in layout else _recordings(media, layout)
+        names = {one.stem for one in media} if "videos" in layout else set()
+        if layout.get("each") == "sequence":
+            names = {one.parent.name for one in media}
         if layout.get("each") == "touch" and (key := _key(rows, media)):
             table |= {"file": path.relative_to(root).as_posix(), "key": key}
         elif path.stem in names:
@@ -202,10 +215,6 @@ def _force(
         )
         return {"force": table}
     return {}
-
-
-def _recordings(media: Sequence[Path], layout: Mapping[str, Any]) -> set[str]:
-    return {path.parent.name for path in media} if layout["each"] == "sequence" else set()
 
 
 def _beside(root: Path, table: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> str:

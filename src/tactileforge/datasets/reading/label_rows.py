@@ -137,24 +137,11 @@ def match_labels(
         if found in mine:
             raise DataError(f"{row.where}: {found!r} has a row already ({mine[found].where})")
         mine[found] = replace(row, words={**row.words, **_names(found, layout)})
-    _check_missed(missed, bool(of_touch), names, layout, folder)
-    merged = {name: _merged(name, mine, layout) for name, mine in of_touch.items()}
-    header = next(iter(rows.values()))
-    return {name: merged.get(name) or label_row(name, {"": header}, layout) for name in files}
-
-
-def _check_missed(
-    missed: Sequence[tuple[str, LabelRow]],
-    any_met: bool,
-    names: _Names,
-    layout: DatasetLayout,
-    folder: Path,
-) -> None:
-    """Raises an error for a row without a touch. Files of other layouts pass if some rows match."""
     for written, row in missed:
         plain = names.plain(written)
         is_there = (folder / plain).exists()
-        if any_met and is_there and not names.any_below(plain):
+        # one CSV may label the files of several layouts: theirs pass, once some are ours
+        if of_touch and is_there and not names.any_below(plain):
             continue
         what = f"no file in {folder}"
         if is_there:
@@ -163,6 +150,9 @@ def _check_missed(
             f"{row.where}: {written!r} names {what} (one that there is: {names.nearest(plain)!r}); "
             "correct the row, or remove it"
         )
+    merged = {name: _merged(name, mine, layout) for name, mine in of_touch.items()}
+    header = next(iter(rows.values()))
+    return {name: merged.get(name) or label_row(name, {"": header}, layout) for name in files}
 
 
 class _Names:
@@ -170,6 +160,7 @@ class _Names:
 
     def __init__(self, names: Iterable[str], folder: Path) -> None:
         self.all = list(dict.fromkeys(names))
+        # rows may hold the path through a link, or the one behind it
         self._folders = [_forward(str(path)) for path in (folder.absolute(), folder.resolve())]
         self._exact = {_composed(name): name for name in self.all}
         self._folded: dict[str, str | None] = {}
@@ -180,6 +171,7 @@ class _Names:
     def plain(self, written: str) -> str:
         """The path in a row, relative to the folder of the layout."""
         name = written
+        # as written first: on Linux, a backslash may belong to the name
         for path in dict.fromkeys((written, _forward(written))):
             name = normpath(path) if path else path
             for folder in self._folders:

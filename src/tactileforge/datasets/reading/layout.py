@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -133,6 +133,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         labels=keys.labels.file,
         key=keys.labels.key,
         words={
+            # YAML has ranks as numbers, a CSV as text
             str(column): {str(rank): str(word) for rank, word in words.items()}
             for column, words in keys.words.items()
         },
@@ -159,9 +160,9 @@ def given(values: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def several(value: str | tuple[str, ...]) -> tuple[str, ...]:
+def several(value: str | Sequence[str]) -> tuple[str, ...]:
     """One or more texts, as several."""
-    return (value,) if isinstance(value, str) else value
+    return (value,) if isinstance(value, str) else tuple(value)
 
 
 def _check(keys: LayoutKeys, each: str, where: str) -> None:
@@ -235,18 +236,15 @@ def parse_background(rule: BackgroundRule | str, where: str) -> BackgroundRule |
     """
     if rule == "none":
         return None
-    if isinstance(rule, str) or not _is_possible(rule):
-        raise ConfigError(
-            f"{where}: {rule} must be one of {{file: background.png}}, {{first: 3}}, {{last: 3}}, "
-            "{median: true}, or none"
-        )
-    return rule
-
-
-def _is_possible(rule: BackgroundRule) -> bool:
-    chosen = sum([rule.first > 0, rule.last > 0, rule.median])
-    allowed = chosen <= 1 and not rule.median if rule.file else chosen == 1
-    return allowed and min(rule.first, rule.last) >= 0
+    if isinstance(rule, BackgroundRule) and min(rule.first, rule.last) >= 0:
+        chosen = sum([rule.first > 0, rule.last > 0, rule.median])
+        # a file may be a video, of which first or last say the frames; its median is not offered
+        if chosen <= 1 and not rule.median if rule.file else chosen == 1:
+            return rule
+    raise ConfigError(
+        f"{where}: {rule} must be one of {{file: background.png}}, {{first: 3}}, {{last: 3}}, "
+        "{median: true}, or none"
+    )
 
 
 def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
@@ -268,9 +266,11 @@ def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
         raise ConfigError(f"{where}: give one of frame, time and key: each says what a row is of")
     if keys.unit is not None:
         seconds_of(keys.unit, where)
+    # YAML reads a header such as 0 as a number; in a CSV it is text
     columns_or_none = tuple("" if name is None else str(name) for name in names)
     newton = newtons_of(columns_or_none, keys.force_unit, keys.sign, where, "force_unit")
     table = {key: value for key, value in vars(keys).items() if key != "force_unit"}
+    # the unit goes into the signs: readers of tables multiply once
     sign = tuple(factor * newton for factor in keys.sign)
     return FrameTable(**{**table, "columns": columns_or_none, "sign": sign})
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
+from tactileforge.data.frames.cut import spread_rows
 
-#: Frames of a median.
-_MEDIAN_FRAMES = 15
+#: Frames of the median of a recording. It leaves out a contact that covers a pixel in fewer than
+#: half of them; an odd number has a frame of its own in the middle.
+MEDIAN_FRAMES = 15
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,7 @@ class BackgroundRule:
             count: Frames of the recording, or of the file.
         """
         if self.median:
-            spread = np.linspace(0, count - 1, _MEDIAN_FRAMES).round()
-            return [int(row) for row in np.unique(spread)]
+            return spread_rows(count, MEDIAN_FRAMES)
         if self.last:
             return list(range(max(0, count - self.last), count))
         return list(range(min(count, self.first or count)))

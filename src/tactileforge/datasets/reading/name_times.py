@@ -16,9 +16,12 @@ from math import gcd
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.data.frames.video_clock import FASTEST
 from tactileforge.data.labels.clock import UNITS, date_unit
 
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
+#: A date of this century with its time of day, and a part of a second: digits behind a mark, or
+#: three, six or nine of them at once.
 _DATE = re.compile(
     r"(20\d\d)[-_.]?([01]\d)[-_.]?([0-3]\d)[-_T ]{0,2}"
     r"([0-2]\d)[-_.h:]?([0-5]\d)[-_.m:]?([0-5]\d)"
@@ -30,11 +33,14 @@ _DAYTIME = re.compile(
 )
 #: Seconds since 1970 and what stands behind the point.
 _POINT = re.compile(r"(?<!\d)(\d{10})\.(\d{1,9})(?!\d)")
+#: Whole nanoseconds of a unit; see the top of this file.
 _NS = {unit: round(seconds * 1e9) for unit, seconds in UNITS.items()}
 #: Largest relative deviation of the step of stamps without a unit from that of the frame rate.
 _CLOSE = 0.3
+#: Ratio of the rate of dated names to fps from which the two contradict each other.
+_APART = 1.5
 #: Plausible range of a tactile camera's frames per second.
-_RATES = 1.0, 300.0
+_RATES = 1.0, FASTEST
 #: Largest median step of a frame counter; below it, gaps count as dropped frames.
 _DROPPED = 10
 #: Nanoseconds of a day.
@@ -91,6 +97,7 @@ def name_times(stems: Sequence[str], fps: float | None, unit: str | None = None)
     rising = [column for column in columns if all(a < b for a, b in pairwise(column))]
     if not rising:
         return NameTimes()
+
     numbers = rising[-1]
     if unit is not None:
         return NameTimes(_since([round(number * _NS[unit]) for number in numbers]))
@@ -155,6 +162,7 @@ def _part_ns(column: Sequence[Decimal]) -> int:
         return 0
     if len(column) > 1 and all(after - before == 1 for before, after in pairwise(column)):
         return 0
+    # nanoseconds, microseconds or milliseconds, by the digits of the largest
     return 1 if largest >= 10**6 else 1000 if largest >= 1000 else 10**6
 
 
@@ -167,6 +175,7 @@ def _lost_zeros(stems: Sequence[str]) -> bool:
     widths = {len(part) for _, part in parts}
     if len(widths) == 1 or max(widths) < 9:
         return False
+    # read as written, such stamps jump back and forth; read as a count, they go on evenly
     as_written = np.diff(sorted(whole + int(part.ljust(9, "0")) for whole, part in parts))
     as_count = np.diff(sorted(whole + int(part) for whole, part in parts))
     return bool(as_count.std() < as_written.std())
@@ -194,7 +203,7 @@ def _daytimes(stems: Sequence[str]) -> list[int] | None:
 def _of_day(times: list[int], fps: float | None) -> NameTimes:
     since = _since(times)
     rate = 1 / float(np.median(np.diff(since)))
-    if not fps or 1 / 1.5 < rate / fps < 1.5:
+    if not fps or 1 / _APART < rate / fps < _APART:
         return NameTimes(since)
     words = f"names are times of day, {rate:.3g} a second, and fps is {fps:g}; the names count"
     return NameTimes(since, doubt=words)
@@ -206,7 +215,7 @@ def _dated(stamps: list[int], fps: float | None) -> NameTimes:
     times = _since(stamps)
     rate = 1 / float(np.median(np.diff(times)))
     doubt = ""
-    if fps and not 1 / 1.5 < rate / fps < 1.5:
+    if fps and not 1 / _APART < rate / fps < _APART:
         doubt = f"names come {rate:.3g} times a second and fps is {fps:g}; the names count"
     return NameTimes(times, stamps[0] / 1e9, doubt)
 
@@ -235,11 +244,13 @@ def _counted(numbers: list[int], fps: float | None) -> NameTimes:
     if (steps == steps[0]).all() or not fps:
         return NameTimes()
     places = np.array([number - numbers[0] for number in numbers], np.float64)
+    # most follow their neighbor: a counter of frames, and gaps are dropped ones
     if (steps == 1).mean() >= 0.5:
         return NameTimes(places / fps)
     for unit, ns in _NS.items():
         if unit != "s" and abs(usual * ns * fps / 1e9 - 1) <= _CLOSE:
             return NameTimes(_since([number * ns for number in numbers]))
+    # every n-th frame was kept: the steps are multiples of the usual one
     stride = gcd(*(int(step) for step in steps))
     if stride == usual or usual <= _DROPPED:
         return NameTimes(places / (fps * (stride if stride == usual else 1)))

@@ -129,8 +129,10 @@ def _dtype(name: str, *_: Any) -> _Unfinished:
     if not isinstance(name, str):
         raise _Refused("an array of no type")
     dtype = np.dtype(name)
+    # no dates and no records ("mMV"): the state of these dtypes holds more than a byte order
     if dtype.kind not in "biufcSUO":
         raise _Refused(f"an array of {name!r}")
+    # second in the state of a dtype: "<", ">" or "|", the order of its bytes
     return _Unfinished(lambda state: dtype.newbyteorder(state[1]))
 
 
@@ -148,16 +150,15 @@ def _filled(raw: Any, dtype: Any, shape: Any, order: str = "C") -> Any:
     return np.frombuffer(_bytes(raw), dtype).reshape(shape, order=order)  # type: ignore[call-overload]
 
 
-def _scalar(dtype: Any, raw: Any) -> Any:
-    return np.frombuffer(_bytes(raw), dtype)[0]
-
-
 def _latin1(text: str, encoding: str) -> bytes:
+    # protocol 2 has no bytes: Python 3 writes them as text, encoded in latin1 (pickle.py)
     if encoding not in ("latin1", "latin-1"):
         raise _Refused(f"text in {encoding!r}")
     return text.encode("latin1")
 
 
+#: Everything that a pickle may name, and what stands in for it: no name is ever imported. numpy has
+#: moved its functions from ``numpy.core`` to ``numpy._core`` in version 2, and files name either.
 _NAMES: dict[str, Callable[..., Any] | None] = {
     "numpy ndarray": None,
     "numpy dtype": _dtype,
@@ -170,7 +171,7 @@ _NAMES: dict[str, Callable[..., Any] | None] = {
         for core in ("core", "_core")
         for name, make in (
             ("multiarray _reconstruct", _array),
-            ("multiarray scalar", _scalar),
+            ("multiarray scalar", lambda dtype, raw: np.frombuffer(_bytes(raw), dtype)[0]),
             ("numeric _frombuffer", _filled),
         )
     },
@@ -191,7 +192,7 @@ _EMPTY: dict[str, Callable[[], Any]] = {
     "EMPTY_TUPLE": tuple,
     "EMPTY_SET": set,
 }
-#: Deepest nesting of tuples and frozen sets.
+#: Deepest nesting of tuples and frozen sets, far from Python's limit of 1000 calls.
 _DEEPEST = 100
 _TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
 
@@ -227,7 +228,10 @@ class _Machine:
             del self.stack[-_TUPLES[name] :]
             self._push(tuple(items))
         elif name in ("MEMOIZE", "BINPUT", "LONG_BINPUT"):
-            self._remember(len(self.memo) if name == "MEMOIZE" else argument)
+            key = len(self.memo) if name == "MEMOIZE" else argument
+            self.memo[key] = self.stack[-1]
+            if isinstance(self.stack[-1], _Unfinished):
+                self.stack[-1].keys.append(key)
         elif name in ("BINGET", "LONG_BINGET"):
             self.stack.append(self.memo[argument])
         else:
@@ -244,11 +248,6 @@ class _Machine:
             raise _Refused("values nested too deep")
         self.depths[id(value)] = depth
         self.stack.append(value)
-
-    def _remember(self, key: int) -> None:
-        self.memo[key] = self.stack[-1]
-        if isinstance(self.stack[-1], _Unfinished):
-            self.stack[-1].keys.append(key)
 
     def mark(self, _: Any) -> None:
         self.marks.append(len(self.stack))
@@ -309,6 +308,7 @@ class _Machine:
         if not isinstance(unfinished, _Unfinished):
             raise _Refused("it sets the state of an object")
         value = unfinished.finish(state)
+        # the memo too: later opcodes take the finished value by the key of the unfinished one
         for key in unfinished.keys:
             self.memo[key] = value
         self.stack.append(value)

@@ -8,28 +8,26 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, FrameSubset, Guess, Recording
 from tactileforge.data.frames.companions import is_companion
-from tactileforge.data.frames.crop import size_text
+from tactileforge.data.frames.crop import check_background_size
+from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.labels.missing import stated
+from tactileforge.datasets.reading.drawn import Drawn
+from tactileforge.datasets.reading.layout_keys import MEDIAN_FRAMES
 from tactileforge.datasets.reading.notes import add_once
 from tactileforge.datasets.reading.official import ALL, OfficialSplit
 from tactileforge.datasets.reading.splits import is_held_out
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
 from tactileforge.sensors.specs import spec
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 _IMAGES = frozenset({".bmp", ".jpeg", ".jpg", ".png"})
-#: Number of frames per recording for the median background.
-_MEDIAN_FRAMES = 15
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class RecordingItem:
     group: str = ""
 
 
-class PublishedDataset(ABC):
+class PublishedDataset(Drawn, ABC):
     """Base class of readers of published data sets; subclasses describe one and list its items.
 
     Args:
@@ -144,16 +142,11 @@ class PublishedDataset(ABC):
         about = f"split {self.split}: {self.chosen.about}"
         raise self._missing(f"nothing for {split} in {self.root} ({about})")
 
-    def plot(self, recording: Recording) -> Figure:
-        """A figure of a recording: frames, frames less the background, forces, actions."""
-        from tactileforge.datasets.reading.figure import plot_recording
-
-        return plot_recording(recording)
-
     def _side(self, item: RecordingItem) -> str | None:
         side = self.chosen.side(item.facts)
         if side != "train" or self.chosen.val:
             return side
+        # by name and group: a share is the same one on each machine, whatever files are there
         return "val" if is_held_out(f"{self.name}/{item.group or item.key}", self.val) else side
 
     def _missing(self, what: str) -> DataNotFoundError:
@@ -263,6 +256,7 @@ class NumberedImages:
             return None
         known = np.array(list(self.files))
         right = np.searchsorted(known, numbers).clip(1, max(1, len(known) - 1))
+        # of two equally near, argmin takes the first: the earlier image
         pair = np.stack([known[right - 1], known[np.minimum(right, len(known) - 1)]])
         closest = np.abs(pair - np.asarray(numbers)).argmin(axis=0)
         chosen = pair[closest, np.arange(len(numbers))]
@@ -282,8 +276,7 @@ def frame_rate(sensor: str, fps: float | None) -> float:
 
 def median_frames(frames: Frames) -> FrameSubset:
     """Frames spread over a recording. Their median leaves out a moving contact."""
-    rows = np.linspace(0, len(frames) - 1, min(_MEDIAN_FRAMES, len(frames))).round()
-    return FrameSubset(frames, np.unique(rows.astype(int)).tolist())
+    return FrameSubset(frames, spread_rows(len(frames), MEDIAN_FRAMES))
 
 
 def label_runs(numbers: Sequence[int], labels: Sequence[Any]) -> Iterator[slice]:
@@ -311,9 +304,6 @@ def still_background(path: Path, frames: Frames) -> ImageFrames | None:
     if not path.is_file():
         return None
     background = ImageFrames([path])
-    if background.shape != frames.shape:
-        raise DataError(
-            f"{path}: the background has {size_text(background.shape)} pixels, the frames "
-            f"{size_text(frames.shape)}; give a background of the same size, or remove it"
-        )
+    fix = "give a background of the same size, or remove it"
+    check_background_size(background.shape, frames.shape, str(path), fix=fix)
     return background

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
-from tactileforge.data.frames.crop import size_text
+from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.lazy import Crop, ImageFrames, VideoFrames
 from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.actions import label_actions
@@ -27,6 +27,7 @@ from tactileforge.datasets.reading.layout import (
 )
 from tactileforge.datasets.reading.layout_keys import FrameTable
 from tactileforge.datasets.reading.order import order_doubt
+from tactileforge.datasets.reading.tables import number_or_text
 from tactileforge.datasets.reading.templates import template_columns
 from tactileforge.datasets.reading.touch import FileFrames, LayoutTouch, open_files
 from tactileforge.errors import DataError, DataNotFoundError
@@ -163,7 +164,7 @@ class LayoutReader:
             object=row.fill(layout.object) if layout.object else None,
             text=", ".join(phrase for phrase in phrases if phrase) or None,
             image=self._camera(touch),
-            labels={name: _value(cell) for name, cell in row.cells.items() if cell},
+            labels={name: number_or_text(cell) for name, cell in row.cells.items() if cell},
             source=layout.source,
             tier=layout.tier,
             licence=layout.licence,
@@ -267,12 +268,8 @@ class LayoutReader:
         if path not in self._backgrounds:
             self._backgrounds[path] = open_files([path])
         background = self._backgrounds[path]
-        if background.full_shape != frames.full_shape:
-            raise DataError(
-                f"{path}: the background has {size_text(background.full_shape)} pixels, "
-                f"{touch.paths[0]} {size_text(frames.full_shape)}; give a background of the same "
-                "size"
-            )
+        other = str(touch.paths[0])
+        check_background_size(background.full_shape, frames.full_shape, str(path), other)
         if isinstance(background, VideoFrames) and not rule.first + rule.last:
             raise DataError(f"{path}: a video as background: say which frames with first or last")
         return background
@@ -296,10 +293,3 @@ class LayoutReader:
                 f"correct image of layout {self.layout.name!r}"
             )
         return open_files(files)
-
-
-def _value(cell: str) -> str | float:
-    try:
-        return float(cell)
-    except ValueError:
-        return cell

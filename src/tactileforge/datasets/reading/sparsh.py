@@ -78,14 +78,11 @@ class PickleFolder:
                 f"image {rows.max(initial=0)}; download the missing files, or correct data.sensor"
             )
         images = [self.images[row] for row in rows]
-        return EncodedFrames(str(self.folder), images, self._is_bgr, int(self.sensor == "digit"))
-
-    @property
-    def _is_bgr(self) -> bool:
-        """Whether channels are in BGR order: in DIGIT's sphere2, and all but one GelSight batch."""
-        if self.sensor == "digit":
-            return self.name.startswith("sphere2/")
-        return self.name != "sharp/batch_2"
+        # channels are BGR in DIGIT's sphere2, and in all batches but one of GelSight
+        is_bgr = self.name.startswith("sphere2/")
+        if self.sensor != "digit":
+            is_bgr = self.name != "sharp/batch_2"
+        return EncodedFrames(str(self.folder), images, is_bgr, int(self.sensor == "digit"))
 
 
 def _force(trajectory: Mapping[str, Any]) -> NDArray[np.float32]:
@@ -148,6 +145,7 @@ class SparshTrajectories(PublishedDataset):
         for path in files:
             batch = PickleFolder(path.parent, self.sensor)
             facts = {"batch": batch.name}
+            # before its pickles are read, which take long
             if self.chosen.side(facts) is None:
                 continue
             try:
@@ -170,6 +168,7 @@ class SparshTrajectories(PublishedDataset):
                 f"{batch.folder / _LABELS}: trajectory {key} has no indexes and slip_label "
                 f"({error!r}); download it again"
             ) from error
+        # most trajectories have five images more than forces
         count = min(len(rows), len(force), len(slip))
         rows = rows[:count]
         if not count or (np.diff(rows) <= 0).any() or not np.isfinite(force[:count]).all():

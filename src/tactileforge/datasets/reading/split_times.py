@@ -37,11 +37,12 @@ def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[
         alone = [_SECONDS.sub(begin, plain)] if len(begin) > 1 else []
         for word in (_SECONDS.sub(rf"{begin}\1", plain), *alone):
             beside = header.get(word)
-            if beside is not None and all(_fits(cells, column, beside, count) for _, cells in rows):
+            # in every row: one part that is none, or as large as a second, and it is another column
+            if beside is not None and all(
+                cells[column].isdecimal()
+                and cells[beside].isdecimal()
+                and int(cells[beside]) < count
+                for _, cells in rows
+            ):
                 return lambda cells, beside=beside, count=count: int(cells[beside]) / count  # type: ignore[misc]
     return lambda cells: 0.0
-
-
-def _fits(cells: Cells, column: str, beside: str, count: int) -> bool:
-    whole, part = cells[column], cells[beside]
-    return whole.isdecimal() and part.isdecimal() and int(part) < count

@@ -6,12 +6,35 @@ import hashlib
 from collections.abc import Iterator
 
 from tactileforge.contracts import Recording
+from tactileforge.errors import ConfigError, unknown
 
+#: Splits of data sets without one of their own.
+SPLITS = ("train", "val")
 #: Units of holding out.
 HOLD_OUT = ("take", "object", "time")
 
 #: Target duration of a held-out block of a recording, s.
 _BLOCK_S = 0.5
+
+
+def check_share(val: float) -> None:
+    """Check the share held out for validation.
+
+    Raises:
+        ConfigError: It is below 0, or leaves nothing for training.
+    """
+    if not 0 <= val < 1:
+        raise ConfigError(f"val is {val}; give the share that is held out, 0 or more, below 1")
+
+
+def check_split(split: str) -> None:
+    """Check the name of a split.
+
+    Raises:
+        ConfigError: It is neither ``train`` nor ``val``.
+    """
+    if split not in SPLITS:
+        raise ConfigError(unknown("split", split, SPLITS))
 
 
 def is_held_out(name: str, share: float) -> bool:
@@ -23,6 +46,7 @@ def is_held_out(name: str, share: float) -> bool:
         96
     """
     # File names that are not UTF-8 hold surrogates, which a plain encoding refuses.
+    # `hash` of Python differs from process to process.
     digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).digest()
     return int.from_bytes(digest[:8], "big") < share * 2**64
 
@@ -70,6 +94,7 @@ def split_parts(recording: Recording, share: float, split: str) -> Iterator[Reco
     """
     count = len(recording.times)
     seconds = float(recording.times[-1] - recording.times[0])
+
     blocks = max(1, round(seconds * share / _BLOCK_S))
     length = round(count * share / blocks)
     starts = [round((i + 0.5) * count / blocks - length / 2) for i in range(blocks)]

@@ -70,6 +70,7 @@ def read_force(
     if table.time is not None:
         clock, measured = _on_a_clock(table, path, sensor)
         clock = fit(table, path, clock, times)
+        # images are late: what a frame shows was felt lag_s before it
         return resample(times - table.lag_s, clock, measured).astype(np.float32)
     force = np.full((len(times), 3), np.nan)
     for frame, where, cells in _per_frame(table, path, len(times), images):
@@ -109,6 +110,7 @@ def _force(
         _number(cells[name], f"{where}, column {name!r}") if name else math.nan
         for name in table.columns
     ]
+    # in our axes and newton, before the check: its limits are those of the sensor's axes
     force: NDArray[np.float64] = np.array(row) * table.sign
     if impossible_row(force[None], sensor) is not None:
         raise DataError(
@@ -262,6 +264,19 @@ def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[tuple[str, dic
                 )
             rows.append((where, {name: value.strip() for name, value in cells.items()}))
     return rows
+
+
+def number_or_text(cell: str) -> str | float:
+    """The number in a cell, or its text where it has none.
+
+    Example:
+        >>> number_or_text("1e3"), number_or_text("mug")
+        (1000.0, 'mug')
+    """
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
 
 
 def _number(cell: str, where: str) -> float:

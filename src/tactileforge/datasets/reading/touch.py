@@ -42,7 +42,7 @@ def open_files(paths: list[Path]) -> FileFrames:
     is_video = len(paths) == 1 and paths[0].suffix.lower() in VIDEO_SUFFIXES
     try:
         return VideoFrames(paths[0]) if is_video else ImageFrames(paths)
-    except DataNotFoundError:
+    except DataNotFoundError:  # a slip of the layout, which is no damage of one touch
         raise
     except DataError as error:
         raise DamagedFileError(str(error)) from error

@@ -11,9 +11,11 @@ from typing import Any
 
 from tactileforge.contracts import Guess
 from tactileforge.data.frames.encoded import Blob
+from tactileforge.data.frames.video_clock import FASTEST
 from tactileforge.data.labels.clock import UNITS
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.data.shards.foreign import is_foreign
+from tactileforge.datasets.reading.guessed_layout import FPS, guess_sensor
 from tactileforge.datasets.samples.members import read_members
 from tactileforge.datasets.samples.opened import shown
 from tactileforge.datasets.samples.places import (
@@ -27,14 +29,11 @@ from tactileforge.datasets.samples.places import (
 )
 from tactileforge.datasets.samples.units import grouped
 from tactileforge.errors import DataError, TactileForgeError
-from tactileforge.sensors.specs import SPECS
 
 #: Samples of the first tar that are looked at.
 _LOOKED = 200
-#: Frames per second where nothing tells them: the usual rate of the cameras in such sensors.
-_FPS = 30
-#: Frames a second of the fastest camera of touch, and seconds between frames of the slowest.
-_FASTEST, _SLOWEST = 300, 1.0
+#: Seconds between frames of the slowest camera of touch.
+_SLOWEST = 1.0
 _CAMERA = re.compile(r"cam|rgb|scene|view|vis")
 _BACKGROUND = re.compile(r"background|reference|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
 _NUMBERED = re.compile(r"(?P<start>.*?)(?P<frame>\d+)\.(?P<kind>[a-z]+)")
@@ -56,6 +55,7 @@ def guess_samples(root: Path) -> Guess | None:
     if not tars or not is_foreign(tars[0]):
         return None
     samples: dict[str, dict[str, Blob]] = {}
+    # the first may be damaged, the next ones look like it
     for path in tars[:4]:
         try:
             samples, _, _ = grouped(read_members(path).members[: 16 * _LOOKED])
@@ -91,7 +91,9 @@ def _layout(
     layout = _frames(samples, counts, doubts)
     if not layout:
         return {}
-    layout |= _sensor(root, samples, layout, doubts)
+    key = next(iter(samples))
+    words = "_".join([root.absolute().name, key, *parts])
+    layout |= guess_sensor(words, lambda: _shape(parts, str(layout["frames"])), doubts)
     background = [part for part in counts if kind_of(part) in PICTURES and _BACKGROUND.search(part)]
     layout["background"] = {"file": background[0]} if background else "none"
     if not background:
@@ -123,8 +125,8 @@ def _frames(
     numbered = [m for part in stills if (m := _NUMBERED.fullmatch(part))]
     if len(numbered) > 1:
         one = numbered[0]
-        doubts.append(f"fps: {_FPS} is assumed, names tell no times")
-        return {"frames": f"{one['start']}{{frame}}.{one['kind']}", "fps": _FPS}
+        doubts.append(f"fps: {FPS} is assumed, names tell no times")
+        return {"frames": f"{one['start']}{{frame}}.{one['kind']}", "fps": FPS}
     if len(stills) > 1:
         doubts.append(f"frames: {stills[0]} is taken for the touch, beside {', '.join(stills[1:])}")
     if stills:
@@ -145,8 +147,8 @@ def _arrays(
         if dtype == "uint8" and len(shape) in (3, 4) and shape[-1] == 3:
             if len(shape) == 3:
                 return {"frames": part} | _clips(samples, doubts)
-            doubts.append(f"fps: {_FPS} is assumed")
-            return {"frames": part, "fps": _FPS}
+            doubts.append(f"fps: {FPS} is assumed")
+            return {"frames": part, "fps": FPS}
     return {}
 
 
@@ -163,9 +165,9 @@ def _clips(samples: Mapping[str, dict[str, Blob]], doubts: list[str]) -> dict[st
             folders = "".join(f"{{folder_{chr(97 + i)}}}/" for i in range(depth))
             doubts.append(
                 f"key: samples that differ in the number behind {sign!r} are taken for frames of a "
-                f"clip, {_FPS} a second without times"
+                f"clip, {FPS} a second without times"
             )
-            return {"key": f"{folders}{{clip}}{sign}{{frame}}", "fps": _FPS}
+            return {"key": f"{folders}{{clip}}{sign}{{frame}}", "fps": FPS}
     doubts.append("frames: each sample is taken for a touch of its own")
     return {}
 
@@ -173,24 +175,6 @@ def _clips(samples: Mapping[str, dict[str, Blob]], doubts: list[str]) -> dict[st
 def _numbered(key: str, sign: str) -> bool:
     start, _, number = key.rpartition(sign)
     return bool(start) and number.isdecimal() and len(number) < 19
-
-
-def _sensor(
-    root: Path,
-    samples: Mapping[str, dict[str, Blob]],
-    layout: Mapping[str, Any],
-    doubts: list[str],
-) -> dict[str, Any]:
-    key, parts = next(iter(samples.items()))
-    words = "_".join([root.absolute().name, key, *parts]).lower()
-    words = words.replace("-", "_").replace("gsmini", "gelsight_mini")
-    if named := [name for name in sorted(SPECS, key=len, reverse=True) if name in words]:
-        return {"sensor": named[0]}
-    first = next(iter(samples.values()))
-    height, width = _shape(first, str(layout["frames"]))
-    sensor = "digit" if height > width else "gelsight_mini"
-    doubts.append(f"sensor: no name tells the type; {sensor} by the shape {height} x {width} alone")
-    return {"sensor": sensor}
 
 
 def _shape(parts: Mapping[str, Blob], frames: str) -> tuple[int, int]:
@@ -244,7 +228,8 @@ def _times(
             continue
         read += [float(one) for one in found.reshape(-1)[:2]]
     step = read[1] - read[0] if len(read) > 1 else 0.0
-    fits = [unit for unit, one in UNITS.items() if 1 / _FASTEST <= step * one <= _SLOWEST]
+    # units are a factor of 1000 apart, the slowest and fastest camera 300: one fits at most
+    fits = [unit for unit, one in UNITS.items() if 1 / FASTEST <= step * one <= _SLOWEST]
     doubts.append(f"times: taken for {fits[0] if fits else 's'}")
     return {"times": {"values": place, **({"unit": fits[0]} if fits and fits[0] != "s" else {})}}
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from tactileforge.contracts import ACTIONS
-from tactileforge.data.labels.clock import UNITS
 from tactileforge.data.labels.newtons import newtons_of
 from tactileforge.datasets.reading.layout import check_sensor, given, parse_background, several
 from tactileforge.datasets.reading.layout_keys import BackgroundRule
@@ -207,7 +206,19 @@ def parse_samples(config: Any) -> SampleLayout:
     """
     where = "data.layout"
     layout = build(SampleLayout, where, given(mapping(where, config)))
-    _check_frames(layout, where)
+    check_kind(layout.frames, (*PICTURES, *VIDEOS, "npy"), f"{where}.frames")
+    if layout.fps is not None and not 0 < layout.fps < 1e5:
+        raise ConfigError(f"{where}.fps is {layout.fps}; give frames per second, e.g. 30")
+    is_video = kind_of(layout.frames) in VIDEOS
+    if layout.by_frame and (is_video or layout.numbered):
+        raise ConfigError(
+            f"{where}: {layout.frames} holds a clip, and {{frame}} of key={layout.key!r} says that "
+            "a sample is a frame; leave one of them out"
+        )
+    if layout.numbered and (is_video or kind_of(layout.frames) == "npy"):
+        raise ConfigError(f"{where}.frames is {layout.frames}: number pictures, {{frame}}.jpg")
+    if (layout.by_frame or layout.numbered) and layout.fps is None and layout.times is None:
+        raise ConfigError(f"{where}: fps is missing; give frames per second, or times")
     _check_templates(layout, where)
     parse_background(layout.background, f"{where}.background")
     if layout.image:
@@ -226,22 +237,6 @@ def newtons(keys: SampleForce) -> float:
     places = (keys.values,) * 3 if isinstance(keys.values, str) else keys.values
     names = [place or "" for place in places]
     return newtons_of(names, keys.unit, keys.sign, "data.layout.force", "unit")
-
-
-def _check_frames(layout: SampleLayout, where: str) -> None:
-    check_kind(layout.frames, (*PICTURES, *VIDEOS, "npy"), f"{where}.frames")
-    if layout.fps is not None and not 0 < layout.fps < 1e5:
-        raise ConfigError(f"{where}.fps is {layout.fps}; give frames per second, e.g. 30")
-    is_video = kind_of(layout.frames) in VIDEOS
-    if layout.by_frame and (is_video or layout.numbered):
-        raise ConfigError(
-            f"{where}: {layout.frames} holds a clip, and {{frame}} of key={layout.key!r} says that "
-            "a sample is a frame; leave one of them out"
-        )
-    if layout.numbered and (is_video or kind_of(layout.frames) == "npy"):
-        raise ConfigError(f"{where}.frames is {layout.frames}: number pictures, {{frame}}.jpg")
-    if (layout.by_frame or layout.numbered) and layout.fps is None and layout.times is None:
-        raise ConfigError(f"{where}: fps is missing; give frames per second, or times")
 
 
 def _check_templates(layout: SampleLayout, where: str) -> None:
@@ -274,7 +269,3 @@ def words_of(layout: SampleLayout) -> Mapping[str, Mapping[str, str]]:
         str(place): {str(value): str(word) for value, word in words.items()}
         for place, words in layout.words.items()
     }
-
-
-#: Seconds of each unit.
-SECONDS = UNITS

@@ -10,10 +10,9 @@ from io import FileIO
 from pathlib import Path
 
 from tactileforge.data.frames.encoded import Blob
+from tactileforge.data.frames.image_codecs import BLOCK
 from tactileforge.errors import DataError
 
-#: Bytes of a block (POSIX, pax: ustar interchange format), and of the two that end a tar.
-_BLOCK, _END = 512, 1024
 #: Starts of compressed files, and the programs that unpack them.
 _PACKED = {b"\x1f\x8b": "gunzip", b"BZh": "bunzip2", b"\xfd7zXZ": "unxz", b"(\xb5/\xfd": "unzstd"}
 #: Most bytes of a long name or of extended attributes of a member.
@@ -80,22 +79,23 @@ def _members(file: FileIO) -> Iterator[tuple[str, int, int]]:
     """
     end = file.seek(0, 2)
     place, long_name, said = 0, "", dict[str, str]()
-    while place + _BLOCK <= end:
+    while place + BLOCK <= end:
         file.seek(place)
-        header = file.read(_BLOCK)
+        header = file.read(BLOCK)
         if not header.strip(b"\0"):
             return
         size, kind = _checked(header, place), header[156:157]
-        start = place + _BLOCK
+        start = place + BLOCK
         if kind not in b"xL":
             size = int(said["size"]) if said.get("size", "").isdecimal() else size
-        place = start + -(-size // _BLOCK) * _BLOCK
+        place = start + -(-size // BLOCK) * BLOCK
         if place < start or start + size > end:
             raise tarfile.ReadError(f"it ends within {_name(header)!r}")
         if kind in b"xL":
             if size > _LONG:
                 raise tarfile.ReadError(f"a name of {size} bytes")
             content = file.read(size)
+            # the name or the attributes of the member that follows: GNU's and POSIX's way
             if kind == b"L":
                 long_name = _text(content)
             else:
@@ -150,6 +150,7 @@ def _attributes(content: bytes) -> dict[str, str]:
     found: dict[str, str] = {}
     while content:
         length, _, _ = content.partition(b" ")
+        # a length of 0 would go round for ever
         if not length.isdigit() or not 0 < int(length) <= len(content):
             break
         key, _, value = content[len(length) + 1 : int(length) - 1].partition(b"=")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
-from tactileforge.data.frames.crop import size_text
+from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.encoded import Blob, EncodedFrames
 from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.actions import label_actions
+from tactileforge.data.labels.clock import UNITS, check_rising
 from tactileforge.datasets.reading.layout import check_action, check_sensor, parse_background
-from tactileforge.datasets.samples.layout import SECONDS, SampleLayout, newtons
+from tactileforge.datasets.reading.tables import number_or_text
+from tactileforge.datasets.samples.layout import SampleLayout, newtons
 from tactileforge.datasets.samples.places import (
     VIDEOS,
     fields_of,
@@ -72,6 +74,7 @@ class _Opening(UnitValues):
         """The recording, with the name of its tar at the start of its key."""
         layout, frames = self.layout, self.frames
         times = self._times(frames)
+
         force = self._force(len(frames))
         sensor = self.text(layout.sensor)
         check_sensor(sensor, self.where)
@@ -89,7 +92,11 @@ class _Opening(UnitValues):
             text=", ".join(one for one in captions if one) or None,
             image=camera,
             image_times=times if camera is not None and layout.by_frame else None,
-            labels=self._labels(),
+            labels={
+                name: number_or_text(said)
+                for name, template in layout.labels.items()
+                if (said := self.text(template))
+            },
             tracks={
                 name: self.rows(place, len(frames)).astype(np.float32)
                 for name, place in layout.tracks.items()
@@ -129,7 +136,9 @@ class _Opening(UnitValues):
             read = self.rows(layout.times.values, count)
             if read.ndim != 1 or np.isnan(read).any():
                 raise DataError(f"{self.where}: times of shape {read.shape}, or empty; correct it")
-            return self._rising((read - read[0]) * SECONDS[layout.times.unit])
+            times: NDArray[np.float64] = (read - read[0]) * UNITS[layout.times.unit]
+            check_rising(times, self.where, "correct it")
+            return times
         if layout.by_frame and layout.fps:
             numbers = [sample.frame for sample in self.unit.samples]
             return (np.array(numbers, np.float64) - numbers[0]) / layout.fps
@@ -138,16 +147,6 @@ class _Opening(UnitValues):
         if layout.fps is None and count > 1:
             raise ConfigError(f"{self.where}: {count} frames without times; give layout.fps")
         return np.arange(count) / (layout.fps or 1.0)
-
-    def _rising(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        wrong = np.flatnonzero(np.diff(times) <= 0)
-        if len(wrong):
-            i = int(wrong[0]) + 1
-            raise DataError(
-                f"{self.where}: the time of frame {i}, {times[i]:g} s, is not after that of the "
-                f"frame before, {times[i - 1]:g} s; correct it"
-            )
-        return times
 
     def _force(self, count: int) -> NDArray[np.float32] | None:
         keys = self.layout.force
@@ -201,11 +200,7 @@ class _Opening(UnitValues):
         base = frames
         if rule.file:
             base = self._shown([self.part(self.unit.samples[0], rule.file)], rule.file)
-            if base.shape != frames.shape:
-                raise DataError(
-                    f"{self.where}: the background has {size_text(base.shape)} pixels, the frames "
-                    f"{size_text(frames.shape)}; give a background of the same size"
-                )
+            check_background_size(base.shape, frames.shape, self.where)
         return FrameSubset(self._upright(base), rule.rows(len(base)))
 
     def _camera(self) -> Frames | None:
@@ -214,10 +209,6 @@ class _Opening(UnitValues):
         if not name or (not there and self.layout.image.endswith("?")):
             return None
         return self._shown([self.part(sample, name) for sample in self.unit.samples], name)
-
-    def _labels(self) -> Mapping[str, str | float]:
-        found = {name: self.text(template) for name, template in self.layout.labels.items()}
-        return {name: _number(said) for name, said in found.items() if said}
 
 
 def shown(where: str, blobs: Sequence[Blob], part: str) -> Frames:
@@ -237,6 +228,7 @@ def shown(where: str, blobs: Sequence[Blob], part: str) -> Frames:
     if kind == "npy":
         return ArrayRows(where, blobs)
     for number, blob in enumerate(blobs):
+        # told here, by name: the decoder would say so in the middle of training
         start = Blob(blob.path, blob.offset, min(12, blob.size)).read()
         if not start.startswith(_STARTS):
             frame = f", frame {number}" if len(blobs) > 1 else ""
@@ -244,10 +236,3 @@ def shown(where: str, blobs: Sequence[Blob], part: str) -> Frames:
                 f"{where}{frame}: no picture, it starts with {start[:4]!r}; write it again"
             )
     return EncodedFrames(where, blobs)
-
-
-def _number(text: str) -> str | float:
-    try:
-        return float(text)
-    except ValueError:
-        return text

@@ -183,6 +183,7 @@ def array_header(blob: Blob, where: str) -> tuple[np.dtype[Any], tuple[int, ...]
         raise DataError(
             f"{where}: an array of {dtype}: only numbers are read, no objects; save numbers"
         )
+    # in Python's integers: numpy's product would wrap around for the sides of a hostile file
     count = 1
     for side in shape:
         count *= side

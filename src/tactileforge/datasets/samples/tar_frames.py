@@ -43,6 +43,7 @@ class ArrayRows:
                     f"{where}: {dtype} {shape}{order}, where uint8 (T, H, W, 3) or (H, W, 3) "
                     f"belongs{channel_fix(shape)}"
                 )
+            # by the header alone, before anything of that size is read
             size = shape[-3], shape[-2]
             if size[0] * size[1] > MAX_PIXELS or (number and size != self.shape):
                 raise DataError(
@@ -109,4 +110,5 @@ class TarVideo:
             raise self._named(error) from error
 
     def _named(self, error: DataError) -> DataError:
+        # the address of a part of a file means nothing to a reader
         return DataError(str(error).replace(self._place, self.name))

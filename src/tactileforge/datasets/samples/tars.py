@@ -60,11 +60,17 @@ def find_tars(folder: ShardFolder, patterns: Sequence[str]) -> list[Tar]:
     found: dict[str, None] = {}
     for pattern in patterns:
         for name in _expanded(pattern):
-            found |= dict.fromkeys(_remote(name) if folder.remote else _local(folder.path, name))
+            if folder.remote and set("*[") & set(name):
+                raise ConfigError(
+                    f"data.tars: {name}: a server does not list its files; give a range of braces: "
+                    "'data.tars=train-{000000..000099}.tar'"
+                )
+            found |= dict.fromkeys([name] if folder.remote else _local(folder.path, name))
     return [Tar(folder, name) for name in found]
 
 
 def _expanded(pattern: str) -> list[str]:
+    # before braces are expanded, which would fill the memory with names
     for low, high in _RANGE.findall(pattern):
         if abs(int(high) - int(low)) >= _MOST:
             raise ConfigError(f"data.tars: {pattern} names more than {_MOST:,} tars; correct it")
@@ -76,15 +82,6 @@ def _expanded(pattern: str) -> list[str]:
         return list(braceexpand(pattern))
     except ValueError as error:
         raise ConfigError(f"data.tars: {pattern}: {error}; write train-{{000..099}}.tar") from error
-
-
-def _remote(name: str) -> list[str]:
-    if set("*[") & set(name):
-        raise ConfigError(
-            f"data.tars: {name}: a server does not list its files; give a range of braces: "
-            "'data.tars=train-{000000..000099}.tar'"
-        )
-    return [name]
 
 
 def _local(root: Path, name: str) -> list[str]:

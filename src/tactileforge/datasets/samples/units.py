@@ -133,6 +133,7 @@ def _units(
         values = match.groupdict() if match else {}
         number = values.pop(FRAME, "0")
         alike = (*values.items(), *([] if layout.by_frame else [("key", key)]))
+        # 18 digits fit int64
         row = Sample(key, parts, int(number[-18:]))
         clips.setdefault(tuple(map("=".join, alike)), []).append(row)
     _say(found, path, f"samples whose key is unlike layout.key={layout.key}", unlike)

@@ -49,6 +49,7 @@ class UnitValues:
                     f"{count} frames; correct it"
                 )
             return whole
+        # samples are frames: each gives one row, and rows of a track have one shape
         odd = next((one for one in known if one.shape != known[0].shape), None)
         if odd is not None:
             raise DataError(

@@ -10,7 +10,7 @@ import numpy as np
 
 from tactileforge.datasets.shards import Shards
 from tactileforge.plugin import ConfigError, CutColumns, Recording, unknown
-from tactileforge_policies.data.episodes import Episode, check_alike, episodes_of
+from tactileforge_policies.data.episodes import Demonstration, check_alike, episodes_of
 from tactileforge_policies.data.samples import Cutting, EpisodeClips
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class Demonstrations:
         return self.shards.skipped
 
     @cached_property
-    def _episodes(self) -> dict[str, list[Episode]]:
+    def _episodes(self) -> dict[str, list[Demonstration]]:
         both = [one for split in ("train", "val") for one in self.shards.recordings(split)]
         episodes = [one for one in episodes_of(both) if one.first.labels.get("success") != 0]
         if episodes:

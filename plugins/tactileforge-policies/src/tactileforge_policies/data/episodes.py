@@ -17,7 +17,7 @@ _JITTER = 0.05
 
 
 @dataclass(frozen=True)
-class Episode:
+class Demonstration:
     """One demonstration.
 
     Attributes:
@@ -70,7 +70,7 @@ class Episode:
         return np.concatenate(columns, axis=1).astype(np.float32)
 
 
-def episodes_of(recordings: Iterable[Recording]) -> list[Episode]:
+def episodes_of(recordings: Iterable[Recording]) -> list[Demonstration]:
     """Groups the recordings of fingers into episodes, ordered by name.
 
     A recording names its episode and finger in its labels ``episode`` and ``finger``.
@@ -94,10 +94,10 @@ def episodes_of(recordings: Iterable[Recording]) -> list[Episode]:
                 f"{episode!r}; give each episode a name of its own"
             )
         group[finger] = recording
-    return [Episode(name, dict(sorted(groups[name].items()))) for name in sorted(groups)]
+    return [Demonstration(name, dict(sorted(groups[name].items()))) for name in sorted(groups)]
 
 
-def check_alike(episodes: Sequence[Episode], camera: bool) -> Episode:
+def check_alike(episodes: Sequence[Demonstration], camera: bool) -> Demonstration:
     """Checks demonstrations for the training of one policy; returns the first.
 
     Args:
@@ -122,7 +122,7 @@ def check_alike(episodes: Sequence[Episode], camera: bool) -> Episode:
     return first
 
 
-def _check_steps(episode: Episode) -> None:
+def _check_steps(episode: Demonstration) -> None:
     count = len(episode.times)
     if count < 2:
         raise DataError(f"{episode.name}: {count} step; a demonstration has two or more")
@@ -134,7 +134,7 @@ def _check_steps(episode: Episode) -> None:
             )
 
 
-def _check_same(episode: Episode, first: Episode) -> None:
+def _check_same(episode: Demonstration, first: Demonstration) -> None:
     for what, mine, theirs in (
         ("fingers", list(episode.fingers), list(first.fingers)),
         ("sensors", _sensors(episode), _sensors(first)),
@@ -153,7 +153,7 @@ def _check_same(episode: Episode, first: Episode) -> None:
         )
 
 
-def _sensors(episode: Episode) -> list[str]:
+def _sensors(episode: Demonstration) -> list[str]:
     return [spec(recording.sensor).name for recording in episode.fingers.values()]
 
 

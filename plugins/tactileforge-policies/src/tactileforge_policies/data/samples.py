@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from tactileforge.plugin import Clips, CutColumns, Recording, spec, take_steps, view_of
-from tactileforge_policies.data.episodes import Episode, check_alike, episodes_of
+from tactileforge_policies.data.episodes import Demonstration, check_alike, episodes_of
 from tactileforge_policies.robot import Robot
 
 Touch: TypeAlias = Literal["frames", "force", "none"]
@@ -200,7 +200,7 @@ def _room(shape: tuple[int, ...]) -> Tensor:
         return torch.from_numpy(np.memmap(file, np.float16, "w+", shape=shape))
 
 
-def _robot(first: Episode, cutting: Cutting, stride: int, tasks: AbstractSet[str]) -> Robot:
+def _robot(first: Demonstration, cutting: Cutting, stride: int, tasks: AbstractSet[str]) -> Robot:
     sensors = tuple(spec(one.sensor).name for one in first.fingers.values())
     return Robot(
         fingers=tuple(first.fingers),
