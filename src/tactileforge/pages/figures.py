@@ -212,7 +212,7 @@ def _log_if_wide(axes: Any, values: NDArray[np.float64]) -> None:
 def svg(figure: Figure, words: str) -> Markup:
     """Inline SVG without own size, fonts and colours, and with ids unique on the page."""
     file = io.StringIO()
-    # not `savefig`, which draws the figure once more to lay it out: the same bytes in 0.6 of the time
+    # not `savefig`, which draws the figure twice to lay it out: the same bytes, in 0.6 of its time
     canvas = figure.canvas
     assert isinstance(canvas, FigureCanvasSVG)
     canvas.print_svg(file, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
