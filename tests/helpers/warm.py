@@ -9,12 +9,13 @@ import gc
 import json
 import os
 import runpy
+import select
 import signal
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 
@@ -138,7 +139,11 @@ def serve(address: str) -> list[str]:
             os.environ.update(variables)
             return words
         asked.send(str(child).encode())
-        asked.send(str(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])).encode())
+        if asked in select.select([asked, os.pidfd_open(child)], [], [])[0]:
+            os.kill(child, signal.SIGKILL)  # whoever asked is gone, and it goes, too
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        with suppress(OSError):
+            asked.send(str(status).encode())
         os._exit(0)
     sys.exit("the tests are gone")
 
@@ -155,6 +160,6 @@ if __name__ == "__main__":
         sys.argv = words
         sys.path.insert(0, str(Path(words[0]).resolve().parent))
         runpy.run_path(words[0], run_name="__main__")
-    else:  # as the installed command is called, which Lightning repeats for its other processes
-        sys.argv = [str(Path(sys.executable).with_name(program)), *words]
+    else:  # the command in `Warm.bin`, which Lightning repeats for its other processes
+        sys.argv = [str(Path(sys.argv[1]).with_name("bin") / program), *words]
         runpy.run_module(program, run_name="__main__")
