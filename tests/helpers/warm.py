@@ -26,6 +26,8 @@ _MODULES = ("cli._hydra", "train", "trainer", "report.run", "datasets.sim", "ben
 _ONE_THREAD = {"OMP_NUM_THREADS": "1"}
 #: The commands in `Warm.bin`. `SCRIPT` runs a file, as ``python FILE`` does.
 _PROGRAMS = ("tactileforge", "pytest", SCRIPT := "warm-python")
+#: Plugins of pytest that are imported by the warm process are not rewritten.
+_REWRITTEN = "pytest.PytestAssertRewriteWarning"
 #: A command that tests call: it hands over its name and words, folder, variables and streams.
 _CLIENT = """\
 #!{python} -SE
@@ -160,6 +162,13 @@ if __name__ == "__main__":
         sys.argv = words
         sys.path.insert(0, str(Path(words[0]).resolve().parent))
         runpy.run_path(words[0], run_name="__main__")
-    else:  # the command in `Warm.bin`, which Lightning repeats for its other processes
+    else:
+        if program == "pytest":
+            words = ["-W", f"ignore:Module already imported:{_REWRITTEN}", *words]
+        # what Lightning sets from the variables when it is imported
+        import_module("lightning.fabric.utilities.rank_zero").rank_zero_only.rank = int(
+            os.environ.get("LOCAL_RANK", "0")
+        )
+        # the command in `Warm.bin`, which Lightning repeats for its other processes
         sys.argv = [str(Path(sys.argv[1]).with_name("bin") / program), *words]
         runpy.run_module(program, run_name="__main__")
