@@ -9,12 +9,10 @@ otherwise an error lists the exceptions::
 
 from __future__ import annotations
 
-import json
 import math
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import torch
@@ -229,24 +227,17 @@ def _refuse_other_numbers(layout: WeightLayout, state: State) -> None:
         raise ConfigError(f"not a {layout.title} file: weights are real numbers, not {names}")
 
 
-@lru_cache(maxsize=8)
-def _shapes(encoder: str, options: str) -> dict[str, torch.Size]:
-    """Shapes of the tensors of an encoder with these options, as JSON."""
-    with torch.device("meta"):
-        built = _CLASSES[encoder](**json.loads(options))
-    return {key: tensor.shape for key, tensor in built.state_dict().items()}
-
-
 def _wrong(plan: ConversionPlan, made: dict[str, Tensor]) -> list[str]:
     """Describes missing or unknown tensors, mismatched shapes, and non-finite numbers."""
-    expected = _shapes(plan.encoder, json.dumps(plan.options))
+    with torch.device("meta"):
+        expected = _CLASSES[plan.encoder](**plan.options).state_dict()
     wrong = [f"{key} is not filled" for key in expected.keys() - made.keys()]
     for key, tensor in made.items():
         if key not in expected:
             wrong.append(f"{key} is not in the encoder")
-        elif tensor.shape != expected[key]:
+        elif tensor.shape != expected[key].shape:
             theirs = plan.keys[key]
-            wrong.append(f"{theirs} gives {tuple(tensor.shape)}, not {tuple(expected[key])}")
+            wrong.append(f"{theirs} gives {tuple(tensor.shape)}, not {tuple(expected[key].shape)}")
         elif not torch.isfinite(tensor).all():
             wrong.append(f"{plan.keys[key]} is not finite")
     return wrong
