@@ -1,7 +1,6 @@
 """Exported graphs squash frames as training did."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -45,22 +44,14 @@ def test_means_round_as_opencvs(size: tuple[int, int], wanted: int) -> None:
     assert np.mean(found != resize_frame(image, (wanted, wanted))) < 1 / 80
 
 
-@pytest.fixture
-def trained() -> Any:
-    """A model that was trained here, with one of its six blocks: blocks are exported alike."""
-    model: Any = tactileforge.load("mae.tiny")
-    model.encoder.transformer.blocks = model.encoder.transformer.blocks[:1]
-    return model
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("size", "int8", "most"), [(None, False, 1e-4), ((240, 320), True, 0.5)])
 def test_the_graph_of_a_model_that_was_trained_here_is_encode(
-    size: tuple[int, int] | None, int8: bool, most: float, tmp_path: Path, trained: Any
+    size: tuple[int, int] | None, int8: bool, most: float, tmp_path: Path
 ) -> None:
     onnxruntime = pytest.importorskip("onnxruntime")
     pytest.importorskip("onnxscript")
-    model = trained
+    model = tactileforge.load("mae.tiny")
     coarse = np.random.default_rng(0).normal(120, 40, (3, model.frames, 12, 16, 3))
     clips = coarse.repeat(20, 2).repeat(20, 3).clip(0, 255).astype(np.uint8)
     expected = model.encode(clips, "first", "digit").numpy()
@@ -79,8 +70,8 @@ def test_the_graph_of_a_model_that_was_trained_here_is_encode(
 
 
 @pytest.mark.slow
-def test_a_program_of_any_size_is_encode(tmp_path: Path, trained: Any) -> None:
-    model = trained
+def test_a_program_of_any_size_is_encode(tmp_path: Path) -> None:
+    model = tactileforge.load("mae.tiny")
     done = export(model, tmp_path / "mae.pt2", format="torch_export")
     program = torch.export.load(done.path).module()
     rng = np.random.default_rng(0)
