@@ -2,9 +2,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/pip --disable-pip-version-check install --quiet --constraint constraints.txt
+# Python compiles what it imports, a quarter of all that is installed
+PIP := $(BIN)/pip --disable-pip-version-check install --quiet --no-compile --constraint constraints.txt
 
-.PHONY: demo demo-policy bench-mini test test-fast lint docs clean
+.PHONY: demo demo-policy bench-mini test tests test-fast lint style types docs clean
 
 # fine-tunes the zoo's weights; from random weights, twice as long: make demo SCALE=demo
 SCALE ?= finetune
@@ -35,13 +36,21 @@ bench-mini: $(VENV)/.installed
 test-fast: $(VENV)/.installed-dev
 	$(BIN)/pytest -n 3 --dist worksteal -m "not slow"
 
+# types are checked beside the tests: mypy has one thread, and pytest starts with one
+test: style
+	$(MAKE) --jobs=2 types tests
+
 # worksteal: a file with many long tests, as the commands of the docs, does not hang on one worker
-test: $(VENV)/.installed-dev lint
+tests: $(VENV)/.installed-dev
 	$(BIN)/pytest -n 3 --dist worksteal
 
-lint: $(VENV)/.installed-dev
+lint: style types
+
+style: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+types: $(VENV)/.installed-dev
 	$(BIN)/mypy
 
 docs: $(VENV)/.installed-dev

@@ -4,7 +4,6 @@ import csv
 import os
 import socket
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -23,7 +22,7 @@ SCRIPT = Path(__file__).with_name("ddp_gradients.py")
 RELATIVE, ABSOLUTE = 5e-5, 1e-7
 
 
-def gradients(out: Path, processes: int, *words: str) -> dict[str, torch.Tensor]:
+def gradients(warm: Warm, out: Path, processes: int, *words: str) -> dict[str, torch.Tensor]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -36,7 +35,8 @@ def gradients(out: Path, processes: int, *words: str) -> dict[str, torch.Tensor]
             "MASTER_PORT": str(port),
             "OMP_NUM_THREADS": "1",
         }
-        running.append(subprocess.Popen([sys.executable, str(SCRIPT), str(out), *words], env=env))
+        command = [warm.bin / "warm-python", SCRIPT, out, *words]
+        running.append(subprocess.Popen(command, env=env))
     assert [process.wait(timeout=300) for process in running] == [0] * processes
     return torch.load(out, weights_only=True)
 
@@ -51,15 +51,15 @@ def differing(tensors: dict[str, torch.Tensor], right: dict[str, torch.Tensor]) 
 
 
 @pytest.fixture(scope="module")
-def joint(tmp_path_factory: pytest.TempPathFactory) -> dict[str, torch.Tensor]:
-    return gradients(tmp_path_factory.mktemp("joint") / "1.pt", 1)
+def joint(warm: Warm, tmp_path_factory: pytest.TempPathFactory) -> dict[str, torch.Tensor]:
+    return gradients(warm, tmp_path_factory.mktemp("joint") / "1.pt", 1)
 
 
 def test_first_step_gradients_are_those_of_the_joint_batch(
-    tmp_path: Path, joint: dict[str, torch.Tensor]
+    tmp_path: Path, warm: Warm, joint: dict[str, torch.Tensor]
 ) -> None:
     """Ranks hold different numbers of labelled clips; align gathers features across them."""
-    shared = gradients(tmp_path / "2.pt", 2)
+    shared = gradients(warm, tmp_path / "2.pt", 2)
     assert joint.keys() == shared.keys()
     for name in ("pixel", "diff", "align", "force", "jepa", "dino", "classify"):
         keys = [key for key in joint if key.startswith(f"heads.{name}.")]
@@ -67,9 +67,11 @@ def test_first_step_gradients_are_those_of_the_joint_batch(
     assert differing(shared, joint) == []
 
 
-def test_a_wrong_gradient_is_seen(tmp_path: Path, joint: dict[str, torch.Tensor]) -> None:
+def test_a_wrong_gradient_is_seen(
+    tmp_path: Path, warm: Warm, joint: dict[str, torch.Tensor]
+) -> None:
     """Ranks dividing by their own count of labels; and any tensor off by 1e-3."""
-    local = gradients(tmp_path / "2.pt", 2, "local")
+    local = gradients(warm, tmp_path / "2.pt", 2, "local")
     wrong = differing(local, joint)
     assert {key for key in joint if key.startswith("heads.force.")} - set(wrong) == set()
     assert not [key for key in wrong if key.startswith("heads.") and "force" not in key]
@@ -78,9 +80,9 @@ def test_a_wrong_gradient_is_seen(tmp_path: Path, joint: dict[str, torch.Tensor]
     assert set(visible) <= set(differing({k: 1.001 * v for k, v in joint.items()}, joint))
 
 
-def test_balanced_gradients_are_those_of_the_joint_batch(tmp_path: Path) -> None:
+def test_balanced_gradients_are_those_of_the_joint_batch(tmp_path: Path, warm: Warm) -> None:
     """Norms are of the joint batch, not of a rank's rows, and so are the factors."""
-    alone, shared = (gradients(tmp_path / f"{n}.pt", n, "gradnorm") for n in (1, 2))
+    alone, shared = (gradients(warm, tmp_path / f"{n}.pt", n, "gradnorm") for n in (1, 2))
     factor = alone["balance.factor"]
     assert (factor.max() / factor.min()).item() > 2
     assert (alone["balance.norm"] > 0).all()

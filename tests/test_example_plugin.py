@@ -42,19 +42,23 @@ def example(site, monkeypatch):
     registry._entries.cache_clear()
 
 
-def run(site, *command, cwd=None):
-    path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
-    return subprocess.run(
-        [sys.executable, "-m", *command],
-        cwd=cwd,
-        env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-    )
+@pytest.fixture
+def run(site, warm):
+    def run(name, *words, cwd=None):
+        path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
+        return subprocess.run(
+            [warm.bin / name, *words],
+            cwd=cwd,
+            env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+            capture_output=True,
+            text=True,
+        )
+
+    return run
 
 
-def test_it_is_listed_by_the_command_line(site):
-    done = run(site, "tactileforge", "plugins", "list", "--json")
+def test_it_is_listed_by_the_command_line(run):
+    done = run("tactileforge", "plugins", "list", "--json")
     assert done.returncode == 0, done.stderr
     version = distribution("tactileforge").version
     rows = [row for row in json.loads(done.stdout) if row["distribution"] == "tactileforge-example"]
@@ -72,17 +76,17 @@ def test_it_is_listed_by_the_command_line(site):
     assert {row["version"] for row in rows} == {version}
 
 
-def test_it_is_checked_by_the_command_line(site):
+def test_it_is_checked_by_the_command_line(run):
     names = ("dummy", "dummy_presses", "contact_area")
-    done = run(site, "tactileforge", "plugins", "check", *names)
+    done = run("tactileforge", "plugins", "check", *names)
     assert done.returncode == 0, done.stdout
     summary = done.stdout.splitlines()[-1]
     assert ", 0 failed, 0 expected, " in summary
     assert int(summary.split()[0]) > 30
 
 
-def test_its_own_tests_pass(site):
-    done = run(site, "pytest", "-q", "-p", "no:cacheprovider", cwd=site.parent / "source")
+def test_its_own_tests_pass(site, run):
+    done = run("pytest", "-q", "-p", "no:cacheprovider", cwd=site.parent / "source")
     assert done.returncode == 0, done.stdout
     assert " passed" in done.stdout
 
@@ -142,11 +146,11 @@ def test_it_is_not_left_behind():
     assert "dummy" not in registry.names("sensors")
 
 
-def test_it_trains(site, tmp_path):
+def test_it_trains(run, tmp_path):
     """Data set, objective and head of the package; the sensor's row is in the configuration."""
     words = ["scale=demo", "data=dummy_presses", "objective=[contact_area]", "batch.workers=0"]
     words += ["trainer.max_steps=30", "encoder.image_size=32", "trainer.log_every_n_steps=1"]
-    done = run(site, "tactileforge", "train", *words, f"hydra.run.dir={tmp_path}")
+    done = run("tactileforge", "train", *words, f"hydra.run.dir={tmp_path}")
     assert done.returncode == 0, done.stderr
     text = (tmp_path / "metrics.csv").read_text()
     rows = list(csv.DictReader(text.splitlines()))

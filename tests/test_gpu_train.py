@@ -3,12 +3,12 @@
 import json
 import os
 import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
+from warm import Warm
 
 pytestmark = [
     pytest.mark.slow,
@@ -18,15 +18,16 @@ pytestmark = [
 SCRIPT = Path(__file__).parents[1] / "benchmarks" / "gpu_train.py"
 
 
-def rows_of(out: Path, *words: str) -> list[dict[str, Any]]:
-    command = [sys.executable, SCRIPT, "--tiny", "--device", "cpu", "--out", out, *words]
+def rows_of(warm: Warm, out: Path, *words: str) -> list[dict[str, Any]]:
+    script = [warm.bin / "warm-python", SCRIPT]
+    command = [*script, "--tiny", "--device", "cpu", "--out", out, *words]
     subprocess.run(command, check=True, timeout=1800, env=os.environ | {"OMP_NUM_THREADS": "1"})
     rows: list[dict[str, Any]] = json.loads(out.read_text())["rows"]
     return rows
 
 
-def test_every_kind_of_row_is_measured(tmp_path: Path) -> None:
-    rows = rows_of(tmp_path / "out.json")
+def test_every_kind_of_row_is_measured(tmp_path: Path, warm: Warm) -> None:
+    rows = rows_of(warm, tmp_path / "out.json")
     failed = [row for row in rows if "error" in row]
     assert [row["batch"] for row in failed] == [0]  # that one cannot work, and stops no other
     measured = [row for row in rows if "error" not in row]
@@ -41,6 +42,6 @@ def test_every_kind_of_row_is_measured(tmp_path: Path) -> None:
     assert "tiny, 2 frames, batch of 4: times as fast as VideoMAE" in summary
 
 
-def test_no_row_starts_after_its_time(tmp_path: Path) -> None:
-    rows = rows_of(tmp_path / "out.json", "--minutes", "0")
+def test_no_row_starts_after_its_time(tmp_path: Path, warm: Warm) -> None:
+    rows = rows_of(warm, tmp_path / "out.json", "--minutes", "0")
     assert {row["error"] for row in rows} == {"out of time: --minutes"}

@@ -172,15 +172,19 @@ def project(folder):
     return tomllib.loads((folder / "pyproject.toml").read_text())["project"]
 
 
-def run(site, *command):
-    path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
-    return subprocess.run(
-        [sys.executable, "-m", *command],
-        cwd=site.parent,
-        env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-    )
+@pytest.fixture
+def run(site, warm):
+    def run(name, *words):
+        path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
+        return subprocess.run(
+            [warm.bin / name, *words],
+            cwd=site.parent,
+            env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+            capture_output=True,
+            text=True,
+        )
+
+    return run
 
 
 def test_each_package_has_what_a_package_needs():
@@ -207,9 +211,9 @@ def test_their_sensors_are_built_and_are_what_they_say(known):
 
 
 @pytest.mark.slow
-def test_they_are_checked_by_the_command_line(site):
+def test_they_are_checked_by_the_command_line(run):
     """With nothing attached."""
-    done = run(site, "tactileforge", "plugins", "check", "--kind", "sensor", *SENSORS)
+    done = run("tactileforge", "plugins", "check", "--kind", "sensor", *SENSORS)
     assert done.returncode == 0, done.stdout
     assert ", 0 failed, 0 expected, " in done.stdout.splitlines()[-1]
     for name in SENSORS:
@@ -217,11 +221,11 @@ def test_they_are_checked_by_the_command_line(site):
 
 
 @pytest.mark.slow
-def test_their_own_tests_pass(site):
+def test_their_own_tests_pass(site, run):
     tests = [str(site.parent / "sources" / path.name / "tests") for path in PACKAGES]
     config = str(site.parent / "sources" / PACKAGES[0].name / "pyproject.toml")
     options = ["-q", "-p", "no:cacheprovider", "-c", config, "--rootdir", str(site.parent)]
-    done = run(site, "pytest", *options, *tests)
+    done = run("pytest", *options, *tests)
     assert done.returncode == 0, done.stdout
     assert " passed" in done.stdout
     assert "skipped" not in done.stdout

@@ -19,8 +19,9 @@ from tactileforge.signals import ENDING
 from tactileforge.sim.config import SimConfig
 from tactileforge.sim.generate import write_seconds
 
-OPTIONS = ["scale=demo", "encoder.image_size=32", "batch.size=8", "batch.workers=1"]
-OPTIONS += ["trainer.max_steps=16", "trainer.save_every=3", "trainer.val_check_interval=7"]
+OPTIONS = ["scale=demo", "encoder.image_size=32", "encoder.depth=2", "batch.size=8"]
+OPTIONS += ["batch.workers=1", "trainer.max_steps=10", "trainer.save_every=3"]
+OPTIONS += ["trainer.val_check_interval=4", "trainer.limit_val_batches=2"]
 OPTIONS += ["augment.jitter=0.1", "logger=csv"]
 SMALL = ["data.scenes=3", "data.val=1", "data.size=32"]
 
@@ -59,7 +60,9 @@ def options_of(data: str, folder: Path) -> list[str]:
     features are measured before the first step alone. `augmented` changes clips in every way.
     """
     if data == "whole":
-        return [*OPTIONS, *SMALL, "trainer.precision=bf16-mixed"]
+        # products of bf16 are slow where a CPU has no instruction for them
+        few = ["objective=[pixel,match,force]", "encoder.depth=1", "head.pixel.depth=1"]
+        return [*OPTIONS, *SMALL, *few, "batch.size=4", "trainer.precision=bf16-mixed"]
     if data == "compiled":
         compiled = ["compile=true", "objective=[pixel,distill]", "trainer.limit_val_batches=0"]
         compiled += ["image_encoder=efficientnet_lite"]
@@ -74,11 +77,11 @@ def options_of(data: str, folder: Path) -> list[str]:
     if data == "sharded":
         two = ["trainer.strategy=fsdp2", "trainer.devices=2", "trainer.accelerator=cpu"]
         # the sixth step starts after a validation and ends with a save
-        two += ["trainer.max_steps=10", "trainer.val_check_interval=5"]
+        two += ["trainer.val_check_interval=5"]
         return ["recipe=dino", *OPTIONS, *SMALL, *two]
     if data == "asleep":
         two = ["trainer.strategy=fsdp2", "trainer.devices=2", "trainer.accelerator=cpu"]
-        two += ["trainer.max_steps=10", "trainer.val_check_interval=5"]
+        two += ["trainer.val_check_interval=5"]
         rows = [f"curriculum.objective.{key}" for key in ("force", "match")]
         staged = [f"{row}.{edge}" for row in rows for edge in ("start=0.8", "end=1.0")]
         return [*OPTIONS, *SMALL, *two, *staged]
@@ -117,7 +120,7 @@ def test_a_killed_run_resumes_bit_identically(tmp_path: Path, data: str, warm: W
     os.killpg(run.pid, signal.SIGKILL)  # all its processes
     assert run.wait() == -signal.SIGKILL
     end = read_checkpoint(whole)["global_step"]
-    assert end == (10 if data in ("sharded", "asleep") else 16)
+    assert end == 10
     assert 3 <= read_checkpoint(killed)["global_step"] < end
     machine = ["batch.workers=0"] if data == "whole" else []  # other readers, the same clips
     assert start(f"resume={killed}", *machine).wait(timeout=800) == 0

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from warm import Warm
 
 from tactileforge import cli, run_folder
 from tactileforge.callbacks import checkpoints
@@ -153,6 +155,7 @@ def test_a_configuration_that_has_changed_is_an_error(tmp_path: Path) -> None:
     assert run_folder.read_config(tmp_path)["optim"] == {"lr": 0.003}
 
 
+Limited = Callable[..., subprocess.CompletedProcess[str]]
 LIMITED = """
 import resource, sys
 from tactileforge.cli import run
@@ -162,14 +165,23 @@ sys.exit(run(sys.argv[2:]))
 """
 
 
-def limited(limit: int, *words: str) -> "subprocess.CompletedProcess[str]":
+@pytest.fixture
+def limited(warm: Warm, tmp_path: Path) -> Limited:
     """A command with a limit on the bytes of its files, as on a full disk."""
-    command = [sys.executable, "-c", LIMITED, str(limit), *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+    script = tmp_path / "limited.py"
+    script.write_text(LIMITED)
+
+    def run(limit: int, *words: str) -> subprocess.CompletedProcess[str]:
+        command = [warm.bin / "warm-python", script, str(limit), *words]
+        return subprocess.run(command, capture_output=True, text=True, timeout=300)
+
+    return run
 
 
 @pytest.mark.slow
-def test_a_full_disk_in_training_is_one_line_and_leaves_nothing_half(tmp_path: Path) -> None:
+def test_a_full_disk_in_training_is_one_line_and_leaves_nothing_half(
+    tmp_path: Path, limited: Limited
+) -> None:
     words = [*SMALL, "trainer.max_steps=2", "trainer.save_every=2", "trainer.limit_val_batches=0"]
     assert cli.run([*words, f"hydra.run.dir={tmp_path / 'whole'}"]) == 0
     size = (tmp_path / "whole" / LAST).stat().st_size
@@ -186,7 +198,7 @@ def test_a_full_disk_in_training_is_one_line_and_leaves_nothing_half(tmp_path: P
 
 
 @pytest.mark.slow
-def test_a_full_disk_in_other_verbs_is_one_line(tmp_path: Path) -> None:
+def test_a_full_disk_in_other_verbs_is_one_line(tmp_path: Path, limited: Limited) -> None:
     made = limited(5000, "sim", f"out={tmp_path / 'a'}", "seconds=0.5", "size=32")
     shown = limited(
         5000, "data", "inspect", "data=sim", "data.scenes=3", "data.size=32", f"out={tmp_path}/p"

@@ -33,11 +33,11 @@ def site(tmp_path_factory):
 
 
 @pytest.fixture
-def tactileforge(site, tmp_path):
+def tactileforge(site, tmp_path, warm):
     def run(*words):
         path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
         done = subprocess.run(
-            [sys.executable, "-m", "tactileforge", *words],
+            [warm.bin / "tactileforge", *words],
             cwd=tmp_path,
             env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
             capture_output=True,

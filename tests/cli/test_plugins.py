@@ -179,7 +179,7 @@ def test_what_new_copies_is_shipped(kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
-def test_new_package_passes_its_own_tests_once_installed(kind, tmp_path, capsys):
+def test_new_package_passes_its_own_tests_once_installed(kind, tmp_path, capsys, warm):
     assert main(["new", kind, "shiny_thing", "--out", str(tmp_path)]) == 0
     folder = tmp_path / "tactileforge-shiny-thing"
     assert f"pip install -e {folder}" in capsys.readouterr().out
@@ -202,7 +202,7 @@ def test_new_package_passes_its_own_tests_once_installed(kind, tmp_path, capsys)
     assert done.returncode == 0, done.stderr
     path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"],
+        [warm.bin / "pytest", "-q", "-p", "no:cacheprovider"],
         cwd=folder,
         env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
         capture_output=True,

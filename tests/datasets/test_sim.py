@@ -1,11 +1,11 @@
 import hashlib
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from warm import Warm
 
 from tactileforge.contracts import ACTIONS, Dataset, Recording
 from tactileforge.data.labels.actions import label_actions
@@ -199,9 +199,9 @@ def test_an_error_of_a_process_reaches_the_caller(tmp_path: Path) -> None:
         next(data.recordings("train"))
 
 
-def tactileforge(*words: str) -> subprocess.CompletedProcess[str]:
+def tactileforge(warm: Warm, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "tactileforge", *words],
+        [warm.bin / "tactileforge", *words],
         capture_output=True,
         text=True,
         check=False,
@@ -210,10 +210,10 @@ def tactileforge(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_the_verb_writes_what_shards_reads(tmp_path: Path) -> None:
+def test_the_verb_writes_what_shards_reads(tmp_path: Path, warm: Warm) -> None:
     words = [f"out={tmp_path}/touch", "sensors=[digit,gelsight_mini]", "indenters=bench"]
     words += ["seconds=6", "size=32", "val=0.4", "codec=png"]
-    done = tactileforge("sim", *words)
+    done = tactileforge(warm, "sim", *words)
     assert done.returncode == 0, done.stderr
     assert f"data.root={tmp_path}/touch" in done.stdout
     data = Shards(f"{tmp_path}/touch")
@@ -222,10 +222,10 @@ def test_the_verb_writes_what_shards_reads(tmp_path: Path) -> None:
     for sensor in ("digit", "gelsight_mini"):
         assert sum(t.times[-1] for split in both for t in split if t.sensor == sensor) > 5.5
     before = digest(tmp_path / "touch")
-    again = tactileforge("sim", *words)
+    again = tactileforge(warm, "sim", *words)
     assert again.returncode == 0
     assert digest(tmp_path / "touch") == before
-    other = tactileforge("sim", *words, "seed=3")
+    other = tactileforge(warm, "sim", *words, "seed=3")
     assert other.returncode == 1
     assert "other seed" in other.stderr
 

@@ -8,12 +8,14 @@ and would be taken again by each plain ``python -m tactileforge``. It is a proce
 import gc
 import json
 import os
+import runpy
+import select
 import signal
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 
@@ -22,13 +24,18 @@ from waiting import wait_until
 _MODULES = ("cli._hydra", "train", "trainer", "report.run", "datasets.sim", "bench.run", "sim.play")
 #: Read when torch is imported, so a command cannot change it; and by the processes that it starts.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1"}
-#: The command that tests call: it hands over its words, folder, variables and streams.
+#: The commands in `Warm.bin`. `SCRIPT` runs a file, as ``python FILE`` does.
+_PROGRAMS = ("tactileforge", "pytest", SCRIPT := "warm-python")
+#: Plugins of pytest that are imported by the warm process are not rewritten.
+_REWRITTEN = "pytest.PytestAssertRewriteWarning"
+#: A command that tests call: it hands over its name and words, folder, variables and streams.
 _CLIENT = """\
 #!{python} -SE
 import json, os, socket, sys
 with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as server:
     server.connect({address!r})
-    words = json.dumps([sys.argv[1:], os.getcwd(), dict(os.environ), False]).encode()
+    words = [os.path.basename(sys.argv[0]), *sys.argv[1:]]
+    words = json.dumps([words, os.getcwd(), dict(os.environ), False]).encode()
     socket.send_fds(server, [words], [0, 1, 2])
     server.recv(16)
     status = int(server.recv(16) or 1)
@@ -63,22 +70,25 @@ class Warm:
     """Commands with a fast start, with one thread each.
 
     Args:
-        folder: For the socket, and for a folder for PATH, ``bin``.
+        folder: For the socket, and for a folder for PATH, ``bin``: ``tactileforge``, ``pytest``
+            and ``warm-python FILE``, which take PYTHONPATH into account.
     """
 
     def __init__(self, folder: Path) -> None:
         self.bin = folder / "bin"
         self.address = str(folder / "socket")
         self.bin.mkdir()
-        command = self.bin / "tactileforge"
-        command.write_text(_CLIENT.format(python=sys.executable, address=self.address))
-        command.chmod(0o755)
+        for name in _PROGRAMS:
+            command = self.bin / name
+            command.write_text(_CLIENT.format(python=sys.executable, address=self.address))
+            command.chmod(0o755)
 
     def start(self, *words: str) -> Started:
         """Starts ``tactileforge WORDS`` here."""
         server = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         server.connect(self.address)
-        request = json.dumps([words, os.getcwd(), os.environ | _ONE_THREAD, True]).encode()
+        named = ["tactileforge", *words]
+        request = json.dumps([named, os.getcwd(), os.environ | _ONE_THREAD, True]).encode()
         socket.send_fds(server, [request], [0, 1, 2])
         return Started(server)
 
@@ -98,7 +108,7 @@ def warm_commands(folder: Path) -> Iterator[Warm]:
 
 
 def serve(address: str) -> list[str]:
-    """Answers while its parent lives; returns in a new process for each command, with its words."""
+    """Answers while its parent lives; returns in a new process for each, with name and words."""
     parent = os.getppid()
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     listener.bind(f"{address}.new")
@@ -131,7 +141,11 @@ def serve(address: str) -> list[str]:
             os.environ.update(variables)
             return words
         asked.send(str(child).encode())
-        asked.send(str(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])).encode())
+        if asked in select.select([asked, os.pidfd_open(child)], [], [])[0]:
+            os.kill(child, signal.SIGKILL)  # whoever asked is gone, and it goes, too
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        with suppress(OSError):
+            asked.send(str(status).encode())
         os._exit(0)
     sys.exit("the tests are gone")
 
@@ -141,8 +155,20 @@ if __name__ == "__main__":
         import_module(f"tactileforge.{module}")
     if "PYTEST_XDIST_WORKER" in os.environ:
         import_module("tactileforge.processes").cpus = lambda: 1  # the others are busy
-    from tactileforge.cli import main
-
-    # as the installed command is called, which Lightning repeats for its other processes
-    sys.argv = [str(Path(sys.executable).with_name("tactileforge")), *serve(sys.argv[1])]
-    main()
+    program, *words = serve(sys.argv[1])
+    places = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    sys.path[:0] = [place for place in places if place and place not in sys.path]
+    if program == SCRIPT:
+        sys.argv = words
+        sys.path.insert(0, str(Path(words[0]).resolve().parent))
+        runpy.run_path(words[0], run_name="__main__")
+    else:
+        if program == "pytest":
+            words = ["-W", f"ignore:Module already imported:{_REWRITTEN}", *words]
+        # what Lightning sets from the variables when it is imported
+        import_module("lightning.fabric.utilities.rank_zero").rank_zero_only.rank = int(
+            os.environ.get("LOCAL_RANK", "0")
+        )
+        # the command in `Warm.bin`, which Lightning repeats for its other processes
+        sys.argv = [str(Path(sys.argv[1]).with_name("bin") / program), *words]
+        runpy.run_module(program, run_name="__main__")

@@ -10,7 +10,7 @@ from tactileforge.encoders.tactile_vit import TactileViT
 
 
 def small(**changes):
-    return {"size": "tiny", "image_size": 32, "frames": 2, **changes}
+    return {"size": "tiny", "depth": 1, "image_size": 32, "frames": 2, **changes}
 
 
 class Tiny(TactileViT):

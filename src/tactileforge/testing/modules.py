@@ -18,11 +18,12 @@ def small_context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, 
     """A small touch encoder and small towers, under the names of the framework's context."""
     torch.manual_seed(seed)
     touch = {"name": "tactile_vit", "size": "tiny", "frames": frames, "image_size": image}
+    vit = {"name": "vit", "depth": 1}
     return {
-        "encoder": registry.build("encoders", touch),
-        "text_encoder": registry.build("encoders", {"name": "byte"}),
-        "image_encoder": registry.build("encoders", {"name": "vit"}),
-        "teacher": registry.build("encoders", {"name": "vit", "frozen": True}),
+        "encoder": registry.build("encoders", {**touch, "depth": 2}),
+        "text_encoder": registry.build("encoders", {"name": "byte", "depth": 1}),
+        "image_encoder": registry.build("encoders", vit),
+        "teacher": registry.build("encoders", {**vit, "frozen": True}),
     }
 
 
