@@ -38,13 +38,16 @@ def opened(name: str) -> tuple[Task, TaskSource, Target]:
 def mean_colors(source: TaskSource, target: Target) -> dict[str, Values]:
     """Mean colors of the last frames of the clips of a target, (n, 3), by what they are of."""
     rows = []
+    stills = {}
     for number, last in source.index[target.clips].tolist():
         recording = source.recordings[number]
-        rest = recording.background()
-        assert rest is not None
-        frame, still = recording.frames.read([last])[0].astype(float), rest.astype(float)
-        rows.append([frame, frame - still, np.abs(frame - still)])
-        rows[-1] = [picture.mean((0, 1)) for picture in rows[-1]]
+        if number not in stills:
+            rest = recording.background()
+            assert rest is not None
+            stills[number] = rest.astype(float)
+        frame, still = recording.frames.read([last])[0].astype(float), stills[number]
+        pictures = (frame, frame - still, np.abs(frame - still))
+        rows.append([picture.mean((0, 1)) for picture in pictures])
     names = ("frame", "frame less background", "absolute change")
     return dict(zip(names, np.moveaxis(np.array(rows), 1, 0), strict=True))
 
