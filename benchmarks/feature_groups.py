@@ -55,10 +55,11 @@ def weighed(suite: str, folder: Path) -> dict[str, Any]:
     rows: dict[str, Any] = {}
     for row in gate["rows"]:
         key = row["task"], row["model"], row["reading"]
+        main = gate["tasks"][row["task"]]["metric"]
         more = {
             name: round(value, 3)
             for name, value in told.get(key, {}).items()
-            if name.startswith(("r2_", "correlation"))
+            if name.startswith(("r2", "correlation")) and name != main
         }
         entry = {name: row[name] for name in ("value", "low", "high")} | more
         entry |= {"above": row["above"]} if row["above"] else {}

@@ -46,9 +46,15 @@ def of(**data: Any) -> Header:
                     "octopi": {"path": "octopi_physiclear", "videos": "*.mov", "split": "{split}"}
                 }},
                 "wedge": {"name": "recordings", "layouts": {"w": {"path": "wedge_ball_presses"}}},
+                "mini": {"name": "recordings", "layouts": {
+                    "cable": {"path": "anytouch2_umi_cable"}, "slam": {"path": "gelslam_mini"},
+                    "balls": {"path": "digit_ball_presses"},
+                }},
             }},
-            ["octopi_physiclear/*.mov", "sim", "wedge_ball_presses"],
-            ["octopi_physiclear (val=0, not 0.5)", "wedge_ball_presses (held out)"],
+            ["anytouch2_umi_cable", "digit_ball_presses", "gelslam_mini",
+             "octopi_physiclear/*.mov", "sim", "wedge_ball_presses"],
+            ["anytouch2_umi_cable (held out)", "gelslam_mini (held out)",
+             "octopi_physiclear (val=0, not 0.5)", "wedge_ball_presses (held out)"],
         ),
     ],
 )  # fmt: skip

@@ -24,6 +24,13 @@ def test_scores_are_those_of_the_metrics(tmp_path: Path) -> None:
     path = predictions(tmp_path, "r2", truth=truth, predicted=score, axes=["x", "y"], units=units)
     wanted = 1 - ((score - truth) ** 2).sum(0) / ((truth - truth.mean(0)) ** 2).sum(0)
     assert compared([grouped_score(path, "r2")]).value == pytest.approx(wanted.mean(), abs=1e-6)
+    bounded = compared([grouped_score(path, "r2_bounded")])
+    assert bounded == compared([grouped_score(path, "r2")])
+    path = predictions(
+        tmp_path, "wild", truth=truth, predicted=5 * score, axes=["x", "y"], units=units
+    )
+    bounded = compared([grouped_score(path, "r2_bounded")])
+    assert (bounded.low, bounded.value, bounded.high) == (0, 0, 0)
 
     truth, score = rng.integers(3, size=90), rng.integers(3, size=90)
     path = predictions(

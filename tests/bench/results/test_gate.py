@@ -72,6 +72,8 @@ def test_who_is_better_passes(right: float, wins: int, tmp_path: Path) -> None:
     score = gate_outcome(rows, "m")
     assert score["passes"] == (wins > 1)
     assert [len(score[reading]["won"]) for reading in ("pooled", "patches")] == [wins, wins]
+    lost = ["t0", "t1", "t2"] if right < 0.5 else []
+    assert [score[reading]["below_random"] for reading in ("pooled", "patches")] == [lost, lost]
     plain = json.loads((tmp_path / "gate.json").read_text())
     assert list(plain["models"]) == ["m"]
     row = next(row for row in plain["rows"] if row["model"] == "m")

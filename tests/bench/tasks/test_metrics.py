@@ -65,6 +65,7 @@ def test_metrics_of_force_are_the_formulas_in_float64(scale: float) -> None:
         "rmse_y": rmse[1],
         "rmse_z": rmse[2],
         "r2": r2.mean(),
+        "r2_bounded": r2.mean().clamp(min=0),
         "r2_z": r2[2],
         "correlation": pearson.mean(),
     }

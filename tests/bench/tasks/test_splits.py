@@ -352,3 +352,19 @@ def test_clamped_targets_and_fixed_ends() -> None:
     assert of.first.tolist() == [7, 5, 0, 2]
     planned = replace(task("force"), scale=[1.0, 1.0, 4.0], clamp=1.0)
     assert targets.build_target(planned, of).parts["force"].truth[:, 2].tolist() == [4, 4, 0, 4]
+
+
+def test_a_label_may_be_a_track_at_the_last_frame() -> None:
+    """Frames without a value have no target; a label of the recording goes before the track."""
+    values = np.array([0, 0, 0, np.nan, 1, 1, 1, 1, np.nan, 0], np.float32)
+    of = source([recording("a", tracks={"contact": values})], ["val"], span=0.0, hop=0.0)
+    target = targets.build_target(task("label:contact"), of)
+    assert of.index[target.clips, 1].tolist() == [1, 2, 4, 5, 6, 7, 9]
+    assert target.parts["class"].names == ("0", "1")
+    assert target.parts["class"].truth[:, 0].tolist() == [0, 0, 1, 1, 1, 1, 0]
+    target = targets.build_target(task("numbers:contact"), of)
+    assert target.parts["numbers"].truth[:, 0].tolist() == [0, 0, 1, 1, 1, 1, 0]
+    labelled = recording("b", tracks={"contact": values}, labels={"contact": 3.0})
+    of = source([labelled], ["val"], span=0.0, hop=0.0)
+    target = targets.build_target(task("numbers:contact"), of)
+    assert target.parts["numbers"].truth[:, 0].tolist() == [3.0] * 9

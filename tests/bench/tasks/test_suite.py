@@ -4,13 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from tactileforge import registry
 from tactileforge.bench.fit.resolve import choose_probe, result_task
 from tactileforge.bench.output.published import published_scores
 from tactileforge.bench.tasks import metrics, splits, targets
+from tactileforge.bench.tasks.contact import contact_energy
 from tactileforge.bench.tasks.source import open_source
-from tactileforge.bench.tasks.suite import Task, parse_task
+from tactileforge.bench.tasks.suite import ClipSpec, Task, parse_task
 from tactileforge.cli.bench import COMMANDS
 from tactileforge.datasets.reading.splits import is_held_out
 
@@ -134,3 +136,55 @@ def test_the_two_parts_of_the_gate_share_nothing() -> None:
         for name in ("real", "real_held_out")
     ]
     assert layouts[0] & layouts[1] == {"octopi", "slip_b"}
+
+
+def test_new_sets_are_in_the_part_that_their_hash_says() -> None:
+    """Folders of sets added since the suites have two parts, whatever their tasks turn out."""
+    for name in ("digit_ball_presses", "anytouch2_umi_cable", "gelslam_mini"):
+        part = "real_held_out" if is_held_out(name, 0.5) else "real"
+        found = {
+            suite_name
+            for suite_name in ("real", "real_held_out")
+            for task in suite(suite_name).values()
+            for layout in task.data["layouts"]
+            if isinstance(task.data["layouts"], dict)
+            and task.data["layouts"][layout]["path"] == name
+        }
+        assert found == {part}
+
+
+@pytest.mark.realdata
+def test_circles_of_both_digits_lie_in_their_pictures(
+    realdata: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The stills of one recording are told apart, each with its own centre; a unit is one fold."""
+    monkeypatch.setenv("TACTILEFORGE_REALDATA", str(realdata))
+    task = suite("real")["real_ball_digit_unit"]
+    source = open_source(task.data, task.sides, task.clip)
+    target = targets.build_target(task, source)
+    truth = target.parts["numbers"].truth
+    assert len(truth) == len(source.recordings) == 45
+    # rows have 240 pixels, columns 320
+    assert (truth > 0).all()
+    assert (truth < torch.tensor([1, 320 / 240])).all()
+    # the first still of the second unit: 145, 130 in labels.csv
+    assert (truth[31] * 240).tolist() == pytest.approx([145, 130], abs=1e-3)
+    assert sorted(len(fold.test) for fold in splits.build_splits(task, source, target)) == [14, 31]
+
+
+@pytest.mark.slow
+@pytest.mark.realdata
+def test_contact_with_the_cable_changes_the_picture(
+    realdata: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Labels come from the other finger; shifted by the lag, they split the change in two."""
+    monkeypatch.setenv("TACTILEFORGE_REALDATA", str(realdata))
+    task = suite("real_held_out")["held_cable_contact"]
+    (recording,) = open_source(task.data, task.sides, ClipSpec()).recordings
+    contact = recording.tracks["contact"]
+    (ranges,) = (track["frames"] for track in task.data["layouts"]["cable"]["tracks"])
+    assert len(ranges) == 18
+    assert np.isnan(contact).sum() == 18 * 2 * 6
+    assert (contact == 1).sum() == sum(stop - start - 6 for start, stop in ranges)
+    change = contact_energy(recording)
+    assert change[contact == 1].mean() > 2 * change[contact == 0].mean()

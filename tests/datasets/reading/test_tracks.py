@@ -102,3 +102,25 @@ def test_a_key_that_is_unknown_names_the_nearest(tmp_path):
     tracks = {**LAYOUT["tracks"], "colums": ["contact"]}
     with pytest.raises(ConfigError, match="columns"):
         read(tmp_path, LAYOUT | {"tracks": tracks})
+
+
+def ranged(frames, **more):
+    return {**LAYOUT, "tracks": [{"name": "contact", "frames": frames, **more}]}
+
+
+def test_ranges_become_a_track_without_values_around_edges(tmp_path, make_video):
+    make_video("one.avi", count=12)
+    (recording,), _ = read(tmp_path, ranged([[4, 8]], margin=1))
+    nan = np.nan
+    np.testing.assert_array_equal(
+        recording.tracks["contact"], [0, 0, 0, nan, nan, 1, 1, nan, nan, 0, 0, 0]
+    )
+    (recording,), _ = read(tmp_path, ranged([[0, 2], [11, 12]]))
+    np.testing.assert_array_equal(recording.tracks["contact"], [1, 1, *[0] * 9, 1])
+
+
+@pytest.mark.parametrize("frames", [[[4, 13]], [[4, 4]], [[6, 8], [2, 4]], [[2, 6], [5, 9]]])
+def test_ranges_that_do_not_fit_the_frames_are_named(frames, tmp_path, make_video):
+    make_video("one.avi", count=12)
+    with pytest.raises(DataError, match="it has 12 frames, but the ranges of track 'contact'"):
+        read(tmp_path, ranged(frames))

@@ -17,7 +17,13 @@ HELD_OUT = {
     "octopi_physiclear": 0.5,
 }
 #: Sets that are held out as a whole.
-KEPT = ("wedge_ball_presses", "taxim_calibration/gelsight_mini", "digit_tactile_320x240.mp4")
+KEPT = (
+    "wedge_ball_presses",
+    "taxim_calibration/gelsight_mini",
+    "digit_tactile_320x240.mp4",
+    "anytouch2_umi_cable",
+    "gelslam_mini",
+)
 
 
 def trained_on(header: Header) -> list[str]:

@@ -18,7 +18,7 @@ from tactileforge.bench.results.predictions import read_predictions
 from tactileforge.errors import DataError
 
 #: Metrics that are sums over clips.
-METRICS = ("accuracy", "balanced_accuracy", "r2")
+METRICS = ("accuracy", "balanced_accuracy", "r2", "r2_bounded")
 #: Draws of groups; ends of intervals are percentiles 2.5 and 97.5 of them.
 DRAWS = 2000
 # Any number (a date), but always the same: a gate is reproduced to the last digit.
@@ -39,6 +39,7 @@ class GroupedScore:
         bottom: float64 (groups, k).
         start: 0, or 1 for a coefficient of determination.
         sign: 1, or -1 for that.
+        floor: Least score.
     """
 
     groups: tuple[str, ...]
@@ -46,6 +47,7 @@ class GroupedScore:
     bottom: Sums
     start: float
     sign: float
+    floor: float = -np.inf
 
     def scores(self, counts: Sums) -> Sums:
         """Scores (draws,) from the number of times each group was drawn, (draws, groups)."""
@@ -53,8 +55,9 @@ class GroupedScore:
         # a draw may miss a class entirely: its recall is left out of the mean
         there = bottom > 0
         share = np.divide(top, bottom, out=np.zeros_like(top), where=there)
-        scores: Sums = self.start + self.sign * share.sum(1) / np.maximum(there.sum(1), 1)
-        return scores
+        scores = self.start + self.sign * share.sum(1) / np.maximum(there.sum(1), 1)
+        bounded: Sums = np.maximum(scores, self.floor)
+        return bounded
 
 
 def grouped_score(path: Path, metric: str) -> GroupedScore:
@@ -73,7 +76,8 @@ def grouped_score(path: Path, metric: str) -> GroupedScore:
         if "units" not in file.files:
             raise DataError(f"{path}: array 'units' is missing; run the bench again")
         names, of = np.unique(file["units"], return_inverse=True)
-    if metric == "r2":
+    is_r2 = metric in ("r2", "r2_bounded")
+    if is_r2:
         # deviations are from the mean of all clips, not of a draw: else they do not sum over groups
         truth = predictions.truth.astype(float)
         error = (predictions.predicted - predictions.truth).astype(float)
@@ -89,8 +93,9 @@ def grouped_score(path: Path, metric: str) -> GroupedScore:
     sums = [np.zeros((len(names), part.shape[1])) for part in parts]
     for total, part in zip(sums, parts, strict=True):
         np.add.at(total, of, part)
-    start, sign = (1.0, -1.0) if metric == "r2" else (0.0, 1.0)
-    return GroupedScore(tuple(names.tolist()), sums[0], sums[1], start, sign)
+    start, sign = (1.0, -1.0) if is_r2 else (0.0, 1.0)
+    floor = 0.0 if metric == "r2_bounded" else -np.inf
+    return GroupedScore(tuple(names.tolist()), sums[0], sums[1], start, sign, floor)
 
 
 @dataclass(frozen=True)

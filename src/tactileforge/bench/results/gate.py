@@ -153,7 +153,8 @@ def gate_outcome(
     """Tasks won with each kind of features, and whether they are the majority with all.
 
     ``mean_above`` names what the mean of all counted tasks is above beyond the interval, of random
-    weights, pixels, picture statistics and the network of photographs alone.
+    weights, pixels, picture statistics and the network of photographs alone; ``below_random`` the
+    tasks that are below random weights beyond it.
 
     Args:
         gate_rows: Rows of all models.
@@ -165,7 +166,9 @@ def gate_outcome(
     for reading in dict.fromkeys(row.reading for row in rows):
         readings = [row for row in rows if row.reading == reading]
         won = [row.task for row in readings if row.beats]
-        out[reading] = {"tasks": len(readings), "won": won}
+        random = {row.task: row.above["random"] for row in readings if "random" in row.above}
+        below = [name for name, lead in random.items() if lead.high < 0]
+        out[reading] = {"tasks": len(readings), "won": won, "below_random": below}
         # the majority with every kind of features: one that fails is enough to fail
         out["passes"] &= 2 * len(won) > len(readings)
     for row in gate_rows:

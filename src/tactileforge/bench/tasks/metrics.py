@@ -90,14 +90,17 @@ class R2(Metric):
     Args:
         axes: Number of axes.
         axis: One of them alone; -1 for their mean.
+        floor: Least value. Without one a single probe that extrapolates to another unit, at -20,
+            outweighs all other tasks in a mean.
     """
 
     full_state_update = False
     moments: Tensor
 
-    def __init__(self, axes: int = 3, axis: int = -1) -> None:
+    def __init__(self, axes: int = 3, axis: int = -1, floor: float = -torch.inf) -> None:
         super().__init__()
         self.axis = axis
+        self.floor = floor
         self.add_state("moments", torch.zeros(4, axes, dtype=torch.float64), dist_reduce_fx="sum")
 
     def update(self, predicted: Tensor, truth: Tensor) -> None:
@@ -109,7 +112,8 @@ class R2(Metric):
         """The mean over the axes, or the value of one."""
         n, y, yy, ee = self.moments
         scores: Tensor = 1 - ee / (yy - y * y / n)
-        return scores.mean() if self.axis < 0 else scores[self.axis]
+        score = scores.mean() if self.axis < 0 else scores[self.axis]
+        return score.clamp(min=self.floor)
 
 
 class MeanRecall(Metric):
@@ -237,6 +241,9 @@ METRICS: dict[str, MetricKind] = {
         ("numbers",), "", "lower", partial(_of_numbers, MeanSquaredError, squared=False)
     ),
     "r2": MetricKind(_VECTORS, "", "higher", lambda part: R2(part.truth.shape[1])),
+    "r2_bounded": MetricKind(
+        _VECTORS, "", "higher", lambda part: R2(part.truth.shape[1], floor=0.0)
+    ),
     **{
         f"r2_{name}": MetricKind(
             ("force",), "", "higher", partial(lambda axis, _: R2(3, axis), axis)

@@ -121,10 +121,7 @@ def build_target(task: Task, source: TaskSource) -> Target:
     """
     if task.target.startswith("label:"):
         # an empty label is no class: the clip is left out, as one without the label
-        name = task.target.removeprefix("label:")
-        parts = {
-            "class": _classes(source, lambda r, *_: label_text(r.labels.get(name, "")) or None)
-        }
+        parts = {"class": _classes(source, lambda r, _, last: _label(r, task.target[6:], last))}
     elif task.target.startswith(_NUMBERS):
         parts = {"numbers": _numbers(source, task.target.removeprefix(_NUMBERS).split("+"))}
     elif task.target.startswith(_SHARES):
@@ -145,7 +142,7 @@ def build_target(task: Task, source: TaskSource) -> Target:
     if not len(clips):
         fix = _partial(parts)
         if task.target.startswith("label:"):
-            known = {name for recording in source.recordings for name in recording.labels}
+            known = {name for one in source.recordings for name in (*one.labels, *one.tracks)}
             fix += f": {unknown('label', task.target[6:], known)}"
         raise DataError(f"task {task.name}: no clip of the data has the label {task.target!r}{fix}")
     for name, part in parts.items():
@@ -192,6 +189,19 @@ def _classes(
         [[place[str(label)] if label is not None else torch.nan] for label in values]
     )
     return TargetPart("classes", truth.float(), torch.ones(len(values), 1), known, mirror)
+
+
+def _label(recording: Recording, name: str, last: int) -> str | None:
+    value = _labelled(recording, name, last)
+    return None if value is None else label_text(value) or None
+
+
+def _labelled(recording: Recording, name: str, last: int) -> str | float | None:
+    """A label of the recording, or else its track at a frame; None without, and for NaN."""
+    track = recording.tracks.get(name)
+    if name in recording.labels or track is None:
+        return recording.labels.get(name)
+    return float(track[last]) if np.isfinite(track[last]) else None
 
 
 def _newton(task: Task, source: TaskSource, change: bool) -> TargetPart:
@@ -272,7 +282,8 @@ def _numbers(source: TaskSource, columns: list[str], shares: bool = False) -> Ta
 
     def value(recording: Recording, first: int, last: int) -> list[float]:
         try:
-            row = [float(recording.labels.get(name, np.nan)) for name in columns]
+            found = [_labelled(recording, name, last) for name in columns]
+            row = [np.nan if value is None else float(value) for value in found]
         except ValueError as error:
             raise DataError(
                 f"{recording.key}: a label of {', '.join(columns)} is no number ({error}); correct "
@@ -308,7 +319,7 @@ def _losing(task: Task, source: TaskSource) -> dict[str, TargetPart]:
 
 #: Target by name, besides ``label:NAME``, the class that a label of the recording names, and
 #: ``numbers:NAME+NAME``, labels as numbers in their own unit, and ``shares:NAME+NAME``, labels in
-#: pixels as shares of the width of the image.
+#: pixels as shares of the width of the image. Of tracks it is the value at the last frame.
 TARGETS: dict[str, Callable[[Task, TaskSource], dict[str, TargetPart]]] = {
     "force": lambda task, source: {"force": _newton(task, source, change=False)},
     "delta_force": lambda task, source: {"delta_force": _newton(task, source, change=True)},

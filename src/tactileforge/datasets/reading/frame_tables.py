@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from tactileforge.contracts import Recording
 from tactileforge.datasets.reading.frame_clock import FrameClock
 from tactileforge.datasets.reading.image_rows import ImageRows, names_images
 from tactileforge.datasets.reading.layout import DatasetLayout
-from tactileforge.datasets.reading.layout_keys import FrameTable, TrackKeys
+from tactileforge.datasets.reading.layout_keys import FrameTable, TrackKeys, TrackRanges
 from tactileforge.datasets.reading.table_clock import on_frames
 from tactileforge.datasets.reading.tables import Row, read_actions, read_force, read_tracks
 from tactileforge.datasets.reading.templates import template_columns
@@ -91,6 +92,35 @@ class FrameTables:
         if dropped.all():
             raise DataError(f"{path}: every frame is dropped ({keys.drop}); remove the recording")
         return recording.select(np.flatnonzero(~dropped).tolist()) if dropped.any() else recording
+
+    def ranged(self, recording: Recording, keys: Sequence[TrackRanges], path: Path) -> Recording:
+        """The recording with tracks of 0 and 1 by ranges; NaN within the margin of an edge.
+
+        Args:
+            recording: Recording of the touch, all frames of it.
+            keys: Ranges of each track.
+            path: File of the touch, for errors.
+
+        Raises:
+            DataError: Ranges overlap, or exceed the frames of the recording.
+        """
+        count = len(recording.times)
+        tracks = {}
+        for track in keys:
+            edges = [edge for pair in track.frames for edge in pair]
+            if any(b <= a for a, b in pairwise([-1, *edges, count + 1])):
+                raise DataError(
+                    f"{path}: it has {count} frames, but the ranges of track {track.name!r} in "
+                    f"layout {self.layout.name!r} are {[list(pair) for pair in track.frames]}; "
+                    "give them in order, apart, and within the frames"
+                )
+            values = np.zeros(count, np.float32)
+            for start, stop in track.frames:
+                values[start:stop] = 1
+            for edge in edges:
+                values[max(0, edge - track.margin) : edge + track.margin] = np.nan
+            tracks[track.name] = values
+        return replace(recording, tracks=tracks)
 
     def _images(
         self, table: FrameTable, path: Path, paths: Sequence[Path]

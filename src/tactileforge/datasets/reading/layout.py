@@ -22,6 +22,7 @@ from tactileforge.datasets.reading.layout_keys import (
     FrameTable,
     LayoutKeys,
     TrackKeys,
+    TrackRanges,
 )
 from tactileforge.datasets.reading.templates import template_columns
 from tactileforge.errors import ConfigError, unknown
@@ -81,7 +82,7 @@ class DatasetLayout:
     words: Mapping[str, Mapping[str, str]]
     force: FrameTable | None
     action: str | FrameTable | tuple[ActionRange, ...] | None
-    tracks: TrackKeys | None
+    tracks: TrackKeys | tuple[TrackRanges, ...] | None
     object: str | None
     text: tuple[str, ...]
     image: str | None

@@ -153,6 +153,21 @@ class TrackKeys:
 
 
 @dataclass(frozen=True)
+class TrackRanges:
+    """Keys of a track with 1 in ranges of frames, and 0 outside.
+
+    Attributes:
+        name: Name of the track.
+        frames: First frame of each range, and the one after its last; in order, apart.
+        margin: Frames on each side of an edge without a value, as edges are uncertain; 0.
+    """
+
+    name: str
+    frames: tuple[tuple[int, int], ...]
+    margin: int = 0
+
+
+@dataclass(frozen=True)
 class RangeKeys:
     """Keys of an action: its first frame and the one after its last."""
 
@@ -182,7 +197,7 @@ class LayoutKeys:
     words: dict[Any, dict[Any, Any]] = field(default_factory=dict)
     force: ForceKeys | None = None
     action: str | ActionKeys | tuple[RangeKeys, ...] | None = None
-    tracks: TrackKeys | None = None
+    tracks: TrackKeys | tuple[TrackRanges, ...] | None = None
     object: str | None = None
     text: str | tuple[str, ...] = ()
     image: str | None = None

@@ -216,6 +216,8 @@ class LayoutReader:
         keys = self.layout.tracks
         if keys is None:
             return recording
+        if isinstance(keys, tuple):
+            return self._tables.ranged(recording, keys, touch.paths[0])
         path = self._path(keys.file.replace("{crop}", crop), touch)
         if path.is_file():
             return self._tables.tracked(recording, keys, path, touch.paths)
