@@ -12,8 +12,8 @@ from tactileforge.plugin import DataError
 
 #: Label of a recording: the gain of its finger, see `reference_gain`.
 GAIN_LABEL = "reference_gain"
-#: Change of a reference press at a gain of 1, root mean square over the picture, grey levels: that of
-#: a middling unit of DIGIT, so that few pictures leave the range of a byte.
+#: Change of a reference press at a gain of 1, root mean square over the picture, grey levels: that
+#: of a middling unit of DIGIT, so that few pictures leave the range of a byte.
 NOMINAL = 12.0
 #: Smallest change of a reference press, root mean square, grey levels; less is noise.
 _FAINT = 1.0

@@ -52,7 +52,7 @@ class PolicyActor:
         self.policy = policy
 
     def reset(self, env: Any, seed: int) -> None:
-        """Resets the policy, with the pictures of the fingers untouched and in reference presses."""
+        """Resets the policy, with pictures of the fingers at rest and in reference presses."""
         plain = env.unwrapped
         pressed = {"reference": plain.reference()} if self.policy.uses_reference else {}
         self.policy.reset(background=plain.background(), seed=seed, **pressed)
