@@ -142,11 +142,7 @@ def pack_episode(
     }
     labels = {"episode": name, "task": plain.task}
     numbers = {"seed": float(episode.seed), "success": float(episode.success)}
-    pressed = plain.reference() if hasattr(plain, "reference") else {}
-    gains = {
-        finger: {GAIN_LABEL: reference_gain(episode.background[finger], press, finger)}
-        for finger, press in pressed.items()
-    }
+    gains = _gains(episode, plain)
     out = []
     for place, finger in enumerate(episode.fingers):
         about = Recording(
@@ -175,6 +171,15 @@ def pack_episode(
             )
         )
     return out
+
+
+def _gains(episode: Episode, plain: Any) -> dict[str, dict[str, float]]:
+    """Label of the reference press, by finger; none for a task without ``reference()``."""
+    pressed = plain.reference() if hasattr(plain, "reference") else {}
+    return {
+        finger: {GAIN_LABEL: reference_gain(episode.background[finger], press, finger)}
+        for finger, press in pressed.items()
+    }
 
 
 def _encoded(pictures: Any, codec: str) -> list[bytes]:
