@@ -61,7 +61,7 @@ class Policy:
         self.uses_touch = self.robot.touch == "frames"
         self.uses_force = self.robot.touch == "force"
         self.uses_image = bool(self.robot.image_size)
-        self.uses_reference = self.uses_touch and self.robot.reference
+        self.uses_reference = self.uses_touch and self.robot.reference_press
         self._encoder = encoder.requires_grad_(False).eval()
         self._head = head.requires_grad_(False).eval()
         self._span = (encoder.frames - 1) * self.robot.stride + 1

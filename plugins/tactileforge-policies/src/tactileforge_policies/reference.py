@@ -76,9 +76,9 @@ def gain_of(labels: Mapping[str, Any], key: str) -> float:
     gain = labels.get(GAIN_LABEL)
     if gain is None:
         raise DataError(
-            f"{key}: no reference press (label {GAIN_LABEL!r}), and data.reference=true needs it; "
-            "record the demonstrations again with `tactileforge demos`, or give "
-            "data.reference=false"
+            f"{key}: no reference press (label {GAIN_LABEL!r}), and data.reference_press=true "
+            "needs it; record the demonstrations again with `tactileforge demos`, or give "
+            "data.reference_press=false"
         )
     if not isinstance(gain, float | int) or not np.isfinite(gain) or gain <= 0:
         raise DataError(f"{key}: label {GAIN_LABEL!r} is {gain!r}; give a number above 0")

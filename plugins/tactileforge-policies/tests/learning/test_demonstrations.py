@@ -73,8 +73,8 @@ def with_gains(pair, left, right):
 
 def test_pictures_are_divided_by_the_gain_of_their_finger() -> None:
     pair = with_gains(episode(0, steps=5), 2.0, 0.5)
-    plain, scaled = clips(pair), clips(pair, reference=True)
-    assert (plain.robot.reference, scaled.robot.reference) == (False, True)
+    plain, scaled = clips(pair), clips(pair, reference_press=True)
+    assert (plain.robot.reference_press, scaled.robot.reference_press) == (False, True)
     for finger, gain in enumerate((2.0, 0.5)):
         shown = plain[4]["frames"][finger].movedim(1, -1).numpy()
         found = scaled[4]["frames"][finger].movedim(1, -1).numpy()
@@ -85,7 +85,7 @@ def test_pictures_are_divided_by_the_gain_of_their_finger() -> None:
 @pytest.mark.parametrize(
     ("gain", "message"),
     [
-        (None, "follow_00000/right: no reference press .* give data.reference=false"),
+        (None, "follow_00000/right: no reference press .* give data.reference_press=false"),
         (0.0, "follow_00000/right: label 'reference_gain' is 0.0; give a number above 0"),
         ("much", "label 'reference_gain' is 'much'; give a number above 0"),
     ],
@@ -96,9 +96,9 @@ def test_a_demonstration_without_a_reference_press_is_named(gain, message) -> No
         pair[1] = replace(
             pair[1], labels={k: v for k, v in pair[1].labels.items() if k != GAIN_LABEL}
         )
-    clips(pair)  # it is needed with reference=true alone
+    clips(pair)  # it is needed with reference_press=true alone
     with pytest.raises(DataError, match=message):
-        clips(pair, reference=True)
+        clips(pair, reference_press=True)
 
 
 @pytest.mark.parametrize("room", [2**31, 8], ids=["in memory", "in a file"])

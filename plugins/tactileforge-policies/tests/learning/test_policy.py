@@ -65,7 +65,9 @@ def test_a_gel_of_twice_the_contrast_gets_the_same_commands(train_policy, tmp_pa
     ]
     root = write(tmp_path, gains)
     policy = load_policy(
-        train_policy(*IMITATE, f"data.root={root}", "data.reference=true", "trainer.max_epochs=1")
+        train_policy(
+            *IMITATE, f"data.root={root}", "data.reference_press=true", "trainer.max_epochs=1"
+        )
     )
     assert policy.uses_reference
     still = {name: rest() for name in policy.fingers}

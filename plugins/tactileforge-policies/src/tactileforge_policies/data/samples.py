@@ -38,7 +38,7 @@ class Cutting:
         touch: Input of touch: ``frames``, ``force`` or ``none``; see `robot.Robot`.
         camera: Whether the camera image is read.
         image_size: Height and width of the resized camera image, pixels.
-        reference: Whether changes of pictures are divided by the gain of their finger; see
+        reference_press: Whether changes of pictures are divided by the gain of their finger; see
             `reference.reference_gain`.
     """
 
@@ -47,7 +47,7 @@ class Cutting:
     touch: Touch = "frames"
     camera: bool = True
     image_size: int = 48
-    reference: bool = False
+    reference_press: bool = False
 
 
 class EpisodeClips(Clips):
@@ -97,7 +97,9 @@ class EpisodeClips(Clips):
         self.robot = _robot(first, cutting, max(1, round(spacing / first.period)), tasks)
         self.facts = self.robot.facts
         self.strides[:] = self.robot.stride
-        self._gains = [gain_of(one.labels, one.key) for one in kept] if cutting.reference else None
+        self._gains = (
+            [gain_of(one.labels, one.key) for one in kept] if cutting.reference_press else None
+        )
         steps = [len(each.times) for each in self.episodes]
         fingers = len(first.fingers)
         self.index = np.concatenate(
@@ -220,6 +222,6 @@ def _robot(first: Episode, cutting: Cutting, stride: int, tasks: AbstractSet[str
         stride=stride,
         touch=cutting.touch,
         image_size=cutting.image_size if cutting.camera else 0,
-        reference=cutting.reference,
+        reference_press=cutting.reference_press,
         tasks=tuple(sorted(tasks)),
     )

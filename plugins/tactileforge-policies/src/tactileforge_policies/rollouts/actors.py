@@ -117,7 +117,7 @@ def check_policy(word: str, policy: Any, env: Any, cross_sensor: bool) -> None:
     if policy.uses_reference and not hasattr(plain, "reference"):
         raise ConfigError(
             f"policy={word} was trained with reference presses, and task {plain.task} has no "
-            "reference(); train it with data.reference=false"
+            "reference(); train it with data.reference_press=false"
         )
     sensors = [policy.sensor] if isinstance(policy.sensor, str) else list(policy.sensor)
     if policy.uses_touch and set(sensors) != {plain.sensor} and not cross_sensor:
