@@ -33,7 +33,6 @@ CLIP, CHUNK, EXECUTE = 4, 8, 2
 NOISE = 0.1
 #: Parts of the hidden state, by the name of the inputs.
 INPUTS = {
-    "forces": ("force",),
     "tilt, slide, load, depth": ("tilt", "slide", "load", "depth"),
     "tilt, slide, load, depth, side of the socket": ("tilt", "slide", "load", "depth", "side"),
     "forces, side of the socket": ("force", "side"),
@@ -103,28 +102,39 @@ def windows(values: NDArray[Any], length: int) -> NDArray[Any]:
 
 
 def features(episodes: list[Played]) -> dict[str, Tensor]:
-    """Features of all steps, by name, float32 (steps, columns)."""
+    """Features of the steps on the rim, by name, float32 (steps, columns)."""
     encoder = tactileforge.load("anytouch2.tiny").encoder.eval()
     rows: dict[str, list[Tensor]] = {}
     for episode in episodes:
-        tokens, coarse = [], []
+        tokens, coarse, rim = [], [], on_rim(episode)
+        if not rim.any():
+            continue
         for name in FINGERS:
-            clips = windows(np.stack(episode.pictures[name]), CLIP)
+            clips = windows(np.stack(episode.pictures[name]), CLIP)[rim]
             tokens.append(encoded(encoder, clips, episode.rest[name]))
             change = clips.astype(np.float32) - episode.rest[name]
             size = change.shape[2] // 8
             cells = change.reshape(len(change), CLIP, 8, size, 8, size, 3).mean((3, 5))
             coarse += [torch.from_numpy(part).flatten(1) for part in (cells[:, -1], cells[:, 0])]
-        forces = windows(episode.of("force"), CLIP).reshape(len(clips), -1)
-        state = windows(episode.of("state"), 2).reshape(len(clips), -1)
+        forces = windows(episode.of("force"), CLIP)[rim].reshape(len(clips), -1)
+        state = windows(episode.of("state"), 2)[rim].reshape(len(clips), -1)
+        hidden = [episode.of(name)[rim] for name in ("tilt", "slide", "load", "depth")]
         for name, part in (
             ("AnyTouch 2 (tiny), all tokens", torch.cat(tokens, 1)),
             ("8 x 8 difference, first and last frame", torch.cat(coarse, 1)),
             ("forces of four steps", torch.from_numpy(forces)),
             ("gripper's place and opening", torch.from_numpy(state)),
+            ("hidden tilt, slide, load and depth", torch.from_numpy(np.concatenate(hidden, 1))),
         ):
             rows.setdefault(name, []).append(part)
     return {name: torch.cat(parts).float() for name, parts in rows.items()}
+
+
+def on_rim(episode: Played) -> NDArray[np.bool_]:
+    """Steps with the tongue on the rim of the second socket; the first lies behind."""
+    above = episode.of("depth")[:, 0] < 1.0  # deeper, the expert no longer feels its way sideways
+    near = episode.of("state")[:, 0] > 14.0
+    return np.asarray((episode.of("load")[:, 0] > 0) & above & near)
 
 
 @torch.no_grad()
@@ -157,18 +167,17 @@ def told(known: Tensor, truth: Tensor, episode: Tensor) -> dict[str, float]:
 
 def perception(episodes: list[Played]) -> dict[str, Any]:
     """What each kind of features says of the hidden state while the tongue is on the rim."""
-    load, depth, tilt, action = (
-        torch.from_numpy(np.concatenate([one.of(name) for one in episodes]))
-        for name in ("load", "depth", "tilt", "action")
+    rims = [on_rim(one) for one in episodes]
+    tilt, load, action = (
+        torch.from_numpy(
+            np.concatenate([one.of(name)[rim] for one, rim in zip(episodes, rims, strict=True)])
+        )
+        for name in ("tilt", "load", "action")
     )
-    number = torch.cat([torch.full((len(one.of("tilt")),), i) for i, one in enumerate(episodes)])
-    # The expert feels its way sideways above 1 mm of depth; the first socket lies behind it.
-    x = torch.from_numpy(np.concatenate([one.of("state")[:, 0] for one in episodes]))
-    on_rim = (load[:, 0] > 0) & (depth[:, 0] < 1.0) & (x > 14.0)
-    truth = torch.cat([tilt, load, action[:, :1]], 1).double()[on_rim]
-    rows = {name: rows[on_rim] for name, rows in features(episodes).items()}
-    found = {name: told(row, truth, number[on_rim]) for name, row in rows.items()}
-    return {"steps": int(on_rim.sum()), "tilt_rad": float(truth[:, 0].std()), "features": found}
+    truth = torch.cat([tilt, load, action[:, :1]], 1).double()
+    number = torch.cat([torch.full((int(rim.sum()),), i) for i, rim in enumerate(rims)])
+    found = {name: told(row, truth, number) for name, row in features(episodes).items()}
+    return {"steps": len(truth), "tilt_rad": float(truth[:, 0].std()), "features": found}
 
 
 def inputs(moment: dict[str, Array], names: tuple[str, ...]) -> Array:
