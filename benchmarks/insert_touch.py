@@ -35,7 +35,6 @@ NOISE = 0.1
 INPUTS = {
     "tilt, slide, load, depth": ("tilt", "slide", "load", "depth"),
     "tilt, slide, load, depth, side of the socket": ("tilt", "slide", "load", "depth", "side"),
-    "forces, side of the socket": ("force", "side"),
 }
 
 
@@ -259,6 +258,7 @@ def main() -> None:
     episodes = play(words.episodes)
     found: dict[str, Any] = {"episodes": words.episodes, "perception": perception(episodes)}
     print(found, flush=True)
+    save("manipulation_insert", found)
     found["control"] = {}
     for title, names in INPUTS.items():
         found["control"][title] = rolled(Clone(episodes, names), words.rollouts)
