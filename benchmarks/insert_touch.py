@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from common import save
 from numpy.typing import NDArray
-from tactileforge_policies.envs.insert import _LONG
+from tactileforge_policies.envs.insert import LONG
 from tactileforge_policies.envs.outer import placed
 from tactileforge_policies.rollouts.options import DemonstrationOptions, make_environment
 from torch import Tensor, nn
@@ -54,7 +54,7 @@ class Played:
 def state_of(env: Any, observation: Any) -> dict[str, Array]:
     """Visible and hidden numbers of this moment."""
     plain = env.unwrapped
-    tip = placed(np.array([[0.0, _LONG]]), plain.object)[0, 0]
+    tip = placed(np.array([[0.0, LONG]]), plain.object)[0, 0]
     force = plain.wrench()
     found = {
         "state": observation["state"],

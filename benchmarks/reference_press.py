@@ -17,9 +17,9 @@ import torch
 from common import save
 from numpy.typing import NDArray
 from tactileforge_policies.envs.fingers import FINGERS, Fingers
-from tactileforge_policies.envs.grasp import _face
+from tactileforge_policies.envs.grasp import ball_face
 from tactileforge_policies.envs.grip import Body, Grip
-from tactileforge_policies.envs.reference import _FACE, RADIUS, reference_press
+from tactileforge_policies.envs.reference import BALL, RADIUS, reference_press
 from tactileforge_policies.reference import reference_gain, with_gain
 from torch import Tensor
 
@@ -55,9 +55,9 @@ def balls() -> list[dict[str, Any]]:
 
 def by_travel(fingers: Fingers) -> dict[str, NDArray[np.uint8]]:
     """Pictures of a press by `TRAVEL`, by finger."""
-    grip = Grip(Body(_FACE, RADIUS, 0.0, fingers.gel.friction), fingers.gel, RATE)
+    grip = Grip(Body(BALL, RADIUS, 0.0, fingers.gel.friction), fingers.gel, RATE)
     grip.place(np.zeros(3), 2 * (RADIUS - TRAVEL))
-    fingers.meet(_FACE, 0)
+    fingers.meet(BALL, 0)
     return fingers.pictures(grip.held.moment)
 
 
@@ -66,7 +66,7 @@ def touched(unit: int) -> list[dict[str, Any]]:
     fingers, rows = Fingers("digit", unit, SIZE), []
     presses = {"force": reference_press(fingers, RATE), "travel": by_travel(fingers)}
     for number, one in enumerate(balls()):
-        shape = _face(one["radius"], one["soft"], one["seed"])
+        shape = ball_face(one["radius"], one["soft"], one["seed"])
         body = Body(shape, one["radius"], 0.2, fingers.gel.friction, one["softness"])
         grip = Grip(body, fingers.gel, RATE)
         fingers.meet(shape, 100 * unit + number)
