@@ -71,7 +71,8 @@ def state_of(env: Any, observation: Any) -> dict[str, Array]:
 def play(count: int) -> list[Played]:
     """Successful episodes of the expert, as ``demos`` plays them."""
     options = DemonstrationOptions(task="insert", out="", n=count)
-    env, episodes, number = make_environment(options), [], 0
+    env, number = make_environment(options), 0
+    episodes: list[Played] = []
     while len(episodes) < count:
         seed = options.episode_seed(number)
         number += 1
@@ -97,7 +98,7 @@ def play(count: int) -> list[Played]:
 def windows(values: NDArray[Any], length: int) -> NDArray[Any]:
     """The last ``length`` rows up to each; before the first, copies of it."""
     steps = np.arange(len(values))[:, None] + np.arange(1 - length, 1)
-    return values[np.maximum(steps, 0)]
+    return np.asarray(values[np.maximum(steps, 0)])
 
 
 def features(episodes: list[Played]) -> dict[str, Tensor]:
@@ -141,7 +142,7 @@ def encoded(encoder: Any, clips: NDArray[np.uint8], rest: NDArray[np.uint8]) -> 
     """All tokens of each clip, side by side, float32 (steps, columns)."""
     still = torch.from_numpy(rest).movedim(-1, 0)
     out = []
-    for part in torch.from_numpy(clips).movedim(-1, -3).split(32):
+    for part in torch.split(torch.from_numpy(clips).movedim(-1, -3), 32):
         sensor = encoder.sensor_ids(["digit"] * len(part))
         out.append(encoder(part, still.expand(len(part), -1, -1, -1), sensor)[0].flatten(1))
     return torch.cat(out)
@@ -151,7 +152,7 @@ def told(known: Tensor, truth: Tensor, episode: Tensor) -> dict[str, float]:
     """R2 of tilt, load and sideways command, and how often the command's side is right."""
     mean, factor = feature_scale(known)
     columns = ((known - mean) * factor).double()
-    groups = [(episode == one).nonzero().flatten() for one in episode.unique()]
+    groups = [(episode == one).nonzero().flatten() for one in sorted(set(episode.tolist()))]
     fit = fit_ridge(columns @ columns.T, truth)
     guesses = fit.left_out(fit.penalties, groups)
     lost = ((guesses - truth) ** 2).sum(1) / ((truth - truth.mean(0)) ** 2).sum(0)
@@ -212,11 +213,11 @@ class Clone:
         rate = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
         target = (wanted - self.done[0]) / self.done[1]
         for _ in range(epochs):
-            for some in torch.randperm(len(known)).split(32)[: len(known) // 32]:
+            for some in torch.split(torch.randperm(len(known)), 32)[: len(known) // 32]:
                 error = (self.predicted(known[some]) - target[some]).abs().mean(-1)
                 loss = (error * kept[some]).sum() / kept[some].sum()
                 optimiser.zero_grad()
-                loss.backward()
+                loss.backward()  # type: ignore[no-untyped-call]
                 optimiser.step()
                 rate.step()
 
