@@ -25,6 +25,7 @@ from tactileforge.plugin import (
     resize_frame,
 )
 from tactileforge_policies.heads.base import PolicyHead
+from tactileforge_policies.reference import reference_gain, with_gain
 from tactileforge_policies.robot import Robot
 
 Image = NDArray[np.uint8]
@@ -47,6 +48,7 @@ class Policy:
         uses_touch: Whether it reads pictures of touch.
         uses_image: Whether it reads the camera.
         uses_force: Whether it reads forces, N.
+        uses_reference: Whether it needs a reference press of each finger.
     """
 
     def __init__(self, encoder: Any, head: PolicyHead) -> None:
@@ -59,27 +61,37 @@ class Policy:
         self.uses_touch = self.robot.touch == "frames"
         self.uses_force = self.robot.touch == "force"
         self.uses_image = bool(self.robot.image_size)
+        self.uses_reference = self.uses_touch and self.robot.reference_press
         self._encoder = encoder.requires_grad_(False).eval()
         self._head = head.requires_grad_(False).eval()
         self._span = (encoder.frames - 1) * self.robot.stride + 1
         self.reset()
 
-    def reset(self, background: Mapping[str, Image] | None = None, seed: int = 0) -> None:
+    def reset(
+        self,
+        background: Mapping[str, Image] | None = None,
+        seed: int = 0,
+        reference: Mapping[str, Image] | None = None,
+    ) -> None:
         """Starts an episode: forgets all frames and commands.
 
         Args:
             background: Frame without contact of each finger, uint8 (H, W, 3); None for no
                 subtraction.
             seed: Seed of the initial noise of commands.
+            reference: Frame of each finger in the reference press, uint8 (H, W, 3), where the
+                policy was trained with one; needs the background.
 
         Raises:
             ConfigError: The fingers differ from the policy's, or a frame is invalid.
+            DataError: A reference press changes nothing; see `reference.reference_gain`.
         """
         if background is not None and self.uses_touch:
             self._check_fingers("background", background)
             for name in self.fingers:
                 _check_picture(f"background of {name}", background[name])
         self._background = background
+        self._gains = self._measured(background, reference)
         self._generator = torch.Generator().manual_seed(seed)
         self._queue: deque[NDArray[np.float32]] = deque()
         self._touch: deque[Mapping[str, Image]] = deque(maxlen=self._span)
@@ -131,7 +143,28 @@ class Policy:
                     f"frame of {name}: {shape}, and its background is "
                     f"{self._background[name].shape}; give both as the sensor takes them"
                 )
-        return {name: self._resized(frames[name]) for name in self.fingers}
+        if self.uses_reference and not self._gains:
+            raise ConfigError(
+                "the policy was trained with reference presses: give reset(background=, "
+                "reference=), a frame of each finger at rest and in the press"
+            )
+        out = {name: self._resized(frames[name]) for name in self.fingers}
+        for name, gain in self._gains.items():
+            out[name] = with_gain(out[name], self._rest(name), gain)
+        return out
+
+    def _measured(
+        self, background: Mapping[str, Image] | None, reference: Mapping[str, Image] | None
+    ) -> dict[str, float]:
+        """Gain of each finger; empty for a policy without reference presses."""
+        if not self.uses_reference or background is None or reference is None:
+            return {}
+        self._check_fingers("reference press", reference)
+        for name in self.fingers:
+            _check_picture(f"reference press of {name}", reference[name])
+        return {
+            name: reference_gain(background[name], reference[name], name) for name in self.fingers
+        }
 
     def _perceived(
         self, state: ArrayLike, image: Image | None, force: Mapping[str, ArrayLike] | None

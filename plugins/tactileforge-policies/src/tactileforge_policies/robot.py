@@ -29,6 +29,8 @@ class Robot:
         stride: Steps from one frame of a clip to the next.
         touch: Input of touch: ``frames``, ``force`` (N, privileged) or ``none``.
         image_size: Height and width of a camera image; 0 without a camera.
+        reference_press: Whether changes of pictures are divided by the gain of their finger, see
+            `reference.reference_gain`.
         tasks: Names of the tasks, from the label ``task``; empty where no demonstration has one.
     """
 
@@ -42,6 +44,7 @@ class Robot:
     stride: int = 1
     touch: Literal["frames", "force", "none"] = "frames"
     image_size: int = 0
+    reference_press: bool = False
     tasks: tuple[str, ...] = ()
 
     @classmethod

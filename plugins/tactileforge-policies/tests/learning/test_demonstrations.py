@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from demonstrated import SIZE, demonstrations, episode, write
+from demonstrated import SIZE, demonstrations, episode, rest, write
 from tactileforge_policies.data import samples
 from tactileforge_policies.data.demonstrations import Demonstrations
 from tactileforge_policies.data.episodes import episodes_of
 from tactileforge_policies.data.samples import Cutting, EpisodeClips
+from tactileforge_policies.reference import GAIN_LABEL, with_gain
 
 from tactileforge.data.batches.clips import collate
 from tactileforge.errors import ConfigError, DataError
@@ -61,6 +62,43 @@ def test_touch_is_left_out_or_given_as_forces() -> None:
     assert not {"frames", "tokens", "forces", "images"} & set(bare)
     forces = clips(pair, touch="force")[3]["forces"]
     np.testing.assert_array_equal(forces[1], np.concatenate([one.force[3] for one in pair]))
+
+
+def with_gains(pair, left, right):
+    return [
+        replace(one, labels=dict(one.labels) | {GAIN_LABEL: gain})
+        for one, gain in zip(pair, (left, right), strict=True)
+    ]
+
+
+def test_pictures_are_divided_by_the_gain_of_their_finger() -> None:
+    pair = with_gains(episode(0, steps=5), 2.0, 0.5)
+    plain, scaled = clips(pair), clips(pair, reference_press=True)
+    assert (plain.robot.reference_press, scaled.robot.reference_press) == (False, True)
+    for finger, gain in enumerate((2.0, 0.5)):
+        shown = plain[4]["frames"][finger].movedim(1, -1).numpy()
+        found = scaled[4]["frames"][finger].movedim(1, -1).numpy()
+        np.testing.assert_array_equal(found, with_gain(shown, rest(), gain))
+        assert (found != shown).any()
+
+
+@pytest.mark.parametrize(
+    ("gain", "message"),
+    [
+        (None, "follow_00000/right: no reference press .* give data.reference_press=false"),
+        (0.0, "follow_00000/right: label 'reference_gain' is 0.0; give a number above 0"),
+        ("much", "label 'reference_gain' is 'much'; give a number above 0"),
+    ],
+)
+def test_a_demonstration_without_a_reference_press_is_named(gain, message) -> None:
+    pair = with_gains(episode(0), 1.0, gain)
+    if gain is None:
+        pair[1] = replace(
+            pair[1], labels={k: v for k, v in pair[1].labels.items() if k != GAIN_LABEL}
+        )
+    clips(pair)  # it is needed with reference_press=true alone
+    with pytest.raises(DataError, match=message):
+        clips(pair, reference_press=True)
 
 
 @pytest.mark.parametrize("room", [2**31, 8], ids=["in memory", "in a file"])

@@ -1,6 +1,7 @@
 """A run of demonstrations becomes a policy, with the same steps as in training."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import torch
 from demonstrated import dent, episode, rest, write
 from tactileforge_policies import load_policy
 from tactileforge_policies.data.demonstrations import Demonstrations
+from tactileforge_policies.reference import GAIN_LABEL
 
 from tactileforge import run_folder
 from tactileforge.checkpoint_file import read_checkpoint
@@ -53,6 +55,35 @@ def test_a_run_steps_as_its_samples_say(folder: Path, root: Path) -> None:
             np.testing.assert_allclose(found, chunk[place].numpy(), atol=2e-3)
     low, high = cut.ranges()["action"]
     assert policy._head.action.low.shape == low.shape == high.shape
+
+
+def test_a_gel_of_twice_the_contrast_gets_the_same_commands(train_policy, tmp_path: Path) -> None:
+    gains = [
+        replace(one, labels=dict(one.labels) | {GAIN_LABEL: 0.5})
+        for number in range(3)
+        for one in episode(number)
+    ]
+    root = write(tmp_path, gains)
+    policy = load_policy(
+        train_policy(
+            *IMITATE, f"data.root={root}", "data.reference_press=true", "trainer.max_epochs=1"
+        )
+    )
+    assert policy.uses_reference
+    still = {name: rest() for name in policy.fingers}
+    touch = {name: dent(0.4, depth=30) for name in policy.fingers}
+    strong = {name: dent(0.4, depth=60) for name in policy.fingers}
+    commands = []
+    for press, frames in ((30, touch), (60, strong), (60, touch)):
+        policy.reset(still, reference={n: dent(0, depth=press) for n in policy.fingers})
+        commands.append(policy.step(frames, [0, 0, 0], dent(0, 24)))
+    np.testing.assert_allclose(commands[0], commands[1], atol=0.02)
+    assert np.abs(commands[0] - commands[2]).max() > np.abs(commands[0] - commands[1]).max()
+    policy.reset(still)
+    with pytest.raises(ConfigError, match="trained with reference presses: give reset"):
+        policy.step(touch, [0, 0, 0], dent(0, 24))
+    with pytest.raises(DataError, match="reference press of left: it changes the picture by 0 "):
+        policy.reset(still, reference=still)
 
 
 def test_a_run_of_before_the_package_loads_and_is_told_of_as_before(

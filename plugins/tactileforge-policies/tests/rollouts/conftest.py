@@ -13,7 +13,7 @@ class Feels:
     state_size = action_size = 2
     rate = 6.0
     tasks = ()
-    uses_touch, uses_image, uses_force = True, False, False
+    uses_touch, uses_image, uses_force, uses_reference = True, False, False, False
 
     def reset(self, background=None, seed=0):
         self.base = float(background["left"].mean())

@@ -74,6 +74,36 @@ def test_our_tasks_last_as_long_as_the_limit():
     assert env.unwrapped.steps == 50
 
 
+def test_a_rollout_applies_the_gain_that_demonstrations_have(tmp_path, policy):
+    """The policy gets backgrounds and presses that give the label of a demonstration."""
+    from tactileforge_policies.reference import GAIN_LABEL, reference_gain
+    from tactileforge_policies.rollouts.actors import make_actor
+    from tactileforge_policies.rollouts.demonstrations import pack_episode
+    from tactileforge_policies.rollouts.episode import play_episode
+    from tactileforge_policies.rollouts.options import DemonstrationOptions
+
+    given = []
+    policy.loaded.uses_reference = True
+    policy.loaded.state_size = policy.loaded.action_size = 3
+    policy.loaded.reset = lambda **words: given.append(words)
+    policy.loaded.step = lambda *words: np.zeros(3, np.float32)
+    made = DemonstrationOptions(task="chip", size=32, limit=2, out="", env={"unit": 4})
+    env = make_environment(made)
+    episode = play_episode(env, make_actor(policy.path, env), seed=7)
+    (words,) = given
+    for packed in pack_episode(episode, env, "chip_00000", made):
+        labels = packed.head["labels"]
+        name = labels["finger"]
+        gain = reference_gain(words["background"][name], words["reference"][name], name)
+        assert labels[GAIN_LABEL] == gain > 0
+
+
+def test_a_task_without_reference_presses_is_named(tmp_path, policy):
+    policy.loaded.uses_reference = True
+    with pytest.raises(ConfigError, match=r"task reach has no reference\(\); train it with data"):
+        roll_out(options(tmp_path / "r", policy=policy.path, n=2))
+
+
 def test_a_policy_succeeds_by_touch(tmp_path, policy):
     done = roll_out(options(tmp_path / "r", policy=policy.path, n=10))
     assert done.summary.successes == 10

@@ -34,6 +34,8 @@ class Demonstrations:
             no sensor measures them as well); or ``none``.
         camera: Whether the camera image is used.
         image_size: Height and width of the resized camera image, pixels.
+        reference_press: Whether the change of each picture is divided by the gain of its finger
+            in a reference press; see `reference.reference_gain`.
 
     Raises:
         ConfigError: An invalid share or number of steps.
@@ -51,6 +53,7 @@ class Demonstrations:
         touch: Literal["frames", "force", "none"] = "frames",
         camera: bool = True,
         image_size: int = 48,
+        reference_press: bool = False,
     ) -> None:
         if not 0 <= val < 1 or horizon < 1 or observations < 1:
             raise ConfigError(
@@ -66,6 +69,7 @@ class Demonstrations:
             touch=touch,
             camera=camera,
             image_size=image_size,
+            reference_press=reference_press,
         )
 
     @property

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from tactileforge.plugin import Clips, CutColumns, Recording, spec, take_steps, view_of
 from tactileforge_policies.data.episodes import Demonstration, check_alike, episodes_of
+from tactileforge_policies.reference import gain_of, with_gain
 from tactileforge_policies.robot import Robot
 
 Touch: TypeAlias = Literal["frames", "force", "none"]
@@ -37,6 +38,8 @@ class Cutting:
         touch: Input of touch: ``frames``, ``force`` or ``none``; see `robot.Robot`.
         camera: Whether the camera image is read.
         image_size: Height and width of the resized camera image, pixels.
+        reference_press: Whether changes of pictures are divided by the gain of their finger; see
+            `reference.reference_gain`.
     """
 
     horizon: int = 8
@@ -44,6 +47,7 @@ class Cutting:
     touch: Touch = "frames"
     camera: bool = True
     image_size: int = 48
+    reference_press: bool = False
 
 
 class EpisodeClips(Clips):
@@ -67,8 +71,8 @@ class EpisodeClips(Clips):
         episodes: Episodes in the order of their names.
 
     Raises:
-        DataError: The recordings are no demonstrations, or do not agree; see `episodes_of` and
-            `check_alike`.
+        DataError: The recordings are no demonstrations, or do not agree, see `episodes_of` and
+            `check_alike`; or one lacks its reference press.
     """
 
     provides = frozenset({"action_chunk"})
@@ -93,6 +97,9 @@ class EpisodeClips(Clips):
         self.robot = _robot(first, cutting, max(1, round(spacing / first.period)), tasks)
         self.facts = self.robot.facts
         self.strides[:] = self.robot.stride
+        self._gains = (
+            [gain_of(one.labels, one.key) for one in kept] if cutting.reference_press else None
+        )
         steps = [len(each.times) for each in self.episodes]
         fingers = len(first.fingers)
         self.index = np.concatenate(
@@ -182,6 +189,8 @@ class EpisodeClips(Clips):
     def _clip(self, number: int, rows: Sequence[int]) -> Tensor:
         frames = self.recordings[number].frames
         read = self._frames(("touch", number), frames, rows, self.size)
+        if self._gains is not None:
+            read = with_gain(read, self._background(number), self._gains[number])
         return torch.from_numpy(read).movedim(-1, -3)
 
     def _images(self, number: int, steps: NDArray[np.int64]) -> Tensor:
@@ -213,5 +222,6 @@ def _robot(first: Demonstration, cutting: Cutting, stride: int, tasks: AbstractS
         stride=stride,
         touch=cutting.touch,
         image_size=cutting.image_size if cutting.camera else 0,
+        reference_press=cutting.reference_press,
         tasks=tuple(sorted(tasks)),
     )

@@ -25,6 +25,7 @@ from tactileforge_policies.envs.fingers import FINGERS, Fingers, mirrored
 from tactileforge_policies.envs.grip import Body, Grip, Held
 from tactileforge_policies.envs.outer import Array, Outer, Solid, placed
 from tactileforge_policies.envs.picture import SIZE, Picture
+from tactileforge_policies.envs.reference import reference_press
 
 Observation: TypeAlias = dict[str, NDArray[Any]]
 Action: TypeAlias = NDArray[np.float32]
@@ -83,6 +84,7 @@ class TouchEnv(gymnasium.Env[Any, Any]):
         self.sensor, self.size, self.unit, self.control_rate = sensor, size, unit, 6.0
         self.render_mode, self.steps = render_mode, steps
         self._fingers = Fingers(sensor, unit, size, randomise)
+        self._randomise, self._pressed = randomise, dict[str, NDArray[np.uint8]]()
         frame = spaces.Box(0, 255, (size, size, 3), np.uint8)
         low, high = (np.array(side, np.float32) for side in zip(*self.room, strict=True))
         seen: dict[str, spaces.Space[Any]] = {name: frame for name in FINGERS}
@@ -167,6 +169,14 @@ class TouchEnv(gymnasium.Env[Any, Any]):
     def background(self) -> dict[str, NDArray[np.uint8]]:
         """Frames of the gels without contact, uint8 (size, size, 3), by finger."""
         return {name: frame.copy() for name, frame in self._still.items()}
+
+    def reference(self) -> dict[str, NDArray[np.uint8]]:
+        """Frames of a reference press, uint8 (size, size, 3), by finger; see `reference_press`."""
+        if not self._pressed:
+            # Fingers of their own: the films of an episode do not depend on it.
+            fingers = Fingers(self.sensor, self.unit, self.size, self._randomise)
+            self._pressed = reference_press(fingers, self.control_rate)
+        return {name: frame.copy() for name, frame in self._pressed.items()}
 
     def wrench(self) -> dict[str, NDArray[np.float32]]:
         """Force on each gel, N (3,): x and y of its picture, z into the gel; privileged."""

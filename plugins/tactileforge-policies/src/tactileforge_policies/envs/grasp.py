@@ -52,7 +52,7 @@ class Grasp(TouchEnv):
         rim = radius * np.stack([np.sin([-0.5, 0.0, 0.5]), np.cos([-0.5, 0.0, 0.5])], 1)
         self.floor = Solid(rim, ground(_height), 3.0, 0.5)
         self.outer = [self.floor]
-        face = _face(radius, self.soft, int(rng.integers(1 << 31)))
+        face = ball_face(radius, self.soft, int(rng.integers(1 << 31)))
         body = Body(face, radius, d["weight"], d["friction"], d["softness"])
         start = (rng.uniform(-2, 2), rng.uniform(10, 12), rng.uniform(16.5, 18))
         return body, np.array([rng.uniform(-1, 1), -radius, 0.0]), np.array(start)
@@ -115,7 +115,14 @@ def _height(x: Array) -> Array:
     return np.where((np.abs(x) < _STAND) | boxed, 0.0, -60.0)
 
 
-def _face(radius: float, rough: bool, seed: int) -> Shape:
+def ball_face(radius: float, rough: bool, seed: int) -> Shape:
+    """Face of a ball.
+
+    Args:
+        radius: Radius, mm.
+        rough: Whether bumps cover it.
+        seed: Seed of the bumps.
+    """
     round_ = ball(radius)
     if not rough:
         return shape_of("smooth ball", round_)

@@ -14,12 +14,12 @@ from tactileforge_policies.envs.outer import Array, Inside, Slot, Solid, placed
 from tactileforge_policies.envs.picture import Picture
 
 #: Half width and length of the plug's tongue below the handle's middle; depth of a socket, mm.
-_WIDE, _LONG, _DEEP = 3.0, 13.0, 6.0
+_WIDE, LONG, _DEEP = 3.0, 13.0, 6.0
 _SIDE = np.array([-8.0, -9.5, -11.0, -12.2])
 #: Contact points on the tongue's outline, mm.
 _TONGUE = np.array(
     [(side * _WIDE, -y) for side in (-1, 1) for y in _SIDE]
-    + [(x, _LONG) for x in (-_WIDE, -1.5, 0.0, 1.5, _WIDE)]
+    + [(x, LONG) for x in (-_WIDE, -1.5, 0.0, 1.5, _WIDE)]
 )
 #: Chamfer of a socket's rim, and nominal x of the second socket, mm.
 _CHAMFER, _NOMINAL = 0.2, 18.0
@@ -56,18 +56,18 @@ class Insert(TouchEnv):
         self.sockets = Solid(_TONGUE, sockets((0.0, self.to), half), 8.0, 0.15)
         self.outer = [self.sockets, Slot(self._holds, 20.0)]
         body = Body(FACE, d["thickness"] / 2, 0.1, d["friction"])
-        place = np.array([0.0, _DEEP - _LONG, 0.0])
-        x, z = rng.uniform(-1, 1), _LONG - _DEEP + rng.uniform(-1, 1)
+        place = np.array([0.0, _DEEP - LONG, 0.0])
+        x, z = rng.uniform(-1, 1), LONG - _DEEP + rng.uniform(-1, 1)
         return body, place, np.array([x, z, d["thickness"] - 2 * d["squeeze"]])
 
     @property
     def depth(self) -> float:
         """Depth of the tongue's tip below the rims, mm; negative above."""
-        return float(self.object[1]) + _LONG
+        return float(self.object[1]) + LONG
 
     def _holds(self, place: Array) -> float:
         """Force of the sockets' springs on the tongue, N, below a depth of 2 mm."""
-        return self.drawn["holds"] if place[1] + _LONG > 2.0 else 0.0
+        return self.drawn["holds"] if place[1] + LONG > 2.0 else 0.0
 
     def _judge(self) -> None:
         above = abs(float(self.object[0]) - self.to) < 3.0
@@ -83,7 +83,7 @@ class Insert(TouchEnv):
 
     def _sketch(self, picture: Picture) -> None:
         x, z = float(self.object[0]), -float(self.object[1])
-        picture.box(x, z - _LONG, 2 * _WIDE, _LONG, (190, 192, 196))
+        picture.box(x, z - LONG, 2 * _WIDE, LONG, (190, 192, 196))
         picture.box(x, z - 5.0, 9.0, 10.0, (50, 50, 54))
         picture.gripper(self.x, self.z)
         # Plates in front of the sockets hide their exact position.
@@ -94,7 +94,7 @@ class Insert(TouchEnv):
         return Picture(-18.0, -10.0, 58.0)
 
     def _advise(self) -> Advice:
-        place, up = _NOMINAL - float(self.object[0]), _LONG + 3.0
+        place, up = _NOMINAL - float(self.object[0]), LONG + 3.0
         if abs(place) > 2.5:
             out = self.depth < -0.5
             return float(np.clip(place, -1.5, 1.5)) if out else 0.0, up - self.z, 0.0
@@ -108,7 +108,7 @@ class Insert(TouchEnv):
 
     def _aside(self, pace: float) -> float:
         """Step along x of the tongue's tip towards the socket, mm, at most ``pace``."""
-        tip = placed(np.array([[0.0, _LONG]]), self.object)[0, 0]
+        tip = placed(np.array([[0.0, LONG]]), self.object)[0, 0]
         return float(np.clip(self.to - tip, -pace, pace))
 
 

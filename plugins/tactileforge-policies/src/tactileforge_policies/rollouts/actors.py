@@ -52,8 +52,10 @@ class PolicyActor:
         self.policy = policy
 
     def reset(self, env: Any, seed: int) -> None:
-        """Resets the policy, with the pictures of the untouched fingers."""
-        self.policy.reset(background=env.unwrapped.background(), seed=seed)
+        """Resets the policy, with pictures of the fingers at rest and in reference presses."""
+        plain = env.unwrapped
+        pressed = {"reference": plain.reference()} if self.policy.uses_reference else {}
+        self.policy.reset(background=plain.background(), seed=seed, **pressed)
 
     def act(self, observation: Observation, force: Forces) -> NDArray[np.float32]:
         """Returns the policy's action."""
@@ -111,6 +113,11 @@ def check_policy(word: str, policy: Any, env: Any, cross_sensor: bool) -> None:
         raise ConfigError(
             f"policy={word} learned {', '.join(policy.tasks)}: give task={policy.tasks[0]}, or "
             f"train it on {plain.task} too (tactileforge demos task={plain.task} out=DIR)"
+        )
+    if policy.uses_reference and not hasattr(plain, "reference"):
+        raise ConfigError(
+            f"policy={word} was trained with reference presses, and task {plain.task} has no "
+            "reference(); train it with data.reference_press=false"
         )
     sensors = [policy.sensor] if isinstance(policy.sensor, str) else list(policy.sensor)
     if policy.uses_touch and set(sensors) != {plain.sensor} and not cross_sensor:

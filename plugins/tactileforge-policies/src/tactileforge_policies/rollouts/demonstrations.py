@@ -17,6 +17,7 @@ from tactileforge.files import claim, sealed, unsealed, write_text
 from tactileforge.plugin import ArrayFrames, Recording, TactileForgeError
 from tactileforge.processes import process_count, run_share, spread
 from tactileforge.threads import one_thread
+from tactileforge_policies.reference import GAIN_LABEL, reference_gain
 from tactileforge_policies.rollouts.actors import Expert
 from tactileforge_policies.rollouts.episode import Episode, play_episode
 from tactileforge_policies.rollouts.options import DemonstrationOptions, make_environment
@@ -141,6 +142,7 @@ def pack_episode(
     }
     labels = {"episode": name, "task": plain.task}
     numbers = {"seed": float(episode.seed), "success": float(episode.success)}
+    gains = _gains(episode, plain)
     out = []
     for place, finger in enumerate(episode.fingers):
         about = Recording(
@@ -152,7 +154,7 @@ def pack_episode(
             force=episode.force_of(finger)[:steps],
             text=plain.instruction,
             image_times=times if place == 0 else None,
-            labels={**labels, "finger": finger, **numbers},
+            labels={**labels, "finger": finger, **numbers, **gains.get(finger, {})},
             tracks=tracks,
             source="simulated by tactileforge",
             tier=_TIERS.get(options.word, 5),
@@ -169,6 +171,15 @@ def pack_episode(
             )
         )
     return out
+
+
+def _gains(episode: Episode, plain: Any) -> dict[str, dict[str, float]]:
+    """Label of the reference press, by finger; none for a task without ``reference()``."""
+    pressed = plain.reference() if hasattr(plain, "reference") else {}
+    return {
+        finger: {GAIN_LABEL: reference_gain(episode.background[finger], press, finger)}
+        for finger, press in pressed.items()
+    }
 
 
 def _encoded(pictures: Any, codec: str) -> list[bytes]:
