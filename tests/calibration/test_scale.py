@@ -1,5 +1,7 @@
 """The scale of a unit, from one axis of the force to another."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -56,6 +58,18 @@ def test_the_normal_force_takes_no_scale_of_shear() -> None:
 def test_a_model_which_is_right_keeps_its_scale() -> None:
     made = fits({"x": 1.0, "y": 0.02})
     assert share_scale(made["x"], made["y"], pressed=False) is None
+
+
+def test_a_reversed_axis_does_not_reverse_another() -> None:
+    made = fits({"x": -3.0, "y": 0.02})
+    assert share_scale(made["x"], made["y"], pressed=False) is None
+
+
+def test_the_note_on_a_pressed_axis_asks_for_more_presses() -> None:
+    made = fits({"x": 3.0, "y": 2.5})
+    kept, (note,) = keep_axes(made | {"y": replace(made["y"], axis=None)}, [])
+    assert kept["y"].axis.chosen == SCALED
+    assert note.endswith("the scale of x: no candidate explains it; record more presses")
 
 
 @pytest.mark.parametrize(("own", "taken"), [(2.5, True), (1.0, False), (-3.0, False)])

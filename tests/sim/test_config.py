@@ -26,7 +26,18 @@ def test_words_in_the_code_make_no_new_data_and_numbers_do(other: str, same: boo
 
 
 def test_another_configuration_or_code_is_another_data_set(monkeypatch) -> None:
-    known = SimConfig(("digit",), "few", "atomic", 64, 0.6, (0.5, 8.0), None, 0.0, 0.0, 0)
+    known = SimConfig(
+        sensors=("digit",),
+        indenters="few",
+        motions="atomic",
+        size=64,
+        seconds=0.6,
+        force=(0.5, 8.0),
+        markers=None,
+        viscosity=0.0,
+        lag=0.0,
+        seed=0,
+    )
     before = known.digest()
     assert replace(known).digest() == before
     assert replace(known, seed=1).digest() != before

@@ -101,24 +101,29 @@ def keep_axes(
     good = {name: fit for name, fit in fits.items() if fit.axis and name not in unpressed}
     kept, notes = {}, []
     for name, fit in fits.items():
-        pressed = name not in unpressed
-        tried = [] if name == "z" else [(key, share_scale(good[key], fit, pressed)) for key in good]
-        scaled = next(((key, found) for key, found in tried if found is not None), None)
         if name in good:
             kept[name] = fit
-        elif scaled is not None:
-            kept[name] = scaled[1]
-            notes.append(_scaled(name, *scaled))
+            continue
+        pressed = name not in unpressed
+        for source in good if name != "z" else ():
+            scaled = share_scale(good[source], fit, pressed)
+            if scaled is not None:
+                kept[name] = scaled
+                notes.append(_scaled(name, source, scaled, pressed))
+                break
         else:
             notes.append(_left_out(name, fit, not pressed))
     return kept, notes
 
 
-def _scaled(name: str, source: str, fit: AxisFit) -> str:
+def _scaled(name: str, source: str, fit: AxisFit, pressed: bool) -> str:
     assert fit.axis is not None
+    why = "no candidate explains it; record more presses"
+    if not pressed:
+        why = f"its own range is {np.ptp(fit.measured):.2g} N; press along it too"
     return (
         f"force {name} is the model's times {fit.axis.weights[fit.raw]:.3g}, the scale of "
-        f"{source}: its own range is {np.ptp(fit.measured):.2g} N; press along it too"
+        f"{source}: {why}"
     )
 
 

@@ -11,6 +11,7 @@ from tactileforge.calibration.calibrate import CalibrationResult
 from tactileforge.calibration.file import AXES, ForceModel
 from tactileforge.calibration.fit import AxisFit
 from tactileforge.calibration.pictures import PICTURES, SHAPE
+from tactileforge.calibration.scale import SCALED
 from tactileforge.pages.figures import INK, draw_points, drawing, svg
 from tactileforge.pages.forces import agreement_figure
 from tactileforge.pages.images import figure
@@ -47,7 +48,7 @@ def _force(result: CalibrationResult) -> Section:
         (
             name,
             number(axis.rmse),
-            number(axis.r2),
+            "" if axis.chosen == SCALED else number(axis.r2),
             f"{number(axis.span[0])} to {number(axis.span[1])}",
             str(len(result.fits[name].measured)),
             f"text|{axis.chosen}: {_told(list(axis.weights))}",
@@ -59,6 +60,8 @@ def _force(result: CalibrationResult) -> Section:
     text += f", images {1000 * force.lag:.0f} ms after forces." if force.lag else "."
     text += " Each frame is predicted by a fit that has not seen its block of time; colours are"
     text += " blocks."
+    if any(axis.chosen == SCALED for axis in force.axes.values()):
+        text += " A scaled axis is the model's times one factor, fitted to another axis."
     if any(axis.before is not None for axis in force.axes.values()):
         text += " Drawn faintly: the model as it is."
     body = paragraph(text) + table("axes", ("axis", "error (N)", *rest), rows)

@@ -28,9 +28,10 @@ def share_scale(source: AxisFit, axis: AxisFit, pressed: bool) -> AxisFit | None
         pressed: Whether forces along the axis can judge the factor.
 
     Returns:
-        Fit with the scaled force; None without a model, where the factor does not improve the
-        source on blocks of time that it did not see, or worsens a pressed axis; None too for an
-        axis that no force was measured along.
+        Fit with the scaled force; its error is that on the frames of the axis, none of which the
+        factor was fitted to. None without a model, where the factor does not improve the source on
+        blocks of time that it did not see, is below zero (the sign of an axis is its own), or
+        worsens a pressed axis; None too for an axis that no force was measured along.
     """
     if source.before is None or axis.before is None or np.ptp(axis.measured) < LEAST_RANGE:
         return None
@@ -46,7 +47,7 @@ def share_scale(source: AxisFit, axis: AxisFit, pressed: bool) -> AxisFit | None
         return None
     scale = short(factor(np.ones(len(said), bool)))
     own, scaled = Frames(axis.measured, axis.fold), scale * axis.before
-    if pressed and own.rmse(scaled) >= own.rmse(axis.before):
+    if scale <= 0 or (pressed and own.rmse(scaled) >= own.rmse(axis.before)):
         return None
     errors = axis.errors | {SCALED: own.rmse(scaled)}
     found = Axis(

@@ -11,6 +11,7 @@ from tactileforge import registry
 from tactileforge.calibration.calibrate import CalibrateOptions, CalibrationResult, calibrate
 from tactileforge.calibration.depth_options import DepthOptions
 from tactileforge.calibration.file import load_calibration
+from tactileforge.calibration.scale import SCALED
 from tactileforge.cli._command import Command
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError
@@ -81,6 +82,10 @@ def _told(result: CalibrationResult) -> str:
                 (other, error) for other, error in axis.errors.items() if other != axis.chosen
             )
             others = ", ".join(f"{other}: {error:.3g} N" for other, error in rest)
+            if axis.chosen == SCALED:
+                # judged by forces that are hardly there, so R2 says nothing
+                lines.append(f"force {name}: error {axis.rmse:.3g} N, {axis.chosen} ({others})")
+                continue
             lines.append(
                 f"force {name}: error {axis.rmse:.3g} N, R2 {axis.r2:.3f}, on blocks not seen; "
                 f"fitted to {axis.chosen} ({others})"

@@ -176,7 +176,6 @@ class PlainViT(Backbone):
         self.apply(init_weights)
         for name, parameter in self.named_parameters():
             if name.rpartition(".")[2] in ("class_token", "position", "registers"):
-                # as in timm
                 nn.init.normal_(parameter, std=0.02)
 
     def sensor_ids(self, sensor: Sequence[str]) -> Tensor:

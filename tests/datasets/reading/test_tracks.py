@@ -119,6 +119,29 @@ def test_ranges_become_a_track_without_values_around_edges(tmp_path, make_video)
     np.testing.assert_array_equal(recording.tracks["contact"], [1, 1, *[0] * 9, 1])
 
 
+@pytest.mark.parametrize(
+    ("tracks", "said"),
+    [
+        ([{"name": "contact", "frames": [[1, 2]], "margin": -1}], "margin -1"),
+        ([{"name": "contact", "frames": []}], "has 0 ranges"),
+        ([{"name": "", "frames": [[1, 2]]}], "give each a name of its own"),
+        ([{"name": "a", "frames": [[1, 2]]}] * 2, r"names \['a', 'a'\]"),
+        ([], "give each a name of its own"),
+    ],
+)
+def test_ranges_without_a_meaning_are_refused(tracks, said, tmp_path, make_video):
+    make_video("one.avi", count=12)
+    with pytest.raises(ConfigError, match=said):
+        read(tmp_path, {**LAYOUT, "tracks": tracks})
+
+
+def test_the_ends_of_a_recording_have_no_margin(tmp_path, make_video):
+    make_video("one.avi", count=6)
+    (recording,), _ = read(tmp_path, ranged([[0, 3]], margin=1))
+    nan = np.nan
+    np.testing.assert_array_equal(recording.tracks["contact"], [1, 1, nan, nan, 0, 0])
+
+
 @pytest.mark.parametrize("frames", [[[4, 13]], [[4, 4]], [[6, 8], [2, 4]], [[2, 6], [5, 9]]])
 def test_ranges_that_do_not_fit_the_frames_are_named(frames, tmp_path, make_video):
     make_video("one.avi", count=12)

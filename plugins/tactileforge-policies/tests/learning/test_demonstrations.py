@@ -99,6 +99,8 @@ def test_a_demonstration_without_a_reference_press_is_named(gain, message) -> No
     clips(pair)  # it is needed with reference_press=true alone
     with pytest.raises(DataError, match=message):
         clips(pair, reference_press=True)
+    for touch in ("force", "none"):  # no pictures, no gains
+        clips(pair, reference_press=True, touch=touch)
 
 
 @pytest.mark.parametrize("room", [2**31, 8], ids=["in memory", "in a file"])

@@ -118,7 +118,7 @@ class Reads:
     state_size = action_size = 2
     rate = 6.0
     tasks = ()
-    uses_image = uses_force = False
+    uses_image = uses_force = uses_reference = False
 
     def __init__(self, touch):
         self.uses_touch = touch

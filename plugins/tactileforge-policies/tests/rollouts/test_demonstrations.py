@@ -2,9 +2,11 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tactileforge_policies.rollouts import demonstrations
 from tactileforge_policies.rollouts.demonstrations import write_demonstrations
 from tactileforge_policies.rollouts.options import DemonstrationOptions, TaskOptions
 
@@ -94,6 +96,18 @@ def test_same_seed_same_bytes_with_any_number_of_processes(tmp_path, monkeypatch
 
 
 @pytest.mark.slow
+def test_a_faint_reference_press_costs_no_demonstration():
+    rest = np.full((8, 8, 3), 100, np.uint8)
+    episode = SimpleNamespace(background={"left": rest})
+    press = SimpleNamespace(reference=lambda: {"left": rest + 24})
+    assert demonstrations._gains(episode, press) == {"left": {"reference_gain": 2.0}}
+    with pytest.warns(UserWarning, match="no label reference_gain: .* changes the picture by 0 "):
+        assert (
+            demonstrations._gains(episode, SimpleNamespace(reference=lambda: {"left": rest})) == {}
+        )
+    assert demonstrations._gains(episode, SimpleNamespace()) == {}
+
+
 def test_units_take_turns(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "helpers"))
     write_demonstrations(options(tmp_path / "a", n=6, units=[0, 30]))

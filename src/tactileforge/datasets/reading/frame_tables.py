@@ -117,7 +117,8 @@ class FrameTables:
             values = np.zeros(count, np.float32)
             for start, stop in track.frames:
                 values[start:stop] = 1
-            for edge in edges:
+            # the ends of a recording are no edges of a touch
+            for edge in {*edges} - {0, count}:
                 values[max(0, edge - track.margin) : edge + track.margin] = np.nan
             tracks[track.name] = values
         return replace(recording, tracks=tracks)

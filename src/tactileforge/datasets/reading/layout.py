@@ -178,6 +178,18 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
         raise ConfigError(f"{where}: key: names images, and these are videos; give frame: or time:")
     if keys.channels not in CHANNELS:
         raise ConfigError(f"{where}: {unknown('channels', keys.channels, CHANNELS)}")
+    if isinstance(keys.tracks, tuple):
+        names = [track.name for track in keys.tracks]
+        if not names or "" in names or len(set(names)) < len(names):
+            raise ConfigError(
+                f"{where}: tracks have the names {names}; give each a name of its own"
+            )
+        for track in keys.tracks:
+            if track.margin < 0 or not track.frames:
+                raise ConfigError(
+                    f"{where}: track {track.name!r} has {len(track.frames)} ranges and margin "
+                    f"{track.margin}; give frames: [[first, end], ...] and 0 or more"
+                )
     check_data_licence(f"{where}: licence", keys.licence)
     if keys.rotate not in ROTATIONS:
         raise ConfigError(

@@ -97,9 +97,8 @@ class EpisodeClips(Clips):
         self.robot = _robot(first, cutting, max(1, round(spacing / first.period)), tasks)
         self.facts = self.robot.facts
         self.strides[:] = self.robot.stride
-        self._gains = (
-            [gain_of(one.labels, one.key) for one in kept] if cutting.reference_press else None
-        )
+        pressed = cutting.reference_press and cutting.touch == "frames"
+        self._gains = [gain_of(one.labels, one.key) for one in kept] if pressed else None
         steps = [len(each.times) for each in self.episodes]
         fingers = len(first.fingers)
         self.index = np.concatenate(

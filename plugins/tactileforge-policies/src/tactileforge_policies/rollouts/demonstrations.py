@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from tactileforge.bars import Bar
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.files import claim, sealed, unsealed, write_text
-from tactileforge.plugin import ArrayFrames, Recording, TactileForgeError
+from tactileforge.plugin import ArrayFrames, DataError, Recording, TactileForgeError
 from tactileforge.processes import process_count, run_share, spread
 from tactileforge.threads import one_thread
 from tactileforge_policies.reference import GAIN_LABEL, reference_gain
@@ -174,12 +175,17 @@ def pack_episode(
 
 
 def _gains(episode: Episode, plain: Any) -> dict[str, dict[str, float]]:
-    """Label of the reference press, by finger; none for a task without ``reference()``."""
+    """Label of the reference press, by finger; none without ``reference()`` or on a faint press."""
     pressed = plain.reference() if hasattr(plain, "reference") else {}
-    return {
-        finger: {GAIN_LABEL: reference_gain(episode.background[finger], press, finger)}
-        for finger, press in pressed.items()
-    }
+    try:
+        return {
+            finger: {GAIN_LABEL: reference_gain(episode.background[finger], press, finger)}
+            for finger, press in pressed.items()
+        }
+    except DataError as error:
+        # demonstrations are of use without it; training refuses those by name that need it
+        warnings.warn(f"no label {GAIN_LABEL}: {error}", stacklevel=2)
+        return {}
 
 
 def _encoded(pictures: Any, codec: str) -> list[bytes]:
