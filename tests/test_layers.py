@@ -2,11 +2,16 @@
 
 import ast
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 import pytest
+
+from tactileforge.datasets.sim import Sim
+from tactileforge.packing import PackOptions, pack
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src"
@@ -120,3 +125,37 @@ ABSENT = [
 def test_the_core_does_not_import(name: str) -> None:
     assert {"numpy", "av", "torch"} <= imported()  # what is imported is found
     assert name not in imported()
+
+
+#: Rooms that training on shards walks past.
+CLOSED = {"bench", "calibration", "export", "inspection", "live", "packing", "record", "sim"}
+_WALK = """
+import sys
+from tactileforge import cli
+assert cli.run(sys.argv[1:]) == 0
+loaded = [sys.modules[name].__file__ for name in sys.modules if name.startswith("tactileforge.")]
+print(*(file for file in loaded if file and file.endswith(".py")), sep="\\n")
+"""
+
+
+@pytest.mark.slow
+def test_training_on_shards_reads_a_third_of_the_core(tmp_path: Path) -> None:
+    """What the page says of a training: the rooms of other products stay closed."""
+    pack(Sim(scenes=3, val=1, size=32), "sim", tmp_path / "packed", PackOptions(processes=1))
+    words = ["train", "scale=demo", "debug=steps", "objective=[pixel]", "encoder.image_size=32"]
+    words += [
+        "data=shards",
+        f"data.root={tmp_path / 'packed'}",
+        f"hydra.run.dir={tmp_path / 'run'}",
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", _WALK, *words], capture_output=True, text=True, check=True
+    )
+    core = SOURCE / "tactileforge"
+    files = {Path(line) for line in done.stdout.splitlines() if line.startswith(str(core))}
+    read = sum(len(path.read_text().splitlines()) for path in files)
+    whole = sum(len(path.read_text().splitlines()) for path in core.rglob("*.py"))
+    rooms = {path.relative_to(core).parts[0] for path in files}
+    assert "train.py" in rooms
+    assert not rooms & CLOSED
+    assert read < whole / 3
