@@ -1,4 +1,4 @@
-"""Labels are counted as they are met, and missed out loud."""
+"""Labels are counted as they are seen, and missed out loud."""
 
 import logging
 
@@ -30,7 +30,7 @@ def test_an_objective_without_labels_is_named_once(
             labels.add("align", frozenset({"text|image"}), batch)
             labels.add("pixel", frozenset(), batch)
     (record,) = caplog.records
-    words = "'force' has met no label in its first 20 batches (160 clips): it learns nothing"
+    words = "'force' has seen no label in its first 20 batches (160 clips): it learns nothing"
     assert words in record.message
     assert labels.missing("align") == labels.missing("pixel") == ""
     assert labels.counts["align"]["labelled"] == 7 * (PATIENCE + 5)
@@ -50,7 +50,7 @@ def test_axes_without_labels_are_named(batch: Batch) -> None:
         "y": 0,
         "z": 4 * PATIENCE,
     }
-    assert "has met no force along x and y in its first 20 batches" in labels.missing("force")
+    assert "has seen no force along x and y in its first 20 batches" in labels.missing("force")
     batch["force_valid"] = torch.ones(8, 3, dtype=torch.bool)
     labels.add("force", frozenset({"force"}), batch)
     assert labels.missing("force") == ""

@@ -63,16 +63,16 @@ class Labels:
             return ""
         extent = f"its first {count['batches']} batches ({count['clips']} clips)"
         if not count["labelled"] and count["batches"] < PATIENCE:
-            return f"objective {key!r} has met no label in {extent}: it has no loss"
+            return f"objective {key!r} has seen no label in {extent}: it has no loss"
         if not count["labelled"]:
             return (
-                f"objective {key!r} has met no label in {extent}: it learns nothing. Give sources "
+                f"objective {key!r} has seen no label in {extent}: it learns nothing. Give sources "
                 "that have its labels a share (batch.shares), or leave it out of objective=[...]"
             )
         blind = [axis for axis in AXES if not count.get(axis, 1)]
         if blind and count["batches"] >= PATIENCE:
             return (
-                f"objective {key!r} has met no force along {' and '.join(blind)} in {extent}: it "
+                f"objective {key!r} has seen no force along {' and '.join(blind)} in {extent}: it "
                 "learns the other axes alone"
             )
         return ""

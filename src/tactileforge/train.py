@@ -19,7 +19,7 @@ from torch import Tensor
 from tactileforge import curriculum, precision, registry, run_folder
 from tactileforge.assemble import build_data
 from tactileforge.callbacks.checkpoints import Checkpoints
-from tactileforge.callbacks.met import MetLabels, SkippedRecordings
+from tactileforge.callbacks.coverage import LabelCoverage, SkippedRecordings
 from tactileforge.checkpoint_file import (
     RESUMED,
     find_checkpoint,
@@ -109,7 +109,7 @@ class _Run:
         trainer: Lightning's trainer.
         saver: Callback that saves checkpoints.
         lost: Callback that counts recordings that cannot be read.
-        met: Callback that counts the labels of each objective.
+        coverage: Callback that counts the labels of each objective.
     """
 
     config: dict[str, Any]
@@ -121,7 +121,7 @@ class _Run:
     trainer: L.Trainer
     saver: Checkpoints
     lost: SkippedRecordings
-    met: MetLabels
+    coverage: LabelCoverage
 
 
 def _check(plain: dict[str, Any], resume: Path | None) -> Mapping[str, Tensor] | None:
@@ -154,9 +154,9 @@ def _build(
     config = {**plain, **found, "encoder": encoder}
     check_facts(config)
     module = TouchModule.from_config(config, data.summary("train").labels, data.augment)
-    lost, met = SkippedRecordings(data.allowed), MetLabels(module)
+    lost, coverage = SkippedRecordings(data.allowed), LabelCoverage(module)
     lost.skip(data.skipped)
-    data.observers += [met.observe, lost.observe]
+    data.observers += [coverage.observe, lost.observe]
     if state is not None:
         log.info(initialise(module, state, new_in(str(config["init"]))))
         warn_of_dropped(config, left_out(module, state))
@@ -176,8 +176,8 @@ def _build(
     if config.get("compile"):
         compile_blocks(module)
     static = getattr(module.encoder, "static_graph", False)
-    trainer, saver = build_trainer(config, folder, [met, lost], step, static)
-    run = _Run(config, folder, resume, step, data, module, trainer, saver, lost, met)
+    trainer, saver = build_trainer(config, folder, [coverage, lost], step, static)
+    run = _Run(config, folder, resume, step, data, module, trainer, saver, lost, coverage)
     return run, chosen.reason
 
 
@@ -203,7 +203,7 @@ def _report(run: _Run) -> None:
         whole.load_state_dict(read_checkpoint(run.folder)["state_dict"])
     loggers = run.trainer.loggers
     with collected_drawings(wanted=len(loggers) > 1) as drawings:
-        report = write_report(run.folder, whole, run.data, run.lost.skipped, run.met.labels)
+        report = write_report(run.folder, whole, run.data, run.lost.skipped, run.coverage.labels)
     log_report(loggers[1:], report, drawings, run.trainer.global_step)
     print(f"report: {report}")
 

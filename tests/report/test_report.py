@@ -308,7 +308,7 @@ def test_without_force_and_labels(write: Write) -> None:
 def test_a_loss_without_a_label_is_absent_and_said(write: Write) -> None:
     metrics = [{"step": 1, "train/pixel": 1.0, "weight/pixel": 1.0, "weight/force": 1.0}]
     page = write(Touches(), "objective=[pixel,force]", metrics=metrics)
-    assert "no loss: it met no label in any step whose metrics were logged" in page.text
+    assert "no loss: it saw no label in any step whose metrics were logged" in page.text
     metrics[0] |= {"weight/force": 0.0}
     page = write(Touches(), "objective=[pixel,force]", metrics=metrics)
     assert "never computed: its weight was 0 whenever metrics were logged" in page.text
@@ -320,7 +320,7 @@ def test_forces_along_one_axis(write: Write) -> None:
     rows = {row[0]: row[1:] for row in page.tables["force-force"]}
     assert set(rows["x, validation"]) == {NONE}
     assert float(rows["z, validation"][4]) > 1000  # mN that were measured
-    assert "Objective 'force' has met no force along x and y in its first 25 batches" in page.text
+    assert "Objective 'force' has seen no force along x and y in its first 25 batches" in page.text
     assert "Better than it along" in page.text
     recordings = {row[0]: row[1:] for row in page.tables["recordings"]}
     assert "6 (z alone)" in recordings["digit, training"]

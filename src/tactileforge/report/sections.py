@@ -96,7 +96,7 @@ def _absent(train: Curve | None, val: Curve | None, weight: Curve | None) -> str
     if train is not None:
         return ""
     if weight is not None and weight.values.any():
-        return "no loss: it met no label in any step whose metrics were logged"
+        return "no loss: it saw no label in any step whose metrics were logged"
     return "never computed: its weight was 0 whenever metrics were logged"
 
 

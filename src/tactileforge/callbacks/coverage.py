@@ -69,7 +69,7 @@ class SkippedRecordings(Callback):
         self.skipped = dict(checkpoint["skipped"])
 
 
-class MetLabels(Callback):
+class LabelCoverage(Callback):
     """Counts the labels seen by objectives in training.
 
     Args:

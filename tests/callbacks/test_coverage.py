@@ -1,7 +1,7 @@
 import pytest
 from lightning import LightningModule, Trainer
 
-from tactileforge.callbacks.met import MetLabels, SkippedRecordings
+from tactileforge.callbacks.coverage import LabelCoverage, SkippedRecordings
 from tactileforge.contracts import Batch
 from tactileforge.errors import DataError
 from tactileforge.module import TouchModule
@@ -30,19 +30,19 @@ class Two(TouchModule):
 
 
 def test_what_was_met_goes_on_after_a_resume(batch: Batch) -> None:
-    lost, met = SkippedRecordings(), MetLabels(Two())
+    lost, coverage = SkippedRecordings(), LabelCoverage(Two())
     batch["skipped"] = {"a": ("a.tar: cut off", 2)}
     for training in (True, True, False):
-        met.observe(batch, training)
+        coverage.observe(batch, training)
         lost.observe(batch, training)
     checkpoint: dict[str, object] = {}
     trainer = Trainer(logger=False, enable_checkpointing=False)
-    for kept in (lost, met):
-        kept.on_save_checkpoint(trainer, met.module, checkpoint)
+    for kept in (lost, coverage):
+        kept.on_save_checkpoint(trainer, coverage.module, checkpoint)
     counts = {"force": {"batches": 2, "clips": 16, "labelled": 8, "x": 8, "y": 8, "z": 8}}
     assert checkpoint == {"skipped": {"a": ("a.tar: cut off", 2)}, "labels": counts}
-    again = MetLabels(Two())
+    again = LabelCoverage(Two())
     again.on_load_checkpoint(trainer, again.module, checkpoint)
     again.observe(batch, True)
     assert again.labels.counts["force"]["batches"] == 3
-    assert met.labels.counts == counts
+    assert coverage.labels.counts == counts
