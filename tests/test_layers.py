@@ -140,7 +140,7 @@ print(*(file for file in loaded if file and file.endswith(".py")), sep="\\n")
 
 @pytest.mark.slow
 def test_training_on_shards_reads_a_third_of_the_core(tmp_path: Path) -> None:
-    """What the page says of a training: the rooms of other products stay closed."""
+    """As the page says of a training: the rooms of other products stay closed."""
     pack(Sim(scenes=3, val=1, size=32), "sim", tmp_path / "packed", PackOptions(processes=1))
     words = ["train", "scale=demo", "debug=steps", "objective=[pixel]", "encoder.image_size=32"]
     words += [

@@ -17,7 +17,7 @@ SAID = {
 
 
 def fits(factors: dict[str, float], noise: float = 0.05) -> dict[str, AxisFit]:
-    """Fits to forces which are the model's times a factor."""
+    """Fits to the model's forces times a factor."""
     rng = np.random.default_rng(0)
     fold, found = folds([N]), {}
     for axis, factor in factors.items():

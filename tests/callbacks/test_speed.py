@@ -128,7 +128,7 @@ def test_clips_and_waiting_are_those_of_the_clock(
 
 
 def test_mfu_is_operations_over_peak(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A linear layer: forward, and twice that backward; one more after an objective wakes up."""
+    """A linear layer: forward, and twice as much backward; one more after an objective wakes up."""
     rows = run(monkeypatch, tmp_path, wait=0, step=2, peak=1e4)
     once = 3 * 2 * CLIPS * INPUTS * OUTPUTS
     assert rows[0]["speed/mfu"] == pytest.approx(once / 2 / 1e4)

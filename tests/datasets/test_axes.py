@@ -87,7 +87,7 @@ def shards(tmp_path: Path) -> Dataset:
 
 @pytest.fixture
 def samples(tmp_path: Path) -> Dataset:
-    """A tar of pictures with forces in millinewton, of which pressing is negative."""
+    """A tar of pictures with forces in millinewton, negative for presses."""
     folder = tmp_path / "samples"
     folder.mkdir()
     with tarfile.open(folder / "train.tar", "w") as tar:

@@ -310,7 +310,7 @@ def test_presets(tmp_path: Path, name: str) -> None:
 def test_a_server_without_a_length_that_stops_early(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its first body is cut off, which its end mark tells; the second is whole."""
+    """Its first body is cut off, as its end mark tells; the second is whole."""
     monkeypatch.setattr(downloads, "_PAUSE", 0.01)
     raw = write_tar(tmp_path / "a.tar", frame_samples(0)).read_bytes()
     bodies = [raw[:5000], raw]

@@ -153,7 +153,7 @@ def t3(depths: tuple[int, int], *stems: str) -> Shapes:
 
 
 def dinov2(width: int, depth: int, side: int) -> Shapes:
-    """The transformer that FeelAnyForce refined, with positions of a larger picture."""
+    """The transformer refined by FeelAnyForce, with positions of a larger picture."""
     shapes = timm_blocks("blocks", width, depth) | norms(width, "norm")
     shapes |= {f"blocks.{i}.ls{j}.gamma": (width,) for i in range(depth) for j in (1, 2)}
     shapes |= {"cls_token": (1, 1, width), "pos_embed": (1, side * side + 1, width)}
@@ -179,7 +179,7 @@ def feelanyforce(width: int = 192, depth: int = 2, side: int = 37) -> Shapes:
 
 
 def sparsh_x(width: int = 192, own: int = 2, shared: int = 1) -> Shapes:
-    """The image model: blocks of the image, then the blocks that all senses would share."""
+    """The image model: blocks of the image, then those shared by all senses."""
     shapes = {}
     for key, size in timm_blocks("blocks", width, own).items():
         _, number, rest = key.split(".", 2)

@@ -1,4 +1,4 @@
-"""UniVTAC and UniT: each against another implementation of what was published."""
+"""UniVTAC and UniT: each against another implementation of the publication."""
 
 from types import ModuleType
 

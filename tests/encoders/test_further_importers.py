@@ -1,4 +1,4 @@
-"""FeelAnyForce and Sparsh-X: each against another implementation of what was published."""
+"""FeelAnyForce and Sparsh-X: each against another implementation of the publication."""
 
 from pathlib import Path
 from types import ModuleType

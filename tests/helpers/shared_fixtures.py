@@ -1,4 +1,4 @@
-"""Fixtures of several packages: a ``conftest.py`` imports those that it offers."""
+"""Fixtures of several packages: a ``conftest.py`` imports those it offers."""
 
 import os
 from collections.abc import Callable, Iterator

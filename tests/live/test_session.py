@@ -155,7 +155,7 @@ def test_frames_become_forces(scripted, model):
 
 
 def touch(number):
-    """A square that goes from left to right."""
+    """A square going from left to right."""
     frame = np.full((32, 24, 3), 120, np.uint8)
     frame[10:18, number % 16 : number % 16 + 8] = 180
     return frame

@@ -9,7 +9,7 @@ from tactileforge.packing import executors
 
 
 class OddError(Exception):
-    """It cannot be unpickled, which breaks a pool."""
+    """It cannot be unpickled, so it breaks a pool."""
 
     def __init__(self, file: str, line: int) -> None:
         super().__init__(f"{file}, line {line}")

@@ -226,7 +226,7 @@ def test_together_is_as_alone(kind: type[Probe], part: object, shape: tuple[int,
 
 
 def test_one_step_is_that_of_torch() -> None:
-    """A member's step equals that of AdamW on an ordinary module."""
+    """A member steps as AdamW does on an ordinary module."""
     part = force(8)
     x = torch.randn(8, 5, 48)
     twin, other = (seeded_probe(lambda: Force(48, {"out": part}), 5) for _ in range(2))

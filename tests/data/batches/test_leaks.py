@@ -39,7 +39,7 @@ def test_what_is_no_leak() -> None:
 
 
 def pressed(key: str, place: int, quality: int | None = None, count: int = 12) -> Recording:
-    """A ball that presses and lifts again; pictures are encoded as JPEG, or not at all."""
+    """A ball pressing and lifting again; pictures are encoded as JPEG, or not at all."""
     y, x = np.mgrid[:96, :128]
     inside = np.exp(-((x - 20 - 8 * place) ** 2 + (y - 48) ** 2) / 200)
     shown = [100 + 60 * inside * np.sin(np.pi * i / count) for i in range(count)]

@@ -1,4 +1,4 @@
-"""Forces with an offset, told where the picture is that of the background."""
+"""Forces with an offset, told by pictures without contact."""
 
 from dataclasses import replace
 

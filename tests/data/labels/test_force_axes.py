@@ -9,7 +9,7 @@ RNG = np.random.default_rng(0)
 
 
 def press(shear: float, count: int = 60) -> np.ndarray:
-    """A press of 8 N that slides to and fro with a share of it."""
+    """A press of 8 N, sliding to and fro with a share of it."""
     way = np.linspace(0, 1, count)
     normal = 8 * np.sin(np.pi * way)
     force = [shear * normal * np.sin(9 * way), 0.4 * shear * normal * np.cos(7 * way), normal]

@@ -1,4 +1,4 @@
-"""Forces that repeat one value, start late or end early."""
+"""Forces with one value repeated, a late start or an early end."""
 
 import numpy as np
 import pytest

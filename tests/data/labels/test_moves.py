@@ -128,7 +128,7 @@ def test_outside_of_the_picture_is_the_gel_at_rest() -> None:
 
 
 def test_gain_and_colour_are_of_frames_and_background_alike() -> None:
-    """The contrast is that of the touch times the factor, and not more."""
+    """The contrast of the touch is multiplied by the factor, and not by more."""
     torch.manual_seed(0)
     before = touch(*[spot(0.0, 0.0, height=60.0)] * 8)
     augment = Augment(0.0, 0.0, gain=0.3, colour=0.2)

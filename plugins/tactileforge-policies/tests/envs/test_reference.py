@@ -15,7 +15,7 @@ def gains(env) -> dict[str, float]:
 
 
 def squeezed(unit: int):
-    """The chip between gels that differ in contrast alone, and the gains of the fingers."""
+    """The chip between gels of unequal contrast alone, and the gains of the fingers."""
     env = Chip(unit=unit, size=48, randomise=["contrast"])
     env.reset(seed=3)
     env.grip.place(np.zeros(3), env.grip.narrowest() + 1.4)

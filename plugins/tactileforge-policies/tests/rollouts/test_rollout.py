@@ -75,7 +75,7 @@ def test_our_tasks_last_as_long_as_the_limit():
 
 
 def test_a_rollout_applies_the_gain_that_demonstrations_have(tmp_path, policy):
-    """The policy gets backgrounds and presses that give the label of a demonstration."""
+    """The policy gets backgrounds and presses with the label of a demonstration."""
     from tactileforge_policies.reference import GAIN_LABEL, reference_gain
     from tactileforge_policies.rollouts.actors import make_actor
     from tactileforge_policies.rollouts.demonstrations import pack_episode
