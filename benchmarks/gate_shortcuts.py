@@ -1,4 +1,4 @@
-"""What one number or the mean color says about two labels of the gate, without any encoder.
+"""Two labels of the gate told by one number or the mean color, without any encoder.
 
 The diameter of a ball: nearest neighbor of each press among the other presses, by the mean color of
 the frame, and by that of the frame less the background. Contact with a cable: a threshold on the
@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from common import save
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
+from tactileforge.bench.tasks.metrics import MeanRecall
 from tactileforge.bench.tasks.source import TaskSource, open_source
 from tactileforge.bench.tasks.splits import build_splits
 from tactileforge.bench.tasks.suite import Task, parse_task
@@ -36,7 +38,7 @@ def opened(name: str) -> tuple[Task, TaskSource, Target]:
 
 
 def mean_colors(source: TaskSource, target: Target) -> dict[str, Values]:
-    """Mean colors of the last frames of the clips of a target, (n, 3), by what they are of."""
+    """Mean colors of the last frames of the clips of a target, (n, 3), by kind of picture."""
     rows = []
     stills = {}
     for number, last in source.index[target.clips].tolist():
@@ -54,7 +56,8 @@ def mean_colors(source: TaskSource, target: Target) -> dict[str, Values]:
 
 def balanced(predicted: NDArray[Any], truth: NDArray[Any]) -> float:
     """Mean recall of the classes."""
-    return float(np.mean([(predicted[truth == k] == k).mean() for k in np.unique(truth)]))
+    recall = MeanRecall(int(truth.max()) + 1)
+    return float(recall(*(torch.as_tensor(row, dtype=torch.long) for row in (predicted, truth))))
 
 
 def nearest(colors: Values, truth: NDArray[Any]) -> dict[str, float]:
@@ -75,7 +78,7 @@ def threshold(task: Task, source: TaskSource, target: Target, change: Values) ->
     assert truth is not None
     predicted = np.zeros_like(truth)
     for split in build_splits(task, source, target):
-        known = np.concatenate([split.train, split.validation])
+        known = split.known
         bounds = np.unique(change[known])
         best = max(bounds, key=lambda bound: balanced(change[known] > bound, truth[known]))
         predicted[split.test] = change[split.test] > best

@@ -1,4 +1,4 @@
-"""What Insert lacks: perception or control, from the hidden state of its demonstrations.
+"""Perception against control in Insert, from the hidden state of its demonstrations.
 
 Perception: what the frozen encoder, pictures and forces say of the plug's tilt, of the load of the
 rim and of the way to the socket, by ridge regression on steps with the tongue on the rim; each
@@ -18,13 +18,14 @@ import numpy as np
 import torch
 from common import save
 from numpy.typing import NDArray
+from reference_press import left_out, scaled
 from tactileforge_policies.envs.insert import LONG
 from tactileforge_policies.envs.outer import placed
 from tactileforge_policies.rollouts.options import DemonstrationOptions, make_environment
 from torch import Tensor, nn
 
 import tactileforge
-from tactileforge.bench.fit.probes.ridge_regression import feature_scale, fit_ridge
+from tactileforge.plugin import take_steps
 
 Array = NDArray[np.float32]
 FINGERS = ("left", "right")
@@ -97,8 +98,7 @@ def play(count: int) -> list[Played]:
 
 def windows(values: NDArray[Any], length: int) -> NDArray[Any]:
     """The last ``length`` rows up to each; before the first, copies of it."""
-    steps = np.arange(len(values))[:, None] + np.arange(1 - length, 1)
-    return np.asarray(values[np.maximum(steps, 0)])
+    return take_steps(values, np.arange(len(values))[:, None] + np.arange(1 - length, 1))[0]
 
 
 def features(episodes: list[Played]) -> dict[str, Tensor]:
@@ -148,13 +148,9 @@ def encoded(encoder: Any, clips: NDArray[np.uint8], rest: NDArray[np.uint8]) -> 
     return torch.cat(out)
 
 
-def told(known: Tensor, truth: Tensor, episode: Tensor) -> dict[str, float]:
+def scores(known: Tensor, truth: Tensor, episode: Tensor) -> dict[str, float]:
     """R2 of tilt, load and sideways command, and how often the command's side is right."""
-    mean, factor = feature_scale(known)
-    columns = ((known - mean) * factor).double()
-    groups = [(episode == one).nonzero().flatten() for one in sorted(set(episode.tolist()))]
-    fit = fit_ridge(columns @ columns.T, truth)
-    guesses = fit.left_out(fit.penalties, groups)
+    guesses = left_out(scaled(known), truth, episode)
     lost = ((guesses - truth) ** 2).sum(1) / ((truth - truth.mean(0)) ** 2).sum(0)
     best = lost.argmin(0)
     found = {
@@ -166,7 +162,7 @@ def told(known: Tensor, truth: Tensor, episode: Tensor) -> dict[str, float]:
 
 
 def perception(episodes: list[Played]) -> dict[str, Any]:
-    """What each kind of features says of the hidden state while the tongue is on the rim."""
+    """Scores of each kind of features for the hidden state, with the tongue on the rim."""
     rims = [on_rim(one) for one in episodes]
     tilt, load, action = (
         torch.from_numpy(
@@ -176,7 +172,7 @@ def perception(episodes: list[Played]) -> dict[str, Any]:
     )
     truth = torch.cat([tilt, load, action[:, :1]], 1).double()
     number = torch.cat([torch.full((int(rim.sum()),), i) for i, rim in enumerate(rims)])
-    found = {name: told(row, truth, number) for name, row in features(episodes).items()}
+    found = {name: scores(row, truth, number) for name, row in features(episodes).items()}
     return {"steps": len(truth), "tilt_rad": float(truth[:, 0].std()), "features": found}
 
 
@@ -196,8 +192,9 @@ class Clone:
             numbers = np.concatenate([one.of(name) for name in ("state", *names)], 1)
             rows.append(windows(numbers, 2).reshape(len(numbers), -1))
             ahead = np.arange(len(numbers))[:, None] + np.arange(CHUNK)
-            chunks.append(one.of("action")[np.minimum(ahead, len(numbers) - 1)])
-            valid.append(ahead < len(numbers))
+            chunk, inside = take_steps(one.of("action"), ahead)
+            chunks.append(chunk)
+            valid.append(inside)
         known, wanted, kept = (
             torch.from_numpy(np.concatenate(part)) for part in (rows, chunks, valid)
         )
@@ -228,7 +225,7 @@ class Clone:
 
     @torch.no_grad()
     def chunk(self, before: Array, now: Array) -> list[Array]:
-        """The commands that are carried out."""
+        """Commands to carry out, (3,) each."""
         found = self.predicted(torch.from_numpy(np.concatenate([before, now]))[None])[0]
         return list((self.done[0] + found.clamp(0, 1) * self.done[1]).numpy()[:EXECUTE])
 

@@ -1,4 +1,4 @@
-"""What a reference press removes of the difference between units, for the same touches.
+"""Differences between units for the same touches, with and without a reference press.
 
 Balls of the task Grasp, pressed equally deep into the gels of twelve units of DIGIT, and features
 of the frozen ``anytouch2.tiny``: of the pictures as they are, with the gain of the shipped press (a
@@ -110,10 +110,22 @@ def encoded(encoder: Any, rows: list[dict[str, Any]], kind: str) -> Tensor:
     return torch.cat(out)
 
 
-def told(known: Tensor, rows: list[dict[str, Any]]) -> Mapping[str, float]:
-    """Spread between units, and what ridge regression says of units left out."""
+def scaled(known: Tensor) -> Tensor:
+    """Features with a mean of 0 and one common scale, float64 (n, columns)."""
     mean, factor = feature_scale(known)
-    columns = ((known - mean) * factor).double()
+    return ((known - mean) * factor).double()
+
+
+def left_out(columns: Tensor, truth: Tensor, group: Tensor) -> Tensor:
+    """Predictions of ridge regression for each group by the others, (penalties, n, targets)."""
+    fit = fit_ridge(columns @ columns.T, truth)
+    groups = [(group == one).nonzero().flatten() for one in sorted(set(group.tolist()))]
+    return fit.left_out(fit.penalties, groups)
+
+
+def scores(known: Tensor, rows: list[dict[str, Any]]) -> Mapping[str, float]:
+    """Spread between units, and scores of ridge regression on units left out."""
+    columns = scaled(known)
     touches = {row["touch"] for row in rows}
     alike = [torch.tensor([row["touch"] == one for row in rows]) for one in touches]
     within = np.mean([float(columns[same].var(0, correction=0).sum()) for same in alike])
@@ -121,10 +133,7 @@ def told(known: Tensor, rows: list[dict[str, Any]]) -> Mapping[str, float]:
     force = np.log([row["force"] + _LEAST for row in rows])
     kind = [1.0 if row["soft"] else -1.0 for row in rows]
     truth = torch.tensor(np.stack([force, kind], 1))
-    fold = torch.tensor([row["unit"] % FOLDS for row in rows])
-    fit = fit_ridge(columns @ columns.T, truth)
-    groups = [(fold == one).nonzero().flatten() for one in range(FOLDS)]
-    guesses = fit.left_out(fit.penalties, groups)
+    guesses = left_out(columns, truth, torch.tensor([row["unit"] % FOLDS for row in rows]))
     lost = ((guesses[..., 0] - truth[:, 0]) ** 2).sum(1).min()
     spread = ((truth[:, 0] - truth[:, 0].mean()) ** 2).sum()
     right = (guesses[..., 1].sign() == truth[:, 1]).double().mean(1).max()
@@ -142,7 +151,7 @@ def main() -> None:
     kinds = {"as they are": "", "press by 2 N": "force", "press by 0.6 mm": "travel"}
     found: dict[str, Any] = {"units": UNITS, "touches": 2 * BALLS}
     for title, kind in kinds.items():
-        found[title] = told(encoded(encoder, rows, kind), rows)
+        found[title] = scores(encoded(encoder, rows, kind), rows)
         print(title, found[title], flush=True)
     save("manipulation_reference_press", found)
 

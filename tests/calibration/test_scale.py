@@ -57,12 +57,12 @@ def test_the_normal_force_takes_no_scale_of_shear() -> None:
 
 def test_a_model_which_is_right_keeps_its_scale() -> None:
     made = fits({"x": 1.0, "y": 0.02})
-    assert share_scale(made["x"], made["y"], pressed=False) is None
+    assert share_scale(made["x"], made["y"], "y", pressed=False) is None
 
 
 def test_a_reversed_axis_does_not_reverse_another() -> None:
     made = fits({"x": -3.0, "y": 0.02})
-    assert share_scale(made["x"], made["y"], pressed=False) is None
+    assert share_scale(made["x"], made["y"], "y", pressed=False) is None
 
 
 def test_the_note_on_a_pressed_axis_asks_for_more_presses() -> None:
@@ -75,12 +75,12 @@ def test_the_note_on_a_pressed_axis_asks_for_more_presses() -> None:
 @pytest.mark.parametrize(("own", "taken"), [(2.5, True), (1.0, False), (-3.0, False)])
 def test_a_pressed_axis_judges_the_scale(own: float, taken: bool) -> None:
     made = fits({"x": 3.0, "y": own})
-    assert (share_scale(made["x"], made["y"], pressed=True) is not None) == taken
+    assert (share_scale(made["x"], made["y"], "y", pressed=True) is not None) == taken
 
 
 def test_without_a_model_or_a_measured_force_there_is_no_scale() -> None:
     made = fits({"x": 3.0, "y": 0.0}, noise=0.0)
-    assert share_scale(made["x"], made["y"], pressed=False) is None
+    assert share_scale(made["x"], made["y"], "y", pressed=False) is None
     force, fold = 3 * SAID["x"], folds([N])
     alone = fit_axis(SAID, candidates("head", "x", SAID), force, fold, "x")
-    assert share_scale(alone, fits({"y": 0.02})["y"], pressed=False) is None
+    assert share_scale(alone, fits({"y": 0.02})["y"], "y", pressed=False) is None

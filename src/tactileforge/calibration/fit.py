@@ -64,7 +64,6 @@ class AxisFit:
         predicted: Force predicted by the best fit to the other folds, float64 (N,), newton.
         fold: Number of the fold of each frame, int64 (N,).
         before: Force of the uncalibrated model, float64 (N,), newton; None without a model.
-        raw: Name of the input with the force of the uncalibrated model; "" without a model.
     """
 
     axis: Axis | None
@@ -73,7 +72,6 @@ class AxisFit:
     predicted: NDArray[np.float64]
     fold: NDArray[np.int64]
     before: NDArray[np.float64] | None = None
-    raw: str = ""
 
 
 def folds(lengths: Sequence[int]) -> NDArray[np.int64]:
@@ -149,7 +147,7 @@ def fit_axis(
             best = None
     axis = None if best is None else _axis(known, *best, errors, raw)
     predicted = level if best is None else best[1]
-    return AxisFit(axis, errors, known.force, predicted, known.fold, before, raw or "")
+    return AxisFit(axis, errors, known.force, predicted, known.fold, before)
 
 
 def _known(

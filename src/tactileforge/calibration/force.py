@@ -106,7 +106,7 @@ def keep_axes(
             continue
         pressed = name not in unpressed
         for source in good if name != "z" else ():
-            scaled = share_scale(good[source], fit, pressed)
+            scaled = share_scale(good[source], fit, name, pressed)
             if scaled is not None:
                 kept[name] = scaled
                 notes.append(_scaled(name, source, scaled, pressed))
@@ -122,7 +122,7 @@ def _scaled(name: str, source: str, fit: AxisFit, pressed: bool) -> str:
     if not pressed:
         why = f"its own range is {np.ptp(fit.measured):.2g} N; press along it too"
     return (
-        f"force {name} is the model's times {fit.axis.weights[fit.raw]:.3g}, the scale of "
+        f"force {name} is the model's times {fit.axis.weights[name]:.3g}, the scale of "
         f"{source}: {why}"
     )
 

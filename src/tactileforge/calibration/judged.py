@@ -1,4 +1,4 @@
-"""Frames with a measured force, in blocks of time, that judge predictions."""
+"""Frames with a measured force, in blocks of time, to judge predictions."""
 
 from __future__ import annotations
 

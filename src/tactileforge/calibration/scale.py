@@ -15,8 +15,8 @@ from tactileforge.calibration.judged import Frames, short
 SCALED = "scaled"
 
 
-def share_scale(source: AxisFit, axis: AxisFit, pressed: bool) -> AxisFit | None:
-    """Scales the model's force along one axis by what another axis of the unit asks for.
+def share_scale(source: AxisFit, axis: AxisFit, name: str, pressed: bool) -> AxisFit | None:
+    """Scales the model's force along one axis by the factor of another axis of the unit.
 
     The axes of a unit share its gel and its light, and so how many newtons one of the model's
     stands for. On both public trials the factor of the pressed shear axis is 3.3 and 4.1, that of
@@ -25,6 +25,7 @@ def share_scale(source: AxisFit, axis: AxisFit, pressed: bool) -> AxisFit | None
     Args:
         source: Fit of a pressed axis.
         axis: Fit of an axis to scale.
+        name: Name of that axis.
         pressed: Whether forces along the axis can judge the factor.
 
     Returns:
@@ -52,7 +53,7 @@ def share_scale(source: AxisFit, axis: AxisFit, pressed: bool) -> AxisFit | None
     errors = axis.errors | {SCALED: own.rmse(scaled)}
     found = Axis(
         offset=0.0,
-        weights={axis.raw: scale},
+        weights={name: scale},
         rmse=errors[SCALED],
         r2=own.r2(scaled),
         span=[short(float(own.force.min())), short(float(own.force.max()))],

@@ -267,7 +267,7 @@ def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[tuple[str, dic
 
 
 def number_or_text(cell: str) -> str | float:
-    """The number in a cell, or its text where it has none.
+    """The number in a cell, or else its text.
 
     Example:
         >>> number_or_text("1e3"), number_or_text("mug")
