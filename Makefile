@@ -5,6 +5,9 @@ BIN := $(VENV)/bin
 # Python compiles what it imports, a quarter of all that is installed
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet --no-compile --constraint constraints.txt
 
+# packages of plugins/ that are tested beside the core, in one environment
+PACKAGES := arrays bench datasets episodes export inspect labels lerobot live markers policies published rosbags sim
+
 .PHONY: demo demo-policy bench-mini test tests test-fast lint style types docs clean
 
 # fine-tunes the zoo's weights; from random weights, twice as long: make demo SCALE=demo
@@ -60,7 +63,7 @@ docs: $(VENV)/.installed-dev
 $(VENV)/.installed: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) torch
-	$(PIP) --editable .
+	$(PIP) --editable . $(foreach name,sim bench live,--editable plugins/tactileforge-$(name))
 	touch $@
 
 $(VENV)/.installed-policies: $(VENV)/.installed
@@ -68,10 +71,7 @@ $(VENV)/.installed-policies: $(VENV)/.installed
 	touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed
-	$(PIP) --editable '.[dev]' --editable plugins/tactileforge-arrays --editable plugins/tactileforge-datasets \
-	  --editable plugins/tactileforge-episodes --editable plugins/tactileforge-labels \
-	  --editable plugins/tactileforge-lerobot --editable plugins/tactileforge-markers \
-	  --editable plugins/tactileforge-policies --editable plugins/tactileforge-rosbags
+	$(PIP) --editable '.[dev]' $(foreach name,$(PACKAGES),--editable plugins/tactileforge-$(name))
 	touch $@
 
 clean:

@@ -21,20 +21,20 @@ import numpy as np
 import torch
 from common import save
 from omegaconf import OmegaConf
+from tactileforge_bench.fit.features import PLAIN, FeatureStore, extract_features
+from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
+from tactileforge_bench.fit.models import model_entry
+from tactileforge_bench.fit.probes.group_weights import Kernels
+from tactileforge_bench.fit.probes.ridge import Ridge
+from tactileforge_bench.fit.resolve import PreparedTask, prepare_task
+from tactileforge_bench.results.gate import MEAN
+from tactileforge_bench.results.load import read_results
+from tactileforge_bench.tasks import metrics, splits
+from tactileforge_bench.tasks.source import TaskSource, open_source
+from tactileforge_bench.tasks.suite import parse_task
 from torch import Tensor
 
 from tactileforge import cli
-from tactileforge.bench.fit.features import PLAIN, FeatureStore, extract_features
-from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
-from tactileforge.bench.fit.models import model_entry
-from tactileforge.bench.fit.probes.group_weights import Kernels
-from tactileforge.bench.fit.probes.ridge import Ridge
-from tactileforge.bench.fit.resolve import PreparedTask, prepare_task
-from tactileforge.bench.results.gate import MEAN
-from tactileforge.bench.results.load import read_results
-from tactileforge.bench.tasks import metrics, splits
-from tactileforge.bench.tasks.source import TaskSource, open_source
-from tactileforge.bench.tasks.suite import parse_task
 from tactileforge.encoders.feature_groups import joint_vector
 
 MODEL = "anytouch2.tiny-real"

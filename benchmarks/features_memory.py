@@ -17,11 +17,11 @@ import numpy as np
 import torch
 from common import Memory, save
 from probe import NODE, task
+from tactileforge_bench.fit.features import FeatureStore, extract_features
+from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
+from tactileforge_bench.tasks import targets
+from tactileforge_bench.tasks.source import TaskSource, open_source
 
-from tactileforge.bench.fit.features import FeatureStore, extract_features
-from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
-from tactileforge.bench.tasks import targets
-from tactileforge.bench.tasks.source import TaskSource, open_source
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.hub.files import make_header
 

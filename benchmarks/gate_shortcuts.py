@@ -17,12 +17,11 @@ import torch
 from common import save
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
-
-from tactileforge.bench.tasks.metrics import MeanRecall
-from tactileforge.bench.tasks.source import TaskSource, open_source
-from tactileforge.bench.tasks.splits import build_splits
-from tactileforge.bench.tasks.suite import Task, parse_task
-from tactileforge.bench.tasks.targets import Target, build_target
+from tactileforge_bench.tasks.metrics import MeanRecall
+from tactileforge_bench.tasks.source import TaskSource, open_source
+from tactileforge_bench.tasks.splits import build_splits
+from tactileforge_bench.tasks.suite import Task, parse_task
+from tactileforge_bench.tasks.targets import Target, build_target
 
 SUITE = Path(__file__).parents[1] / "conf" / "suite" / "real_held_out.yaml"
 

@@ -21,23 +21,23 @@ from typing import Any
 import numpy as np
 import torch
 from common import save, side_by_side
-from torch import Tensor, nn
-from torch.nn import functional as F
-
-from tactileforge.bench.fit.evaluate import SourceFeatures, evaluate_probe
-from tactileforge.bench.fit.features import (
+from tactileforge_bench.fit.evaluate import SourceFeatures, evaluate_probe
+from tactileforge_bench.fit.features import (
     PLAIN,
     FeatureStore,
     extract_features,
     read_batches,
     readers,
 )
-from tactileforge.bench.fit.frozen_encoder import FrozenEncoder
-from tactileforge.bench.fit.resolve import PreparedTask, choose_probe
-from tactileforge.bench.results.intervals import Interval, mean_interval
-from tactileforge.bench.tasks import splits, targets
-from tactileforge.bench.tasks.source import TaskSource, open_source
-from tactileforge.bench.tasks.suite import Task, parse_task
+from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
+from tactileforge_bench.fit.resolve import PreparedTask, choose_probe
+from tactileforge_bench.results.intervals import Interval, mean_interval
+from tactileforge_bench.tasks import splits, targets
+from tactileforge_bench.tasks.source import TaskSource, open_source
+from tactileforge_bench.tasks.suite import Task, parse_task
+from torch import Tensor, nn
+from torch.nn import functional as F
+
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.encoders.transformer import AttentivePooler
 from tactileforge.hub.files import make_header

@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from common import save
 from numpy.typing import NDArray
+from tactileforge_bench.fit.probes.ridge_regression import feature_scale, fit_ridge
 from tactileforge_policies.envs.fingers import FINGERS, Fingers
 from tactileforge_policies.envs.grasp import ball_face
 from tactileforge_policies.envs.grip import Body, Grip
@@ -24,7 +25,6 @@ from tactileforge_policies.reference import reference_gain, with_gain
 from torch import Tensor
 
 import tactileforge
-from tactileforge.bench.fit.probes.ridge_regression import feature_scale, fit_ridge
 
 UNITS, BALLS, FOLDS, SIZE, RATE = 12, 10, 4, 64, 6.0
 #: Travel of the press by a travel, mm.

@@ -5,9 +5,10 @@ from dataclasses import MISSING, fields
 from inspect import getdoc
 from pathlib import Path
 
+from tactileforge_bench.tasks.suite import ClipSpec, SplitPlan, Task
+from tactileforge_bench.tasks.targets import TARGETS
+
 from tactileforge import contracts
-from tactileforge.bench.tasks.suite import ClipSpec, SplitPlan, Task
-from tactileforge.bench.tasks.targets import TARGETS
 from tactileforge.contracts import Recording, SensorSpec
 from tactileforge.sensors.specs import SPECS
 

@@ -112,6 +112,12 @@ ABSENT = [
     "rosbags",
     "tactileforge_arrays",
     "tactileforge_datasets",
+    "tactileforge_published",
+    "tactileforge_export",
+    "tactileforge_inspect",
+    "tactileforge_live",
+    "tactileforge_sim",
+    "tactileforge_bench",
     "tactileforge_episodes",
     "tactileforge_labels",
     "tactileforge_lerobot",
@@ -128,7 +134,7 @@ def test_the_core_does_not_import(name: str) -> None:
 
 
 #: Rooms that training on shards walks past.
-CLOSED = {"bench", "calibration", "export", "inspection", "live", "packing", "record", "sim"}
+CLOSED = {"calibration", "export", "inspection", "live", "packing", "record", "sim"}
 _WALK = """
 import sys
 from tactileforge import cli
@@ -139,7 +145,7 @@ print(*(file for file in loaded if file and file.endswith(".py")), sep="\\n")
 
 
 @pytest.mark.slow
-def test_training_on_shards_reads_a_third_of_the_core(tmp_path: Path) -> None:
+def test_training_on_shards_reads_half_of_the_core(tmp_path: Path) -> None:
     """As the page says of a training: the rooms of other products stay closed."""
     pack(Sim(scenes=3, val=1, size=32), "sim", tmp_path / "packed", PackOptions(processes=1))
     words = ["train", "scale=demo", "debug=steps", "objective=[pixel]", "encoder.image_size=32"]
@@ -158,4 +164,4 @@ def test_training_on_shards_reads_a_third_of_the_core(tmp_path: Path) -> None:
     rooms = {path.relative_to(core).parts[0] for path in files}
     assert "train.py" in rooms
     assert not rooms & CLOSED
-    assert read < whole / 3
+    assert read < whole / 2

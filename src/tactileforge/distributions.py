@@ -12,6 +12,14 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
         "recipe": ("anytouch2_array",),
         "sensors": ("serial_array",),
     },
+    "tactileforge-bench": {
+        "pretrain": ("miniature", "none"),
+        "suite": (
+            *("classes", "feel", "object", "public_samples", "real", "real_held_out", "sim"),
+            *("sparsh", "touchd"),
+        ),
+        "verbs": ("bench",),
+    },
     "tactileforge-datasets": {
         "datasets": (
             "feats",

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 from markupsafe import Markup
+from tactileforge_bench.output.grid import ColumnHead, Table, TableEntry
+from tactileforge_bench.output.render import render_html
 
 import tactileforge
-from tactileforge.bench.output.grid import ColumnHead, Table, TableEntry
-from tactileforge.bench.output.render import render_html
 from tactileforge.pages import images, page
 from tactileforge.pages.templating import joined
 

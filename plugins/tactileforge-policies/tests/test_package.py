@@ -1,6 +1,5 @@
 """Contents of the package: cards of its recipes, verbs, and a complete README."""
 
-import ast
 import re
 import tomllib
 from pathlib import Path
@@ -37,25 +36,3 @@ def test_the_readme_has_every_name() -> None:
     names = [name for group in groups.values() for name in group if name != "policies"]
     assert len(names) == 9
     assert [name for name in names if f"`{name}`" not in readme] == []
-
-
-def test_the_readme_names_what_is_imported_beside_the_door() -> None:
-    table = (ROOT / "README.md").read_text().split("## What it imports")[1]
-    rows = re.findall(r"^\| (`.*?) \|", table, re.M)
-    named = {f"tactileforge.{name}" for row in rows for name in re.findall(r"`(.*?)`", row)}
-    used: set[str] = set()
-    for path in (ROOT / "src").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom) and node.module == "tactileforge":
-                used |= {f"tactileforge.{name.name}" for name in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                used.add(node.module)
-    private = {name for name in used if name.startswith("tactileforge.")}
-    private -= {"tactileforge.plugin", "tactileforge.testing"}
-    unnamed = {name for name in private if not any(_within(name, one) for one in named)}
-    idle = {one for one in named if not any(_within(name, one) for name in private)}
-    assert (unnamed, idle) == (set(), set())
-
-
-def _within(name: str, package: str) -> bool:
-    return name == package or name.startswith(f"{package}.")

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tactileforge_bench.output.grid import ColumnHead, Notes, Table, TableEntry, Tone
+from tactileforge_bench.output.render import render_html, render_markdown
+from tactileforge_bench.results.bootstrap import GroupedScore, ScoreInterval, compared
 
-from tactileforge.bench.output.grid import ColumnHead, Notes, Table, TableEntry, Tone
-from tactileforge.bench.output.render import render_html, render_markdown
-from tactileforge.bench.results.bootstrap import GroupedScore, ScoreInterval, compared
 from tactileforge.files import write_text
 from tactileforge.pages.page import MINUS, Section, page, paragraph
 from tactileforge.provenance import commit

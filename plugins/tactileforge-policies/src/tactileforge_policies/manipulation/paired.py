@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from tactileforge.bench.results.bootstrap import ScoreInterval
+from tactileforge_bench.results.bootstrap import ScoreInterval
+
 from tactileforge_policies.rollouts.results import wilson
 
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tactileforge.bench.fit.pretrain import PretrainJob
+from tactileforge_bench.fit.pretrain import PretrainJob
+
 from tactileforge.plugin import ConfigError, check_names, unknown
 from tactileforge_policies.rollouts.actors import SCRIPTED
 from tactileforge_policies.rollouts.options import DemonstrationOptions, RolloutOptions, TaskOptions

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactileforge.bench.fit.pretrain import pretrain
+from tactileforge_bench.fit.pretrain import pretrain
+
 from tactileforge.files import write_text
 from tactileforge.plugin import TactileForgeError
 from tactileforge_policies.manipulation.plan import Cell, Plan

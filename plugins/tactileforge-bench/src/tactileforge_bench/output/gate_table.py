@@ -1,0 +1,88 @@
+"""The release gate as a table, and as a file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from tactileforge.plugin import write_text
+from tactileforge_bench.output.grid import ColumnHead, Table, TableEntry, fixed
+from tactileforge_bench.results import gate
+from tactileforge_bench.results.gate import GateRow
+from tactileforge_bench.results.results import Results
+from tactileforge_bench.results.scores import titles
+
+_CAPTION = (
+    "Closed-form probes; accuracies as shares. In brackets the 95 % interval (bootstrap over "
+    "recordings or objects). Below, what it is above random weights of its architecture (r) and "
+    "above 16 x 16 pixels (p), paired, with the lower end of the interval; in the mean also above "
+    "picture statistics (s) and a network of photographs alone (i). ▲ above the first two beyond "
+    "the interval; ▼ below one of them beyond it. Tasks in brackets do not count."
+)
+
+
+def write_gate(folder: Path, results: Results) -> list[GateRow]:
+    """Writes ``gate.json``, unless no probe is in closed form."""
+    rows = gate.compute_gate(folder, results)
+    if rows:
+        plain = gate.gate_to_plain(rows, results)
+        write_text(folder / gate.FILE, json.dumps(plain, indent=1, allow_nan=False) + "\n")
+    return rows
+
+
+def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
+    """The table of the release gate; None if it is empty."""
+    if not gate_rows:
+        return None
+    names = titles(results)
+    keys = list(dict.fromkeys((row.model, row.reading) for row in gate_rows))
+    known = {(row.model, row.reading, row.task): row for row in gate_rows}
+    tasks = gate.gate_tasks(results)
+    rows = []
+    for model, reading in keys:
+        # None where the model was not run on a task
+        cells = [known.get((model, reading, task.name)) for task in tasks]
+        mean = known.get((model, reading, gate.MEAN))
+        measured = [
+            cell
+            for cell, task in zip(cells, tasks, strict=True)
+            if task.counted and cell and cell.above
+        ]
+        won = f"{sum(row.beats for row in measured)} of {len(measured)}" if measured else "none"
+        entries = [_entry(row) for row in (*cells, mean)]
+        rows.append([TableEntry(names[model]), TableEntry(reading), *entries, TableEntry(won)])
+    heads = [
+        ColumnHead(task.title if task.counted else f"({task.title})", task.main) for task in tasks
+    ]
+    return Table(
+        name="gate",
+        title=f"Release gate: {results.suite}",
+        caption=_CAPTION,
+        head=[
+            ColumnHead("Model"),
+            ColumnHead("tokens"),
+            *heads,
+            ColumnHead("Mean"),
+            ColumnHead("won"),
+        ],
+        rows=rows,
+    )
+
+
+def _entry(row: GateRow | None) -> TableEntry:
+    if row is None:
+        return TableEntry("not run", tone="soft")
+    against = gate.COMPARED if row.task == gate.MEAN else gate.AGAINST
+    leads = [(name, row.above[name]) for name in against if name in row.above]
+    below = [
+        f"{name[0]} {fixed(lead.value, 3, signed=True)} (> {fixed(lead.low, 2, signed=True)})"
+        for name, lead in leads
+    ]
+    lost = any(row.above[name].high < 0 for name in gate.AGAINST if name in row.above)
+    sign = " ▲" if row.beats else " ▼" if lost else ""
+    score = row.score
+    text = f"{fixed(score.value, 3)} [{fixed(score.low, 2)}, {fixed(score.high, 2)}]{sign}"
+    return TableEntry(
+        text, below=", ".join(below), tone="good" if row.beats else "bad" if lost else ""
+    )

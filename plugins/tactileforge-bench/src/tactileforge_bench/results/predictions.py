@@ -1,0 +1,65 @@
+"""Predictions of probes on the test set, as stored by the benchmark."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.plugin import DataError
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """True and predicted values or classes.
+
+    Attributes:
+        truth: float (N, K), or int64 (N, K) classes.
+        predicted: Predictions, of the same shape and type.
+        columns: Names of the K values; of the K classifiers.
+        names: Names of the classes; empty for values.
+        unit: Unit of the values; "" where the file does not say.
+    """
+
+    truth: NDArray[Any]
+    predicted: NDArray[Any]
+    columns: tuple[str, ...]
+    names: tuple[str, ...]
+    unit: str
+
+
+def read_predictions(path: Path) -> Predictions:
+    """Reads a file of predictions: ``truth``, ``predicted``, ``axes`` or ``names``, ``unit``.
+
+    Raises:
+        DataError: The file is absent or damaged, or its arrays do not fit each other.
+    """
+    try:
+        # a pickle in it would be executed
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {key: file[key] for key in file.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise DataError(f"{path}: not readable ({error}); run the bench again") from error
+    for key in ("truth", "predicted"):
+        if key not in arrays:
+            raise DataError(f"{path}: array {key!r} is missing; run the bench again")
+    truth, predicted = arrays["truth"], arrays["predicted"]
+    names = tuple(arrays["names"].tolist()) if "names" in arrays else ()
+    if truth.shape != predicted.shape or truth.ndim not in (1, 2) or not truth.size:
+        shapes = f"{truth.shape} and {predicted.shape}"
+        raise DataError(f"{path}: truth and predicted are {shapes}, not both (N,) or (N, K)")
+    # one column of classes is stored without its axis
+    truth, predicted = (part.reshape(len(truth), -1) for part in (truth, predicted))
+    both = np.stack([truth, predicted])
+    if names and (both.dtype.kind != "i" or both.min() < 0 or both.max() >= len(names)):
+        raise DataError(f"{path}: classes are not whole numbers from 0 to {len(names) - 1}")
+    width = truth.shape[1]
+    columns = tuple(arrays["axes"].tolist()) if "axes" in arrays else tuple("xyz"[:width])
+    if len(columns) != width:
+        raise DataError(f"{path}: 'axes' names {len(columns)} columns of {width}")
+    unit = str(arrays["unit"]) if "unit" in arrays else ""
+    return Predictions(truth, predicted, columns, names, unit)

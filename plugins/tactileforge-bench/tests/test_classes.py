@@ -1,0 +1,165 @@
+"""A folder of images by class: one command, predictions, a confusion matrix, `model.classify`."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from safetensors.torch import load_file, save_file
+from tactileforge_bench.results.load import read_results
+from tactileforge_bench.results.results import NotRun
+from tactileforge_bench.results.scores import sentences
+
+import tactileforge
+from tactileforge import cli
+from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.heads.classify import ClassifyHead
+from tactileforge.hub.classify import read_class_head
+from tactileforge.hub.files import make_header, save_checkpoint
+
+NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
+NAMES = ("bar", "disc", "ring")
+
+
+def image(name: str, number: int) -> np.ndarray:
+    """A bar, a disc or a ring somewhere, lit as noise lets it."""
+    rng = np.random.default_rng([NAMES.index(name), number])
+    y, x = np.mgrid[:64, :64] - (32 + rng.integers(-8, 9, (2, 1, 1)))
+    r = np.hypot(x, y)
+    shape = {"bar": abs(x) < 4, "disc": r < 14, "ring": (r < 16) & (r > 10)}[name]
+    grey = 90 + 90 * shape[..., None] + rng.normal(0, 6, (64, 64, 3))
+    return grey.clip(0, 255).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a bench, run by the documented command."""
+    folder = tmp_path_factory.mktemp("classes")
+    for name in NAMES:
+        (folder / "photos" / name).mkdir(parents=True)
+        for number in range(16):
+            ending = ("png", "PNG", "BMP", "tiff")[number % 4]  # of cameras and of programs
+            photo = folder / "photos" / name / f"{number}.{ending}"
+            Image.fromarray(image(name, number)).save(photo)
+    torch.manual_seed(0)
+    vit = TactileViT("tiny", frames=4, image_size=32)
+    header = make_header(vit, NODE, licence="MIT", spacing=0.05, recipe={"encoder": NODE})
+    save_checkpoint(folder / "mine.safetensors", vit, header)
+    words = [f"classes.root={folder}/photos", "classes.sensor=digit", f"out={folder}/out"]
+    words += [f"model=[file:{folder}/mine.safetensors,pixels]", f"cache={folder}/cache"]
+    assert cli.run(["bench", "suite=classes", *words, "workers=0", "seeds=1"]) == 0
+    return folder
+
+
+def head_of(folder: Path) -> Path:
+    (path,) = (folder / "out" / "heads").iterdir()
+    return path
+
+
+@pytest.mark.slow
+def test_predictions_and_a_confusion_matrix_are_written(done: Path) -> None:
+    mine, pixels = read_results(done / "out").cells
+    assert mine.metrics["accuracy"] > 80, "chance is a third"
+    assert pixels.model == "pixels"
+    with (done / "out" / mine.predictions).with_suffix(".csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 48
+    assert all(row["clip"].split("/")[1] == row["truth"] for row in rows)
+    right = sum(row["truth"] == row["predicted"] for row in rows) / 48
+    assert 100 * right == pytest.approx(mine.metrics["accuracy"], abs=1e-4)
+    page = (done / "out" / "report.html").read_text()
+    assert f"{round(48 * right)} of 48 right" in page
+    assert 'id="confusions"' in page
+
+
+@pytest.mark.slow
+def test_a_model_classifies_with_the_head(done: Path) -> None:
+    model = tactileforge.load(done / "mine.safetensors")
+    new = [(name, image(name, number)) for name in NAMES for number in range(100, 110)]
+    clips = np.stack([np.stack([pixels] * 4) for _, pixels in new])
+    found = model.classify(clips, "none", "digit", head=head_of(done))
+    assert found.names == NAMES
+    assert torch.allclose(found.probability.sum(1), torch.ones(30), atol=1e-5)
+    right = [said == name for said, (name, _) in zip(found.name, new, strict=True)]
+    assert np.mean(right) > 0.8
+    still = model.classify(new[0][1], "none", "digit", head=read_class_head(head_of(done)))
+    assert torch.allclose(still.probability, found.probability[0], atol=1e-5)
+    assert still.name == found.name[0]
+    rounded = tactileforge.load(done / "mine.safetensors", dtype="bfloat16")
+    nearly = rounded.classify(clips, "none", "digit", head=head_of(done))
+    assert torch.allclose(nearly.probability, found.probability, atol=0.05)
+
+
+@pytest.mark.slow
+def test_a_head_of_another_model_and_a_damaged_one_are_refused(done: Path, tmp_path: Path) -> None:
+    model = tactileforge.load(done / "mine.safetensors")
+    with torch.no_grad():
+        next(model.encoder.parameters()).add_(1)
+    with pytest.raises(ConfigError, match="fitted to another encoder"):
+        model.classify(image("bar", 1), "none", "digit", head=head_of(done))
+    model = tactileforge.load(done / "mine.safetensors")
+    still = np.full((64, 64, 3), 90, np.uint8)
+    with pytest.raises(ConfigError, match=r"without a background: background='none'"):
+        model.classify(image("bar", 1), still, "digit", head=head_of(done))
+    with pytest.raises(ConfigError, match="pictures of digit, not of gelsight"):
+        model.classify(image("bar", 1), "none", "gelsight", head=head_of(done))
+    with pytest.raises(ConfigError, match="is the image itself"):
+        model.classify(image("bar", 1), "first", "digit", head=head_of(done))
+    bad = tmp_path / "bad.safetensors"
+    save_file(load_file(head_of(done)), bad)
+    with pytest.raises(DataError, match="not a head of classes"):
+        read_class_head(bad)
+    bad.write_bytes(head_of(done).read_bytes()[:-4])
+    with pytest.raises(DataError, match="not a head of classes"):
+        read_class_head(bad)
+    with pytest.raises(ConfigError, match="suite=classes"):
+        model.classify(image("bar", 1), "none", "digit")
+
+
+def test_the_head_of_a_run_chooses_among_names(tmp_path: Path) -> None:
+    """Its logits at the rows of the objects, numbered by their names."""
+    from tactileforge.data.labels.objects import object_id
+
+    torch.manual_seed(1)
+    vit = TactileViT("tiny", frames=4, image_size=32).eval()
+    head = ClassifyHead(vit, classes=64)
+    head.met[[object_id(name) % 64 for name in NAMES]] = True
+    heads = {"classify": {"node": {"name": "classify", "classes": 64}}}
+    header = make_header(vit, NODE, licence="MIT", spacing=0.05, heads=heads)
+    save_checkpoint(tmp_path / "a.safetensors", vit, header, heads={"classify": head})
+    model = tactileforge.load(tmp_path / "a.safetensors")
+    clip = np.stack([image("ring", 3)] * 4)
+    found = model.classify(clip, "none", "digit", names=NAMES)
+    vector = model.encode(clip, "none", "digit")
+    logits = head.linear(vector)[[object_id(name) % 64 for name in NAMES]]
+    assert torch.allclose(found.probability, logits.softmax(0), atol=1e-5)
+    with pytest.raises(ConfigError, match="names: give"):
+        model.classify(clip, "none", "digit")
+    with pytest.raises(ConfigError, match="share a class"):
+        model.classify(clip, "none", "digit", names=["bar", "bar"])
+    with pytest.raises(ConfigError, match="not trained on 'mug'; give names"):
+        model.classify(clip, "none", "digit", names=["bar", "mug"])
+
+
+def test_images_that_are_absent_are_told_by_keys_of_this_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [f"classes.root={tmp_path}/photo", "classes.sensor=digit", "model=[pixels]"]
+    words += [f"out={tmp_path}/out", f"cache={tmp_path}/cache", "workers=0"]
+    assert cli.run(["bench", "suite=classes", *words]) == 3
+    said = capsys.readouterr().out
+    assert f"{tmp_path}/photo: no such folder; set tasks.classes.data.root to the folder" in said
+    (tmp_path / "photo" / "bar").mkdir(parents=True)
+    assert cli.run(["bench", "suite=classes", *words, f"out={tmp_path}/other"]) == 3
+    said = capsys.readouterr().out
+    assert "no file matches" in said
+    assert " data." not in said
+
+
+def test_a_reason_starts_with_a_capital_and_a_path_stays_as_it_is() -> None:
+    assert sentences(NotRun(reason="labels of one class")) == "Labels of one class."
+    gone = NotRun(reason="photos: no such folder", fix="Download it from https://a.b.")
+    assert sentences(gone) == "photos: no such folder. Download it from https://a.b."

@@ -1,0 +1,1 @@
+"""Reports on the content and the faults of a data set."""

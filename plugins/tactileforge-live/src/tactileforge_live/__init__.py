@@ -1,0 +1,1 @@
+"""Touch sensors at work: recording, live view and calibration."""

@@ -1,0 +1,1 @@
+"""Simulated touch: gels, contact, light, and what sensors make of them."""
