@@ -49,7 +49,7 @@ def test_the_docs_for_authors_import_from_the_door_alone(page):
 
 
 def _table(path):
-    """Part of a package's README with the rooms of the core it imports beside the door; "" for none."""
+    """Section of a package's README on private imports; "" for none."""
     package = path.relative_to(ROOT / "plugins").parts[0]
     readme = (ROOT / "plugins" / package / "README.md").read_text()
     return readme.partition("## What it imports beside `tactileforge.plugin`\n")[2]

@@ -55,7 +55,7 @@ def force_features(
     ``pictures`` are changes from the background, see `pictures.picture_inputs`. ``taxels`` are the
     sums ``x``, ``y``, ``z`` of the taxels in images of an array, in units of full colour. ``head``
     and ``both`` are the force inputs of a model, with those of its pictures, see
-    `hub.head_model.HeadModel.force_inputs`. Any other kind is the name of a track (T, 3) with the
+    `hub.model.Model.force_inputs`. Any other kind is the name of a track (T, 3) with the
     columns ``x``, ``y``, ``z``.
 
     Args:

@@ -53,7 +53,7 @@ def opened_calibration(given: Calibration | str | Path | None) -> Calibration | 
 
 
 def fitted_axes(calibration: Calibration, names: Sequence[str], model: str) -> Mapping[str, Axis]:
-    """The fits of a calibration, if it was made for a model; see `HeadModel.axes_of`.
+    """The fits of a calibration, if it was made for a model; see `Model.axes_of`.
 
     Args:
         calibration: Calibration of one unit.

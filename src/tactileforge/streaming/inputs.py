@@ -13,7 +13,7 @@ from tactileforge.errors import ConfigError, unknown
 from tactileforge.sensors.background import Background
 
 if TYPE_CHECKING:
-    from tactileforge.hub.head_model import HeadModel
+    from tactileforge.hub.model import Model
 
 Image: TypeAlias = NDArray[np.uint8]
 
@@ -23,7 +23,7 @@ def median_image(images: Sequence[Image]) -> Image:
     return np.asarray(np.median(images, axis=0), np.uint8)
 
 
-def known_as(name: str, model: HeadModel | None, unknown_sensor: str) -> str:
+def known_as(name: str, model: Model | None, unknown_sensor: str) -> str:
     """Name of a type of sensor in the model's table.
 
     Raises:

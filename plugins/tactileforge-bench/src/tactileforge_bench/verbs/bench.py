@@ -173,7 +173,7 @@ def _opened(config: dict[str, Any], suite: str, folder: Path, facts: dict[str, s
 def _device(device: str) -> str:
     import torch
 
-    from tactileforge.hub.feature_model import check_device
+    from tactileforge.hub.clip_encoder import check_device
 
     if device != "auto":
         return str(check_device(device))

@@ -1,0 +1,194 @@
+"""An encoder with its preprocessing: clips in, features out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import chain
+from typing import Any, Literal
+
+import torch
+from torch import Tensor
+
+from tactileforge.encoders.feature_groups import check_groups, encode_groups, joint_vector
+from tactileforge.encoders.summary import encode_summary, summary_width
+from tactileforge.errors import ConfigError
+from tactileforge.hub.forces import warn_of_light
+from tactileforge.hub.inputs import (
+    ClipInputs,
+    Images,
+    prepare_clips,
+    squash_clips,
+    uses_background,
+    warn_of_swapped_clips,
+)
+from tactileforge.hub.sensor_rows import Policy, name_each, row_each, takes_any_sensor
+from tactileforge.hub.taps import Tap, check_tap, read_tap
+
+
+class ClipEncoder:
+    """Features of users' clips: checked, prepared as in training, encoded batch by batch.
+
+    Args:
+        encoder: A touch encoder; see `contracts.Encoder`.
+        trained_here: Whether it has a recipe; imported weights have none.
+
+    Attributes:
+        encoder: The touch encoder.
+        any_sensor: Whether it ignores the sensor type.
+        squashed: Height and width of squashed frames in its training; see `Model.squashed`.
+        reading: Name of the tap of a clip's vector; see `Model.reading`.
+    """
+
+    def __init__(self, encoder: Any, trained_here: bool) -> None:
+        self.encoder = encoder
+        self.any_sensor = takes_any_sensor(encoder)
+        size: tuple[int, int] = encoder.image_size
+        self.squashed = size if trained_here else None
+        self.reading: Literal["summary", "projected"] = "summary" if trained_here else "projected"
+
+    @property
+    def device(self) -> torch.device:
+        """Device of its weights."""
+        # int8 layers have buffers alone, and raw pixels have neither
+        first = next(chain(self.encoder.parameters(), self.encoder.buffers()), torch.empty(0))
+        return first.device
+
+    @property
+    def vector_size(self) -> int:
+        """Length of a clip's vector."""
+        if self.reading == "summary":
+            return summary_width(self.encoder)
+        width: int = self.encoder.projected
+        return width
+
+    def prepare(
+        self, frames: Images, background: Images | str | None, check: bool = True
+    ) -> ClipInputs:
+        """Frames and backgrounds of a batch, uint8, as in training; whether it was one clip.
+
+        Args:
+            frames: Clips in the shapes of `Model.encode`.
+            background: Frame without contact, or a word in its place, as in `Model.encode`.
+            check: Whether to warn of swapped colours.
+
+        Raises:
+            DataError: Frames or background are not what the encoder takes.
+            ConfigError: No background, or an unknown word for it.
+        """
+        needed = uses_background(self.encoder)
+        clips = prepare_clips(frames, background, self.encoder.frames, needed)
+        # a background that is taken from the clip has its order of colors
+        if check and not (background is None or isinstance(background, str)):
+            warn_of_swapped_clips(clips)
+        return squash_clips(clips, self.squashed)
+
+    def names(self, sensor: str | Sequence[str] | None, count: int) -> list[str]:
+        """Sensor name of each clip; see `sensor_rows.name_each` for arguments and errors."""
+        return name_each(sensor, count, list(self.encoder.sensors), self.any_sensor)
+
+    def rows(self, names: Sequence[str], policy: Policy) -> Tensor:
+        """Rows of the sensor table; see `sensor_rows.row_each` for arguments and errors."""
+        return row_each(self.encoder, names, policy, self.any_sensor)
+
+    def read(self, tap: str, *clips: Tensor) -> Tensor:
+        """The encoder's output at a tap, for frames, backgrounds and sensor rows."""
+        return read_tap(self.encoder, tap, *self._moved(clips))
+
+    def run(self, *clips: Tensor) -> tuple[Tensor, Tensor]:
+        """Tokens and projected class tokens, of frames, backgrounds and sensor rows."""
+        out: tuple[Tensor, Tensor] = self.encoder(*self._moved(clips))
+        return out
+
+    def run_for_vector(self, *clips: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Tokens, projected class tokens, and the vectors of `Model.encode`, from one pass."""
+        if self.reading == "projected":
+            tokens, projected = self.run(*clips)
+            return tokens, projected, projected.float()
+        tokens, projected, summary = encode_summary(self.encoder, *self._moved(clips))
+        return tokens, projected, self._scaled(summary)
+
+    def vector(self, *clips: Tensor) -> Tensor:
+        """The vectors of `Model.encode`, of frames, backgrounds and sensor rows."""
+        return self._scaled(self.read(self.reading, *clips))
+
+    def tapped(self, tap: Tap, *clips: Any) -> Tensor:
+        """Reads a tap, as `Model.features` does.
+
+        Args:
+            tap: Name of the tap.
+            *clips: Frames, background, sensor, policy and batch size, as users give them.
+        """
+        check_tap(self.encoder, tap)
+        batches, single = self._batches(*clips)
+        with torch.no_grad():
+            out = torch.cat([self.read(tap, *batch).float() for batch in batches])
+        return out[0] if single else out
+
+    def grouped(self, names: Sequence[str] | None, *clips: Any) -> dict[str, Tensor]:
+        """Reads groups, as `Model.groups` does.
+
+        Args:
+            names: Names of groups; None takes all.
+            *clips: Frames, background, sensor, policy and batch size, as users give them.
+        """
+        wanted = check_groups(self.encoder, names)
+        batches, single = self._batches(*clips)
+        with torch.no_grad():
+            moved = (self._moved(batch) for batch in batches)
+            done = [encode_groups(self.encoder, x, still, rows, wanted) for x, still, rows in moved]
+        joint = {name: torch.cat([part[name] for part in done]) for name in wanted}
+        return {name: values[0] if single else values for name, values in joint.items()}
+
+    def _batches(
+        self,
+        frames: Images,
+        background: Images | str | None,
+        sensor: str | Sequence[str] | None,
+        unknown_sensor: Policy,
+        batch_size: int,
+    ) -> tuple[list[tuple[Tensor, ...]], bool]:
+        """Frames, backgrounds and sensor rows, batch by batch; and whether it was one clip.
+
+        Warns of changed light, in the name of the caller of the public method.
+        """
+        check_batch_size(batch_size)
+        x, still, single = clips = self.prepare(frames, background)
+        # 5: past this, `tapped` or `grouped`, and the public method, to the line that called it
+        warn_of_light("clips", clips, self.encoder, background, stacklevel=5)
+        rows = self.rows(self.names(sensor, len(x)), unknown_sensor)
+        parts = [torch.split(part, batch_size) for part in (x, still, rows)]
+        return list(zip(*parts, strict=True)), single
+
+    def _moved(self, clips: Sequence[Tensor]) -> list[Tensor]:
+        return [part.to(self.device) for part in clips]
+
+    def _scaled(self, vector: Tensor) -> Tensor:
+        """Vectors of the tap `reading` as `Model.encode` gives them."""
+        if self.reading == "projected":
+            return vector.float()
+        return joint_vector({"summary": vector.float()})
+
+
+def check_batch_size(batch_size: int) -> None:
+    """Raises a ConfigError unless it is a whole number of clips, 1 or more."""
+    if not isinstance(batch_size, int) or isinstance(batch_size, bool) or batch_size < 1:
+        raise ConfigError(f"batch_size={batch_size!r}: give a whole number of clips, 1 or more")
+
+
+def check_device(device: str | torch.device) -> torch.device:
+    """The device of a name.
+
+    Raises:
+        ConfigError: There is no such device on this machine.
+    """
+    try:
+        parsed = torch.device(device)
+        # torch.device takes names of absent devices, too: only using one tells
+        torch.empty(0, device=parsed)
+    except (RuntimeError, AssertionError, TypeError, NotImplementedError) as error:
+        reason = str(error).strip().splitlines()[0]
+        raise ConfigError(
+            f"device={str(device)!r}: not on this machine ({reason}); give cpu, or cuda where "
+            "torch.cuda.is_available()"
+        ) from error
+    return parsed
