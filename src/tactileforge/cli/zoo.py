@@ -131,8 +131,8 @@ def _show(keys: _Show, _: dict[str, Any]) -> None:
     sensors, data = card.trained_on(first)
     print(f"{full}: {card.purpose(first)}")
     print(_how_to_load(card, first))
-    gate = card.gate(first) if first else []
-    print(f"release gate: {gates.gate_verdict(gate)}\n")
+    verdict = gates.gate_verdict(card.gate(first), first.reading) if first else "not measured"
+    print(f"release gate: {verdict}\n")
     facts = [
         ("title", card.title),
         ("sensors", ", ".join(sensors) or "none"),
@@ -198,7 +198,8 @@ def _details(card: cards.Card, weights: Sequence[cards.Weight], tag: str) -> Non
         print(f"\n{align_columns(table)}")
     for weight in weights:
         if gate := gate_rows(card, weight):
-            print(f"\n{weight.tag}, release gate: {gates.gate_verdict(card.gate(weight))}")
+            verdict = gates.gate_verdict(card.gate(weight), weight.reading)
+            print(f"\n{weight.tag}, release gate: {verdict}")
             print(align_columns(gate))
     print(f"\n{card.text}")
 
@@ -241,9 +242,13 @@ def _put(model: str, benches: Sequence[Path], words: Sequence[str], sha256: str 
     """Writes the gate of a model into its card."""
     card, weight = cards.find_card(model)
     path = _card(card.name)
-    rows = [row for bench in benches for row in gates.read_gates(bench, weight.tag, words, sha256)]
+    rows = [
+        row
+        for bench in benches
+        for row in gates.read_gates(bench, weight.tag, weight.reading, words, sha256)
+    ]
     gates.write_gates(path, rows)
-    print(f"{path}: {gates.gate_verdict(rows)}")
+    print(f"{path}: {gates.gate_verdict(rows, weight.reading)}")
 
 
 def _card(model: str) -> Path:

@@ -24,7 +24,7 @@ import yaml
 from tactileforge import strict
 from tactileforge.distributions import conf_packages, package_of
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.hub.gates import TOKENS, Gate, gate_passes
+from tactileforge.hub.gates import COMPARED, TOKENS, Gate, gate_passes
 from tactileforge.licences import check_licence
 from tactileforge.run_folder import CONFIG
 
@@ -58,6 +58,8 @@ class Weight:
         purpose: Purpose of the weights, in a few words; "" takes the first sentence of the card.
         text_encoder: CLIP on the model hub whose text tower they are aligned with; "" for none.
         template: Sentence of a word in the captions of their training, with ``{}`` for the word.
+        reading: Features recommended for a probe, by which the release gate judges them; see
+            `gates.TOKENS`.
     """
 
     tag: str
@@ -78,6 +80,7 @@ class Weight:
     purpose: str = ""
     text_encoder: str = ""
     template: str = "{}"
+    reading: str = "summary"
 
     @property
     def kind(self) -> str:
@@ -156,7 +159,7 @@ class Card:
 
         The text of the card then has the word *demonstration* below the heading of the weights.
         """
-        if gate_passes(self.gate(weight)):
+        if gate_passes(self.gate(weight), weight.reading):
             return True
         below = self.text.partition(f"## `{weight.tag}`")[2].partition("\n## ")[0]
         return weight.demonstration and "demonstration" in below
@@ -320,16 +323,20 @@ def _check(card: Card) -> None:
             raise ConfigError(f"{place}: tags are lower-case words, each used once")
         if bool(weight.file) + bool(weight.url) + bool(weight.layout) != 1:
             raise ConfigError(f"{place}: give one of file, url and layout")
+        if weight.reading not in TOKENS:
+            raise ConfigError(f"{place}: " + unknown("reading", weight.reading, TOKENS))
         if weight.layout and not weight.source:
             raise ConfigError(f"{place}: state in source where the published file is available")
         verified = re.fullmatch(r"[0-9a-f]{64}", weight.sha256) and weight.bytes > 0
         if not weight.layout and not verified:
             raise ConfigError(f"{place}: sha256 (64 hexadecimal digits) and bytes are needed")
     for gate in card.gates:
-        if gate.model not in tags or gate.tokens not in TOKENS:
+        leads = (getattr(gate, name) for name in COMPARED)
+        if gate.model not in tags or gate.tokens not in TOKENS or any(len(x) != 3 for x in leads):
             raise ConfigError(
-                f"{where}, gates: {gate.model} with {gate.tokens}: no such weights, or tokens that "
-                f"are not {' or '.join(TOKENS)}; write them with tactileforge zoo gate"
+                f"{where}, gates: {gate.model} with {gate.tokens}: no such weights, tokens that "
+                f"are not {' or '.join(TOKENS)}, or a lead without the ends of its interval; write "
+                "them with tactileforge zoo gate"
             )
     # None: the clip of the card itself
     for row in [None, *card.weights]:
