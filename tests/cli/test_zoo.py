@@ -83,7 +83,7 @@ def test_show_begins_with_purpose_loading_licence_and_gate(
     assert first == f"{name}: {purpose}"
     load = f'load it: tactileforge.load("{name}"); licence of the weights: Apache-2.0'
     assert second == f"{load}; a demonstration"
-    assert third.startswith("release gate: fails: ")
+    assert third.startswith("release gate: fails with ")
     assert len(rest) < 20
     assert rest[-1].endswith(f"zoo show {name} details=true")
 

@@ -151,9 +151,9 @@ def read_gates(
 
 def _row(path: Path, gate: Any, row: Any, tag: str, chance: dict[str, float]) -> Gate:
     task, above = gate["tasks"][row["task"]], row["above"]
-    names = {"imagenet": "photographs"}
-    leads = {names.get(name, name): _ends(lead) for name, lead in above.items()}
-    if not COMPARED.keys() <= leads.keys() or row["task"] not in chance:
+    # in the bench the network of photographs has the name of its weights
+    leads = {name: above.get("imagenet" if name == "photographs" else name) for name in COMPARED}
+    if not all(leads.values()) or row["task"] not in chance:
         raise DataError(f"{path}: no baselines; run the bench without baselines=[]")
     return Gate(
         model=tag,
@@ -163,14 +163,9 @@ def _row(path: Path, gate: Any, row: Any, tag: str, chance: dict[str, float]) ->
         metric=task["metric"],
         value=row["value"],
         chance=chance[row["task"]],
-        **{name: leads[name] for name in COMPARED},
+        **{name: [lead["value"], lead["low"], lead["high"]] for name, lead in leads.items()},
         counted=task.get("counted", True),
     )
-
-
-def _ends(lead: Any) -> list[float]:
-    """A lead, with the ends of its interval."""
-    return [lead["value"], lead["low"], lead["high"]]
 
 
 def write_gates(card: Path, rows: Sequence[Gate]) -> None:

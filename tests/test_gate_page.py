@@ -1,0 +1,71 @@
+"""The page of the release gate, the README and the cards have the numbers of one file each."""
+
+import re
+from pathlib import Path
+
+import gate_tables
+import pytest
+
+from tactileforge.hub import cards
+
+ROOT = Path(__file__).parents[1]
+MODELS = ("anytouch2.tiny-real", "anytouch2.tiny", "mae.tiny")
+
+
+def mean(suite: str, model: str, reading: str) -> dict:
+    rows = gate_tables.load(suite)["rows"]
+    key = (model, reading, "mean")
+    return next(row for row in rows if (row["model"], row["reading"], row["task"]) == key)
+
+
+def signed(value: float) -> str:
+    return f"{value:+.2f}".replace("0.", ".")
+
+
+def test_the_page_has_the_tables_of_the_results() -> None:
+    text = gate_tables.PAGE.read_text("utf-8")
+    assert gate_tables.filled(text) == text, "run python benchmarks/gate_tables.py"
+    assert text.count("| `anytouch2.tiny-real` | patches |") == 4
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_readme_has_them_too(model: str) -> None:
+    _, weight = cards.find_card(model)
+    line = next(
+        line
+        for line in (ROOT / "README.md").read_text("utf-8").splitlines()
+        if line.startswith(f"| `{model}` | ") and weight.reading in line
+    )
+    means = [mean(suite, model, weight.reading) for suite in gate_tables.SUITES]
+    values = ", ".join(f"{row['value']:.2f}".removeprefix("0") for row in means)
+    above = [row["above"]["random"] for row in means]
+    leads = ", ".join(f"{signed(x['value'])} (> {signed(x['low'])})" for x in above)
+    assert f"| {weight.reading} | {values} | {leads} |" in line
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_cards_have_them_too(model: str) -> None:
+    card, weight = cards.find_card(model)
+    found = {(row.suite, row.tokens): row for row in card.gate(weight) if row.metric == "mean"}
+    assert len(found) == 8
+    for (suite, reading), row in found.items():
+        told = mean(suite, model, reading)
+        assert row.value == told["value"]
+        for name, key in (("random", "random"), ("photographs", "imagenet")):
+            lead = told["above"][key]
+            assert getattr(row, name) == [lead["value"], lead["low"], lead["high"]]
+    best = max(gate_tables.READINGS, key=lambda reading: found["real", reading].value)
+    assert weight.reading == best, "the reading is chosen on `real`"
+
+
+def test_what_has_no_touch_is_told_beside_them() -> None:
+    text = (ROOT / "README.md").read_text("utf-8")
+    for words, name in (
+        ("photographs alone", "imagenet"),
+        ("picture statistics", "statistics"),
+        ("16 x 16 pixels", "pixels"),
+    ):
+        reading = "summary" if name == "imagenet" else "pooled"
+        pair = [mean(suite, name, reading)["value"] for suite in gate_tables.SUITES]
+        values = " and ".join(f"{value:.2f}".removeprefix("0") for value in pair)
+        assert re.search(rf"{words} {re.escape(values)}[,.]", text)
