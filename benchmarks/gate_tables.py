@@ -125,7 +125,8 @@ def filled(text: str) -> str:
     for name, table in blocks().items():
         head, mark, rest = text.partition(f"<!-- table: {name} -->\n\n")
         assert mark, name
-        text = f"{head}{mark}{table}\n{re.sub(r'^(?:[|].*\n)*', '', rest)}"
+        after = re.sub(r"^(?:[|].*\n)*", "", rest)
+        text = f"{head}{mark}{table}\n{after}"
     return text
 
 
