@@ -124,6 +124,10 @@ def test_what_a_readme_excuses_is_used(package):
         ),
         ("import tactileforge.sensors.replay", "import Replay"),
         ("from tactileforge.plugin import SerialArray", "use: from tactileforge_arrays import"),
+        (
+            "import tactileforge.bench.fit",
+            r"now tactileforge_bench \(pip install tactileforge-bench",
+        ),
         ("from tactileforge.no_such import thing", "the module is private"),
     ],
 )

@@ -29,6 +29,19 @@ PACKAGES = {
 }
 
 
+#: Rooms of the core that are now packages, by their former module.
+MODULES = {
+    "tactileforge.bench": "tactileforge_bench",
+    "tactileforge.datasets.samples": "tactileforge_datasets.samples",
+    "tactileforge.encoders.published": "tactileforge_published",
+    "tactileforge.export": "tactileforge_export",
+    "tactileforge.inspection": "tactileforge_inspect",
+    "tactileforge.live": "tactileforge_live",
+    "tactileforge.record": "tactileforge_live.record",
+    "tactileforge.sim": "tactileforge_sim",
+}
+
+
 @cache
 def public_names() -> frozenset[str]:
     """Names of `tactileforge.plugin`, from its source: an import here would be circular."""
@@ -52,6 +65,10 @@ def import_hint(error: BaseException) -> str:
     wanted += re.findall(r"cannot import name '(\w+)'", str(error))
     if moved := [said for name, said in PACKAGES.items() if name in wanted]:
         return f"use: {moved[0]}"
+    for old, new in MODULES.items():
+        if f"{error.name}.".startswith(f"{old}."):
+            package = new.partition(".")[0].replace("_", "-")
+            return f"the module is now {new} (pip install {package}), and private"
     last = (error.name or "").rpartition(".")[2].replace("_", "")
     alike = [name for name in public_names() if name.lower() == last]
     found = sorted(public_names() & set(wanted)) or alike
