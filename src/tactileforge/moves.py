@@ -68,7 +68,7 @@ def import_hint(error: BaseException) -> str:
     for old, new in MODULES.items():
         if f"{error.name}.".startswith(f"{old}."):
             package = new.partition(".")[0].replace("_", "-")
-            return f"the module is now {new} (pip install {package}), and private"
+            return f"use: {new} (pip install {package})"
     last = (error.name or "").rpartition(".")[2].replace("_", "")
     alike = [name for name in public_names() if name.lower() == last]
     found = sorted(public_names() & set(wanted)) or alike
