@@ -126,7 +126,7 @@ def test_what_a_readme_excuses_is_used(package):
         ("from tactileforge.plugin import SerialArray", "use: from tactileforge_arrays import"),
         (
             "import tactileforge.bench.fit",
-            r"now tactileforge_bench \(pip install tactileforge-bench",
+            "use: tactileforge_bench (pip install tactileforge-bench)",
         ),
         ("from tactileforge.no_such import thing", "the module is private"),
     ],
