@@ -84,8 +84,9 @@ def _filter(keys: _Filter, config: dict[str, Any]) -> None:
 
 def _inspect(keys: _Inspect, config: dict[str, Any]) -> None:
     """Writes a page about a data set, to look at before training."""
+    from tactileforge_inspect import inspect
+
     from tactileforge.datasets.recordings import LAYOUT_FILE
-    from tactileforge.inspection import inspect
 
     print(inspect(*_data(config), Path(keys.out), keys.recordings))
     print(f"page: {keys.out}")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.shards.summary import labels_of
-from tactileforge.inspection.findings import Total
+from tactileforge_inspect.findings import Total
 
 #: Edges of the bins of durations, s: eight a decade.
 DURATIONS = np.geomspace(0.01, 1e5, 57)

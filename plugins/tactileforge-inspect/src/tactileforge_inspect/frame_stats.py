@@ -16,8 +16,8 @@ from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.pixel_contract import checked_chunks
 from tactileforge.data.frames.small import shrink, strongest
 from tactileforge.errors import DataError
-from tactileforge.inspection.frozen import digest_of, frozen_time
 from tactileforge.pages import images
+from tactileforge_inspect.frozen import digest_of, frozen_time
 
 #: Frames of a recording to decode, and frames of a strip.
 FRAMES = 24
