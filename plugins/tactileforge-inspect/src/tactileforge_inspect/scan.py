@@ -9,10 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactileforge.bars import Bar
-from tactileforge.contracts import Dataset
 from tactileforge.data.labels.align import Lag
 from tactileforge.data.labels.doubts import Doubts, Suspicion, check_labels
-from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.plugin import DataError, DataNotFoundError, Dataset
 from tactileforge_inspect import duplicates
 from tactileforge_inspect.checks import (
     REASONS,

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from markupsafe import Markup
 
-from tactileforge.contracts import ACTIONS, LABELS
+from tactileforge.contracts import LABELS
 from tactileforge.data.frames.crop import size_text
 from tactileforge.data.shards.summary import counted
 from tactileforge.pages import page
@@ -29,6 +29,7 @@ from tactileforge.pages.page import (
     paragraph,
     table,
 )
+from tactileforge.plugin import ACTIONS
 from tactileforge_inspect import charts
 from tactileforge_inspect.checks import LAG_CORRELATION, LAG_PROMINENCE, is_sure
 from tactileforge_inspect.counters import source_rows

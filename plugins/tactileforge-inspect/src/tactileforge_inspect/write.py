@@ -1,0 +1,50 @@
+"""The page of a data set: what was found, written as HTML."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tactileforge.pages.page import page
+from tactileforge.plugin import ConfigError, Dataset, write_text
+from tactileforge_inspect import issues, sections
+from tactileforge_inspect.findings import InspectionFindings
+from tactileforge_inspect.scan import scan_dataset
+
+
+def inspect(
+    dataset: Dataset, name: str, path: Path, recordings: int = 400, progress: bool = True
+) -> InspectionFindings:
+    """Write a page on a data set: its content, its images and its problems.
+
+    All recordings are counted, and ``recordings`` of them, spread over the sensors, are decoded: at
+    most 24 frames each, and all frames of ten recordings with force. Memory does not grow with
+    their number.
+
+    Args:
+        dataset: Data set with the splits ``train`` and ``val``.
+        name: Name on the page.
+        path: Path of the page, one HTML file without links to the network.
+        recordings: Number of recordings to decode.
+        progress: Whether to show progress bars.
+
+    Returns:
+        The findings; as text, a summary of a few lines.
+
+    Raises:
+        ConfigError: ``recordings`` is below 1.
+        DataNotFoundError: The data is missing.
+        DataError: No recording can be opened.
+    """
+    if recordings < 1:
+        raise ConfigError(f"recordings={recordings}: give 1 or more")
+    contents = scan_dataset(dataset, recordings, progress)
+    parts = [
+        sections.totals(contents),
+        sections.sheets(contents),
+        sections.strips(contents),
+        sections.label_histograms(contents),
+        issues.duplicates_section(contents),
+        issues.suspicious_section(contents),
+    ]
+    write_text(path, page(f"Data set {name}", issues.top_section(name, contents), parts))
+    return contents.findings
