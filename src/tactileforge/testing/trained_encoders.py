@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from tactileforge_export.write import export
 from torch import Tensor, nn
 
 from tactileforge import registry
 from tactileforge.contracts import Batch
 from tactileforge.errors import ConfigError
-from tactileforge.export.write import export
 from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.hub.loading import load
 from tactileforge.parts import term_of
@@ -171,7 +171,7 @@ def packed_and_loaded_it_is_the_same(subject: CheckSubject) -> None:
 
 
 def exported_it_is_the_same(subject: CheckSubject) -> None:
-    """The file of `tactileforge.export.export` computes the same; ONNX if it is installed."""
+    """The file of `tactileforge_export.export` computes the same; ONNX if it is installed."""
     format_ = "onnx" if all(map(find_spec, ("onnx", "onnxruntime"))) else "torch_export"
     with tempfile.TemporaryDirectory() as folder:
         _, model = _packed(subject, Path(folder))

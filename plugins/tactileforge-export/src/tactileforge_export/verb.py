@@ -36,7 +36,7 @@ class _Export:
 
 def _export(keys: _Export, _: dict[str, Any]) -> None:
     """Writes a model as one file, preprocessing inside (docs/export.md)."""
-    from tactileforge.export.write import export
+    from tactileforge_export.write import export
 
     done = export(
         keys.model,
