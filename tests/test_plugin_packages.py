@@ -98,6 +98,7 @@ def test_a_run_whose_package_is_gone_names_it(tmp_path):
     [
         ("data lerobot data=sim out=set", "data lerobot comes with tactileforge-lerobot"),
         ("data embed data=sim out=set", "data embed comes with tactileforge-lerobot"),
+        ("export model=anytouch2.tiny", "export comes with tactileforge-export"),
         ("data inspect data=sim out=page.html", "data inspect comes with tactileforge-inspect"),
         ("train data=lerobot data.root=set", "data=lerobot comes with tactileforge-lerobot"),
         ("data pack data=lerobot out=set", "data=lerobot comes with tactileforge-lerobot"),

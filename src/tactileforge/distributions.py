@@ -41,6 +41,7 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
             *("vitamin_b", "vtouch"),
         ),
     },
+    "tactileforge-export": {"verbs": ("export",)},
     "tactileforge-flexitac": {"sensors": ("flexitac",)},
     "tactileforge-ft": {"sensors": ("ati_netft", "robotiq")},
     "tactileforge-gelsight": {"sensors": ("gelsight_mini", "gelsight_mini_markers")},

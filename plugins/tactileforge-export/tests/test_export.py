@@ -296,7 +296,9 @@ def test_bad_input(vit: TactileViT, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     with pytest.raises(DataNotFoundError, match="no such file"):
         export("file:nothing.safetensors", path)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(ConfigError, match=r"needs onnx.*: pip install 'tactileforge\[onnx\]'"):
+    with pytest.raises(
+        ConfigError, match=r"needs onnx.*: pip install 'tactileforge-export\[onnx\]'"
+    ):
         export(vit, path)
     assert list(tmp_path.iterdir()) == []
 

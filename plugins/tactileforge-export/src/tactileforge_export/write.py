@@ -12,13 +12,11 @@ from typing import Any, Literal
 
 from torch import nn
 
-from tactileforge import __version__
-from tactileforge.errors import ConfigError, TactileForgeError, unknown
-from tactileforge.files import new_part, sync
+from tactileforge import __version__, load
+from tactileforge.files import sync
 from tactileforge.hub import forces
 from tactileforge.hub.files import describe_input
-from tactileforge.hub.loading import load
-from tactileforge.hub.model import Model
+from tactileforge.plugin import ConfigError, Model, TactileForgeError, new_part, unknown
 from tactileforge_export.facts import AXES_OF_FORCE, OUTPUTS, Exported, need_onnx
 from tactileforge_export.graph_module import GraphModule, check_float32
 from tactileforge_export.program import ProgramFile, compare_outputs, sizes_of, trace
