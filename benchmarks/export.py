@@ -21,13 +21,13 @@ import numpy as np
 import onnxruntime
 import torch
 from common import ratio, save, side_by_side
+from tactileforge_export import Exported, export
 from torch import Tensor, nn
 from torch.nn import functional as F
 from transformers import CLIPVisionConfig, CLIPVisionModel
 
 from tactileforge.encoders.preprocess import CLIP_MEAN, CLIP_STD
 from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.export import Exported, export
 from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
 

@@ -144,8 +144,6 @@ ALLOWED = {
     ("record/store.py", "(self.out / NOTES / 'lock')"),
     ("untrusted.py", "plain"),  # to text
     ("testing/modules.py", "state"),  # to bytes
-    ("export/program.py", "path"),
-    ("export/onnx_file.py", "path"),
     ("lerobot/touch.py", "(root / files[-1])"),
 }
 

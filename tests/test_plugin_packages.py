@@ -15,6 +15,8 @@ from tactileforge import cli, distributions, parts, registry
 from tactileforge.errors import PluginError
 from tactileforge.hub import cards
 from tactileforge.sensors.specs import spec
+from tactileforge.testing.results import CheckSubject, run_check
+from tactileforge.testing.trained_encoders import exported_it_is_the_same
 
 ROOT = Path(__file__).parents[1]
 NAMES = ("anyskin", "digit", "dmtac", "flexitac", "ft", "gelsight")
@@ -98,6 +100,8 @@ def test_a_run_whose_package_is_gone_names_it(tmp_path):
     [
         ("data lerobot data=sim out=set", "data lerobot comes with tactileforge-lerobot"),
         ("data embed data=sim out=set", "data embed comes with tactileforge-lerobot"),
+        ("export model=anytouch2.tiny", "export comes with tactileforge-export"),
+        ("data inspect data=sim out=page.html", "data inspect comes with tactileforge-inspect"),
         ("train data=lerobot data.root=set", "data=lerobot comes with tactileforge-lerobot"),
         ("data pack data=lerobot out=set", "data=lerobot comes with tactileforge-lerobot"),
         ("train data=episodes data.root=set", "data=episodes comes with tactileforge-episodes"),
@@ -127,6 +131,14 @@ def test_without_a_package_what_it_brings_is_named_in_a_line(words, said, alone,
 def test_without_a_package_a_configuration_that_needs_it_names_it(kind, name, package, alone):
     with pytest.raises(PluginError, match=rf"pip install {package}$"):
         registry.build(kind, {"name": name})
+
+
+@pytest.mark.usefixtures("alone")
+def test_without_the_package_of_export_its_check_is_skipped():
+    subject = CheckSubject("encoders", registry.get("encoders", "pixels"), "pixels", {})
+    result = run_check(exported_it_is_the_same, subject)
+    assert result.status == "skipped"
+    assert result.detail.endswith("pip install tactileforge-export")
 
 
 def test_our_packages_bring_what_is_said_of_them():

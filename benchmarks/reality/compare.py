@@ -6,12 +6,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from tactileforge_inspect.frame_stats import evenly
+
 from reality.profiles import Profile, distances, profile, ratio
 from reality.simulated import config, simulated, trial
 from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError, DataError, unknown
-from tactileforge.inspection.frame_stats import evenly
 from tactileforge.sensors import specs
 
 #: Largest number of sources by the first folder of their keys; more are grouped by `source`.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from tactileforge_inspect.frame_stats import evenly
 
 from reality import measures
 from reality.measures import Array
@@ -18,7 +19,6 @@ from reality.touches import (
     strongest_touches,
 )
 from tactileforge.contracts import Frames, FrameSubset, Recording
-from tactileforge.inspection.frame_stats import evenly
 
 #: Floor of compared logarithms: a hundredth of a grey level counts as nothing.
 _FLOOR = 0.01

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from tactileforge_inspect.frame_stats import evenly
 
 from reality import measures
 from reality.measures import Array
 from tactileforge.contracts import Recording
-from tactileforge.inspection.frame_stats import evenly
 
 #: Largest number of fitted frames of a trial; their least force, as a share of the largest; and
 #: length of the blocks assigned to the two halves in turn, frames.

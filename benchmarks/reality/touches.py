@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from tactileforge_inspect.frame_stats import evenly
 
 from reality import measures
 from reality.measures import Array
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.crop import size_text
 from tactileforge.errors import DataError
-from tactileforge.inspection.frame_stats import evenly
 
 #: Number of searched frames per part of a recording, for the strongest contact.
 _FRAMES = 24

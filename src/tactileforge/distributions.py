@@ -41,9 +41,11 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
             *("vitamin_b", "vtouch"),
         ),
     },
+    "tactileforge-export": {"verbs": ("export",)},
     "tactileforge-flexitac": {"sensors": ("flexitac",)},
     "tactileforge-ft": {"sensors": ("ati_netft", "robotiq")},
     "tactileforge-gelsight": {"sensors": ("gelsight_mini", "gelsight_mini_markers")},
+    "tactileforge-inspect": {"verbs": ("data.inspect",)},
     "tactileforge-labels": {"verbs": ("label",)},
     "tactileforge-lerobot": {
         "datasets": ("daimon", "lerobot", "opentouch", "taf", "trex"),

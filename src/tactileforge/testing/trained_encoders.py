@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from copy import deepcopy
 from dataclasses import dataclass
 from importlib.util import find_spec
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +17,8 @@ from torch import Tensor, nn
 
 from tactileforge import registry
 from tactileforge.contracts import Batch
+from tactileforge.distributions import package_of
 from tactileforge.errors import ConfigError
-from tactileforge.export.write import export
 from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.hub.loading import load
 from tactileforge.parts import term_of
@@ -157,7 +159,8 @@ def resumes_to_the_same_bits(subject: CheckSubject) -> None:
 def packed_and_loaded_it_is_the_same(subject: CheckSubject) -> None:
     """A one-file checkpoint, opened by `tactileforge.load`, gives the same tokens."""
     with tempfile.TemporaryDirectory() as folder:
-        encoder, model = _packed(subject, Path(folder))
+        encoder, file = _saved(subject, Path(folder))
+        model = load(file)
     made = made_for(encoder)
     rows = torch.tensor([encoder.sensors.get(name, 0) for name in made["sensor"]])
     inputs = made["frames"], made["background"], rows
@@ -171,16 +174,25 @@ def packed_and_loaded_it_is_the_same(subject: CheckSubject) -> None:
 
 
 def exported_it_is_the_same(subject: CheckSubject) -> None:
-    """The file of `tactileforge.export.export` computes the same; ONNX if it is installed."""
-    format_ = "onnx" if all(map(find_spec, ("onnx", "onnxruntime"))) else "torch_export"
+    """The file of ``tactileforge export`` computes the same; ONNX if it is installed."""
+    if "export" not in registry.names("verbs"):
+        package = package_of("verbs", "export")
+        raise Skip(f"export comes with {package}: pip install {package}")
+    command = registry.load("verbs", "export").COMMANDS[""]
     with tempfile.TemporaryDirectory() as folder:
-        _, model = _packed(subject, Path(folder))
-        size = model.encoder.image_size
-        export(model, Path(folder) / f"model.{format_}", format=format_, size=size)  # type: ignore[arg-type]
+        encoder, file = _saved(subject, Path(folder))
+        keys = {
+            "model": f"file:{file}",
+            "format": "onnx" if all(map(find_spec, ("onnx", "onnxruntime"))) else "torch_export",
+            "out": str(Path(folder) / "exported"),
+            "size": list(encoder.image_size),
+        }
+        with redirect_stdout(StringIO()):  # what the command says of its file
+            command.start({}, keys)
 
 
-def _packed(subject: CheckSubject, folder: Path) -> tuple[Any, Any]:
-    """An encoder in eval mode, and the model loaded from its file."""
+def _saved(subject: CheckSubject, folder: Path) -> tuple[Any, Path]:
+    """An encoder in eval mode, and its file."""
     if not subject.name:
         raise Skip("the class is not installed as a plugin, so no file can name it")
     encoder = build_for_run(subject).eval()
@@ -190,7 +202,7 @@ def _packed(subject: CheckSubject, folder: Path) -> tuple[Any, Any]:
     spacing = float(getattr(encoder, "spacing", 0.1)) if encoder.frames > 1 else 0.0
     header = make_header(encoder, node, licence="NOASSERTION", spacing=spacing)
     save_checkpoint(folder / "model.safetensors", encoder, header)
-    return encoder, load(folder / "model.safetensors")
+    return encoder, folder / "model.safetensors"
 
 
 CHECKS: list[Check] = [

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tactileforge_inspect.checks import check_pixels
+from tactileforge_inspect.frame_stats import frame_stats
 
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.batches.log_doubts import log_doubts
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.frames.untared import untared
-from tactileforge.inspection.checks import check_pixels
-from tactileforge.inspection.frame_stats import frame_stats
 
 COUNT = 30
 

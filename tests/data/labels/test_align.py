@@ -4,12 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from omegaconf import OmegaConf
+from tactileforge_inspect.frame_stats import changes
 
 from tactileforge.contracts import Recording
 from tactileforge.data.labels.align import Lag, estimate_lag, nearest
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import DataError
-from tactileforge.inspection.frame_stats import changes
 
 CONFIG = Path(__file__).parents[3] / "conf/data/public_samples.yaml"
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tactileforge_inspect import inspect
 
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.batches.sources import sources_of
@@ -16,7 +17,6 @@ from tactileforge.data.shards.shards import Packed, describe_recording, read_sha
 from tactileforge.datasets.mixture import Mixture
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import DataNotFoundError
-from tactileforge.inspection import inspect
 from tactileforge.packing.options import PackOptions
 from tactileforge.packing.plan import plan_pack
 

@@ -59,7 +59,7 @@ class Suspicion:
     """A reason to distrust a recording.
 
     Attributes:
-        reason: Name of the reason; `inspection.checks.REASONS` explains it.
+        reason: Name of the reason; the page of ``data inspect`` explains it.
         value: Measured number, in the unit of the reason.
         words: Measured number in words.
     """

@@ -8,10 +8,6 @@ from markupsafe import Markup
 
 from tactileforge.contracts import LABELS
 from tactileforge.data.labels.doubts import FIXES
-from tactileforge.inspection.checks import REASONS, is_sure
-from tactileforge.inspection.findings import Suspect
-from tactileforge.inspection.scan import Scan
-from tactileforge.inspection.sections import recording_card
 from tactileforge.pages.images import captioned, figure, image
 from tactileforge.pages.page import (
     SPLIT_WORDS,
@@ -26,6 +22,10 @@ from tactileforge.pages.page import (
     table,
     verdict,
 )
+from tactileforge_inspect.checks import REASONS, is_sure
+from tactileforge_inspect.findings import Suspect
+from tactileforge_inspect.scan import Scan
+from tactileforge_inspect.sections import recording_card
 
 #: Reasons without pixels, checked on all recordings.
 _COUNTED = ("no_background", "gaps_in_time", *(name for name in FIXES if name != "untared_force"))

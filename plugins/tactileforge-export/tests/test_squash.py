@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from tactileforge_export import export, read_facts
+from tactileforge_export.squash import Squash
 
 import tactileforge
 from tactileforge.data.batches.clips import resize_frame
-from tactileforge.export import export, read_facts
-from tactileforge.export.squash import Squash
 
 
 @pytest.mark.parametrize("wanted", [(128, 128), (224, 224), (320, 240)])

@@ -9,26 +9,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactileforge.bars import Bar
-from tactileforge.contracts import Dataset
 from tactileforge.data.labels.align import Lag
 from tactileforge.data.labels.doubts import Doubts, Suspicion, check_labels
-from tactileforge.errors import DataError, DataNotFoundError
-from tactileforge.inspection import duplicates
-from tactileforge.inspection.checks import (
+from tactileforge.plugin import DataError, DataNotFoundError, Dataset
+from tactileforge_inspect import duplicates
+from tactileforge_inspect.checks import (
     REASONS,
     check_lag,
     check_pixels,
     lag_of,
 )
-from tactileforge.inspection.counters import (
+from tactileforge_inspect.counters import (
     Counters,
     RecordingSample,
     SampledRecording,
     duration_of,
 )
-from tactileforge.inspection.findings import InspectionFindings, Suspect
-from tactileforge.inspection.frame_stats import FrameStats, evenly, frame_stats
-from tactileforge.inspection.resting import Resting, odd_pictures
+from tactileforge_inspect.findings import InspectionFindings, Suspect
+from tactileforge_inspect.frame_stats import FrameStats, evenly, frame_stats
+from tactileforge_inspect.resting import Resting, odd_pictures
 
 SPLITS = ("train", "val")
 #: Suspicious recordings to keep for each reason, recordings shown as strips, and recordings to read

@@ -3,10 +3,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-
-from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.data.shards.summary import counted
-from tactileforge.inspection.counters import (
+from tactileforge_inspect.counters import (
     DURATIONS,
     Counters,
     Histogram,
@@ -16,6 +13,9 @@ from tactileforge.inspection.counters import (
     duration_of,
     source_rows,
 )
+
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.data.shards.summary import counted
 
 Touch = Callable[..., Recording]
 

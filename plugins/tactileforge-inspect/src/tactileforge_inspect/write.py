@@ -1,18 +1,14 @@
-"""A data set on one page, before anything is trained on it."""
+"""The page of a data set: what was found, written as HTML."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from tactileforge.contracts import Dataset
-from tactileforge.errors import ConfigError
-from tactileforge.files import write_text
-from tactileforge.inspection import issues, sections
-from tactileforge.inspection.findings import InspectionFindings, Reason, Suspect, Total
-from tactileforge.inspection.scan import scan_dataset
 from tactileforge.pages.page import page
-
-__all__ = ["InspectionFindings", "Reason", "Suspect", "Total", "inspect"]
+from tactileforge.plugin import ConfigError, Dataset, write_text
+from tactileforge_inspect import issues, sections
+from tactileforge_inspect.findings import InspectionFindings
+from tactileforge_inspect.scan import scan_dataset
 
 
 def inspect(

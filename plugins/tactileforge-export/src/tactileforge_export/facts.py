@@ -9,9 +9,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tactileforge import strict
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError, check_names
-from tactileforge.untrusted import load_json
+from tactileforge.plugin import (
+    ConfigError,
+    DataError,
+    DataNotFoundError,
+    check_names,
+    load_json,
+    strict,
+)
 
 #: Key of the text in ``metadata_props`` of ONNX, and in ``extra_files`` of ``torch.export``.
 KEY = "tactileforge"
@@ -122,7 +127,7 @@ def need_onnx() -> None:
     missing = [name for name in ("onnx", "onnxscript", "onnxruntime") if find_spec(name) is None]
     if missing:
         raise ConfigError(
-            f"format=onnx needs {', '.join(missing)}: pip install 'tactileforge[onnx]'"
+            f"format=onnx needs {', '.join(missing)}: pip install 'tactileforge-export[onnx]'"
         )
 
 

@@ -9,8 +9,8 @@ from markupsafe import Markup
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
-from tactileforge.inspection.counters import DURATIONS, Histogram
 from tactileforge.pages.figures import CLASSES, drawing, svg
+from tactileforge_inspect.counters import DURATIONS, Histogram
 
 #: Longest label of a bar, letters.
 _NAME = 28

@@ -5,12 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from tactileforge.contracts import Recording
-from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.data.labels.align import Lag, estimate_lag
-from tactileforge.data.labels.doubts import Suspicion, check_labels
-from tactileforge.inspection.checks import (
+from tactileforge_inspect.checks import (
     LAG,
     REASONS,
     check_lag,
@@ -18,8 +13,13 @@ from tactileforge.inspection.checks import (
     is_sure,
     lag_of,
 )
-from tactileforge.inspection.findings import InspectionFindings, Suspect
-from tactileforge.inspection.frame_stats import frame_stats
+from tactileforge_inspect.findings import InspectionFindings, Suspect
+from tactileforge_inspect.frame_stats import frame_stats
+
+from tactileforge.contracts import Recording
+from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.data.labels.align import Lag, estimate_lag
+from tactileforge.data.labels.doubts import Suspicion, check_labels
 
 Touch = Callable[..., Recording]
 

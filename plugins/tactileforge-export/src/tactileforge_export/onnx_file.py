@@ -16,10 +16,10 @@ from torch import Tensor
 from torch.export import ExportedProgram
 from torch.nn import functional as F
 
-from tactileforge.errors import ConfigError
-from tactileforge.export.facts import KEY
-from tactileforge.export.program import INPUTS, Outputs, Run
-from tactileforge.export.squash import Squash
+from tactileforge.plugin import ConfigError
+from tactileforge_export.facts import KEY
+from tactileforge_export.program import INPUTS, Outputs, Run
+from tactileforge_export.squash import Squash
 
 #: Largest size of an ONNX file, bytes: the limit of protobuf.
 _LARGEST = 2**31 - 1

@@ -8,15 +8,9 @@ from collections.abc import Sequence
 
 from markupsafe import Markup
 
-from tactileforge.contracts import ACTIONS, LABELS
+from tactileforge.contracts import LABELS
 from tactileforge.data.frames.crop import size_text
 from tactileforge.data.shards.summary import counted
-from tactileforge.inspection import charts
-from tactileforge.inspection.checks import LAG_CORRELATION, LAG_PROMINENCE, is_sure
-from tactileforge.inspection.counters import source_rows
-from tactileforge.inspection.findings import Total
-from tactileforge.inspection.frame_stats import evenly
-from tactileforge.inspection.scan import Scan, ScannedRecording
 from tactileforge.pages import page
 from tactileforge.pages.forces import recording_figure
 from tactileforge.pages.images import figure, image, strip
@@ -35,6 +29,13 @@ from tactileforge.pages.page import (
     paragraph,
     table,
 )
+from tactileforge.plugin import ACTIONS
+from tactileforge_inspect import charts
+from tactileforge_inspect.checks import LAG_CORRELATION, LAG_PROMINENCE, is_sure
+from tactileforge_inspect.counters import source_rows
+from tactileforge_inspect.findings import Total
+from tactileforge_inspect.frame_stats import evenly
+from tactileforge_inspect.scan import Scan, ScannedRecording
 
 AXES = ("x", "y", "z")
 #: Recordings of a contact sheet of a sensor, and rows of objects and of sources.

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from tactileforge_inspect.frame_stats import frame_stats
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.inspection.frame_stats import frame_stats
 
 
 def take(count: int, frozen: slice | None = None, repeat: int = 1) -> Recording:

@@ -13,8 +13,8 @@ from torch import Tensor
 from torch.export import Dim, ExportedProgram
 from torch.nn import functional as F
 
-from tactileforge.errors import ConfigError
-from tactileforge.export.facts import KEY
+from tactileforge.plugin import ConfigError
+from tactileforge_export.facts import KEY
 
 Clips: TypeAlias = tuple[Tensor, Tensor, Tensor]
 Outputs: TypeAlias = tuple[Tensor, ...]

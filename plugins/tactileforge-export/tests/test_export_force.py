@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from tactileforge_export import export, read_facts
 from videos import write_video
 
 import tactileforge
@@ -16,14 +17,13 @@ from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.preprocess import ANYTOUCH2
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
-from tactileforge.export import export, read_facts
 from tactileforge.heads.force import ForceHead
 from tactileforge.hub.files import make_header, save_checkpoint
 
 onnxruntime = pytest.importorskip("onnxruntime")
 pytest.importorskip("onnxscript")
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
 
 NODE = {"name": "tactile_vit", "size": "tiny", "depth": 1, "frames": 4, "image_size": 32}

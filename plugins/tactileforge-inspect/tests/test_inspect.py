@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from tactileforge_inspect import InspectionFindings, inspect
+from tactileforge_inspect.scan import scan_dataset
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.datasets.sim import Sim
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.inspection import InspectionFindings, inspect
-from tactileforge.inspection.scan import scan_dataset
 
 Touch = Callable[..., Recording]
 VOID = {"meta", "link", "img", "br", "path", "circle", "use"}

@@ -8,7 +8,7 @@ import numpy as np
 
 from tactileforge.data.frames.small import ELSEWHERE, SIMILAR
 from tactileforge.data.frames.untared import NO_CONTACT
-from tactileforge.inspection.frame_stats import FrameStats
+from tactileforge_inspect.frame_stats import FrameStats
 
 
 def identical_groups(looks: Sequence[FrameStats]) -> list[list[int]]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactileforge.cli._command import Command
+from tactileforge.plugin import Command
 
 #: Endings of the files of each format.
 _SUFFIXES = {"onnx": ".onnx", "torch_export": ".pt2"}
@@ -36,7 +36,7 @@ class _Export:
 
 def _export(keys: _Export, _: dict[str, Any]) -> None:
     """Writes a model as one file, preprocessing inside (docs/export.md)."""
-    from tactileforge.export.write import export
+    from tactileforge_export.write import export
 
     done = export(
         keys.model,

@@ -4,11 +4,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-
-from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.inspection import duplicates
-from tactileforge.inspection.frame_stats import (
+from tactileforge_inspect import duplicates
+from tactileforge_inspect.frame_stats import (
     FRAMES,
     STRIP,
     amplify,
@@ -18,6 +15,9 @@ from tactileforge.inspection.frame_stats import (
     frame_stats,
     shrink,
 )
+
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data.frames.lazy import ArrayFrames
 
 Touch = Callable[..., Recording]
 

@@ -9,13 +9,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tactileforge.contracts import Recording
 from tactileforge.data.frames.untared import NO_CONTACT, untared
-from tactileforge.data.labels.align import GAP, Lag, estimate_lag
+from tactileforge.data.labels.align import GAP, Lag
 from tactileforge.data.labels.doubts import RANGE, TINY, Suspicion
-from tactileforge.inspection.findings import Reason
-from tactileforge.inspection.frame_stats import FrameStats, changes
 from tactileforge.pages.page import percent
+from tactileforge.plugin import Recording, estimate_lag
+from tactileforge_inspect.findings import Reason
+from tactileforge_inspect.frame_stats import FrameStats, changes
 
 #: Change of half of the image of another background, grey levels. Touch is local: real videos with
 #: a fitting background stay below 2, and below 0.5 in the air.

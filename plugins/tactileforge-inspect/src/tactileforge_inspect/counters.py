@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.shards.summary import labels_of
-from tactileforge.inspection.findings import Total
+from tactileforge.plugin import ACTIONS, Recording
+from tactileforge_inspect.findings import Total
 
 #: Edges of the bins of durations, s: eight a decade.
 DURATIONS = np.geomspace(0.01, 1e5, 57)

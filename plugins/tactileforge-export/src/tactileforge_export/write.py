@@ -12,16 +12,14 @@ from typing import Any, Literal
 
 from torch import nn
 
-from tactileforge import __version__
-from tactileforge.errors import ConfigError, TactileForgeError, unknown
-from tactileforge.export.facts import AXES_OF_FORCE, OUTPUTS, Exported, need_onnx
-from tactileforge.export.graph_module import GraphModule, check_float32
-from tactileforge.export.program import ProgramFile, compare_outputs, sizes_of, trace
-from tactileforge.files import new_part, sync
+from tactileforge import __version__, load
+from tactileforge.files import sync
 from tactileforge.hub import forces
 from tactileforge.hub.files import describe_input
-from tactileforge.hub.loading import load
-from tactileforge.hub.model import Model
+from tactileforge.plugin import ConfigError, Model, TactileForgeError, new_part, unknown
+from tactileforge_export.facts import AXES_OF_FORCE, OUTPUTS, Exported, need_onnx
+from tactileforge_export.graph_module import GraphModule, check_float32
+from tactileforge_export.program import ProgramFile, compare_outputs, sizes_of, trace
 
 FORMATS = ("onnx", "torch_export")
 
@@ -147,7 +145,7 @@ def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str,
 def _file(format: str, program: Any, outputs: Sequence[str]) -> Any:
     if format == "torch_export":
         return ProgramFile(program)
-    from tactileforge.export.onnx_file import OnnxFile
+    from tactileforge_export.onnx_file import OnnxFile
 
     return OnnxFile(program, outputs)
 

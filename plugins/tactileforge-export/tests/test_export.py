@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from tactileforge_export import Exported, export, facts, program, read_facts
 from torch import nn
 from torch.nn import functional as F
 
@@ -18,7 +19,6 @@ from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.preprocess import ANYTOUCH2
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, TactileForgeError
-from tactileforge.export import Exported, export, facts, program, read_facts
 from tactileforge.hub.files import describe_input, make_header, save_checkpoint
 
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -108,7 +108,7 @@ def test_onnx_file_is_named_and_says_nothing_of_this_machine(any_size: Exported)
         "cls": ["batch", 512],
     }
     data = Path(any_size.path).read_bytes()
-    assert str(Path(__file__).parents[2]).encode() not in data
+    assert str(Path(__file__).parents[3]).encode() not in data
     assert b"site-packages" not in data
 
 
@@ -193,7 +193,7 @@ class Resize(nn.Module):
 @pytest.mark.filterwarnings("ignore")
 def test_resizing_is_torchs(tmp_path: Path) -> None:
     """Matrices made at run time, against torch's kernel, on sizes of sensors."""
-    from tactileforge.export.onnx_file import _resize
+    from tactileforge_export.onnx_file import _resize
 
     shape = {2: torch.export.Dim("height", min=3), 3: torch.export.Dim("width", min=3)}
     table = {torch.ops.aten._upsample_bilinear2d_aa.default: _resize("bilinear")}
@@ -296,7 +296,9 @@ def test_bad_input(vit: TactileViT, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     with pytest.raises(DataNotFoundError, match="no such file"):
         export("file:nothing.safetensors", path)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(ConfigError, match=r"needs onnx.*: pip install 'tactileforge\[onnx\]'"):
+    with pytest.raises(
+        ConfigError, match=r"needs onnx.*: pip install 'tactileforge-export\[onnx\]'"
+    ):
         export(vit, path)
     assert list(tmp_path.iterdir()) == []
 

@@ -3,11 +3,11 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tactileforge_inspect.resting import Resting, odd_pictures
+from tactileforge_inspect.scan import scan_dataset
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.inspection.resting import Resting, odd_pictures
-from tactileforge.inspection.scan import scan_dataset
 from tactileforge.sensors.resting_colours import known_colours
 
 from .conftest import Listed

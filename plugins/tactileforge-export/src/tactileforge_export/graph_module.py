@@ -11,8 +11,8 @@ from torch import Tensor, nn
 from tactileforge.encoders.feature_groups import joint_vector
 from tactileforge.encoders.summary import join_summary, summarised_parts
 from tactileforge.encoders.views import ComputedViews
-from tactileforge.errors import ConfigError
-from tactileforge.export.squash import Squash
+from tactileforge.plugin import ConfigError
+from tactileforge_export.squash import Squash
 
 #: Row of an unknown sensor, outside of every table, so that the graph raises an error.
 _NOWHERE = -(2**31)
