@@ -9,8 +9,8 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from tactileforge_sim.dataset import Sim
 
-from tactileforge.datasets.sim import Sim
 from tactileforge.packing import PackOptions, pack
 
 ROOT = Path(__file__).parents[1]

@@ -8,10 +8,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from tactileforge_sim.dataset import Sim
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
-from tactileforge.datasets.sim import Sim
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.inspection import InspectionFindings, inspect
 from tactileforge.inspection.scan import scan_dataset
