@@ -33,7 +33,7 @@ def config(sensor: str, **changes: Any) -> SimConfig:
 
     Args:
         sensor: Type of the sensor.
-        changes: Fields of `sim.config.SimConfig` that replace the defaults here.
+        changes: Fields of `tactileforge_sim.config.SimConfig` that replace the defaults here.
 
     Raises:
         ConfigError: The sensor is not simulated, or a value in ``changes`` is invalid.

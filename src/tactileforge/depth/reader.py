@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tactileforge_sim.optics.sensor_instances import pixel_spacing
 from torch import Tensor
 
 from tactileforge.contracts import Sensor, SensorSpec
@@ -29,7 +28,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_
 from tactileforge.sensors.health import TROUBLES
 from tactileforge.sensors.light import LightCheck
 from tactileforge.sensors.resting_colours import agreement, colour_grid, has_colours
-from tactileforge.sensors.specs import SIMULATED, simulation, spec
+from tactileforge.sensors.specs import SIMULATED, pixel_spacing, simulation, spec
 from tactileforge.sensors.swapped_colours import warn_of_swapped
 
 #: Least agreement of a background's colors with those of a calibration. Public backgrounds reach
@@ -49,12 +48,12 @@ class DepthReader:
 
     A calibration maps normals to colours; it is inverted in each pixel, and the slopes are
     integrated. The shipped calibrations are of one unit of each type. Another unit has other
-    lights, so its depths have the right shape but not the right scale; `sim.optics.fit` fits a
+    lights, so its depths have the right shape but not the right scale; `depth.fit` fits a
     calibration of your unit.
 
     Args:
         sensor: Name of the sensor type, or the spec of a type that is not installed by name.
-        calibration: Name of a shipped calibration, or a file of `sim.optics.fit.save_optics`; None
+        calibration: Name of a shipped calibration, or a file of `depth.fit.save_optics`; None
             takes the shipped one of the type.
         rows: Rows of the height map; larger pictures are shrunk to as many first.
         mm_per_pixel: Size of a pixel of the sensor's own picture, mm; None computes it from the
@@ -243,7 +242,7 @@ def _height_mm(sensor: str | SensorSpec) -> float:
 
 
 def read_optics(path: str | Path) -> OpticalCalibration:
-    """Reads a calibration from a file of `sim.optics.fit.save_optics`.
+    """Reads a calibration from a file of `depth.fit.save_optics`.
 
     Raises:
         DataNotFoundError: The file does not exist.

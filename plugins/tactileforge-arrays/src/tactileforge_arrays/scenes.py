@@ -225,7 +225,7 @@ def write_array_scenes(
         config: The simulated scenes.
         array: The taxel array.
         folder: Folder of the shards.
-        numbers: Numbers of scenes; validation starts at `sim.config.FIRST_VAL`.
+        numbers: Numbers of scenes; validation starts at `tactileforge_sim.config.FIRST_VAL`.
         processes: Number of simulating processes; None for one a core.
     """
     missing = [n for n in numbers if not path_of(folder, n).exists()]

@@ -6,11 +6,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactileforge.contracts import Recording
 from tactileforge.data.shards import shards
 from tactileforge.datasets.reading.drawn import Drawn
-from tactileforge.errors import ConfigError, unknown
-from tactileforge.files import cache_folder
+from tactileforge.plugin import ConfigError, Recording, cache_folder, unknown
 
 if TYPE_CHECKING:
     from tactileforge_sim.config import SimConfig
@@ -36,7 +34,7 @@ class Sim(Drawn):
         viscosity: Relaxation time of the gels, s; forces then lead images.
         lag: Delay of the images behind the forces, as from a real camera, s.
         randomise: Differences between units of a sensor, and between touches: ``none``, ``unit``,
-            ``all``, or names of rows, see `sim.randomise.table.TABLE`.
+            ``all``, or names of rows, see `randomise.table.TABLE`.
         seed: Seed of all touches.
         cache: Folder of the cache; None for ``$TACTILEFORGE_CACHE``, or the user's cache folder.
         processes: Number of simulating processes; None for one per core.

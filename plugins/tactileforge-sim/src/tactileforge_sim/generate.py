@@ -10,14 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge import strict
 from tactileforge.bars import Bar
-from tactileforge.contracts import Recording
-from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.files import claim
+from tactileforge.plugin import ArrayFrames, ConfigError, Recording, TactileForgeError, strict
 from tactileforge.processes import end_with_parent, process_count, spread
 from tactileforge.threads import one_thread
 from tactileforge_sim.config import FIRST_VAL, SimConfig

@@ -12,7 +12,8 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from tactileforge.data.labels import displacement
-from tactileforge.sensors.specs import spec
+from tactileforge.plugin import spec
+from tactileforge.sensors.specs import pixel_spacing
 from tactileforge_sim.mechanics.surface import Fields, GelSurface
 from tactileforge_sim.mechanics.touch import ContactState
 from tactileforge_sim.optics import sensor_instances
@@ -54,7 +55,7 @@ class SensorView:
         known = spec(sensor)
         full = min(known.height, known.width)
         shown = [round(side * size / full) for side in (known.height, known.width)]
-        coarse = sensor_instances.pixel_spacing(sensor, shown[0])
+        coarse = pixel_spacing(sensor, shown[0])
         shrink = math.ceil(coarse / _FINEST)
         height, width = (side * shrink for side in shown)
         drawn = sensor_instances.draw_instance(sensor, unit, (height, width), markers, randomise)

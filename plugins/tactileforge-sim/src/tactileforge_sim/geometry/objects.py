@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.errors import ConfigError, DataError
-from tactileforge.untrusted import open_picture
+from tactileforge.plugin import ConfigError, DataError, open_picture
 from tactileforge_sim.geometry.indenter_geometry import CELLS, DEEP, REACH, Shape, shape_of
 from tactileforge_sim.geometry.mesh_files import (
     Mesh,

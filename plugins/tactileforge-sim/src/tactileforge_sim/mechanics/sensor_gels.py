@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from tactileforge.depth.gel import Gel
-from tactileforge.errors import ConfigError
+from tactileforge.plugin import ConfigError
 from tactileforge.sensors.specs import simulation
 
 #: Upper limit of simulated frames per second; slower sensors keep their own rate.

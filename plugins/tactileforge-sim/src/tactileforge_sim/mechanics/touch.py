@@ -14,7 +14,7 @@ from torch import Tensor
 
 from tactileforge.depth import contact
 from tactileforge.depth.gel import Gel, kernel
-from tactileforge.errors import ConfigError
+from tactileforge.plugin import ConfigError
 from tactileforge_sim.mechanics import friction
 from tactileforge_sim.mechanics.overlap import Overlap, rotated
 

@@ -9,8 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from tactileforge.errors import ConfigError
-from tactileforge.sensors.simulation import MarkerPattern
+from tactileforge.plugin import ConfigError, MarkerPattern
 
 
 @dataclass(frozen=True)

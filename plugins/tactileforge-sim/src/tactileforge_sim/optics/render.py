@@ -13,7 +13,7 @@ from torch import Tensor
 
 from tactileforge.depth.features import Coarse, fine, normals, places
 from tactileforge.depth.lighting import DEGREE
-from tactileforge.errors import ConfigError
+from tactileforge.plugin import ConfigError
 from tactileforge_sim.optics.camera import FULL, Lens
 from tactileforge_sim.optics.sensor_instances import SensorInstance
 

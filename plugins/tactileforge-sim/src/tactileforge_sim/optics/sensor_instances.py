@@ -16,9 +16,8 @@ from torch import Tensor
 from tactileforge.depth import lighting
 from tactileforge.depth.gel import Gel
 from tactileforge.depth.lighting import OpticalCalibration, polynomial_background
-from tactileforge.errors import ConfigError, unknown
-from tactileforge.sensors.simulation import Simulation
-from tactileforge.sensors.specs import SIMULATED, simulation, spec
+from tactileforge.plugin import ConfigError, Simulation, spec, unknown
+from tactileforge.sensors.specs import SIMULATED, pixel_spacing, simulation
 from tactileforge_sim.optics.camera import CameraModel
 from tactileforge_sim.optics.markers import Markers, coverage, print_markers
 from tactileforge_sim.optics.stray_light import stray_light
@@ -101,16 +100,6 @@ def draw_instance(
         face=tuple((row["face"] * _randn(row, "face", 3).clamp(-2, 2)).tolist()),
         camera=CameraModel(**{name: row[name] for name in CameraModel.__dataclass_fields__}),
     )
-
-
-def pixel_spacing(sensor: str, height: int) -> float:
-    """Width of a pixel, mm, in an image of ``height`` rows of the sensor's type."""
-    shown = simulation(sensor).height_mm or (spec(sensor).area_mm or (0.0,))[0]
-    if not shown:
-        raise ConfigError(
-            f"{sensor}: give area_mm in its SensorSpec, or height_mm in its simulation"
-        )
-    return shown / height
 
 
 def instance_gel(base: Gel, sensor: str, seed: int, randomise: Choice) -> Gel:

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.errors import ConfigError
-from tactileforge.sensors.drivers.serial_robot import SerialRobot
+from tactileforge.plugin import ConfigError, SerialRobot
 from tactileforge_sim.sensors.sim_samples import SimSamples
 
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.errors import ConfigError
-from tactileforge.sensors.drivers.force_torque import ForceTorque
+from tactileforge.plugin import ConfigError, ForceTorque
 from tactileforge_sim.sensors.sim_samples import SimSamples
 
 
