@@ -36,6 +36,7 @@ import torch
 from common import memory_mb, save, side_by_side
 from numpy.typing import NDArray
 from PIL import Image
+from tactileforge_sim.dataset import Sim
 from torch.nn import functional as F
 
 from tactileforge.contracts import Recording
@@ -46,7 +47,6 @@ from tactileforge.data.shards import shards
 from tactileforge.data.shards.fetch import ShardFolder
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.datasets.shards import Shards
-from tactileforge.datasets.sim import Sim
 from tactileforge.encoders.tactile_vit import CLIP_MEAN, CLIP_STD
 
 #: Frames of a recording of a large stream: 20 s.

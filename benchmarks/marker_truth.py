@@ -7,11 +7,10 @@ from unittest import mock
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from tactileforge_sim.config import SimConfig
+from tactileforge_sim.optics.markers import Markers
+from tactileforge_sim.play import play_scenes
 from torch import Tensor
-
-from tactileforge.sim.config import SimConfig
-from tactileforge.sim.optics.markers import Markers
-from tactileforge.sim.play import play_scenes
 
 
 def simulated(

@@ -26,11 +26,11 @@ import webdataset
 from common import ratio, save
 from numpy.typing import NDArray
 from PIL import Image
+from tactileforge_sim.dataset import Sim
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.shards import shards
-from tactileforge.datasets.sim import Sim
 from tactileforge.packing import Filter, PackOptions, work
 from tactileforge.packing.plan import plan_pack
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import tactileforge
 from tactileforge.contracts import Dataset, Recording
-from tactileforge.depth import DepthReader
+from tactileforge.depth.reader import DepthReader
 from tactileforge.registry import build
 
 SENSOR = "gelsight_mini"

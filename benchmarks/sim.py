@@ -19,11 +19,10 @@ from dataclasses import replace
 import numpy as np
 import torch
 from common import save, side_by_side
-
-from tactileforge.sim.geometry.shapes import shape
-from tactileforge.sim.mechanics.motions import MOTIONS, Path, Speeds
-from tactileforge.sim.play import play_scenes
-from tactileforge.sim.scene import Scene
+from tactileforge_sim.geometry.shapes import shape
+from tactileforge_sim.mechanics.motions import MOTIONS, Path, Speeds
+from tactileforge_sim.play import play_scenes
+from tactileforge_sim.scene import Scene
 
 NAMES = ("small_sphere", "pentagram", "small_square_array", "cylindrical")
 FIVE = ("digit", "gelsight", "gelsight_mini", "gelslim", "duragel")

@@ -17,16 +17,16 @@ import torch
 import torch.nn.functional as F
 from common import save
 from PIL import Image
+from tactileforge_sim.geometry.shapes import shape
+from tactileforge_sim.mechanics.sensor_gels import sensor_gel
+from tactileforge_sim.mechanics.surface import DETAIL, GelSurface
+from tactileforge_sim.mechanics.touch import ContactState, contacts
+from tactileforge_sim.optics.render import Optics
+from tactileforge_sim.optics.sensor_instances import SensorInstance, draw_instance
+from tactileforge_sim.scene import POINTS, SPACING
 from torch import Tensor
 
-from tactileforge.sim.geometry.shapes import shape
-from tactileforge.sim.mechanics.gel import Gel, kernel
-from tactileforge.sim.mechanics.sensor_gels import sensor_gel
-from tactileforge.sim.mechanics.surface import DETAIL, GelSurface
-from tactileforge.sim.mechanics.touch import ContactState, contacts
-from tactileforge.sim.optics.render import Optics
-from tactileforge.sim.optics.sensor_instances import SensorInstance, draw_instance
-from tactileforge.sim.scene import POINTS, SPACING
+from tactileforge.depth.gel import Gel, kernel
 
 SENSOR = "gelsight_mini"
 NAMES = (

@@ -29,15 +29,15 @@ from typing import Any
 import numpy as np
 import torch
 from common import save
+from tactileforge_sim.optics.render import Optics
+from tactileforge_sim.optics.sensor_instances import SensorInstance, draw_instance
 from torch import Tensor
 
+from tactileforge.depth import fit, lighting
+from tactileforge.depth.features import places
+from tactileforge.depth.lighting import OpticalCalibration
+from tactileforge.depth.presses import KNOWN, Presses, read_known, read_picture, read_presses
 from tactileforge.sensors.specs import SIMULATED
-from tactileforge.sim.optics import fit, lighting
-from tactileforge.sim.optics.features import places
-from tactileforge.sim.optics.lighting import OpticalCalibration
-from tactileforge.sim.optics.presses import KNOWN, Presses, read_known, read_picture, read_presses
-from tactileforge.sim.optics.render import Optics
-from tactileforge.sim.optics.sensor_instances import SensorInstance, draw_instance
 
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("TACTILEFORGE_REALDATA", ROOT.parent / "shared" / "realdata"))

@@ -14,14 +14,14 @@ from common import save
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
+from tactileforge_sim.geometry.shapes import shape
+from tactileforge_sim.mechanics.motions import MOTIONS, Speeds
+from tactileforge_sim.play import play_scenes
+from tactileforge_sim.scene import Scene, simulated_rate
 
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.frames.video import VideoFrames
 from tactileforge.sensors.specs import SIMULATED
-from tactileforge.sim.geometry.shapes import shape
-from tactileforge.sim.mechanics.motions import MOTIONS, Speeds
-from tactileforge.sim.play import play_scenes
-from tactileforge.sim.scene import Scene, simulated_rate
 
 ROOT = Path(__file__).parents[1]
 ASSETS = ROOT / "docs" / "assets"

@@ -21,11 +21,11 @@ import torch
 import torch.nn.functional as F
 from common import save
 from numpy.typing import NDArray
+from tactileforge_sim.dataset import Sim
+from tactileforge_sim.geometry.shapes import INDENTERS
 from torch import Tensor, nn
 
-from tactileforge.datasets.sim import Sim
 from tactileforge.sensors.specs import simulation
-from tactileforge.sim.geometry.shapes import INDENTERS
 
 #: Pre-training indenters; every fifth is held out for the test.
 NAMES = [name for name, known in INDENTERS.items() if known.split == "pretrain"]

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import pytest
+from tactileforge_sim.dataset import Sim
 
 from tactileforge import cli
-from tactileforge.datasets.sim import Sim
 from tactileforge.packing import PackOptions, pack
 
 pytestmark = pytest.mark.slow

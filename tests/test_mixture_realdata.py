@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 import yaml
+from tactileforge_sim.dataset import Sim
 
 from tactileforge import cli
 from tactileforge.compose import compose
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.datasets.mixture import Mixture
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.datasets.sim import Sim
 from tactileforge.packing import PackOptions, pack
 
 SOURCES = {

@@ -30,8 +30,8 @@ class CompareOptions:
         recordings: Largest number of recordings read per source.
         scenes: Number of simulated touches of each sensor.
         trials: Number of simulated force trials; only used for data with forces.
-        indenters: Indenters of the simulated touches, see `sim.config.SimConfig`.
-        motions: Motions of the simulated touches, see `sim.config.SimConfig`.
+        indenters: Indenters of the simulated touches, see `tactileforge_sim.config.SimConfig`.
+        motions: Motions of the simulated touches, see `tactileforge_sim.config.SimConfig`.
         newton: Range of the largest normal force of the touches, lowest and highest, N.
         markers: Whether the simulated gels have markers; None for their types' default.
         seed: Seed of the simulated touches.

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tactileforge_sim.config import SimConfig
+from tactileforge_sim.generate import recordings
 
 from reality import measures
 from tactileforge.bars import Bar
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
-from tactileforge.sim.config import SimConfig
-from tactileforge.sim.generate import recordings
 
 #: The trial of the ToucHD demonstrations, in the range of both sensors' forces; indenters with
 #: edges reveal failures of a fit.
@@ -33,7 +33,7 @@ def config(sensor: str, **changes: Any) -> SimConfig:
 
     Args:
         sensor: Type of the sensor.
-        changes: Fields of `sim.config.SimConfig` that replace the defaults here.
+        changes: Fields of `tactileforge_sim.config.SimConfig` that replace the defaults here.
 
     Raises:
         ConfigError: The sensor is not simulated, or a value in ``changes`` is invalid.

@@ -62,6 +62,11 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
         "verbs": ("demos", "rollout"),
     },
     "tactileforge-rosbags": {"datasets": ("rosbags",)},
+    "tactileforge-sim": {
+        "datasets": ("sim",),
+        "sensors": ("sim", "sim_robot", "sim_wrench"),
+        "verbs": ("sim",),
+    },
 }
 
 

@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from tactileforge_sim.optics.render import Optics
+from tactileforge_sim.optics.sensor_instances import SensorInstance
 
 from tactileforge import cli
 from tactileforge.calibration.depth import calibrate_depth
@@ -17,12 +19,10 @@ from tactileforge.calibration.depth_options import DepthOptions
 from tactileforge.calibration.depth_page import depth_page
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.depth import DepthReader
+from tactileforge.depth.lighting import load_optics, optics_names, polynomial_background
+from tactileforge.depth.presses import Presses
+from tactileforge.depth.reader import DepthReader
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.sim.optics.lighting import load_optics, optics_names, polynomial_background
-from tactileforge.sim.optics.presses import Presses
-from tactileforge.sim.optics.render import Optics
-from tactileforge.sim.optics.sensor_instances import SensorInstance
 
 ROWS, COLUMNS = 80, 60
 SPACING = 16.3 / ROWS

@@ -34,6 +34,7 @@ from tactileforge_lerobot import folder as lerobot_folder
 from tactileforge_lerobot.dataset import LeRobot
 from tactileforge_lerobot.options import LeRobotOptions
 from tactileforge_lerobot.write import write_dataset
+from tactileforge_sim.geometry.mesh_files import load_mesh, load_points
 from tqdm import tqdm
 from videos import greys, write_video
 from waiting import wait_until
@@ -70,7 +71,6 @@ from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.frame_contract import bad_values
 from tactileforge.sensors.opening import within
-from tactileforge.sim.geometry.mesh_files import load_mesh, load_points
 from tactileforge.untrusted import load_json, load_yaml
 
 pytestmark = pytest.mark.slow

@@ -94,7 +94,7 @@ def test_check_of_attached_sensors_opens_each_device(installed, capsys):
     """Two devices are attached, and the second cannot be opened."""
     source = """
 from tactileforge.errors import SensorError
-from tactileforge.sensors.drivers.sim_wrench import SimWrench
+from tactileforge_sim.sensors.sim_wrench import SimWrench
 class Bench(SimWrench):
     def __init__(self, port: str = "", fps: float = 100.0):
         super().__init__(fps=fps)

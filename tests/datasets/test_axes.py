@@ -12,18 +12,18 @@ from typing import Any
 import numpy as np
 import pytest
 from tactileforge_arrays.dataset import SimArray
+from tactileforge_sim.dataset import Sim
+from tactileforge_sim.generate import path_of
 
 from tactileforge import registry
 from tactileforge.contracts import ACTIONS, Dataset, Recording
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.datasets.shards import Shards
-from tactileforge.datasets.sim import Sim
 from tactileforge.datasets.sparsh_force import SparshForce
 from tactileforge.datasets.sparsh_slip import SparshSlip
 from tactileforge.datasets.touchd_force import TouchdForce
 from tactileforge.datasets.webdataset import WebDataset
 from tactileforge.plugin import encode_image
-from tactileforge.sim.generate import path_of
 
 Make = Callable[..., Any]
 PAGE = Path(__file__).parents[2] / "docs/datasets.md"

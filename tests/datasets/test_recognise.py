@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from made_files import make_files, press
 from PIL import Image
+from tactileforge_sim.dataset import Sim
 
 from tactileforge import registry
 from tactileforge.cli import dispatch
@@ -15,7 +16,6 @@ from tactileforge.contracts import Guess
 from tactileforge.datasets.reading.guessed_layout import guess_layout
 from tactileforge.datasets.recognise import recognise
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.datasets.sim import Sim
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.packing import PackOptions, pack
 from tactileforge.untrusted import load_yaml

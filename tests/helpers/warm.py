@@ -21,7 +21,11 @@ from pathlib import Path
 
 from waiting import wait_until
 
-_MODULES = ("cli._hydra", "train", "trainer", "report.run", "datasets.sim", "bench.run", "sim.play")
+_MODULES = (
+    *("tactileforge.cli._hydra", "tactileforge.train", "tactileforge.trainer"),
+    *("tactileforge.report.run", "tactileforge_sim.dataset", "tactileforge_bench.run"),
+    "tactileforge_sim.play",
+)
 #: Read when torch is imported, so a command cannot change it; and by the processes that it starts.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1"}
 #: The commands in `Warm.bin`. `SCRIPT` runs a file, as ``python FILE`` does.
@@ -152,7 +156,7 @@ def serve(address: str) -> list[str]:
 
 if __name__ == "__main__":
     for module in _MODULES:
-        import_module(f"tactileforge.{module}")
+        import_module(module)
     if "PYTEST_XDIST_WORKER" in os.environ:
         import_module("tactileforge.processes").cpus = lambda: 1  # the others are busy
     program, *words = serve(sys.argv[1])

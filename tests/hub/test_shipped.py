@@ -6,11 +6,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from tactileforge_sim.dataset import Sim
 
 import tactileforge
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.labels.displacement import decode_displacement
-from tactileforge.datasets.sim import Sim
 from tactileforge.hub import cards
 from tactileforge.hub.gates import MEAN, Gate
 from tactileforge.hub.header import read_header

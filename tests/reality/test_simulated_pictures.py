@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from reality import measures, response
-
-from tactileforge.sim.geometry.shapes import shape
-from tactileforge.sim.play import play_scenes
-from tactileforge.sim.randomise.draw import RandomDraw
-from tactileforge.sim.randomise.table import TABLE
-from tactileforge.sim.scene import draw_scene
+from tactileforge_sim.geometry.shapes import shape
+from tactileforge_sim.play import play_scenes
+from tactileforge_sim.randomise.draw import RandomDraw
+from tactileforge_sim.randomise.table import TABLE
+from tactileforge_sim.scene import draw_scene
 
 #: Fine detail over contrast of real touches, see docs/simulator.md.
 _LARGEST = 0.17

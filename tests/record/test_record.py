@@ -20,6 +20,8 @@ import cv2
 import numpy as np
 import pytest
 from tactileforge_arrays import SerialArray
+from tactileforge_sim.sensors.sim import SimSensor
+from tactileforge_sim.sensors.sim_wrench import SimWrench
 from waiting import wait_until
 
 from tactileforge.calibration import file as calibration
@@ -34,8 +36,6 @@ from tactileforge.record.status import RecordStatus
 from tactileforge.sensors import opening
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import Capture
-from tactileforge.sensors.drivers.sim import SimSensor
-from tactileforge.sensors.drivers.sim_wrench import SimWrench
 from tactileforge.sensors.status import of_drops
 from tactileforge.strict import build
 from tactileforge.testing.emulators import PtyDevice

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tactileforge_sim.sensors.sim_robot import SimRobot
+from tactileforge_sim.sensors.sim_wrench import SimWrench
 
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import ConfigError
@@ -13,8 +15,6 @@ from tactileforge.record.raw import read_raw
 from tactileforge.record.record import record
 from tactileforge.record.samples import robot_tracks
 from tactileforge.sensors.drivers.serial_robot import SerialRobot
-from tactileforge.sensors.drivers.sim_robot import SimRobot
-from tactileforge.sensors.drivers.sim_wrench import SimWrench
 from tactileforge.testing import check
 from tactileforge.testing.emulators import Faults, PtyDevice
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from tactileforge_sim.sensors.sim_wrench import SimWrench
 
 from tactileforge.errors import ConfigError
 from tactileforge.record.wrench import axes_matrix, interpolate_samples, rotate_wrenches
-from tactileforge.sensors.drivers.sim_wrench import SimWrench
 
 
 def test_between_samples_it_is_linear():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from omegaconf import OmegaConf
+from tactileforge_sim.dataset import Sim
 from torch import nn
 
 from tactileforge.compose import compose
@@ -15,7 +16,6 @@ from tactileforge.contracts import Recording
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.datasets.sim import Sim
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.files import unsealed

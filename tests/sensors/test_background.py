@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from tactileforge_sim.sensors.sim import SimSensor
 
 from tactileforge.errors import SensorError
 from tactileforge.sensors.background import check_background, spread_frames, variation
-from tactileforge.sensors.drivers.sim import SimSensor
 from tactileforge.sensors.opening import unit_of
 
 

@@ -10,7 +10,7 @@ import torch
 
 import tactileforge
 from tactileforge.compose import option
-from tactileforge.depth import DepthReader
+from tactileforge.depth.reader import DepthReader
 from tactileforge.registry import build
 from tactileforge.sensors.light import LightCheck, changed_light
 from tactileforge.streaming.touch_stream import TouchStream

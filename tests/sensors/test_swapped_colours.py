@@ -8,7 +8,7 @@ import pytest
 
 import tactileforge
 from tactileforge.compose import option
-from tactileforge.depth import DepthReader
+from tactileforge.depth.reader import DepthReader
 from tactileforge.registry import build
 from tactileforge.sensors.swapped_colours import are_swapped
 from tactileforge.streaming.touch_stream import TouchStream

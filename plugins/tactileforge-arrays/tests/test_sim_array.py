@@ -9,14 +9,14 @@ import pytest
 import torch
 from tactileforge_arrays.dataset import SimArray
 from tactileforge_arrays.scenes import Array, taxel_forces
+from tactileforge_sim.mechanics.touch import ContactState
+from tactileforge_sim.scene import POINTS, SPACING
 
 from tactileforge.compose import compose
 from tactileforge.contracts import ACTIONS
 from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import read_metrics
 from tactileforge.sensors.taxels import REST
-from tactileforge.sim.mechanics.touch import ContactState
-from tactileforge.sim.scene import POINTS, SPACING
 from tactileforge.testing import check
 from tactileforge.train import train
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from tactileforge_inspect import InspectionFindings, inspect
 from tactileforge_inspect.scan import scan_dataset
+from tactileforge_sim.dataset import Sim
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ImageFrames
-from tactileforge.datasets.sim import Sim
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 
 Touch = Callable[..., Recording]

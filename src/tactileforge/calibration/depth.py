@@ -16,12 +16,12 @@ from tactileforge.calibration.depth_options import DepthOptions
 from tactileforge.calibration.features import chunks, median_background
 from tactileforge.calibration.unit import recordings_of_unit
 from tactileforge.contracts import Recording
+from tactileforge.depth.fit import fit_optics, save_optics
+from tactileforge.depth.inverse import SurfaceReader
+from tactileforge.depth.lighting import OpticalCalibration, load_optics
+from tactileforge.depth.presses import Presses, find_circle
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.sensors.specs import simulation, spec
-from tactileforge.sim.optics.fit import fit_optics, save_optics
-from tactileforge.sim.optics.inverse import SurfaceReader
-from tactileforge.sim.optics.lighting import OpticalCalibration, load_optics
-from tactileforge.sim.optics.presses import Presses, find_circle
 
 #: Labels of a circle: its centre and radius, pixels of the recording's frames.
 CIRCLE = ("center_x_px", "center_y_px", "radius_px")

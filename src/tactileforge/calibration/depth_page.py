@@ -9,7 +9,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from tactileforge.calibration.depth import DepthCalibration, DepthFit
-from tactileforge.depth import depth_image
+from tactileforge.depth.reader import depth_image
 from tactileforge.pages.figures import INK, draw_points, drawing, svg
 from tactileforge.pages.images import figure
 from tactileforge.pages.page import (

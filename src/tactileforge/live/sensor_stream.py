@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tactileforge.calibration.file import Calibration
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.data.frames.pictures import rgb_pixels
-from tactileforge.depth import DepthReader
+from tactileforge.depth.reader import DepthReader
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.hub.model import Model
 from tactileforge.markers.motion import Motion, marker_motion

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tactileforge.depth import depth_image
+from tactileforge.depth.reader import depth_image
 from tactileforge.live.local_page import NOT_FOUND, LocalPage, PageAnswer
 from tactileforge.live.pictures import difference_image, page_jpeg
 from tactileforge.live.publish import to_json

@@ -13,7 +13,7 @@ import numpy as np
 
 from tactileforge.calibration.file import load_calibration
 from tactileforge.contracts import Sensor
-from tactileforge.depth import depth_readers
+from tactileforge.depth.reader import depth_readers
 from tactileforge.errors import ConfigError, SensorError, unknown
 from tactileforge.hub.model import Model
 from tactileforge.live.publish import Publisher

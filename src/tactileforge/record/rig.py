@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frame, Sensor
-from tactileforge.depth import depth_readers
+from tactileforge.depth.reader import depth_readers
 from tactileforge.errors import ConfigError, SensorError
 from tactileforge.markers.track import MarkerTracker
 from tactileforge.markers.tracks import check_marker_sensors

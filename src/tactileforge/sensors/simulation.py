@@ -67,7 +67,7 @@ class Simulation:
         lamps: Lights of a type without calibration.
         base: Ambient light of a type without calibration, R, G, B in grey levels.
         dim: Loss of light towards the border, as a share, see
-            `sim.optics.lighting.lamp_calibration`.
+            `depth.lighting.lamp_calibration`.
         height_mm: Height of the field of view, mm; None takes it from the sensing area.
         level: Mean R, G, B of a background, for cameras with automatic colours; None leaves them
             to the lights.

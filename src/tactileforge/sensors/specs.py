@@ -141,3 +141,13 @@ def simulation(name: str) -> Simulation:
 
 #: Sensors of this package with a simulation.
 SIMULATED = tuple(name for name, known in SPECS.items() if known.simulation)
+
+
+def pixel_spacing(sensor: str, height: int) -> float:
+    """Width of a pixel, mm, in an image of ``height`` rows of the sensor's type."""
+    shown = simulation(sensor).height_mm or (spec(sensor).area_mm or (0.0,))[0]
+    if not shown:
+        raise ConfigError(
+            f"{sensor}: give area_mm in its SensorSpec, or height_mm in its simulation"
+        )
+    return shown / height

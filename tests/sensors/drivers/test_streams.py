@@ -8,12 +8,12 @@ import struct
 import numpy as np
 import pytest
 from tactileforge_arrays import SerialArray
+from tactileforge_sim.sensors.sim_wrench import SimWrench
 from waiting import wait_until
 
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
 from tactileforge.sensors.checksums import CHECKSUMS
 from tactileforge.sensors.drivers.force_torque import ForceTorque
-from tactileforge.sensors.drivers.sim_wrench import SimWrench
 from tactileforge.sensors.links import TcpLink, serial_ports
 from tactileforge.sensors.stream import Stamper
 from tactileforge.testing import check

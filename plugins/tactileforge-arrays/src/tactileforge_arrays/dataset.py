@@ -16,8 +16,8 @@ from tactileforge.plugin import (
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from tactileforge_sim.config import SimConfig
 
-    from tactileforge.sim.config import SimConfig
     from tactileforge_arrays.scenes import Array
 
 
@@ -115,7 +115,7 @@ class SimArray:
         Raises:
             ConfigError: An unknown indenter or motion.
         """
-        from tactileforge.sim.config import SimConfig
+        from tactileforge_sim.config import SimConfig
 
         def plain(names: str | Sequence[str]) -> str | tuple[str, ...]:
             return names if isinstance(names, str) else tuple(names)
@@ -150,8 +150,9 @@ class SimArray:
         Raises:
             ConfigError: An unknown split, indenter or motion, or an invalid array.
         """
-        from tactileforge.sim.config import FIRST_VAL
-        from tactileforge.sim.generate import path_of
+        from tactileforge_sim.config import FIRST_VAL
+        from tactileforge_sim.generate import path_of
+
         from tactileforge_arrays.scenes import write_array_scenes
 
         numbers = {"train": range(self.scenes), "val": range(FIRST_VAL, FIRST_VAL + self.val)}

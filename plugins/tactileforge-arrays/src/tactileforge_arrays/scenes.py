@@ -12,10 +12,16 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from tactileforge_sim.config import SimConfig
+from tactileforge_sim.generate import path_of
+from tactileforge_sim.mechanics.touch import ContactState, contacts
+from tactileforge_sim.optics.scene_camera import render_scene_image
+from tactileforge_sim.scene import POINTS, SPACING, Scene
 
 from tactileforge import strict
 from tactileforge.bars import Bar
 from tactileforge.data.shards.shards import Packed
+from tactileforge.depth.gel import Gel
 from tactileforge.plugin import (
     ArrayFrames,
     ConfigError,
@@ -27,12 +33,6 @@ from tactileforge.plugin import (
     write_shard,
 )
 from tactileforge.processes import end_with_parent, process_count, spread
-from tactileforge.sim.config import SimConfig
-from tactileforge.sim.generate import path_of
-from tactileforge.sim.mechanics.gel import Gel
-from tactileforge.sim.mechanics.touch import ContactState, contacts
-from tactileforge.sim.optics.scene_camera import render_scene_image
-from tactileforge.sim.scene import POINTS, SPACING, Scene
 from tactileforge.threads import one_thread
 
 #: Simulated frames per second.
@@ -225,7 +225,7 @@ def write_array_scenes(
         config: The simulated scenes.
         array: The taxel array.
         folder: Folder of the shards.
-        numbers: Numbers of scenes; validation starts at `sim.config.FIRST_VAL`.
+        numbers: Numbers of scenes; validation starts at `tactileforge_sim.config.FIRST_VAL`.
         processes: Number of simulating processes; None for one a core.
     """
     missing = [n for n in numbers if not path_of(folder, n).exists()]

@@ -330,7 +330,7 @@ def test_a_mirrored_motion_is_that_of_the_mirrored_pose(mirrored: tuple[bool, bo
 
 
 def test_slip_in_simulation_is_the_friction_cone() -> None:
-    from tactileforge.sim.mechanics.sensor_gels import sensor_gel
+    from tactileforge_sim.mechanics.sensor_gels import sensor_gel
 
     friction = sensor_gel("digit").touched(0.5).friction
     force = np.zeros((10, 3), np.float32)

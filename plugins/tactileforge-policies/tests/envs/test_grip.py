@@ -7,7 +7,7 @@ from tactileforge_policies.envs.fingers import mirrored
 from tactileforge_policies.envs.grip import TOLERANCE, Body, Grip
 from tactileforge_policies.envs.outer import Solid, ground
 
-from tactileforge.sim.mechanics.gel import Gel
+from tactileforge.depth.gel import Gel
 
 MU = 0.8
 AWAY = np.zeros(2)

@@ -8,8 +8,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from tactileforge_policies import envs
 
+from tactileforge.depth.contact import NotConverged
 from tactileforge.errors import ConfigError
-from tactileforge.sim.mechanics.contact import NotConverged
 
 
 def made(task, **options):

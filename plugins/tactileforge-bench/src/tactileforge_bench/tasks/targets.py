@@ -236,7 +236,7 @@ def _slips(recording: Recording, first: int, last: int) -> str | None:
     grip, force = recording.labels.get("grip"), recording.force
     if grip is None or force is None:
         return None
-    from tactileforge.sim.mechanics.sensor_gels import sensor_gel
+    from tactileforge_sim.mechanics.sensor_gels import sensor_gel
 
     # Coulomb: the contact slips where |(x, y)| reaches friction * z
     x, y, z = (float(value) for value in force[last])

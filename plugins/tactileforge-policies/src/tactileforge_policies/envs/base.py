@@ -16,11 +16,11 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
+from tactileforge_sim.randomise.draw import Choice
 
+from tactileforge.depth.contact import NotConverged
+from tactileforge.depth.gel import Gel
 from tactileforge.plugin import ConfigError
-from tactileforge.sim.mechanics.contact import NotConverged
-from tactileforge.sim.mechanics.gel import Gel
-from tactileforge.sim.randomise.draw import Choice
 from tactileforge_policies.envs.fingers import FINGERS, Fingers, mirrored
 from tactileforge_policies.envs.grip import Body, Grip, Held
 from tactileforge_policies.envs.outer import Array, Outer, Solid, placed

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
+from tactileforge_sim.geometry.heightfields import bumps
+from tactileforge_sim.geometry.indenter_geometry import DEEP, Shape, ball, shape_of
 
-from tactileforge.sim.geometry.heightfields import bumps
-from tactileforge.sim.geometry.indenter_geometry import DEEP, Shape, ball, shape_of
 from tactileforge_policies.envs.base import Advice, TouchEnv
 from tactileforge_policies.envs.grip import Body
 from tactileforge_policies.envs.outer import Array, Solid, ground

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
+from tactileforge_sim.geometry.indenter_geometry import extrude, join, lift, shape_of
+from tactileforge_sim.geometry.sdf2d import box, cross
 
-from tactileforge.sim.geometry.indenter_geometry import extrude, join, lift, shape_of
-from tactileforge.sim.geometry.sdf2d import box, cross
 from tactileforge_policies.envs.base import Advice, TouchEnv
 from tactileforge_policies.envs.grip import Body
 from tactileforge_policies.envs.outer import Array, Inside, Slot, Solid, placed

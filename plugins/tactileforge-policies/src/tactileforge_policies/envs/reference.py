@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from tactileforge_sim.geometry.indenter_geometry import ball, shape_of
 
-from tactileforge.sim.geometry.indenter_geometry import ball, shape_of
 from tactileforge_policies.envs.fingers import FINGERS, Fingers
 from tactileforge_policies.envs.grip import DEEPEST, Body, Grip
 

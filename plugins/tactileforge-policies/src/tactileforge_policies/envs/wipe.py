@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
+from tactileforge_sim.geometry.indenter_geometry import pad, shape_of
 
-from tactileforge.sim.geometry.indenter_geometry import pad, shape_of
 from tactileforge_policies.envs.base import Advice, TouchEnv
 from tactileforge_policies.envs.grip import Body
 from tactileforge_policies.envs.outer import Array, Solid, ground

@@ -1,0 +1,122 @@
+"""The data set ``sim``: simulated touch, generated on demand from a seed and cached on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactileforge.data.shards import shards
+from tactileforge.datasets.reading.drawn import Drawn
+from tactileforge.plugin import ConfigError, Recording, cache_folder, unknown
+
+if TYPE_CHECKING:
+    from tactileforge_sim.config import SimConfig
+
+
+class Sim(Drawn):
+    """Objects pressed, slid or turned, and lifted, on several sensors at once.
+
+    Forces are exact; see `docs/simulator.md`. The first use simulates, and caches the touches in
+    ``cache``, in a folder of its own for each configuration and version of the simulator.
+
+    Args:
+        scenes: Number of touches for training; each gives one recording per sensor.
+        val: Number of touches for validation.
+        sensors: Types of sensors, see `sensors.specs.SIMULATED`.
+        indenters: ``few`` (twelve for pre-training), ``pretrain`` (all 61), ``bench`` (validation
+            on indenters of its own), ``textures``, ``all``, or names of shapes.
+        motions: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or names of motions.
+        size: Shorter side of a frame, pixels.
+        action_seconds: Mean duration of one action, s.
+        force: Range of the largest normal force of a touch, lowest and highest, N.
+        markers: Whether the gels have markers; None for their types' default.
+        viscosity: Relaxation time of the gels, s; forces then lead images.
+        lag: Delay of the images behind the forces, as from a real camera, s.
+        randomise: Differences between units of a sensor, and between touches: ``none``, ``unit``,
+            ``all``, or names of rows, see `randomise.table.TABLE`.
+        seed: Seed of all touches.
+        cache: Folder of the cache; None for ``$TACTILEFORGE_CACHE``, or the user's cache folder.
+        processes: Number of simulating processes; None for one per core.
+
+    Raises:
+        ConfigError: ``scenes`` is below 1, or ``val`` below 0.
+    """
+
+    provides = frozenset({"force", "action", "object", "text", "image", "surface"})
+
+    def __init__(
+        self,
+        scenes: int = 40,
+        val: int = 8,
+        sensors: Sequence[str] = ("digit", "gelsight", "gelsight_mini"),
+        indenters: str | Sequence[str] = "few",
+        motions: str | Sequence[str] = "atomic",
+        size: int = 112,
+        action_seconds: float = 0.6,
+        force: Sequence[float] = (0.5, 8.0),
+        markers: bool | None = None,
+        viscosity: float = 0.0,
+        lag: float = 0.0,
+        randomise: str | Sequence[str] = "all",
+        seed: int = 0,
+        cache: str | None = None,
+        processes: int | None = None,
+    ) -> None:
+        if scenes < 1 or val < 0:
+            raise ConfigError(f"sim: scenes={scenes} and val={val}; give 1 or more, and 0 or more")
+        self.scenes, self.val = scenes, val
+        self.cache, self.processes = cache, processes
+        self.skipped: list[str] = []
+        self._given = {
+            "sensors": tuple(sensors),
+            "indenters": indenters if isinstance(indenters, str) else tuple(indenters),
+            "motions": motions if isinstance(motions, str) else tuple(motions),
+            "size": size,
+            "seconds": action_seconds,
+            "force": tuple(force),
+            "markers": markers,
+            "viscosity": viscosity,
+            "lag": lag,
+            "randomise": randomise if isinstance(randomise, str) else tuple(randomise),
+            "seed": seed,
+        }
+
+    @property
+    def config(self) -> SimConfig:
+        """Configuration of the simulation.
+
+        Raises:
+            ConfigError: An unknown sensor, indenter or motion.
+        """
+        # imported on use: the options of this class are read without the simulator
+        from tactileforge_sim.config import SimConfig
+
+        return SimConfig(**self._given)  # type: ignore[arg-type]
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the cached touches of this configuration."""
+        return cache_folder(self.cache) / "sim" / self.config.digest()
+
+    def recordings(self, split: str) -> Iterator[Recording]:
+        """Yields the recordings of a split; simulates missing ones.
+
+        One touch gives consecutive recordings, one for each sensor.
+
+        Args:
+            split: ``train`` or ``val``.
+
+        Raises:
+            ConfigError: An unknown split, sensor, indenter or motion.
+        """
+        from tactileforge_sim.config import FIRST_VAL
+        from tactileforge_sim.generate import path_of, write_scenes
+
+        numbers = {"train": range(self.scenes), "val": range(FIRST_VAL, FIRST_VAL + self.val)}
+        if split not in numbers:
+            raise ConfigError(unknown("split", split, numbers))
+        folder = self.folder
+        write_scenes(self.config, folder, numbers[split], self.processes)
+        for number in numbers[split]:
+            yield from shards.read_shard(path_of(folder, number))

@@ -1,0 +1,1 @@
+"""Simulated sensors, for use without hardware."""

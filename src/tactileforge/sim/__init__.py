@@ -1,1 +1,0 @@
-"""Touch simulated: shapes, contact mechanics, motions and optics."""
