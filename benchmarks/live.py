@@ -21,6 +21,8 @@ from typing import Any, Self
 import numpy as np
 import torch
 from common import save
+from tactileforge_live.server import LivePage
+from tactileforge_live.session import LiveOptions, LiveSession, ShowBackground
 
 import tactileforge
 from tactileforge.contracts import Frame, SensorSpec
@@ -28,8 +30,6 @@ from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.heads.force import ForceHead
 from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
-from tactileforge.live.server import LivePage
-from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground
 from tactileforge.sensors.specs import spec
 
 FPS = 30.0

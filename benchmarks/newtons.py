@@ -21,11 +21,11 @@ import torch
 from common import save
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
+from tactileforge_live.calibrate.fit import BEFORE, MEAN, AxisFit, fit_axis, folds, hardly_pressed
+from tactileforge_live.calibrate.force import candidates, keep_axes
 
 import tactileforge
 from tactileforge.calibration.features import force_features
-from tactileforge.calibration.fit import BEFORE, MEAN, AxisFit, fit_axis, folds, hardly_pressed
-from tactileforge.calibration.force import candidates, keep_axes
 from tactileforge.contracts import AXES, Recording
 from tactileforge.datasets.recordings import Recordings
 

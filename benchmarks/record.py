@@ -21,12 +21,12 @@ from typing import Any, Self
 import numpy as np
 from common import Memory, save
 from numpy.typing import NDArray
+from tactileforge_live.record.options import RecordOptions
+from tactileforge_live.record.raw import read_raw
+from tactileforge_live.record.record import record
 
 from tactileforge.contracts import Frame, Recording, SensorSpec
 from tactileforge.data.shards import shards
-from tactileforge.record.options import RecordOptions
-from tactileforge.record.raw import read_raw
-from tactileforge.record.record import record
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.checksums import CHECKSUMS
 from tactileforge.sensors.drivers.force_torque import ForceTorque

@@ -51,6 +51,7 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
         "datasets": ("daimon", "lerobot", "opentouch", "taf", "trex"),
         "verbs": ("data.embed", "data.lerobot"),
     },
+    "tactileforge-live": {"verbs": ("calibrate", "live", "record")},
     "tactileforge-markers": {"heads": ("markers",), "objectives": ("markers",)},
     "tactileforge-policies": {
         "datasets": ("demonstrations",),

@@ -76,11 +76,11 @@ from tactileforge.errors import (
 )
 from tactileforge.files import cache_folder, new_part, write_text
 from tactileforge.licences import check_data_licence
-from tactileforge.live.local_page import LocalPage, PageAnswer
-from tactileforge.live.pictures import difference_image, page_jpeg
-from tactileforge.live.publish import to_json
 from tactileforge.locks import locked
 from tactileforge.moves import VERSION
+from tactileforge.pages.json_text import to_json
+from tactileforge.pages.local_page import LocalPage, PageAnswer
+from tactileforge.pages.pictures import difference_image, page_jpeg
 from tactileforge.registry import build, names
 from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.checksums import CHECKSUMS

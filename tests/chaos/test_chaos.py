@@ -34,6 +34,9 @@ from tactileforge_lerobot import folder as lerobot_folder
 from tactileforge_lerobot.dataset import LeRobot
 from tactileforge_lerobot.options import LeRobotOptions
 from tactileforge_lerobot.write import write_dataset
+from tactileforge_live.record.options import RecordOptions
+from tactileforge_live.record.raw import read_raw
+from tactileforge_live.record.record import record
 from tactileforge_sim.geometry.mesh_files import load_mesh, load_points
 from tqdm import tqdm
 from videos import greys, write_video
@@ -62,9 +65,6 @@ from tactileforge.hub.files import make_header, open_encoder, save_checkpoint
 from tactileforge.hub.header import read_header
 from tactileforge.hub.inputs import check_clip
 from tactileforge.packing import PackOptions, pack
-from tactileforge.record.options import RecordOptions
-from tactileforge.record.raw import read_raw
-from tactileforge.record.record import record
 from tactileforge.run_folder import LAST
 from tactileforge.sensors import capture as capture_module
 from tactileforge.sensors.background import Background
@@ -814,8 +814,9 @@ def test_two_at_once(tmp_path: Path) -> None:
             started.set()
             time.sleep(60)
 
+    from tactileforge_live.record.store import TakeStore
+
     from tactileforge.locks import locked
-    from tactileforge.record.store import TakeStore
 
     claims: dict[str, Callable[[], Any]] = {
         "train": lambda: run_folder.claimed(tmp_path / "run", resumes=False),

@@ -8,6 +8,10 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from tactileforge_live.publish import JsonLines
+from tactileforge_live.record.options import RecordOptions
+from tactileforge_live.record.record import record
+from tactileforge_live.session import LiveOptions, LiveSession, ShowBackground, run_session
 from tactileforge_sim.optics.render import Optics
 from tactileforge_sim.optics.sensor_instances import SensorInstance
 
@@ -18,10 +22,6 @@ from tactileforge.depth.lighting import load_optics
 from tactileforge.depth.presses import read_known
 from tactileforge.depth.reader import DepthReader, depth_image, read_optics
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.live.publish import JsonLines
-from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground, run_session
-from tactileforge.record.options import RecordOptions
-from tactileforge.record.record import record
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.specs import spec
 

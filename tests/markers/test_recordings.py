@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dotted import SIZE, picture, places
+from tactileforge_live.publish import JsonLines
+from tactileforge_live.record.options import RecordOptions
+from tactileforge_live.record.record import record
+from tactileforge_live.session import LiveOptions, LiveSession, ShowBackground, run_session
 
 from tactileforge.contracts import Frame, Recording, SensorSpec
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.live.publish import JsonLines
-from tactileforge.live.session import LiveOptions, LiveSession, ShowBackground, run_session
 from tactileforge.markers.tracks import marker_rest
 from tactileforge.packing import Filter, PackOptions, pack, summary
-from tactileforge.record.options import RecordOptions
-from tactileforge.record.record import record
 from tactileforge.sensors.background import Background
 
 AT = places()
@@ -191,7 +191,7 @@ def test_a_bare_gel_is_refused_before_a_take_and_before_a_session(tmp_path):
 
 @pytest.mark.slow
 def test_a_session_says_shear_and_torsion():
-    from tactileforge.live.server import page_state
+    from tactileforge_live.server import page_state
 
     shown = LiveOptions(
         markers=["left"], background=ShowBackground(seconds=0.0), frames=20, seconds=20.0

@@ -1,0 +1,1 @@
+"""Calibration of one unit: newtons, light and depth from recordings."""

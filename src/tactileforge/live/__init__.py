@@ -1,1 +1,0 @@
-"""Live sensors: read in threads, estimated, shown and published (`docs/live.md`)."""
