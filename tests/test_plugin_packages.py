@@ -45,25 +45,39 @@ def test_without_it_the_package_of_a_sensor_is_named(path: Path) -> None:
 
 
 @pytest.fixture
-def alone(monkeypatch):
+def only(monkeypatch):
+    """Hides all packages but those named."""
+
+    def hide(*kept):
+        def found(group):
+            return [entry for entry in entry_points(group=group) if entry.dist.name in kept]
+
+        for module in (registry, distributions):
+            monkeypatch.setattr(module, "entry_points", found)
+        clear()
+
+    def clear():
+        registry._entries.cache_clear()
+        cards.card_names.cache_clear()
+        cards.read_card.cache_clear()
+
+    yield hide
+    clear()
+
+
+@pytest.fixture
+def alone(only):
     """As if no package but the core were installed."""
-
-    def found(group):
-        entries = entry_points(group=group)
-        return [entry for entry in entries if entry.dist and entry.dist.name == "tactileforge"]
-
-    for module in (registry, distributions):
-        monkeypatch.setattr(module, "entry_points", found)
-    registry._entries.cache_clear()
-    cards.card_names.cache_clear()
-    cards.read_card.cache_clear()
-    yield
-    registry._entries.cache_clear()
-    cards.card_names.cache_clear()
-    cards.read_card.cache_clear()
+    only("tactileforge")
 
 
-@pytest.mark.usefixtures("alone")
+@pytest.fixture
+def without_policies(only):
+    """As if the core, the simulator and the bench were installed, and no other package."""
+    only("tactileforge", "tactileforge-bench", "tactileforge-sim")
+
+
+@pytest.mark.usefixtures("without_policies")
 @pytest.mark.parametrize(
     "words",
     [
@@ -111,9 +125,15 @@ def test_a_run_whose_package_is_gone_names_it(tmp_path):
         ("train data=sim_array", "data=sim_array comes with tactileforge-arrays"),
         ("train", "data=sim comes with tactileforge-sim"),
         ("data pack data=sim out=set", "data=sim comes with tactileforge-sim"),
-        ("record sensor=sim out=set", "sensor=sim comes with tactileforge-sim"),
+        ("bench suite=sim model=[pixels]", "bench comes with tactileforge-bench"),
+        ("calibrate data=sim", "calibrate comes with tactileforge-live"),
+        ("live sensor=sim", "live comes with tactileforge-live"),
+        ("record sensor=sim out=set", "record comes with tactileforge-live"),
         ("sim out=set", "sim comes with tactileforge-sim"),
-        ("train recipe=anytouch2_array", "recipe=anytouch2_array comes with tactileforge-arrays"),
+        (
+            "train recipe=anytouch2_array data=recordings",
+            "recipe=anytouch2_array comes with tactileforge-arrays",
+        ),
         ("zoo show anytouch2_array", "anytouch2_array comes with tactileforge-arrays"),
     ],
 )
