@@ -14,6 +14,7 @@ import json
 import statistics
 import sys
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ from tactileforge.encoders.feature_groups import joint_vector
 MODEL = "anytouch2.tiny-real"
 SUITES = ("real", "real_held_out")
 BASELINES = "baselines=[pixels,statistics,imagenet,chance]"
-CONF = Path(__file__).parents[1] / "conf" / "suite"
+CONF = Path(str(files("tactileforge_bench.conf"))) / "suite"
 
 
 def weighed(suite: str, folder: Path) -> dict[str, Any]:

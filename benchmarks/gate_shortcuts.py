@@ -9,6 +9,7 @@ Run: TACTILEFORGE_REALDATA=DIR python benchmarks/gate_shortcuts.py
 
 from __future__ import annotations
 
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from tactileforge_bench.tasks.splits import build_splits
 from tactileforge_bench.tasks.suite import Task, parse_task
 from tactileforge_bench.tasks.targets import Target, build_target
 
-SUITE = Path(__file__).parents[1] / "conf" / "suite" / "real_held_out.yaml"
+SUITE = Path(str(files("tactileforge_bench.conf") / "suite/real_held_out.yaml"))
 
 Values = NDArray[np.float64]
 

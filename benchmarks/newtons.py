@@ -13,6 +13,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ from tactileforge.datasets.recordings import Recordings
 
 MODEL = "anytouch2.tiny"
 TRIALS = ("touchd_force_gelsight_mini", "touchd_force_digit")
-LAYOUTS = Path(__file__).parents[1] / "conf" / "data" / "public_samples.yaml"
+LAYOUTS = Path(str(files("tactileforge_datasets.conf") / "data/public_samples.yaml"))
 #: Seconds of presses that calibrate.
 SECONDS = 10.0
 #: Names of all candidates.

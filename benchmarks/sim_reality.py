@@ -17,6 +17,7 @@ import os
 import time
 from collections.abc import Iterable
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ from tactileforge.datasets.recordings import Recordings
 
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("TACTILEFORGE_REALDATA", ROOT.parent / "shared" / "realdata"))
-#: Sources of `conf/data/public_samples.yaml` by sensor, and those of `MORE`, for tests only.
+#: Sources of `data=public_samples` by sensor, and those of `MORE`, for tests only.
 SOURCES = {
     "digit": ("fots_digit", "digit_edge", "touchd_force_digit"),
     "gelsight_mini": (
@@ -79,7 +80,9 @@ _SEEDS = 3
 
 def real(source: str) -> list[Recording]:
     """At most 60 recordings of a source, evenly spread."""
-    samples = OmegaConf.load(ROOT / "conf" / "data" / "public_samples.yaml")
+    samples = OmegaConf.load(
+        Path(str(files("tactileforge_datasets.conf") / "data/public_samples.yaml"))
+    )
     layouts: Any = OmegaConf.to_container(samples.data.layouts, resolve=True)
     layout = {"object": "x", "text": "x", "source": source, "licence": "x"} | (
         MORE[source] if source in MORE else layouts[source]

@@ -12,6 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 from tactileforge_arrays.dataset import SimArray
+from tactileforge_datasets.sparsh_force import SparshForce
+from tactileforge_datasets.sparsh_slip import SparshSlip
+from tactileforge_datasets.touchd_force import TouchdForce
+from tactileforge_datasets.webdataset import WebDataset
 from tactileforge_sim.dataset import Sim
 from tactileforge_sim.generate import path_of
 
@@ -19,10 +23,6 @@ from tactileforge import registry
 from tactileforge.contracts import ACTIONS, Dataset, Recording
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.datasets.shards import Shards
-from tactileforge.datasets.sparsh_force import SparshForce
-from tactileforge.datasets.sparsh_slip import SparshSlip
-from tactileforge.datasets.touchd_force import TouchdForce
-from tactileforge.datasets.webdataset import WebDataset
 from tactileforge.plugin import encode_image
 
 Make = Callable[..., Any]

@@ -1,5 +1,6 @@
 """On real recordings the imprint moves in the direction of the shear."""
 
+from importlib.resources import files
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,7 @@ from omegaconf import OmegaConf
 
 from tactileforge.datasets.recordings import Recordings
 
-CONFIG = Path(__file__).parents[2] / "conf/data/public_samples.yaml"
+CONFIG = Path(str(files("tactileforge_datasets.conf") / "data/public_samples.yaml"))
 #: Frames over which the imprint moves, and normal force (N) that keeps it visible.
 STEP, PRESSED = 5, 0.5
 

@@ -1,6 +1,7 @@
 """No public recording with forces is taken for untared, or for one with other axes."""
 
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from tactileforge.data.frames.untared import untared
 from tactileforge.data.labels.doubts import check_labels
 from tactileforge.datasets.recordings import Recordings
 
-CONFIG = Path(__file__).parents[2] / "conf/data/public_samples.yaml"
+CONFIG = Path(str(files("tactileforge_datasets.conf") / "data/public_samples.yaml"))
 
 pytestmark = pytest.mark.realdata
 

@@ -1,5 +1,6 @@
 """Numbers of real recordings, for comparison with simulated ones."""
 
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from reality.response import response
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
 
-CONFIG = Path(__file__).parents[2] / "conf/data/public_samples.yaml"
+CONFIG = Path(str(files("tactileforge_datasets.conf") / "data/public_samples.yaml"))
 
 pytestmark = pytest.mark.realdata
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
+from tactileforge_datasets.webdataset import WebDataset
 from tactileforge_live.sensor_stream import read_background
 
 from tactileforge.data.frames.encoded import EncodedFrames
 from tactileforge.data.frames.image_codecs import check_upright
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.datasets.webdataset import WebDataset
 from tactileforge.errors import ConfigError, DataError
 
 FORMATS = {"jpg": "JPEG", "png": "PNG", "webp": "WEBP", "tif": "TIFF"}

@@ -1,4 +1,5 @@
 import math
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from tactileforge.data.labels.align import Lag, estimate_lag, nearest
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import DataError
 
-CONFIG = Path(__file__).parents[3] / "conf/data/public_samples.yaml"
+CONFIG = Path(str(files("tactileforge_datasets.conf") / "data/public_samples.yaml"))
 
 
 def test_nearest_is_the_closest_and_of_two_the_earlier() -> None:

@@ -1,13 +1,13 @@
 from pathlib import Path
 
 import pytest
+from tactileforge_datasets.feel import Feel
+from tactileforge_datasets.ssvtp import Ssvtp
+from tactileforge_datasets.tacquad import TacQuad
+from tactileforge_datasets.touch_and_go import TouchAndGo
+from tactileforge_datasets.tvl import Tvl
 
-from tactileforge.datasets.feel import Feel
 from tactileforge.datasets.reading.files import matching_files, read_rows, read_text
-from tactileforge.datasets.ssvtp import Ssvtp
-from tactileforge.datasets.tacquad import TacQuad
-from tactileforge.datasets.touch_and_go import TouchAndGo
-from tactileforge.datasets.tvl import Tvl
 from tactileforge.errors import DataError
 
 

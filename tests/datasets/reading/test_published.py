@@ -43,7 +43,8 @@ each_reader = pytest.mark.parametrize(("name", "reader"), READERS.items(), ids=R
 
 
 def test_all_of_them_are_registered() -> None:
-    files = {path.stem for path in (ROOT / "src/tactileforge/datasets").glob("*.py")}
+    folder = ROOT / "plugins/tactileforge-datasets/src/tactileforge_datasets"
+    files = {path.stem for path in folder.glob("*.py")}
     assert len(READERS) == 17
     assert set(READERS) <= files, "one a file, of its name"
 

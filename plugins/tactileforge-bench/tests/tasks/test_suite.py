@@ -1,5 +1,6 @@
 """Every suite is read, names existing tasks, and agrees with the published one."""
 
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,9 @@ from tactileforge import registry
 from tactileforge.datasets.reading.splits import is_held_out
 
 ROOT = Path(__file__).parents[3]
-SUITES = sorted(path.stem for path in (ROOT / "conf" / "suite").glob("*.yaml"))
+SUITES = sorted(
+    path.stem for path in Path(str(files("tactileforge_bench.conf"))).glob("suite/*.yaml")
+)
 #: What a suite asks for.
 ASKED = {"classes": ["classes.root=.", "classes.sensor=digit"]}
 

@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
 
 NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
 SCALE = {"digit": [20.0, 20.0, 40.0], "gelsight": [20.0, 20.0, 40.0]}
-PUBLIC = Path(__file__).parents[4] / "conf/data/public_samples.yaml"
+PUBLIC = Path(str(files("tactileforge_datasets.conf") / "data/public_samples.yaml"))
 
 
 @pytest.fixture(scope="module")

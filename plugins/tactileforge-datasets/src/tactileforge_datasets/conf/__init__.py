@@ -1,0 +1,1 @@
+"""Presets of data, as options of the command line."""

@@ -1,0 +1,100 @@
+"""The data set ``objectfolder_real``: a robot presses a GelSlim on a hundred objects."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+
+from tactileforge.datasets.reading.files import read_rows
+from tactileforge.datasets.reading.published import NumberedImages, frame_times
+from tactileforge.plugin import (
+    DataError,
+    FrameSubset,
+    ImageFrames,
+    PublishedDataset,
+    Recording,
+    RecordingItem,
+)
+
+
+class ObjectFolderReal(PublishedDataset):
+    """ObjectFolder Real: a folder ``gelsight`` is a recording, its first frame the background.
+
+    Camera images and touches have different names: `contact_text_obj.csv` of TacQuad pairs them
+    (touch, vision, number of a text). A recording has one view for each listed touch, at its time;
+    without the file, recordings have no view.
+
+    Args:
+        root: Folder with ``tactile``, or that folder itself.
+        split: One of ``splits``.
+        val: Share of the recordings held out for validation.
+        fps: Frames per second; the true rate is not published.
+
+    Raises:
+        ConfigError: An unknown split, or ``val`` outside 0..1.
+    """
+
+    name = "objectfolder_real"
+    sensors = ("gelslim",)
+    tier = 5
+    citation = "Gao et al., The ObjectFolder Benchmark, CVPR 2023"
+    url = "https://objectfolder.stanford.edu/objectfolder-real-download"
+    tree = """ROOT/
+  contact_text_obj.csv         (from https://huggingface.co/datasets/xxuan01/TacQuad)
+  tactile/1/CONTACT/gelsight/0.png ..."""
+    provides = frozenset({"object", "image"})
+    marks = ("contact_text_obj.csv", "tactile/*/*/gelsight")
+    doubts = ("the rate is 30 frames a second unless fps says otherwise",)
+
+    def __init__(self, root: str, split: str = "all", val: float = 0.1, fps: float = 30.0) -> None:
+        super().__init__(root, split, val)
+        self.fps = fps
+
+    def _items(self) -> Iterator[RecordingItem]:
+        tactile = self._folder("tactile", "real/tactile", ".")
+        views = _views(tactile)
+        folders = sorted(path for path in tactile.rglob("gelsight") if path.is_dir())
+        if not folders:
+            raise self._missing(f"no folder gelsight in {tactile}")
+        for folder in folders:
+            place = folder.parent.relative_to(tactile)
+            key = place.as_posix()
+            yield RecordingItem(
+                key, partial(self._open, key, place.parts[0], folder, views[folder])
+            )
+
+    def _open(self, key: str, name: str, folder: Path, views: Mapping[int, Path]) -> Recording:
+        touch = NumberedImages(folder, r"\d+")
+        frames = touch.frames()
+        numbers = list(touch.files)
+        times = frame_times(numbers, self.fps)
+        rows = [row for row, number in enumerate(numbers) if number in views]
+        return self._recording(
+            key,
+            sensor="gelslim",
+            frames=frames,
+            times=times,
+            no_contact=FrameSubset(frames, [0]),
+            object=f"objectfolder_{name}",
+            image=ImageFrames([views[numbers[row]] for row in rows]) if rows else None,
+            image_times=times[rows] if rows else None,
+        )
+
+
+def _views(tactile: Path) -> dict[Path, dict[int, Path]]:
+    """The camera image of each listed touch, by folder and number."""
+    pairs: dict[Path, dict[int, Path]] = defaultdict(dict)
+    index = tactile.parent / "contact_text_obj.csv"
+    for i, row in enumerate(read_rows(index) if index.is_file() else (), start=1):
+        if not row:
+            continue
+        if len(row) < 2:
+            raise DataError(
+                f"{index}, line {i}: {row} is not a touch, a view and a number; download it again"
+            )
+        touch, view = tactile / row[0], tactile / row[1]
+        if touch.stem.isdecimal() and view.is_file():
+            pairs[touch.parent][int(touch.stem)] = view
+    return pairs

@@ -1,0 +1,83 @@
+"""The data set ``touchd_sim``: simulated motions of a thousand objects on five sensors."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from tactileforge.datasets.reading.published import NumberedImages, frame_times
+from tactileforge.plugin import (
+    ACTIONS,
+    DataError,
+    PublishedDataset,
+    Recording,
+    RecordingItem,
+    still_background,
+    unknown,
+)
+
+_FPS = 30.0
+
+
+class TouchdSim(PublishedDataset):
+    """ToucHD (Sim), in a neutral layout: the release's own is not public.
+
+    Convert your copy to this form: ``OBJECT/ACTION/SENSOR/NUMBER.png``. An action is one of
+    `contracts.ACTIONS`; a sensor is one of ``sensors``, with a number after it for several units of
+    a type (``digit_2``). ``background.png`` is beside the frames; without it nothing is subtracted.
+    Further touches of an object are ``OBJECT/ACTION-2/...``. The paper also turns left and right
+    slides by 90 degrees for slides up and down; this reader does not.
+
+    Args:
+        root: Folder of the objects.
+        split: One of ``splits``.
+        val: Share of the objects held out for validation.
+
+    Raises:
+        ConfigError: An unknown split, or ``val`` outside 0..1.
+    """
+
+    name = "touchd_sim"
+    sensors = ("gelsight", "digit", "gelsight_mini", "gelslim", "duragel")
+    tier = 3
+    licence = "that of the form on its page"
+    citation = "Feng et al., AnyTouch 2, ICLR 2026"
+    url = "https://huggingface.co/collections/BAAI/touchd"
+    tree = """ROOT/OBJECT/slide_left/digit_1/    (a neutral layout, see the class)
+  0.png ...
+  background.png"""
+    provides = frozenset({"action", "object", "text"})
+    marks = tuple(f"*/{action}*/*/[0-9]*.png" for action in ACTIONS)
+    doubts = ("a neutral layout: that of the release is not public",)
+
+    def _items(self) -> Iterator[RecordingItem]:
+        folders = sorted(path for path in self._folder(".").glob("*/*/*") if path.is_dir())
+        if not folders:
+            raise self._missing(f"no folder OBJECT/ACTION/SENSOR in {self.root}")
+        for folder in folders:
+            key = folder.relative_to(self.root).as_posix()
+            yield RecordingItem(key, partial(self._open, key, folder), group=key.split("/")[0])
+
+    def _open(self, key: str, folder: Path) -> Recording:
+        name, action, unit = key.split("/")
+        action = re.sub(r"-\d+$", "", action)
+        sensor = re.sub(r"_\d+$", "", unit)
+        for what, value, known in (("action", action, ACTIONS), ("sensor", sensor, self.sensors)):
+            if value not in known:
+                raise DataError(f"{folder}: {unknown(what, value, known, 'Rename the folder')}")
+        touch = NumberedImages(folder, r"\d+")
+        frames = touch.frames()
+        return self._recording(
+            key,
+            sensor=sensor,
+            frames=frames,
+            times=frame_times(list(touch.files), _FPS),
+            no_contact=still_background(folder / "background.png", frames),
+            action=np.full(len(frames), ACTIONS.index(action), np.int64),
+            object=name,
+            text=f"{{action}} {name}".replace("_", " "),
+        )
