@@ -152,14 +152,16 @@ def test_no_reader_of_forces_is_left_out(force_readers: dict[str, Dataset]) -> N
     passing_on = {"mixture"}  # gives what others gave
     by_layout = {"recordings", "webdataset"}
     plugins = [one for one in registry.list_plugins() if one.kind == "datasets"]
-    ours = ("tactileforge", "tactileforge-arrays")
+    ours = ("tactileforge", "tactileforge-arrays", "tactileforge-sim")
     names = {one.name for one in plugins if one.distribution in ours} - passing_on
     classes = {name: registry.get("datasets", name) for name in names}
     providing = {
         name
         for name, made in classes.items()
         if name not in by_layout
-        and made.__module__.startswith(("tactileforge.", "tactileforge_arrays."))
+        and made.__module__.startswith(
+            ("tactileforge.", "tactileforge_arrays.", "tactileforge_sim.")
+        )
         and "force" in made(**_root(made)).provides
     }
     assert providing | by_layout == set(force_readers)
