@@ -16,8 +16,8 @@ from tactileforge_bench.verbs.bench import COMMANDS
 from tactileforge import registry
 from tactileforge.datasets.reading.splits import is_held_out
 
-ROOT = Path(__file__).parents[3]
-SUITES = sorted(path.stem for path in (ROOT / "conf" / "suite").glob("*.yaml"))
+FOLDER = Path(__file__).parents[2] / "src" / "tactileforge_bench" / "conf" / "suite"
+SUITES = sorted(path.stem for path in FOLDER.glob("*.yaml"))
 #: What a suite asks for.
 ASKED = {"classes": ["classes.root=.", "classes.sensor=digit"]}
 
