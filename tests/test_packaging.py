@@ -9,6 +9,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from made_files import make_files
 
 ROOT = Path(__file__).parents[1]
 
@@ -61,7 +62,7 @@ def test_the_wheel_has_every_configuration_and_card(wheel: Path) -> None:
 
 @pytest.mark.slow
 def test_the_wheel_trains_outside_the_checkout(wheel: Path, tmp_path: Path) -> None:
-    """A new environment sees this one's libraries, but not this checkout."""
+    """A new environment sees this one's libraries, but neither this checkout nor its packages."""
     venv.create(tmp_path / "venv", with_pip=False)
     site = next((tmp_path / "venv").glob("lib/python*/site-packages"))
     zipfile.ZipFile(wheel).extractall(site)
@@ -71,13 +72,14 @@ def test_the_wheel_trains_outside_the_checkout(wheel: Path, tmp_path: Path) -> N
             (site / entry.name).symlink_to(entry)
     work = tmp_path / "work"
     work.mkdir()
+    make_files("touches", work)
     env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
     run = subprocess.run(
         [
             str(tmp_path / "venv/bin/python"),
             *("-c", "from tactileforge.cli import main; main()", "train", "scale=demo"),
             *("debug=steps", "encoder.image_size=32", "batch.size=4", "hydra.run.dir=run"),
-            *("data.scenes=3", "data.val=1", "data.size=32"),
+            *("data=recordings", "data.root=touches", "objective=[pixel,diff,force]"),
         ],
         cwd=work,
         env=env,

@@ -146,7 +146,7 @@ def test_scenes_together_are_scenes_alone() -> None:
 
 
 def test_the_page_has_every_row_with_its_range() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "simulator.md").read_text().splitlines()
+    page = (Path(__file__).parents[3] / "docs" / "simulator.md").read_text().splitlines()
     for name, row in TABLE.items():
         (line,) = (line for line in page if line.startswith(f"| `{name}` |"))
         assert row.what in line

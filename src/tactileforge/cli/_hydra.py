@@ -238,8 +238,12 @@ def _told(name: str, said: str, words: Words) -> str:
                 package = f"hydra-{match[2]}-{kind}"
                 return f"{match[1]}={match[2]} comes with {package}: pip install {package}"
             return unknown(match[1], match[2], {*_of_hydra(match[1]), *_OF_PACKAGES.get(kind, ())})
-        if package := package_of(GROUPS.get(match[1], match[1]), match[2]):
-            return f"{match[1]}={match[2]} comes with {package}: pip install {package}"
+        # what was typed comes before a default, which Hydra may have looked for first
+        typed = [word.partition("=")[::2] for word in overrides]
+        missing = [(group, one) for group, one in typed if one not in options(group, own)]
+        for group, one in [*missing, (match[1], match[2])]:
+            if package := package_of(GROUPS.get(group, group), one):
+                return f"{group}={one} comes with {package}: pip install {package}"
         fix = "" if own else "Options of your own need --config-dir DIR"
         return unknown(match[1], match[2], options(match[1], own), fix)
     if match := re.search(r"You must specify '(\w+)'", said):

@@ -1,6 +1,5 @@
 """Every suite is read, names existing tasks, and agrees with the published one."""
 
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +16,8 @@ from tactileforge_bench.verbs.bench import COMMANDS
 from tactileforge import registry
 from tactileforge.datasets.reading.splits import is_held_out
 
-ROOT = Path(__file__).parents[3]
-SUITES = sorted(
-    path.stem for path in Path(str(files("tactileforge_bench.conf"))).glob("suite/*.yaml")
-)
+FOLDER = Path(__file__).parents[2] / "src" / "tactileforge_bench" / "conf" / "suite"
+SUITES = sorted(path.stem for path in FOLDER.glob("*.yaml"))
 #: What a suite asks for.
 ASKED = {"classes": ["classes.root=.", "classes.sensor=digit"]}
 

@@ -10,7 +10,7 @@ from tactileforge.depth import fit, lighting
 from tactileforge.depth.features import places
 from tactileforge.depth.presses import KNOWN, read_known
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 DATA = Path(os.environ.get("TACTILEFORGE_REALDATA", ROOT.parent / "shared" / "realdata"))
 
 pytestmark = [
