@@ -142,9 +142,21 @@ def test_without_a_package_what_it_brings_is_named_in_a_line(words, said, alone,
     assert capsys.readouterr().err == f"error: {said}: pip install {said.split()[-1]}\n"
 
 
+@pytest.mark.usefixtures("alone")
+def test_without_the_package_of_published_encoders_an_import_names_it(capsys):
+    assert cli.run(["zoo", "get", "anytouch2.base", "--from", "checkpoint-4frames.pth"]) == 1
+    said = capsys.readouterr().err
+    assert said.rstrip().endswith("pip install tactileforge-published")
+    assert said.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("kind", "name", "package"),
     [
+        ("encoders", "vqgan", "tactileforge-published"),
+        ("heads", "published_force", "tactileforge-published"),
+        ("datasets", "octopi", "tactileforge-datasets"),
+        ("datasets", "webdataset", "tactileforge-datasets"),
         ("datasets", "feats", "tactileforge-datasets"),
         ("datasets", "lerobot", "tactileforge-lerobot"),
         ("datasets", "sim", "tactileforge-sim"),

@@ -61,6 +61,11 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
         "suite": ("manipulation",),
         "verbs": ("demos", "rollout"),
     },
+    "tactileforge-published": {
+        "encoders": ("resnet18", "vqgan"),
+        "heads": ("published_force", "published_probe", "published_regressor"),
+        "importers": ("published",),
+    },
     "tactileforge-rosbags": {"datasets": ("rosbags",)},
     "tactileforge-sim": {
         "datasets": ("sim",),

@@ -23,7 +23,7 @@ KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
 MODULES = ("verbs",)
 #: Kinds without a conformance suite: publishers of ``live``, schedules of the learning rate and
 #: runners of suites of ``bench`` (a function each), and packages of YAML options.
-OTHERS = ("publishers", "schedules", "runners", "conf")
+OTHERS = ("publishers", "schedules", "runners", "importers", "conf")
 
 #: Kind of plugin behind the options of each group of a configuration.
 GROUPS = {

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from tactileforge_published.clip import PIXELS as CLIP
 
 from tactileforge.encoders.preprocess import ANYTOUCH2, SPARSH, Preprocess
-from tactileforge.encoders.published.clip import PIXELS as CLIP
 from tactileforge.errors import ConfigError
 
 PLAIN = {"offset": None, "filter": "bilinear", "mean": (0, 0, 0), "std": (1, 1, 1)}

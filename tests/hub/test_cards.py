@@ -58,7 +58,7 @@ def test_cards_are_complete(name: str) -> None:
 
 
 def test_layouts_are_those_of_the_importers() -> None:
-    from tactileforge.encoders.published import LAYOUTS
+    from tactileforge_published import LAYOUTS
 
     on_cards = {w.layout for _, _, w in cards.list_cards() if w and w.layout}
     assert on_cards == {layout.name for layout in LAYOUTS} - {"sparsh"}

@@ -209,9 +209,9 @@ def _get(keys: _Get, _: dict[str, Any]) -> None:
     if keys.file is None:
         path = store.fetch_weights(*cards.find_card(keys.model))
     else:
-        from tactileforge.hub.pack import import_published
+        from tactileforge import registry  # imports numpy, which other actions do without
 
-        path = import_published(keys.model, Path(keys.file), keys.sensor)
+        path = registry.load("importers", "published")(keys.model, Path(keys.file), keys.sensor)
     print(f"{path}\nload it: tactileforge.load({json.dumps(keys.model)})")
 
 

@@ -8,9 +8,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from tactileforge.contracts import Batch, Encoder, Views
-from tactileforge.encoders.transformer import AttentivePooler
 from tactileforge.heads.force import ForceDecoder, Forces
+from tactileforge.plugin import AttentivePooler, Batch, Encoder, Views
 
 #: Attention heads of the published probes of AnyTouch 2.
 _HEADS = 16

@@ -14,8 +14,8 @@ import torch
 from bomb import Bomb
 from omegaconf import OmegaConf
 from safetensors.torch import save_file
+from tactileforge_published import read_tensors
 
-from tactileforge.encoders.published import read_tensors
 from tactileforge.errors import DataError, DataNotFoundError
 
 STATE = {"a.weight": torch.arange(6.0).view(2, 3), "a.bias": torch.ones(2)}

@@ -9,9 +9,9 @@ import torch
 from torch import nn
 
 from tactileforge import registry
-from tactileforge.encoders.published import Converted
-from tactileforge.errors import ConfigError, check_names, unknown
 from tactileforge.hub.files import fill_weights
+from tactileforge.plugin import ConfigError, check_names, unknown
+from tactileforge_published import Converted
 
 #: Sensor of a force head -> columns and signs that turn (Fx, Fy, -Fz) of ToucHD into the axes of
 #: `contracts`, and the newton along those that count as 1: ToucHD Bench divides by the largest

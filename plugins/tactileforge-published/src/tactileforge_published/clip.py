@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from tactileforge.encoders.preprocess import CLIP_MEAN, CLIP_STD
-from tactileforge.encoders.published.layout import (
+from tactileforge_published.layout import (
     ConversionPlan,
     Keys,
     State,

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 import torch
+from tactileforge_published import convert, force_head
 from torch import Tensor
 
-from tactileforge.encoders.published import convert, force_head
 from tactileforge.heads.force import ForceDecoder
 from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tactileforge.encoders.published.layout import (
+from tactileforge_published.layout import (
     ConversionPlan,
     Keys,
     State,
@@ -13,7 +13,7 @@ from tactileforge.encoders.published.layout import (
     size_of_width,
     square,
 )
-from tactileforge.encoders.published.sparsh import TIMM_BLOCK
+from tactileforge_published.sparsh import TIMM_BLOCK
 
 
 def _plan(state: State) -> ConversionPlan:

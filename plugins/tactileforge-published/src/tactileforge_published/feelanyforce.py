@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from tactileforge.encoders.published.layout import (
+from tactileforge.plugin import ConfigError
+from tactileforge_published.layout import (
     ConversionPlan,
     State,
     WeightLayout,
@@ -19,8 +20,7 @@ from tactileforge.encoders.published.layout import (
     size_of_width,
     square,
 )
-from tactileforge.encoders.published.sparsh import TIMM_BLOCK, layer_scales
-from tactileforge.errors import ConfigError
+from tactileforge_published.sparsh import TIMM_BLOCK, layer_scales
 
 _IMAGE = 224  # pixels; the files do not hold it
 _EMBED = "patch_embed.proj.weight"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tactileforge.encoders.published.clip import single_frame
-from tactileforge.encoders.published.layout import (
+from tactileforge_published.clip import single_frame
+from tactileforge_published.layout import (
     ConversionPlan,
     Keys,
     State,

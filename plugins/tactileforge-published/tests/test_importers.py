@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
+from tactileforge_published import convert, read_tensors, recognise
 from torch import Tensor
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
 from tactileforge.encoders.backbone import Backbone
-from tactileforge.encoders.published import convert, read_tensors, recognise
 from tactileforge.errors import ConfigError
 from tactileforge.testing import batch
 

@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from tactileforge.encoders.preprocess import SPARSH
-from tactileforge.encoders.published.layout import (
+from tactileforge.plugin import ConfigError
+from tactileforge_published.layout import (
     ConversionPlan,
     Keys,
     Shape,
@@ -20,7 +21,6 @@ from tactileforge.encoders.published.layout import (
     norms,
     size_of_width,
 )
-from tactileforge.errors import ConfigError
 
 _EMBED = "patch_embed.proj.weight"
 _BANDS = "pos_embed.frequency_bands"

@@ -6,17 +6,17 @@ from types import ModuleType
 import numpy as np
 import pytest
 import torch
+from tactileforge_published import convert, recognise
+from tactileforge_published.feelanyforce import force_head
+from tactileforge_published.heads import regressor_decoder
+from tactileforge_published.importing import import_published
 from torch import Tensor
 from torch.nn import functional as F
 
 import tactileforge
 from tactileforge.encoders.backbone import Backbone
 from tactileforge.encoders.preprocess import Preprocess
-from tactileforge.encoders.published import convert, recognise
-from tactileforge.encoders.published.feelanyforce import force_head
 from tactileforge.errors import ConfigError
-from tactileforge.heads.published import regressor_decoder
-from tactileforge.hub import pack
 
 State = dict[str, Tensor]
 
@@ -218,8 +218,8 @@ def test_forces_of_feelanyforce_are_newton_on_a_mini(
     file = tmp_path / "checkpoint_v1.pth.tar"
     torch.save({"state_dict": state, "epoch": 3, "config": {"num_labels": 3}}, file)
     with pytest.raises(ConfigError, match=r"sensor of FeelAnyForce's forces 'digit'"):
-        pack.import_published("feelanyforce", file, sensor="digit")
-    pack.import_published("feelanyforce", file)
+        import_published("feelanyforce", file, sensor="digit")
+    import_published("feelanyforce", file)
     model = tactileforge.load("feelanyforce")
     noise = np.random.default_rng(0).integers(0, 256, (3, 1, 240, 320, 3), dtype=np.uint8)
     frames, still = noise[:2], noise[2, 0]

@@ -4,12 +4,12 @@ from types import ModuleType
 
 import pytest
 import torch
+from tactileforge_published import convert
+from tactileforge_published.resnet import FixedNorm, ResNet18
 from torch import Tensor
 from torch.nn import functional as F
 
 from tactileforge.encoders.backbone import Backbone
-from tactileforge.encoders.published import convert
-from tactileforge.encoders.resnet import FixedNorm, ResNet18
 from tactileforge.errors import ConfigError
 
 State = dict[str, Tensor]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-from tactileforge.encoders.published.layout import State
+from tactileforge_published.layout import State
 
 
 @dataclass(frozen=True)

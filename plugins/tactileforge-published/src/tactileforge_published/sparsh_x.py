@@ -5,7 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from tactileforge.encoders.preprocess import AS_THEY_ARE
-from tactileforge.encoders.published.layout import (
+from tactileforge_published.layout import (
     ConversionPlan,
     Keys,
     State,
@@ -14,7 +14,7 @@ from tactileforge.encoders.published.layout import (
     norms,
     size_of_width,
 )
-from tactileforge.encoders.published.sparsh import (
+from tactileforge_published.sparsh import (
     TEACHER,
     TIMM_BLOCK,
     check_bands,

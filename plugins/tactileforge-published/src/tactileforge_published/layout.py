@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from tactileforge.encoders.transformer import SIZES
-from tactileforge.errors import ConfigError
+from tactileforge.plugin import ConfigError
 
 State: TypeAlias = Mapping[str, Tensor]
 #: Sizes of a tensor; None for any size.

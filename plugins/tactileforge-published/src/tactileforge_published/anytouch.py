@@ -6,9 +6,11 @@ from typing import Any
 
 from torch import Tensor
 
-from tactileforge.encoders.preprocess import ANYTOUCH2, IMAGENET_MEAN, IMAGENET_STD
-from tactileforge.encoders.published.clip import HF_BLOCK
-from tactileforge.encoders.published.layout import (
+from tactileforge.encoders.preprocess import IMAGENET_MEAN, IMAGENET_STD
+from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
+from tactileforge.plugin import ANYTOUCH2, ConfigError
+from tactileforge_published.clip import HF_BLOCK
+from tactileforge_published.layout import (
     ConversionPlan,
     Keys,
     State,
@@ -21,8 +23,6 @@ from tactileforge.encoders.published.layout import (
     size_of_width,
     source_keys,
 )
-from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
-from tactileforge.errors import ConfigError
 
 _IMAGE = 224  # pixels; the files do not hold it
 #: Trained rows of the sensor table. Row 5 is reserved for DM-Tac, unused in AnyTouch 2's training.

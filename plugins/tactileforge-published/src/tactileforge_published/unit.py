@@ -7,14 +7,14 @@ from typing import Any
 import torch
 
 from tactileforge.encoders.preprocess import AS_THEY_ARE
-from tactileforge.encoders.published.layout import (
+from tactileforge_published.layout import (
     ConversionPlan,
     Keys,
     State,
     WeightLayout,
     depth_of,
 )
-from tactileforge.encoders.vqgan import VqganEncoder
+from tactileforge_published.vqgan import VqganEncoder
 
 #: Height and width of frames in training on the key; the files do not hold them.
 _SIZE = [128, 160]

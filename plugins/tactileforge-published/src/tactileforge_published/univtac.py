@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tactileforge.encoders.preprocess import AS_THEY_ARE
-from tactileforge.encoders.published.layout import (
+from tactileforge_published.layout import (
     ConversionPlan,
     Keys,
     State,

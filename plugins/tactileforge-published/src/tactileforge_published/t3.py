@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from tactileforge.encoders.published.layout import (
+from tactileforge.plugin import ConfigError, check_names
+from tactileforge_published.layout import (
     ConversionPlan,
     Keys,
     State,
@@ -14,8 +15,7 @@ from tactileforge.encoders.published.layout import (
     norms,
     square,
 )
-from tactileforge.encoders.published.sparsh import TIMM_BLOCK
-from tactileforge.errors import ConfigError, check_names
+from tactileforge_published.sparsh import TIMM_BLOCK
 
 #: Mean and standard deviation of the images of each stem, from T3's configurations of its data
 #: sets. A stem of several sets has the numbers of the first: VisGel, tippur23 (first cylinder),
