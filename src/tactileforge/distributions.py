@@ -90,6 +90,11 @@ def package_of(kind: str, name: str) -> str:
     return next(found, "")
 
 
+def is_ours(distribution: str) -> bool:
+    """Whether a distribution is the core or one of our packages."""
+    return distribution == "tactileforge" or distribution in _OURS
+
+
 def conf_packages() -> list[str]:
     """Packages of YAML options, recipes and cards in installed distributions."""
     return [entry.value for entry in entry_points(group="tactileforge.conf")]

@@ -94,7 +94,7 @@ def note(what: str, *cells: object) -> None:
 
 
 def helper(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(Path(name).stem, ROOT / "tests" / name)
+    spec = importlib.util.spec_from_file_location(Path(name).stem, ROOT / name)
     assert spec is not None
     assert spec.loader is not None
     made = importlib.util.module_from_spec(spec)
@@ -102,7 +102,8 @@ def helper(name: str) -> ModuleType:
     return made
 
 
-PACKABLE, RECORDABLE = helper("packing/packable.py"), helper("record/recordable.py")
+PACKABLE = helper("tests/packing/packable.py")
+RECORDABLE = helper("plugins/tactileforge-live/tests/record/recordable.py")
 GIVEN = PackOptions(codec="png", shard_frames=24, processes=1)
 
 

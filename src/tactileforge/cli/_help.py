@@ -10,7 +10,8 @@ from textwrap import wrap
 from tactileforge import registry, strict
 from tactileforge.cli._command import Command
 from tactileforge.cli._options import options, yaml_groups, yaml_options, yaml_text
-from tactileforge.cli._verbs import builtin, own_commands
+from tactileforge.cli._verbs import builtin, commands
+from tactileforge.distributions import is_ours
 
 _FLAGS = """\
 --cfg job  what would be used   --explain KEY  where a value comes from   -m key=1,2  once for each
@@ -63,10 +64,13 @@ def option_keys(group: str, chosen: str | None) -> list[str]:
 
 
 def keys_page() -> str:
-    """The page docs/keys.md: every key of every verb, and of every plugin of this package."""
+    """The page docs/keys.md: every key of every verb and plugin, of the core and our packages."""
     lines = [_HEAD]
-    for verb in builtin():
-        for action, command in own_commands(verb).items():
+    # whatever else is installed where it is written
+    ours = [one for one in registry.list_plugins() if is_ours(one.distribution)]
+    added = {one.name.partition(".")[0] for one in ours if one.kind == "verbs"}
+    for verb in [*builtin(), *sorted(added - builtin().keys())]:
+        for action, command in commands(verb).items():
             if command.keys is not None and (rows := strict.describe(command.keys)):
                 lines += [f"### {f'{verb} {action}'.strip()}", "", *_block(rows)]
     lines += ["## Training", "", "`tactileforge train` has these in groups.", ""]
@@ -74,8 +78,6 @@ def keys_page() -> str:
     for group in _WHOLE:
         option = next(iter(options(group)))
         lines += [f"### {group}={option}", "", *_block("\n".join(option_keys(group, option)))]
-    # the page is of this package, whatever else is installed where it is written
-    ours = [one for one in registry.list_plugins() if one.distribution == "tactileforge"]
     for kind in registry.KINDS:
         if kind == "optimizers":
             continue  # listed above, with the keys shared by all optimisers
@@ -95,7 +97,8 @@ _HEAD = """\
 tactileforge train data=recordings --help
 ```
 
-All keys of all verbs and plugins: what each means, and its default; `???` has to be given.
+All keys of all verbs and plugins, of the core and of the packages that `make test` installs: what each means,
+and its default; `???` has to be given.
 `tactileforge plugins keys markdown=true` writes this page from where they are defined.
 
 ## Verbs
