@@ -124,6 +124,10 @@ def test_what_a_readme_excuses_is_used(package):
             "ImageFrames, VideoFrames",
         ),
         ("import tactileforge.sensors.replay", "import Replay"),
+        (
+            "from tactileforge.live.local_page import LocalPage",
+            "use: from tactileforge.plugin import LocalPage",
+        ),
         ("from tactileforge.plugin import SerialArray", "use: from tactileforge_arrays import"),
         (
             "import tactileforge.bench.fit",

@@ -65,13 +65,14 @@ def import_hint(error: BaseException) -> str:
     wanted += re.findall(r"cannot import name '(\w+)'", str(error))
     if moved := [said for name, said in PACKAGES.items() if name in wanted]:
         return f"use: {moved[0]}"
-    for old, new in MODULES.items():
+    found = sorted(public_names() & set(wanted))
+    for old, new in MODULES.items() if not found else ():  # a public name has one place
         if f"{error.name}.".startswith(f"{old}."):
             package = new.partition(".")[0].replace("_", "-")
             return f"use: {new} (pip install {package})"
     last = (error.name or "").rpartition(".")[2].replace("_", "")
     alike = [name for name in public_names() if name.lower() == last]
-    found = sorted(public_names() & set(wanted)) or alike
+    found = found or alike
     names = ", ".join(found)
     if not found:
         return "the module is private: import from tactileforge.plugin, which has what plugins need"

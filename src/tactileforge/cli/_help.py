@@ -97,8 +97,8 @@ _HEAD = """\
 tactileforge train data=recordings --help
 ```
 
-All keys of all verbs and plugins, of the core and of the packages that `make test` installs: what each means,
-and its default; `???` has to be given.
+All keys of all verbs and plugins, of the core and of the packages that `make test` installs: what
+each means, and its default; `???` has to be given.
 `tactileforge plugins keys markdown=true` writes this page from where they are defined.
 
 ## Verbs

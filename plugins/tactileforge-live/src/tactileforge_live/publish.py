@@ -1,4 +1,4 @@
-"""Publishers of readings: newline JSON in the core, others as plugins."""
+"""Publishers of readings: newline JSON here, others as plugins."""
 
 from __future__ import annotations
 
