@@ -18,8 +18,8 @@ from common import ratio, save, side_by_side
 from omegaconf import OmegaConf
 
 from tactileforge.compose import compose
-from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
+from tactileforge.training.module import TouchModule
 
 BATCH, ROUNDS = 16, 5
 OPTIONS = ["scale=tiny", "encoder.depth=4", "objective=[pixel,diff]"]

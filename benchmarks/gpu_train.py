@@ -28,12 +28,12 @@ from torch.nn.attention import SDPBackend, sdpa_kernel
 from torch.utils.flop_counter import FlopCounterMode
 from train_subjects import Case, Subject, build, config_of, step_flops
 
-from tactileforge.assemble import build_data
-from tactileforge.callbacks.speed import peak_of
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.transfer import Transfer, pin
 from tactileforge.data.labels.augment import fill_captions
 from tactileforge.processes import cpus
+from tactileforge.training.assemble import build_data
+from tactileforge.training.speed import peak_of
 
 #: Timed duration of a row, s; warm-up steps; and largest number of timed steps.
 SECONDS, WARMUP, STEPS = 3.0, 3, 60

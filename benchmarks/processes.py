@@ -33,8 +33,8 @@ from train_subjects import Case, config_of, step_flops
 
 from tactileforge.compose import compose
 from tactileforge.contracts import Batch
-from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
+from tactileforge.training.module import TouchModule
 
 ROUNDS, CLIPS = 30, 4
 WAYS: dict[str, dict[str, Any] | None] = {

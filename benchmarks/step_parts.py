@@ -19,8 +19,8 @@ from omegaconf import OmegaConf
 from torch import Tensor
 
 from tactileforge.compose import compose
-from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
+from tactileforge.training.module import TouchModule
 
 BATCH, ROUNDS = 2, 4
 PARTS = (

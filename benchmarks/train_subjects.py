@@ -14,8 +14,8 @@ from tactileforge.compiled import compile_blocks
 from tactileforge.compose import compose
 from tactileforge.contracts import Batch
 from tactileforge.encoders.transformer import SIZES
-from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
+from tactileforge.training.module import TouchModule
 
 #: Decoder of each of our two heads: width, heads.
 DECODER = (512, 8)

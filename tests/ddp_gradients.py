@@ -16,9 +16,9 @@ from torch.nn.parallel import DistributedDataParallel
 
 from tactileforge.contracts import Batch
 from tactileforge.means import Mean
-from tactileforge.module import TouchModule
 from tactileforge.objectives import force
 from tactileforge.testing import batch as make_batch
+from tactileforge.training.module import TouchModule
 
 CONFIG = {
     "seed": 0,

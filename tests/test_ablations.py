@@ -68,7 +68,7 @@ def test_no_action_match_still_matches_objects() -> None:
 
 @pytest.mark.parametrize("scale", ["paper", "demo"])
 def test_without_a_schedule_every_weight_is_whole_at_once(scale: str) -> None:
-    from tactileforge.curriculum import from_config
+    from tactileforge.training.curriculum import from_config
 
     config = plain("ablation=no_schedule", f"scale={scale}")
     weights = {key: node["weight"] for key, node in config["objective"].items()}

@@ -16,8 +16,8 @@ from tactileforge.contracts import Batch
 from tactileforge.encoders.preprocess import Preprocess
 from tactileforge.encoders.transformer import Block
 from tactileforge.errors import ConfigError
-from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
+from tactileforge.training.module import TouchModule
 
 pytestmark = [
     pytest.mark.slow,

@@ -6,9 +6,9 @@ from hydra.errors import ConfigCompositionException
 from omegaconf import MissingMandatoryValue, OmegaConf
 
 from tactileforge.compose import compose, composed, node_of
-from tactileforge.curriculum import from_config
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
+from tactileforge.training.curriculum import from_config
 
 ROOT = Path(__file__).parents[1]
 PLUGINS = """

@@ -8,10 +8,10 @@ import torch
 from torch import nn
 
 from tactileforge import cli
-from tactileforge.callbacks.checkpoints import best_checkpoint
 from tactileforge.checkpoint_file import read_checkpoint
 from tactileforge.finite import FiniteWatch, NotFiniteError, broken
 from tactileforge.run_folder import BEST, LAST
+from tactileforge.training.checkpoints import best_checkpoint
 
 SMALL = ["train", "scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "data.size=32"]
 SMALL += ["encoder.image_size=32", "batch.size=4", "batch.workers=0", "curriculum=constant"]

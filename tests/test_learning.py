@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from tactileforge.compose import compose
-from tactileforge.module import TouchModule
 from tactileforge.pages.curves import read_metrics
 from tactileforge.train import train
+from tactileforge.training.module import TouchModule
 
 pytestmark = pytest.mark.slow
 

@@ -17,8 +17,8 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from tactileforge.compose import compose
 from tactileforge.data.labels.augment import build_augment
-from tactileforge.module import TouchModule
 from tactileforge.testing import batch as make_batch
+from tactileforge.training.module import TouchModule
 
 RECIPES = sorted(
     path.stem for path in (Path(__file__).parents[1] / "zoo" / "recipe").glob("*.yaml")

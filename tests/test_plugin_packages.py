@@ -11,12 +11,13 @@ from pathlib import Path
 import cv2
 import pytest
 
-from tactileforge import cli, distributions, parts, registry
+from tactileforge import cli, distributions, registry
 from tactileforge.errors import PluginError
 from tactileforge.hub import cards
 from tactileforge.sensors.specs import spec
 from tactileforge.testing.results import CheckSubject, run_check
 from tactileforge.testing.trained_encoders import exported_it_is_the_same
+from tactileforge.training import parts
 
 ROOT = Path(__file__).parents[1]
 NAMES = ("anyskin", "digit", "dmtac", "flexitac", "ft", "gelsight")

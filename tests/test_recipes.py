@@ -7,13 +7,13 @@ import torch
 from omegaconf import OmegaConf
 
 from tactileforge.compose import compose
-from tactileforge.curriculum import from_config
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.errors import ConfigError
 from tactileforge.heads.jepa import JepaHead
-from tactileforge.module import TouchModule
 from tactileforge.testing import batch as touches
 from tactileforge.train import train
+from tactileforge.training.curriculum import from_config
+from tactileforge.training.module import TouchModule
 
 ZOO = Path(__file__).parents[1] / "zoo" / "recipe"
 RECIPES = sorted(path.stem for path in ZOO.glob("*.yaml"))

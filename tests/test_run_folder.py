@@ -14,20 +14,20 @@ import torch
 from warm import Warm
 
 from tactileforge import cli, run_folder
-from tactileforge.callbacks import checkpoints
-from tactileforge.callbacks.checkpoints import AtomicCheckpointIO
 from tactileforge.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.compose import compose
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards.shards import Packed, describe_recording, encode_image, write_shard
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
-from tactileforge.module import TouchModule
 from tactileforge.optim import build_optimizer
 from tactileforge.pages.curves import read_metrics
 from tactileforge.run_folder import LAST
-from tactileforge.run_length import change_run
 from tactileforge.train import train
+from tactileforge.training import checkpoints
+from tactileforge.training.checkpoints import AtomicCheckpointIO
+from tactileforge.training.module import TouchModule
+from tactileforge.training.run_length import change_run
 
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=0"]
 SMALL += ["objective=[pixel]", "batch.size=8", "data.scenes=3", "data.val=1", "data.size=32"]

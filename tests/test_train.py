@@ -5,11 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from tactileforge import fitting, train
+from tactileforge import train
 from tactileforge.compose import compose
 from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import read_metrics
 from tactileforge.run_folder import LAST
+from tactileforge.training import fitting
 
 
 @pytest.mark.parametrize(

@@ -16,10 +16,7 @@ import lightning as L
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from tactileforge import curriculum, precision, registry, run_folder
-from tactileforge.assemble import build_data
-from tactileforge.callbacks.checkpoints import Checkpoints
-from tactileforge.callbacks.coverage import LabelCoverage, SkippedRecordings
+from tactileforge import registry, run_folder
 from tactileforge.checkpoint_file import (
     RESUMED,
     find_checkpoint,
@@ -33,18 +30,22 @@ from tactileforge.data.batches.columns import plain_sizes
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
-from tactileforge.fitting import fit
-from tactileforge.initial import check_facts, new_in, start_from, warn_of_dropped
-from tactileforge.loggers import log_config, log_report
-from tactileforge.module import TouchModule
 from tactileforge.pages.drawings import collected_drawings
-from tactileforge.parts import outline
-from tactileforge.precompute import remember_features
 from tactileforge.provenance import commit
-from tactileforge.run_length import change_run
-from tactileforge.strategies import Sharded
 from tactileforge.threads import flushed
-from tactileforge.trainer import build_trainer, check_options
+from tactileforge.training import curriculum, precision
+from tactileforge.training.assemble import build_data
+from tactileforge.training.checkpoints import Checkpoints
+from tactileforge.training.coverage import LabelCoverage, SkippedRecordings
+from tactileforge.training.fitting import fit
+from tactileforge.training.initial import check_facts, new_in, start_from, warn_of_dropped
+from tactileforge.training.loggers import log_config, log_report
+from tactileforge.training.module import TouchModule
+from tactileforge.training.parts import outline
+from tactileforge.training.precompute import remember_features
+from tactileforge.training.run_length import change_run
+from tactileforge.training.strategies import Sharded
+from tactileforge.training.trainer import build_trainer, check_options
 
 log = logging.getLogger(__name__)
 

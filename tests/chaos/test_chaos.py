@@ -44,7 +44,6 @@ from waiting import wait_until
 
 from tactileforge import cli, downloads, run_folder
 from tactileforge.calibration.file import Axis, Calibration, ForceModel, load_calibration
-from tactileforge.callbacks import checkpoints
 from tactileforge.checkpoint_file import RESUMED, read_checkpoint, read_own, seal
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.data.frames.image_codecs import encode_image
@@ -71,6 +70,7 @@ from tactileforge.sensors.background import Background
 from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.frame_contract import bad_values
 from tactileforge.sensors.opening import within
+from tactileforge.training import checkpoints
 from tactileforge.untrusted import load_json, load_yaml
 
 pytestmark = pytest.mark.slow

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 import tactileforge
-from tactileforge.callbacks.checkpoints import AtomicCheckpointIO
 from tactileforge.cli import dispatch
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.run_folder import LAST
+from tactileforge.training.checkpoints import AtomicCheckpointIO
 
 main = partial(dispatch, "zoo")
 

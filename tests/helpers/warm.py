@@ -22,7 +22,7 @@ from pathlib import Path
 from waiting import wait_until
 
 _MODULES = (
-    *("tactileforge.cli._hydra", "tactileforge.train", "tactileforge.trainer"),
+    *("tactileforge.cli._hydra", "tactileforge.train", "tactileforge.training.trainer"),
     *("tactileforge.report.run", "tactileforge_sim.dataset", "tactileforge_bench.run"),
     "tactileforge_sim.play",
 )

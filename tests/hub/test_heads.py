@@ -10,7 +10,6 @@ from omegaconf import OmegaConf
 from safetensors.torch import load_file, save_file
 
 import tactileforge
-from tactileforge.callbacks.checkpoints import AtomicCheckpointIO
 from tactileforge.data.labels.displacement import decode_displacement
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, PluginError
@@ -19,9 +18,10 @@ from tactileforge.heads.surface import SurfaceHead
 from tactileforge.hub import pack
 from tactileforge.hub.files import make_header, open_model, save_checkpoint
 from tactileforge.hub.starting_point import starting_weights
-from tactileforge.initial import start_from
 from tactileforge.run_folder import LAST
 from tactileforge.sensors.specs import spec
+from tactileforge.training.checkpoints import AtomicCheckpointIO
+from tactileforge.training.initial import start_from
 
 NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
 HEADS = {"force": {"node": {"name": "force"}, "scale": {"digit": [1.0, 2.0, 4.0]}}}

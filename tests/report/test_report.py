@@ -21,8 +21,6 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.files import unsealed
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.heads.force import Forces
-from tactileforge.labels import Labels
-from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve, read_metrics, weighed
 from tactileforge.pages.figures import curve_figure
 from tactileforge.pages.page import MINUS, NONE, duration, number, percent
@@ -40,6 +38,8 @@ from tactileforge.report.samples import (
     spread,
 )
 from tactileforge.train import train
+from tactileforge.training.labels import Labels
+from tactileforge.training.module import TouchModule
 
 SIZE = 32
 

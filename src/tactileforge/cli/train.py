@@ -9,7 +9,7 @@ from typing import Any
 from tactileforge.cli._command import Command
 from tactileforge.cli._quote import quoted, unquoted
 from tactileforge.errors import ConfigError, command
-from tactileforge.run_length import LENGTHS, MACHINE
+from tactileforge.training.run_length import LENGTHS, MACHINE
 
 
 def _train(_: None, config: dict[str, Any]) -> float:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from torch.nn import functional as F
 
 from tactileforge.heads.align import AlignHead
-from tactileforge.module import TouchModule
 from tactileforge.pages.images import image, strip
 from tactileforge.pages.page import (
     MINUS,
@@ -26,6 +25,7 @@ from tactileforge.pages.page import (
 )
 from tactileforge.report.pictures import Strips
 from tactileforge.report.samples import ClipReader, clip_title, quiet
+from tactileforge.training.module import TouchModule
 
 #: Number of captions shown of a clip.
 _NEAREST = 3

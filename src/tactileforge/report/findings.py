@@ -9,12 +9,12 @@ from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import DataError
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.heads.force import Forces
-from tactileforge.module import TouchModule
 from tactileforge.report.captions import CaptionResult, nearest_captions
 from tactileforge.report.embedding import Embedding, NeighbourScore, embedding_of, neighbours
 from tactileforge.report.forces import ForceResult, force_results
 from tactileforge.report.pictures import Strips, strips_of
 from tactileforge.report.samples import ClipReader, explained, liveliest, predictions, spread
+from tactileforge.training.module import TouchModule
 
 #: Largest numbers of clips per split to embed and read forces of, to reconstruct, and to show.
 _CLIPS = 200

@@ -12,12 +12,12 @@ from tactileforge.data.batches.columns import plain_sizes
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
 from tactileforge.files import write_text
-from tactileforge.labels import Labels
-from tactileforge.module import TouchModule
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.pages.page import Section, page
 from tactileforge.report import captions, embedding, forces, sections, summary
 from tactileforge.report.findings import RunFindings, run_findings
+from tactileforge.training.labels import Labels
+from tactileforge.training.module import TouchModule
 
 
 def report_of_run(folder: Path) -> Path:
@@ -34,7 +34,7 @@ def report_of_run(folder: Path) -> Path:
         DataNotFoundError: The folder is not of a run, or the data is missing.
         ConfigError: The checkpoint does not fit the configuration.
     """
-    from tactileforge.assemble import build_data
+    from tactileforge.training.assemble import build_data
 
     config = run_folder.read_config(folder)
     state = read_own(folder, config.get("run"), ("skipped", "labels"))

@@ -17,8 +17,8 @@ from tactileforge.contracts import Batch, Recording
 from tactileforge.data.batches.clips import Clips, Skipped, collate
 from tactileforge.data.labels.augment import fill_captions
 from tactileforge.heads.decoder import Reconstruction
-from tactileforge.module import TouchModule
 from tactileforge.report.pictures import kind_of, residuals, share
+from tactileforge.training.module import TouchModule
 
 #: Number of clips at once.
 _BATCH = 16

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tactileforge.callbacks.speed import WAITING
 from tactileforge.pages.curves import Curve
 from tactileforge.pages.page import number, percent
+from tactileforge.training.speed import WAITING
 
 
 def speed_fact(curves: Mapping[str, Curve]) -> str:

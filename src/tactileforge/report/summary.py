@@ -9,8 +9,6 @@ from markupsafe import Markup
 
 from tactileforge.contracts import AXES
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.labels import Labels
-from tactileforge.module import TouchModule
 from tactileforge.pages import page
 from tactileforge.pages.curves import Curve
 from tactileforge.pages.page import NONE, SPLIT_WORDS, duration, number, percent, table
@@ -18,6 +16,8 @@ from tactileforge.report.embedding import NeighbourScore
 from tactileforge.report.findings import RunFindings
 from tactileforge.report.forces import ForceResult, milli
 from tactileforge.report.speed import speed_fact, speed_verdict
+from tactileforge.training.labels import Labels
+from tactileforge.training.module import TouchModule
 
 #: Smallest relative change of a loss to count as a change.
 _LEAST = 0.01

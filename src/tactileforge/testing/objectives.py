@@ -11,7 +11,6 @@ from torch import Tensor, nn
 from tactileforge import registry
 from tactileforge.contracts import LABELS, Batch, Views
 from tactileforge.data.batches.columns import own_columns
-from tactileforge.parts import Term, term_of
 from tactileforge.testing.batches import (
     batch,
     context_of,
@@ -22,6 +21,7 @@ from tactileforge.testing.batches import (
 )
 from tactileforge.testing.modules import small_context, views_of
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, construct, require
+from tactileforge.training.parts import Term, term_of
 
 
 @dataclass(frozen=True)

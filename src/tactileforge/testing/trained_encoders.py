@@ -21,10 +21,10 @@ from tactileforge.distributions import package_of
 from tactileforge.errors import ConfigError
 from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.hub.loading import load
-from tactileforge.parts import term_of
 from tactileforge.testing.batches import batch
 from tactileforge.testing.modules import require_close, require_equal, small_context
 from tactileforge.testing.results import Check, CheckSubject, Skip, require
+from tactileforge.training.parts import term_of
 
 #: Objectives for an encoder without the attribute ``serves``.
 SERVED = ("pixel", "diff", "align", "match", "force")

@@ -12,9 +12,9 @@ from tactileforge.data.batches.clips import Clips, collate
 from tactileforge.data.batches.columns import declared_columns, measure_columns, plain_sizes
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import ConfigError, DataError, PluginError
-from tactileforge.parts import sizes_of
 from tactileforge.testing import check
 from tactileforge.train import train
+from tactileforge.training.parts import sizes_of
 
 
 def recording(key: str = "a", **tracks: np.ndarray) -> Recording:

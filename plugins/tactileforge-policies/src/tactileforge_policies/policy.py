@@ -15,7 +15,6 @@ from torch import Tensor
 from tactileforge import run_folder
 from tactileforge.checkpoint_file import read_checkpoint
 from tactileforge.encoders.views import views_of
-from tactileforge.parts import build_parts
 from tactileforge.plugin import (
     NEUTRAL_BACKGROUND,
     Batch,
@@ -24,6 +23,7 @@ from tactileforge.plugin import (
     Views,
     resize_frame,
 )
+from tactileforge.training.parts import build_parts
 from tactileforge_policies.heads.base import PolicyHead
 from tactileforge_policies.reference import reference_gain, with_gain
 from tactileforge_policies.robot import Robot

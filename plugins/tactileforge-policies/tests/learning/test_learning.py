@@ -12,13 +12,13 @@ from tactileforge_policies.heads.diffusion_policy import DiffusionPolicy, PowerE
 from tactileforge_policies.heads.ranges import Ranges
 from tactileforge_policies.robot import Robot
 
-from tactileforge.callbacks.checkpoints import Checkpoints
 from tactileforge.checkpoint_file import read_checkpoint
 from tactileforge.compose import compose
 from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.module import TouchModule
 from tactileforge.run_folder import LAST, read_config
 from tactileforge.train import train
+from tactileforge.training.checkpoints import Checkpoints
+from tactileforge.training.module import TouchModule
 
 
 def small(**options) -> DiffusionPolicy:

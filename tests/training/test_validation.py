@@ -8,12 +8,12 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tactileforge.callbacks import progress
 from tactileforge.compose import compose
 from tactileforge.errors import ConfigError
 from tactileforge.objectives.force import Force
 from tactileforge.train import metric, train
-from tactileforge.trainer import check_options
+from tactileforge.training import progress
+from tactileforge.training.trainer import check_options
 
 SMALL = ["scale=demo", "data.scenes=3", "data.val=1", "data.size=32", "encoder.image_size=32"]
 SMALL += ["batch.size=4", "batch.workers=0", "curriculum=constant", "objective=[pixel,force]"]

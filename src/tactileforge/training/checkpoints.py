@@ -21,9 +21,9 @@ from tactileforge.bars import Bar
 from tactileforge.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.errors import TactileForgeError
 from tactileforge.files import new_part
-from tactileforge.module import log_interval
 from tactileforge.run_folder import BEST, LAST
 from tactileforge.signals import handled
+from tactileforge.training.module import log_interval
 
 log = logging.getLogger(__name__)
 

@@ -1,10 +1,10 @@
 import pytest
 from lightning import LightningModule, Trainer
 
-from tactileforge.callbacks.coverage import LabelCoverage, SkippedRecordings
 from tactileforge.contracts import Batch
 from tactileforge.errors import DataError
-from tactileforge.module import TouchModule
+from tactileforge.training.coverage import LabelCoverage, SkippedRecordings
+from tactileforge.training.module import TouchModule
 
 
 def test_a_run_stops_with_a_list_of_what_it_cannot_read() -> None:

@@ -8,12 +8,13 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tactileforge import precision, run_folder
-from tactileforge.assemble import build_data
+from tactileforge import run_folder
 from tactileforge.compose import compose
-from tactileforge.module import TouchModule
-from tactileforge.precision import Timing, choose_precision, native_bf16, step_times
 from tactileforge.train import train
+from tactileforge.training import precision
+from tactileforge.training.assemble import build_data
+from tactileforge.training.module import TouchModule
+from tactileforge.training.precision import Timing, choose_precision, native_bf16, step_times
 
 AUTO = {"precision": "auto", "accelerator": "cpu", "devices": 1, "num_nodes": 1}
 TINY = ["scale=demo", "encoder.image_size=32", "batch.size=8", "batch.workers=0"]

@@ -8,13 +8,13 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tactileforge import initial
 from tactileforge.checkpoint_file import left_out
 from tactileforge.compose import compose
 from tactileforge.hub.cards import find_card, zoo_folder
 from tactileforge.hub.header import read_header
-from tactileforge.initial import warn_of_dropped
-from tactileforge.module import TouchModule
+from tactileforge.training import initial
+from tactileforge.training.initial import warn_of_dropped
+from tactileforge.training.module import TouchModule
 
 SMALL = ["scale=demo", "encoder.image_size=32", "encoder.depth=1", "init=anytouch2.tiny"]
 

@@ -5,11 +5,12 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tactileforge import parts, registry
-from tactileforge.assemble import build_data
+from tactileforge import registry
 from tactileforge.compose import compose
 from tactileforge.errors import ConfigError
-from tactileforge.parts import outline
+from tactileforge.training import parts
+from tactileforge.training.assemble import build_data
+from tactileforge.training.parts import outline
 
 RECIPES = ["anytouch1", "anytouch2", "dino", "mae", "t3", "unitouch", "vjepa"]
 

@@ -14,7 +14,7 @@ from tactileforge.contracts import Batch
 from tactileforge.data.batches.clips import Clips, collate
 from tactileforge.data.labels.augment import fill_captions
 from tactileforge.distributed import count_processes
-from tactileforge.module import TouchModule
+from tactileforge.training.module import TouchModule
 
 #: CPU seconds of a step in fp32 and in bf16.
 Timing: TypeAlias = tuple[float, float]

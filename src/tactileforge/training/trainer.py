@@ -13,16 +13,16 @@ import torch
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, Timer
 
-from tactileforge.callbacks import checkpoints
-from tactileforge.callbacks.progress import Progress
-from tactileforge.callbacks.speed import Speed
-from tactileforge.callbacks.validation import LastValidation
 from tactileforge.distributed import count_processes
 from tactileforge.errors import ConfigError, check_names, unknown
-from tactileforge.loggers import build_loggers
 from tactileforge.optim import parse_optim
-from tactileforge.parts import check_values
-from tactileforge.strategies import check_started, choose_strategy
+from tactileforge.training import checkpoints
+from tactileforge.training.loggers import build_loggers
+from tactileforge.training.parts import check_values
+from tactileforge.training.progress import Progress
+from tactileforge.training.speed import Speed
+from tactileforge.training.strategies import check_started, choose_strategy
+from tactileforge.training.validation import LastValidation
 
 #: Packages of each logger; it needs one of them.
 _LOGGERS = {"csv": (), "tensorboard": ("tensorboard", "tensorboardX"), "wandb": ("wandb",)}

@@ -4,10 +4,10 @@ from types import SimpleNamespace
 import pytest
 from lightning.pytorch.callbacks import ModelCheckpoint
 
-from tactileforge.callbacks.checkpoints import Checkpoints, best_checkpoint
 from tactileforge.compose import compose
 from tactileforge.run_folder import BEST
 from tactileforge.train import train
+from tactileforge.training.checkpoints import Checkpoints, best_checkpoint
 
 
 class Steps:

@@ -12,8 +12,8 @@ import torch
 from lightning.pytorch.callbacks import Callback
 from torch.utils.flop_counter import FlopCounterMode
 
-from tactileforge.module import log_interval
 from tactileforge.processes import cpus
+from tactileforge.training.module import log_interval
 
 log = logging.getLogger(__name__)
 

@@ -14,13 +14,13 @@ import torch
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, IterableDataset
 
-from tactileforge.callbacks import speed
-from tactileforge.callbacks.speed import Speed, advice, peak_of
 from tactileforge.compose import compose
 from tactileforge.data.batches.loader import Loader
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.report.speed import speed_fact, speed_verdict
 from tactileforge.train import train
+from tactileforge.training import speed
+from tactileforge.training.speed import Speed, advice, peak_of
 
 #: Steps of a run of clips of 5 numbers, and of a linear layer of 5 inputs and 7 outputs.
 STEPS, CLIPS, INPUTS, OUTPUTS = 40, 3, 5, 7

@@ -8,7 +8,7 @@ import lightning as L
 from lightning.pytorch.callbacks import Callback
 
 from tactileforge.bars import Bar
-from tactileforge.module import log_interval
+from tactileforge.training.module import log_interval
 
 
 class Progress(Callback):

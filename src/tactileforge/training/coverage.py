@@ -11,8 +11,8 @@ from lightning.pytorch.callbacks import Callback
 
 from tactileforge.contracts import Batch
 from tactileforge.errors import DataError
-from tactileforge.labels import PATIENCE, Labels
-from tactileforge.module import TouchModule
+from tactileforge.training.labels import PATIENCE, Labels
+from tactileforge.training.module import TouchModule
 
 log = logging.getLogger(__name__)
 

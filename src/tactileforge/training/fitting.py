@@ -12,12 +12,12 @@ from pathlib import Path
 import lightning as L
 
 from tactileforge import run_folder
-from tactileforge.callbacks.checkpoints import Checkpoints
 from tactileforge.checkpoint_file import read_checkpoint
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.finite import NotFiniteError
-from tactileforge.module import TouchModule
+from tactileforge.training.checkpoints import Checkpoints
+from tactileforge.training.module import TouchModule
 
 #: Messages of torch after the loss of a process of the group.
 _LOST = re.compile(r"closed by peer|reset by peer|Connection refused|NCCL|Broken pipe", re.I)

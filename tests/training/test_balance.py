@@ -6,8 +6,8 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from tactileforge import balance
 from tactileforge.errors import ConfigError
+from tactileforge.training import balance
 
 
 class Shared(nn.Module):

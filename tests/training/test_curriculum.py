@@ -1,7 +1,7 @@
 import pytest
 
-from tactileforge.curriculum import Curriculum, Ramp, from_config, in_steps
 from tactileforge.errors import ConfigError
+from tactileforge.training.curriculum import Curriculum, Ramp, from_config, in_steps
 
 PAPER = {
     "unit": "epoch",

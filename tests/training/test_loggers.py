@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tactileforge import cli
-from tactileforge.loggers import MetricsFile, build_loggers, log_config, log_report
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.pages.drawings import Drawing, collected_drawings
 from tactileforge.pages.figures import curve_figure
 from tactileforge.run_folder import read_config
+from tactileforge.training.loggers import MetricsFile, build_loggers, log_config, log_report
 
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=0"]
 SMALL += ["objective=[pixel]", "batch.size=8", "data.scenes=3", "data.val=1", "data.size=32"]

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from tactileforge.contracts import Batch
-from tactileforge.labels import PATIENCE, Labels, known
+from tactileforge.training.labels import PATIENCE, Labels, known
 
 
 def test_labels_that_a_batch_has(batch: Batch) -> None:

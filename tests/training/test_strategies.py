@@ -8,7 +8,7 @@ from tactileforge.distributed import count_processes
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
-from tactileforge.strategies import PhasedDDP, Sharded, check_started, choose_strategy
+from tactileforge.training.strategies import PhasedDDP, Sharded, check_started, choose_strategy
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""Parts of a training: what is built, fitted, logged and kept."""
