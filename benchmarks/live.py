@@ -30,7 +30,7 @@ from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.heads.force import ForceHead
 from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 FPS = 30.0
 ENCODERS: dict[str, dict[str, Any]] = {

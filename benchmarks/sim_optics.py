@@ -37,7 +37,7 @@ from tactileforge.depth import fit, lighting
 from tactileforge.depth.features import places
 from tactileforge.depth.lighting import OpticalCalibration
 from tactileforge.depth.presses import KNOWN, Presses, read_known, read_picture, read_presses
-from tactileforge.sensors.specs import SIMULATED
+from tactileforge.specs.published import SIMULATED
 
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("TACTILEFORGE_REALDATA", ROOT.parent / "shared" / "realdata"))

@@ -21,7 +21,7 @@ from tactileforge_sim.scene import Scene, simulated_rate
 
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.frames.video import VideoFrames
-from tactileforge.sensors.specs import SIMULATED
+from tactileforge.specs.published import SIMULATED
 
 ROOT = Path(__file__).parents[1]
 ASSETS = ROOT / "docs" / "assets"

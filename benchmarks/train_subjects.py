@@ -10,9 +10,9 @@ import torch
 from omegaconf import OmegaConf
 from torch import Tensor, nn
 
-from tactileforge.compiled import compile_blocks
 from tactileforge.compose import compose
 from tactileforge.contracts import Batch
+from tactileforge.encoders.compiled import compile_blocks
 from tactileforge.encoders.transformer import SIZES
 from tactileforge.testing import batch as make_batch
 from tactileforge.training.module import TouchModule

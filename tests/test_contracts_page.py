@@ -10,7 +10,7 @@ from tactileforge_bench.tasks.targets import TARGETS
 
 from tactileforge import contracts
 from tactileforge.contracts import Recording, SensorSpec
-from tactileforge.sensors.specs import SPECS
+from tactileforge.specs.published import SPECS
 
 PAGE = Path(__file__).parents[1] / "docs" / "contracts.md"
 HEAD = """# Contracts

@@ -14,7 +14,7 @@ import pytest
 
 from tactileforge import registry
 from tactileforge.compose import compose
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 from tactileforge.testing import check
 
 ROOT = Path(__file__).parents[1]

@@ -11,7 +11,7 @@ from gallery.entry import ASSETS, WIDTH
 from PIL import Image
 
 from tactileforge import registry
-from tactileforge.sensors.specs import SPECS
+from tactileforge.specs.published import SPECS
 
 ENTRIES = {(entry.kind, entry.name): entry for entry in page.entries()}
 #: Most bytes of all pictures: the site is read on phones too.

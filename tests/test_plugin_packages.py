@@ -14,7 +14,7 @@ import pytest
 from tactileforge import cli, distributions, registry
 from tactileforge.errors import PluginError
 from tactileforge.hub import cards
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 from tactileforge.testing.results import CheckSubject, run_check
 from tactileforge.testing.trained_encoders import exported_it_is_the_same
 from tactileforge.training import parts

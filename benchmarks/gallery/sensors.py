@@ -22,7 +22,7 @@ from gallery.touches import (
     taxels,
 )
 from tactileforge.registry import build
-from tactileforge.sensors.specs import SIMULATED, SPECS
+from tactileforge.specs.published import SIMULATED, SPECS
 
 #: Indenters of the pictures of a type, one a panel.
 SHAPES = ("pentagram", "screw_m6", "dense_circular_holes_68")

@@ -16,7 +16,7 @@ from PIL import Image
 
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.registry import build
-from tactileforge.sensors.specs import SIMULATED
+from tactileforge.specs.published import SIMULATED
 
 Array = NDArray[Any]
 INK, GREY = "#1f2430", "#8a93a3"

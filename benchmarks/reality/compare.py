@@ -13,7 +13,7 @@ from reality.simulated import config, simulated, trial
 from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError, DataError, unknown
-from tactileforge.sensors import specs
+from tactileforge.specs import published
 
 #: Largest number of sources by the first folder of their keys; more are grouped by `source`.
 _SOURCES = 8
@@ -54,8 +54,8 @@ class CompareOptions:
                 "or more, 1 or more, 0 or more"
             )
         for sensor in self.sensors or ():
-            if sensor not in specs.SIMULATED:
-                raise ConfigError(unknown("simulated sensor", sensor, specs.SIMULATED))
+            if sensor not in published.SIMULATED:
+                raise ConfigError(unknown("simulated sensor", sensor, published.SIMULATED))
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def compare_reality(
         DataError: No touch of a sensor can be measured.
     """
     by_sensor = _by_sensor(dataset)
-    wanted = options.sensors or tuple(name for name in specs.SIMULATED if name in by_sensor)
+    wanted = options.sensors or tuple(name for name in published.SIMULATED if name in by_sensor)
     for sensor in wanted:
         if sensor not in by_sensor:
             raise ConfigError(
@@ -122,7 +122,7 @@ def compare_reality(
         raise ConfigError(
             "the simulator knows none of the data's sensors "
             f"({', '.join(sorted(by_sensor)) or 'none'}), only "
-            f"{', '.join(specs.SIMULATED)}; give recordings of one of these"
+            f"{', '.join(published.SIMULATED)}; give recordings of one of these"
         )
     return {sensor: _side(sensor, by_sensor[sensor], options, progress) for sensor in wanted}
 

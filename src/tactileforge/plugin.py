@@ -29,6 +29,8 @@ from tactileforge.contracts import (
     FrameSubset,
     Guess,
     Head,
+    Lamp,
+    MarkerPattern,
     MaskedFeatures,
     Objective,
     OptimizerPlugin,
@@ -38,6 +40,7 @@ from tactileforge.contracts import (
     Scored,
     Sensor,
     SensorSpec,
+    Simulation,
     TrainingClips,
     Views,
 )
@@ -93,10 +96,9 @@ from tactileforge.sensors.drivers.serial_robot import SerialRobot
 from tactileforge.sensors.framing import Framing, PacketParser, Parser, hex_bytes, payload_size
 from tactileforge.sensors.links import Link, SerialLink, attached_ports
 from tactileforge.sensors.opening import close_sensor, open_sensor
-from tactileforge.sensors.simulation import Lamp, MarkerPattern, Simulation
-from tactileforge.sensors.specs import SPECS, spec
 from tactileforge.sensors.stream import StreamSensor
 from tactileforge.sensors.taxels import TaxelLayout
+from tactileforge.specs.published import SPECS, spec
 from tactileforge.streaming.buffer import warn_of_slow_frames
 from tactileforge.streaming.contact import ContactDetector, ContactOptions
 from tactileforge.untrusted import load_json, load_yaml, open_picture

@@ -25,9 +25,9 @@ from tactileforge.checkpoint_file import (
     read_checkpoint,
     read_own,
 )
-from tactileforge.compiled import compile_blocks
 from tactileforge.data.batches.columns import plain_sizes
 from tactileforge.data.batches.datamodule import TouchData
+from tactileforge.encoders.compiled import compile_blocks
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.files import sealed, write_text
 from tactileforge.pages.drawings import collected_drawings

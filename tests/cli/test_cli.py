@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from tactileforge import cli
 from tactileforge.errors import DataError
-from tactileforge.sensors.specs import SPECS
+from tactileforge.specs.published import SPECS
 
 
 def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:

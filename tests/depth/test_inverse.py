@@ -7,10 +7,10 @@ import torch
 from tactileforge_sim.optics.render import Optics
 from tactileforge_sim.optics.sensor_instances import SensorInstance
 
+from tactileforge.contracts import Lamp
 from tactileforge.depth.inverse import Poisson, SurfaceReader
 from tactileforge.depth.lighting import lamp_calibration, load_optics
 from tactileforge.errors import ConfigError
-from tactileforge.sensors.simulation import Lamp
 
 SIZE, SPACING = (60, 80), 0.2
 STILL = torch.full((3, *SIZE), 120.0)

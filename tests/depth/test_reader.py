@@ -23,7 +23,7 @@ from tactileforge.depth.presses import read_known
 from tactileforge.depth.reader import DepthReader, depth_image, read_optics
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.sensors.background import Background
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 SPACING = 16.3 / 24  # of a DIGIT's picture of 24 rows, mm per pixel
 

@@ -12,7 +12,7 @@ from tactileforge.errors import ConfigError
 from tactileforge.hub import cards
 from tactileforge.hub.table import zoo_page
 from tactileforge.licences import NO_LICENCE
-from tactileforge.sensors.specs import SPECS
+from tactileforge.specs.published import SPECS
 
 ROOT = Path(__file__).parents[2]
 MAIN_TABLE = {"anytouch1", "anytouch2", "clip", "mae", "t3", "unitouch", "vjepa"}

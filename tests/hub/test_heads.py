@@ -19,7 +19,7 @@ from tactileforge.hub import pack
 from tactileforge.hub.files import make_header, open_model, save_checkpoint
 from tactileforge.hub.starting_point import starting_weights
 from tactileforge.run_folder import LAST
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 from tactileforge.training.checkpoints import AtomicCheckpointIO
 from tactileforge.training.initial import start_from
 

@@ -11,7 +11,7 @@ from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
 from tactileforge.heads.force import ForceHead, Forces
 from tactileforge.objectives.force import Force
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 FORMULAS = {
     "l1": lambda e: abs(e),

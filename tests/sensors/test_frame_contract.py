@@ -11,7 +11,7 @@ from tactileforge.errors import SensorError
 from tactileforge.sensors import capture as module
 from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.frame_contract import bad_values, check_frame
-from tactileforge.sensors.specs import SPECS
+from tactileforge.specs.published import SPECS
 
 DIGIT = replace(SPECS["digit"], height=8, width=6)
 PICTURE = np.full((8, 6, 3), 100, np.uint8)

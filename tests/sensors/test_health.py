@@ -3,7 +3,7 @@ import pytest
 
 from tactileforge.contracts import Frame
 from tactileforge.sensors.health import Health, exposure_trouble
-from tactileforge.sensors.specs import SPECS, spec
+from tactileforge.specs.published import SPECS, spec
 
 
 def frames(pictures, fps=10):

@@ -5,7 +5,7 @@ import pytest
 
 from tactileforge.contracts import Frame
 from tactileforge.sensors.picture_changes import PictureChanges
-from tactileforge.sensors.specs import SPECS
+from tactileforge.specs.published import SPECS
 
 FPS = 30
 

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 from tactileforge.testing import batch
 
 

@@ -16,7 +16,7 @@ from lerobot_camera_tactileforge import TactileForgeCamera, TactileForgeCameraCo
 from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError, PluginError, SensorError
 from tactileforge.sensors import opening
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 SIM = {"type": "digit", "size": 32}
 

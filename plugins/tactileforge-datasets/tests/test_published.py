@@ -21,7 +21,7 @@ from tactileforge.datasets.reading.published import (
     still_background,
 )
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.sensors.specs import SPECS
+from tactileforge.specs.published import SPECS
 
 Make = Callable[..., Any]
 ROOT = Path(__file__).parents[1]

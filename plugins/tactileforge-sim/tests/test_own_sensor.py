@@ -8,7 +8,7 @@ from tactileforge_sim.dataset import Sim
 
 from tactileforge.errors import ConfigError
 from tactileforge.plugin import Lamp, MarkerPattern, SensorSpec, Simulation
-from tactileforge.sensors import specs
+from tactileforge.specs import published
 
 HOW = Simulation(
     dome=120.0,
@@ -29,7 +29,7 @@ OWN = SensorSpec(
 
 @pytest.fixture
 def own(monkeypatch, request):
-    monkeypatch.setitem(specs.SPECS, "own", replace(OWN, **getattr(request, "param", {})))
+    monkeypatch.setitem(published.SPECS, "own", replace(OWN, **getattr(request, "param", {})))
 
 
 def recordings(tmp_path, **options):

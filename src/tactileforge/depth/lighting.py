@@ -16,9 +16,9 @@ from importlib.resources import files
 import torch
 from torch import Tensor
 
+from tactileforge.contracts import Lamp
 from tactileforge.depth.features import BLURS, POWERS, exponents, fine, places
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.sensors.simulation import Lamp
 
 #: Degree of the weights as polynomials of the place.
 DEGREE = 2

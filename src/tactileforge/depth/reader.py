@@ -28,8 +28,8 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_
 from tactileforge.sensors.health import TROUBLES
 from tactileforge.sensors.light import LightCheck
 from tactileforge.sensors.resting_colours import agreement, colour_grid, has_colours
-from tactileforge.sensors.specs import SIMULATED, pixel_spacing, simulation, spec
 from tactileforge.sensors.swapped_colours import warn_of_swapped
+from tactileforge.specs.published import SIMULATED, pixel_spacing, simulation, spec
 
 #: Least agreement of a background's colors with those of a calibration. Public backgrounds reach
 #: 0.68 to 1 with the calibration of their type (seven DIGITs but one, with 0.37; three Minis, two

@@ -789,7 +789,7 @@ class Model(nn.Module):
         Raises:
             ConfigError: The encoder has no blocks to compile: it is not one of ours.
         """
-        from tactileforge.compiled import compile_blocks
+        from tactileforge.encoders.compiled import compile_blocks
 
         if not compile_blocks(self, *args, **kwargs):
             raise ConfigError(

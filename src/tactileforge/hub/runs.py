@@ -19,7 +19,7 @@ from tactileforge.hub.header import Header
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 from tactileforge.licences import NO_LICENCE
 from tactileforge.provenance import commit
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 #: Heads that are kept whole: `Model` reads force and surface, and a run that starts from the
 #: weights goes on with all of them. Of the aligned head the text side is kept, see `aligned_head`.

@@ -6,7 +6,7 @@ import numpy as np
 
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.errors import SensorError
-from tactileforge.sensors.specs import SPECS
+from tactileforge.specs.published import SPECS
 
 #: Largest possible values: of a wrench, N and N m; of taxels and robots in their own units. No
 #: sensor of touch comes near; misread bytes do.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,67 @@ from tactileforge.errors import ConfigError, unknown
 from tactileforge.sensors.background import Background
 
 if TYPE_CHECKING:
-    from tactileforge.hub.model import Model
+    from torch import Tensor
+
+    from tactileforge.calibration.file import Calibration
 
 Image: TypeAlias = NDArray[np.uint8]
+
+
+class Reading(Protocol):
+    """Vectors and forces of clips; see `hub.forces.ModelReadings`."""
+
+    @property
+    def vector(self) -> Tensor:
+        """float32 (n,)."""
+        ...
+
+    @property
+    def force(self) -> Tensor | None:
+        """float32 (T - 1, 3), N; None where the model reads none."""
+        ...
+
+
+class ClipModel(Protocol):
+    """What a stream needs of a model; see `hub.model.Model`."""
+
+    encoder: Any
+    frames: int
+
+    @property
+    def spacing(self) -> float:
+        """Seconds between the frames of a clip."""
+        ...
+
+    @property
+    def any_sensor(self) -> bool:
+        """Whether it ignores the sensor type."""
+        ...
+
+    @property
+    def sensors(self) -> list[str]:
+        """Sensors in its training."""
+        ...
+
+    def squash(self, images: Image) -> Image:
+        """Images as training showed them to the encoder."""
+        ...
+
+    def axes_of(self, calibration: Calibration, names: Sequence[str]) -> object:
+        """The fits of a calibration; an error if it was made for another model."""
+        ...
+
+    def readings(
+        self,
+        frames: Image,
+        background: Image | None,
+        sensor: str | None,
+        *,
+        calibration: Calibration | None,
+        check: bool,
+    ) -> Reading:
+        """Vectors and forces of a clip."""
+        ...
 
 
 def median_image(images: Sequence[Image]) -> Image:
@@ -23,7 +81,7 @@ def median_image(images: Sequence[Image]) -> Image:
     return np.asarray(np.median(images, axis=0), np.uint8)
 
 
-def known_as(name: str, model: Model | None, unknown_sensor: str) -> str:
+def known_as(name: str, model: ClipModel | None, unknown_sensor: str) -> str:
     """Name of a type of sensor in the model's table.
 
     Raises:

@@ -33,7 +33,7 @@ from tactileforge.streaming.inputs import (
 
 if TYPE_CHECKING:
     from tactileforge.calibration.file import Calibration
-    from tactileforge.hub.model import Model
+    from tactileforge.streaming.inputs import ClipModel
 
 #: Largest number of frames for a background.
 _LOOKED_AT = 60
@@ -99,7 +99,7 @@ class TouchStream:
 
     def __init__(
         self,
-        model: Model | None,
+        model: ClipModel | None,
         sensor: str | None = None,
         *,
         background: Image | Literal["first"] | Background | None = None,

@@ -15,7 +15,7 @@ from tactileforge.contracts import ACTIONS, LABELS, Batch, Column, ColumnSize
 from tactileforge.data.batches.columns import declared_columns
 from tactileforge.data.labels import displacement
 from tactileforge.data.labels.turns import STEPS
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 #: Types of sensors of the samples, in turn.
 _SENSORS = ("gelsight", "digit")

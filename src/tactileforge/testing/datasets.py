@@ -15,7 +15,7 @@ from tactileforge import registry
 from tactileforge.contracts import ACTIONS, LABELS, Recording
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.licences import check_data_licence
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, require
 
 _SPLITS = ("train", "val")

@@ -13,7 +13,7 @@ from tactileforge.data.batches.columns import declared_columns
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.labels.augment import Augment, build_augment
 from tactileforge.errors import ConfigError, check_names
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 from tactileforge.training.parts import outline
 
 log = logging.getLogger(__name__)

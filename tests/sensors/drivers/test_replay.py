@@ -11,7 +11,7 @@ from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
 from tactileforge.sensors.drivers.replay import Replay
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 from tactileforge.testing import check
 from tactileforge.testing.clock import FakeTime
 

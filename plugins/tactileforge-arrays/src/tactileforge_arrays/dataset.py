@@ -32,7 +32,7 @@ class SimArray:
     Args:
         scenes: Number of touches for training.
         val: Number of touches for validation.
-        sensor: Name of the array in recordings; see `tactileforge.sensors.specs`.
+        sensor: Name of the array in recordings; see `tactileforge.specs.published`.
         shape: Rows and columns of taxels.
         pitch: Distance between neighbouring taxels, mm.
         axes: 3 for normal force and shear, 1 for normal force alone.

@@ -42,7 +42,7 @@ class SerialArray(StreamSensor):
 
     Args:
         port: Path of the port; "" takes the one port that ``usb`` and ``serial_number`` name.
-        type: Name of the type of sensor, in recordings; see `tactileforge.sensors.specs`.
+        type: Name of the type of sensor, in recordings; see `tactileforge.specs.published`.
         shape: Rows and columns of the picture.
         payload: Format of the payload of a packet, as of `struct`, for example ``<15f``.
         header: First bytes of a packet, hexadecimal, for example ``aa55``.

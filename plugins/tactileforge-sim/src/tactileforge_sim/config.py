@@ -15,7 +15,7 @@ import numpy as np
 
 from tactileforge.data.shards import shards
 from tactileforge.plugin import ConfigError, unknown
-from tactileforge.sensors.specs import SIMULATED
+from tactileforge.specs.published import SIMULATED
 from tactileforge_sim.geometry.shapes import INDENTERS, Shape, shape
 from tactileforge_sim.geometry.textures import TEXTURES
 from tactileforge_sim.mechanics.motions import MOTIONS

@@ -23,7 +23,7 @@ class Sim(Drawn):
     Args:
         scenes: Number of touches for training; each gives one recording per sensor.
         val: Number of touches for validation.
-        sensors: Types of sensors, see `sensors.specs.SIMULATED`.
+        sensors: Types of sensors, see `specs.published.SIMULATED`.
         indenters: ``few`` (twelve for pre-training), ``pretrain`` (all 61), ``bench`` (validation
             on indenters of its own), ``textures``, ``all``, or names of shapes.
         motions: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or names of motions.

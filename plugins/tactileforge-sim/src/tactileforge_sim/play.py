@@ -62,7 +62,7 @@ def play_scenes(
 
     Args:
         scenes: The touches.
-        sensors: Types of sensors, see `sensors.specs.SIMULATED`.
+        sensors: Types of sensors, see `specs.published.SIMULATED`.
         size: Shorter side of the images, pixels.
         markers: Whether the gels have markers; None for their types' default.
         viscosity: Relaxation time of the gels, s; their forces then lead their images. A lower

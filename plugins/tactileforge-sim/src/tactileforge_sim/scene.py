@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.depth.gel import Gel
 from tactileforge.plugin import ConfigError, spec, unknown
-from tactileforge.sensors.specs import SIMULATED, simulation
+from tactileforge.specs.published import SIMULATED, simulation
 from tactileforge_sim.geometry.heightfields import rough
 from tactileforge_sim.geometry.indenter_geometry import DEEP, printed
 from tactileforge_sim.geometry.shapes import Shape

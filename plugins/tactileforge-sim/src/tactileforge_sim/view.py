@@ -13,7 +13,7 @@ from torch.nn import functional as F
 
 from tactileforge.data.labels import displacement
 from tactileforge.plugin import spec
-from tactileforge.sensors.specs import pixel_spacing
+from tactileforge.specs.published import pixel_spacing
 from tactileforge_sim.mechanics.surface import Fields, GelSurface
 from tactileforge_sim.mechanics.touch import ContactState
 from tactileforge_sim.optics import sensor_instances
@@ -30,7 +30,7 @@ class SensorView:
     """View of touches by one unit of a sensor.
 
     Args:
-        sensor: Type of the sensor, see `sensors.specs.SIMULATED`.
+        sensor: Type of the sensor, see `specs.published.SIMULATED`.
         unit: Seed of the unit.
         size: Shorter side of the images, pixels.
         randomise: Differences between units, see `randomise.draw.randomised_rows`.

@@ -7,12 +7,12 @@ import torch.nn.functional as F
 from tactileforge_sim.optics.render import Optics
 from tactileforge_sim.optics.sensor_instances import SensorInstance, draw_instance
 
+from tactileforge.contracts import Lamp
 from tactileforge.depth import lighting
 from tactileforge.depth.features import BLURS, POWERS, exponents, normals, places
 from tactileforge.depth.lighting import lamp_calibration
 from tactileforge.errors import ConfigError
-from tactileforge.sensors.simulation import Lamp
-from tactileforge.sensors.specs import SIMULATED
+from tactileforge.specs.published import SIMULATED
 
 SIZE = (60, 80)
 

@@ -3,7 +3,7 @@ import torch
 from tactileforge_sim.optics.sensor_instances import draw_instance
 
 from tactileforge.errors import ConfigError
-from tactileforge.sensors.specs import SIMULATED, SPECS
+from tactileforge.specs.published import SIMULATED, SPECS
 
 SIZE = (60, 80)
 

@@ -21,7 +21,7 @@ from tactileforge.data.labels.align import nearest
 from tactileforge.data.labels.objects import object_id
 from tactileforge.data.labels.upright import is_upright
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 #: Unreadable data by name: a line with the reason, and the number of recordings lost.
 Skipped: TypeAlias = dict[str, tuple[str, int]]

@@ -12,7 +12,7 @@ from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.small import shrink, strongest
 from tactileforge.data.labels.doubts import Doubts, Suspicion
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 #: Smallest offset, as a share of the scale of its axis; fainter touches may not show in pictures.
 _OFFSET = 0.05

@@ -24,7 +24,7 @@ from tactileforge.data.labels.turns import (
     turn_labels,
 )
 from tactileforge.errors import ConfigError, check_names
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 #: Phrases of captions by action; "" stands for an unknown one.
 PHRASES = {

@@ -17,7 +17,7 @@ from tactileforge.data.labels.align import GAP
 from tactileforge.data.labels.force_axes import ForceAxes
 from tactileforge.data.labels.force_runs import FRAMES, away, between, stuck
 from tactileforge.errors import ConfigError
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 #: Largest plausible force, as a multiple of the sensor's scale. Strong touches are within twice
 #: (simulated ones too); pounds, kilograms and grams taken for newtons are 4 times or more.

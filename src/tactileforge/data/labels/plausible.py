@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 #: Largest possible force, as a multiple of the sensor's scale: its gel would be long torn.
 _TIMES = 100.0

@@ -19,7 +19,7 @@ from tactileforge.datasets.reading.files import read_rows
 from tactileforge.datasets.reading.name_times import name_times
 from tactileforge.datasets.reading.order import name_keys
 from tactileforge.errors import TactileForgeError
-from tactileforge.sensors.specs import SPECS
+from tactileforge.specs.published import SPECS
 
 _VIDEOS = frozenset({".avi", ".mp4", ".mov", ".mkv", ".webm"})
 _IMAGES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})

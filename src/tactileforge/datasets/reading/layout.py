@@ -27,7 +27,7 @@ from tactileforge.datasets.reading.layout_keys import (
 from tactileforge.datasets.reading.templates import template_columns
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.licences import check_data_licence
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 from tactileforge.strict import build, mapping
 
 SPLITS = ("recording", "object", "time", "train", "val")

@@ -25,7 +25,7 @@ from tactileforge.datasets.reading.notes import add_once
 from tactileforge.datasets.reading.official import ALL, OfficialSplit
 from tactileforge.datasets.reading.splits import is_held_out
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 _IMAGES = frozenset({".bmp", ".jpeg", ".jpg", ".png"})
 

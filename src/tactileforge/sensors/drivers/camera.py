@@ -25,7 +25,7 @@ from tactileforge.sensors.drivers.v4l2 import (
     video_devices,
 )
 from tactileforge.sensors.frame_contract import check_orientation
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 # OpenCV's wait for a frame of a device, s; its default of 10 s would hide a lost camera for as
 # long. OpenCV reads this once, when its V4L backend is first used.
@@ -50,7 +50,7 @@ class Camera(Sensor):
     Args:
         device: Number, path, URL, ``usb:VENDOR:PRODUCT``, ``serial:NUMBER`` or ``name:PART`` of
             its name; or a video file.
-        type: Name of the type of sensor, in recordings; see `tactileforge.sensors.specs`.
+        type: Name of the type of sensor, in recordings; see `tactileforge.specs.published`.
         width: Requested columns; None for the default of the camera.
         height: Requested rows; None for the default of the camera.
         fps: Requested frames a second; None for the default of the camera.

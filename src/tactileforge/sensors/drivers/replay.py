@@ -17,7 +17,7 @@ from tactileforge.data.frames.video_clock import video_times
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError, unknown
 from tactileforge.sensors.frame_contract import check_orientation
-from tactileforge.sensors.specs import spec
+from tactileforge.specs.published import spec
 
 _IMAGES = {".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"}
 
@@ -30,7 +30,7 @@ class Replay(Sensor):
 
     Args:
         path: Path of a video file, a folder of images, or a shard (``.tar``).
-        type: Type of the recorded sensor, see `tactileforge.sensors.specs`; not needed for a shard.
+        type: Type of the recorded sensor, see `specs.published`; not needed for a shard.
         key: Key of the recording in a shard; "" for the first.
         realtime: Whether to wait for the due time of a frame.
         loop: Whether to start again at the end.

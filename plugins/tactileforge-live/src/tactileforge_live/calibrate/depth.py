@@ -18,7 +18,7 @@ from tactileforge.depth.inverse import SurfaceReader
 from tactileforge.depth.lighting import OpticalCalibration, load_optics
 from tactileforge.depth.presses import Presses, find_circle
 from tactileforge.plugin import ConfigError, DataError, Recording, spec
-from tactileforge.sensors.specs import simulation
+from tactileforge.specs.published import simulation
 from tactileforge_live.calibrate.depth_options import DepthOptions
 from tactileforge_live.calibrate.unit import recordings_of_unit
 

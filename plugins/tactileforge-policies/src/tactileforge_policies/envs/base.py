@@ -40,7 +40,7 @@ class TouchEnv(gymnasium.Env[Any, Any]):
     """A task for two fingers and one held object.
 
     Args:
-        sensor: Type of both fingers' sensors, see `sensors.specs.SIMULATED`.
+        sensor: Type of both fingers' sensors, see `specs.published.SIMULATED`.
         size: Height and width of their frames, pixels.
         unit: Seed of the pair of sensors; a different unit stands for a swap of the gel pads.
         randomise: Differences between units, see `randomise.draw.randomised_rows`.

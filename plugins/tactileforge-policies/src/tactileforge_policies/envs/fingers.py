@@ -29,7 +29,7 @@ class Fingers:
     """Two units of one type of sensor, face to face.
 
     Args:
-        sensor: Type of the sensor, see `sensors.specs.SIMULATED`.
+        sensor: Type of the sensor, see `specs.published.SIMULATED`.
         unit: Seed of the pair; a different unit is a different pair of gel pads and cameras.
         size: Height and width of the frames, pixels; the whole gel is resized to this square.
         randomise: Differences between units, see `randomise.draw.randomised_rows`.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from tactileforge.depth.gel import Gel
 from tactileforge.plugin import ConfigError
-from tactileforge.sensors.specs import simulation
+from tactileforge.specs.published import simulation
 
 #: Upper limit of simulated frames per second; slower sensors keep their own rate.
 FPS = 30.0

@@ -1,6 +1,6 @@
 """Units of a sensor, each drawn from a seed and different from the others.
 
-The table of `randomise` gives the differences between units; `sensors.simulation.Simulation` gives
+The table of `randomise` gives the differences between units; `Simulation` gives
 the properties shared by all units of a type.
 """
 
@@ -17,7 +17,7 @@ from tactileforge.depth import lighting
 from tactileforge.depth.gel import Gel
 from tactileforge.depth.lighting import OpticalCalibration, polynomial_background
 from tactileforge.plugin import ConfigError, Simulation, spec, unknown
-from tactileforge.sensors.specs import SIMULATED, pixel_spacing, simulation
+from tactileforge.specs.published import SIMULATED, pixel_spacing, simulation
 from tactileforge_sim.optics.camera import CameraModel
 from tactileforge_sim.optics.markers import Markers, coverage, print_markers
 from tactileforge_sim.optics.stray_light import stray_light

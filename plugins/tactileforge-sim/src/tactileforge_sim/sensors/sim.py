@@ -32,7 +32,7 @@ class SimSensor(Sensor):
     are simulated, with their due times.
 
     Args:
-        type: Type of the sensor, one of `sensors.specs.SIMULATED`.
+        type: Type of the sensor, one of `specs.published.SIMULATED`.
         indenters: Touching objects: ``pretrain``, ``bench``, ``textures``, ``all``, or the name of
             a shape.
         motions: Motions: ``atomic``, ``force_trial``, ``manipulation``, ``all``, or one motion.

@@ -10,9 +10,9 @@ from torch._dynamo.utils import counters
 from torch.utils.flop_counter import FlopCounterMode
 
 import tactileforge
-from tactileforge.compiled import compile_blocks
 from tactileforge.compose import compose
 from tactileforge.contracts import Batch
+from tactileforge.encoders.compiled import compile_blocks
 from tactileforge.encoders.preprocess import Preprocess
 from tactileforge.encoders.transformer import Block
 from tactileforge.errors import ConfigError

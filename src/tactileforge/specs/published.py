@@ -13,9 +13,9 @@ from __future__ import annotations
 from inspect import signature
 
 from tactileforge import registry
-from tactileforge.contracts import SensorSpec
+from tactileforge.contracts import SensorSpec, Simulation
 from tactileforge.errors import ConfigError, PluginError, unknown
-from tactileforge.sensors.simulation import PUBLISHED, Simulation
+from tactileforge.specs.simulation import PUBLISHED
 
 #: Largest force of a GelSight Mini in ToucHD's benchmark, N (AnyTouch 2, its ``max_abs``).
 _MINI_FORCE = (6.84, 9.87, 8.52)

@@ -1,0 +1,1 @@
+"""Types of sensors that are published, as data."""
