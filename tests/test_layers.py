@@ -82,6 +82,30 @@ def test_the_map_goes_from_the_ground_up() -> None:
         assert all(places.index(other) < places.index(name) for other in names), name
 
 
+#: Most lines and rooms (folders and modules at the top) of the core: a stranger reads it in a day.
+MOST_LINES, MOST_ROOMS = 46_000, 46
+
+
+def test_the_core_stays_small() -> None:
+    core = SOURCE / "tactileforge"
+    files = list(core.rglob("*.py"))
+    rooms = {path.relative_to(core).parts[0].removesuffix(".py") for path in files}
+    assert sum(len(path.read_text().splitlines()) for path in files) <= MOST_LINES
+    assert len(rooms) <= MOST_ROOMS
+
+
+def test_no_two_rooms_name_each_other_not_even_for_types() -> None:
+    core, found = SOURCE / "tactileforge", set()
+    for path in core.rglob("*.py"):
+        here = path.relative_to(core).parts[0].removesuffix(".py")
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("tactileforge"):
+                names = [f"{node.module}.{name.name}".split(".")[1] for name in node.names]
+                found |= {(here, name) for name in names if name != here}
+    assert ("train", "training") in found
+    assert not {(one, other) for one, other in found if (other, one) in found}
+
+
 @cache
 def imported() -> frozenset[str]:
     """Top-level packages imported anywhere in the files of the core."""

@@ -133,6 +133,7 @@ def test_what_a_readme_excuses_is_used(package):
             "import tactileforge.bench.fit",
             "use: tactileforge_bench (pip install tactileforge-bench)",
         ),
+        ("import tactileforge.datasets.octopi", "tactileforge-datasets now: pip install"),
         ("from tactileforge.no_such import thing", "the module is private"),
     ],
 )
@@ -141,7 +142,8 @@ def test_an_import_that_moved_is_told_where(line, hint, installed):
     with pytest.raises(PluginError, match=r"'older' \(older_data:Older, from older 1.0\)") as error:
         registry.get("datasets", "older")
     assert hint in str(error.value)
-    assert "use: " in str(error.value) or "tactileforge.plugin" in str(error.value)
+    told = ("use: ", "tactileforge.plugin", "pip install tactileforge-")
+    assert any(words in str(error.value) for words in told)
 
 
 def test_a_module_of_others_that_is_missing_is_left_to_its_own_words(installed):

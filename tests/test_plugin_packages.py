@@ -122,6 +122,7 @@ def test_a_run_whose_package_is_gone_names_it(tmp_path):
         ("train data=episodes data.root=set", "data=episodes comes with tactileforge-episodes"),
         ("data pack data=univtac out=set", "data=univtac comes with tactileforge-episodes"),
         ("train data=fota data.root=set", "data=fota comes with tactileforge-datasets"),
+        ("train data=public_samples", "data=public_samples comes with tactileforge-datasets"),
         ("train data=rosbags data.root=set", "data=rosbags comes with tactileforge-rosbags"),
         ("train data=sim_array", "data=sim_array comes with tactileforge-arrays"),
         ("train", "data=sim comes with tactileforge-sim"),
@@ -141,6 +142,16 @@ def test_a_run_whose_package_is_gone_names_it(tmp_path):
 def test_without_a_package_what_it_brings_is_named_in_a_line(words, said, alone, capsys):
     assert cli.run(words.split()) == 1
     assert capsys.readouterr().err == f"error: {said}: pip install {said.split()[-1]}\n"
+
+
+@pytest.mark.usefixtures("without_policies")
+@pytest.mark.parametrize("suite", ["public_samples", "real", "sparsh"])
+def test_a_suite_of_published_sets_names_their_package(suite, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    root = [] if suite == "real" else [f"{suite}.root=."]
+    assert cli.run(["bench", f"suite={suite}", *root, "model=[pixels]", "out=x"]) != 0
+    said = "".join(capsys.readouterr())
+    assert "pip install tactileforge-datasets" in said
 
 
 @pytest.mark.usefixtures("alone")

@@ -21,14 +21,14 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.object_type import ObjectType
 from hydra.core.plugins import Plugins
-from hydra.errors import ConfigCompositionException
+from hydra.errors import ConfigCompositionException, MissingConfigException
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError
 
 from tactileforge import registry
-from tactileforge.distributions import conf_packages
+from tactileforge.distributions import conf_packages, package_of
 from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.registry import GROUPS
 
@@ -236,10 +236,20 @@ def option(group: str, overrides: Sequence[str]) -> dict[str, Any]:
 
     Raises:
         ConfigError: A required key has no value.
+        PluginError: The option comes with one of our packages, which is absent.
         HydraException: An override does not fit.
     """
     declare(f"option_{group}", {group: "???"})
-    options: dict[str, Any] = plain(composed(f"option_{group}", overrides))[group]
+    try:
+        options: dict[str, Any] = plain(composed(f"option_{group}", overrides))[group]
+    except MissingConfigException as error:
+        chosen = [word.partition("=")[2] for word in overrides if word.startswith(f"{group}=")]
+        package = package_of(GROUPS.get(group, group), "".join(chosen))
+        if not package:
+            raise
+        raise PluginError(
+            f"{group}={chosen[0]} comes with {package}: pip install {package}"
+        ) from error
     return options
 
 

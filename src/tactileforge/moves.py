@@ -11,6 +11,7 @@ from importlib.resources import files
 from inspect import getsource
 from typing import Any
 
+from tactileforge.distributions import package_of
 from tactileforge.errors import PluginError, TactileForgeError
 
 #: Changes so far that authors of plugins have to follow; `tactileforge.plugin` is the contract.
@@ -50,7 +51,7 @@ def public_names() -> frozenset[str]:
 
 
 def import_hint(error: BaseException) -> str:
-    """Hint after a failed import of a private module: the new place of its names; "" for none.
+    """Hint after a failed import: the new place of a private module, or our package; "" for none.
 
     Args:
         error: Error raised by the import of a plugin.
@@ -59,6 +60,8 @@ def import_hint(error: BaseException) -> str:
         >>> import_hint(ModuleNotFoundError("No module named 'x'", name="x"))
         ''
     """
+    if isinstance(error, ModuleNotFoundError) and (error.name or "").startswith("tactileforge_"):
+        return f"pip install {(error.name or '').partition('.')[0].replace('_', '-')}"
     if not isinstance(error, ImportError) or not (error.name or "").startswith("tactileforge."):
         return ""
     wanted = re.findall(r"\w+", _line(error).partition(" import ")[2])
@@ -70,7 +73,10 @@ def import_hint(error: BaseException) -> str:
         if f"{error.name}.".startswith(f"{old}."):
             package = new.partition(".")[0].replace("_", "-")
             return f"use: {new} (pip install {package})"
-    last = (error.name or "").rpartition(".")[2].replace("_", "")
+    last = (error.name or "").rpartition(".")[2]
+    if f".datasets.{last}" in str(error.name) and (package := package_of("datasets", last)):
+        return f"it comes with {package} now: pip install {package}"
+    last = last.replace("_", "")
     alike = [name for name in public_names() if name.lower() == last]
     found = found or alike
     names = ", ".join(found)

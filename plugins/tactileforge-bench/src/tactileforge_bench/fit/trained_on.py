@@ -9,8 +9,8 @@ from typing import Any
 from tactileforge.hub.header import Header
 
 #: Sets of which the gate holds objects out, and the share that training has to leave out
-#: (`datasets.reading.splits.is_held_out` of the object's name, as `conf/data/gsmini_slip.yaml`
-#: asks for). The second is the first as its authors publish it (`conf/data/incipient_slip.yaml`).
+#: (`datasets.reading.splits.is_held_out` of the object's name, as `data=gsmini_slip`
+#: asks for). The second is the first as its authors publish it (`data=incipient_slip`).
 HELD_OUT = {
     "gsmini_slip_franka": 0.5,
     "franka-servo/datasets/base_data_for_training": 0.5,

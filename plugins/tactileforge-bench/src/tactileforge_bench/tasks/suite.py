@@ -70,7 +70,7 @@ class Task:
         name: The word users type.
         title: Name in print; for published numbers, the name on the cards of the zoo.
         data: Data set plugin and its options, or ``{preset: NAME, layouts: [...], ...}`` for a
-            preset in conf/data.
+            preset of the group ``data``.
         target: Predicted quantity; see `targets.TARGETS`.
         probe: ``name``, and options of the probe and of its training.
         metrics: Names; the first is the main one.
