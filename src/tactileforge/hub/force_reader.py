@@ -45,7 +45,7 @@ class ForceReader:
         Args:
             clips: A batch.
             rows: Rows of the sensor table, int64 (B,).
-            scale: See `scale`.
+            scale: Newtons per unit of output, float32 (B, 1, 3).
             axes: Fits of a calibration, by axis; None without one.
             compare_light: Whether frames with changed light and no touch get no force.
 
