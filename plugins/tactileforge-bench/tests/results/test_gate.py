@@ -84,6 +84,10 @@ def test_who_is_better_passes(right: float, wins: int, tmp_path: Path) -> None:
     assert grid is not None
     marks = {("▲" in entry.text, "▼" in entry.text) for entry in grid.rows[0][2:-1]}
     assert marks == {(right == 0.9, right == 0.3)}
+    verdict = grid.rows[0][-1].text
+    assert (verdict == "yes") == (right == 0.9)
+    assert ("below random weights: T0, T1, T2" in verdict) == (right == 0.3)
+    assert [row[-1].text for row in grid.rows if row[0].text != "m"] == [""] * (len(grid.rows) - 2)
 
 
 @pytest.mark.slow
@@ -147,7 +151,7 @@ def test_a_task_that_does_not_count_is_told_and_no_more(tmp_path: Path) -> None:
     grid = gate_table.gate_table(rows, results)
     assert grid is not None
     assert [head.text for head in grid.head][2:5] == ["T0", "(T1)", "T2"]
-    assert grid.rows[0][-1].text == "2 of 2"
+    assert grid.rows[0][-1].text == "yes"
 
 
 @pytest.mark.slow

@@ -18,7 +18,8 @@ _CAPTION = (
     "recordings or objects). Below, what it is above random weights of its architecture (r) and "
     "above 16 x 16 pixels (p), paired, with the lower end of the interval; in the mean also above "
     "picture statistics (s) and a network of photographs alone (i). ▲ above the first two beyond "
-    "the interval; ▼ below one of them beyond it. Tasks in brackets do not count."
+    "the interval; ▼ below one of them beyond it. Tasks in brackets do not count. A model passes "
+    "whose mean is above all four beyond the interval, with no task below random weights."
 )
 
 
@@ -44,14 +45,9 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
         # None where the model was not run on a task
         cells = [known.get((model, reading, task.name)) for task in tasks]
         mean = known.get((model, reading, gate.MEAN))
-        measured = [
-            cell
-            for cell, task in zip(cells, tasks, strict=True)
-            if task.counted and cell and cell.above
-        ]
-        won = f"{sum(row.beats for row in measured)} of {len(measured)}" if measured else "none"
         entries = [_entry(row) for row in (*cells, mean)]
-        rows.append([TableEntry(names[model]), TableEntry(reading), *entries, TableEntry(won)])
+        verdict = "" if gate.is_baseline(model) else _verdict(gate_rows, model, reading, results)
+        rows.append([TableEntry(names[model]), TableEntry(reading), *entries, TableEntry(verdict)])
     heads = [
         ColumnHead(task.title if task.counted else f"({task.title})", task.main) for task in tasks
     ]
@@ -64,10 +60,36 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
             ColumnHead("tokens"),
             *heads,
             ColumnHead("Mean"),
-            ColumnHead("won"),
+            ColumnHead("passes"),
         ],
         rows=rows,
     )
+
+
+#: What the mean is compared with, in words.
+_WORDS = {
+    "random": "random weights",
+    "pixels": "pixels",
+    "statistics": "statistics",
+    "imagenet": "photographs",
+}
+
+
+def _verdict(gate_rows: Sequence[GateRow], model: str, reading: str, results: Results) -> str:
+    """Whether a model passes the suite with some features, or why not."""
+    uncounted = [task.name for task in results.tasks if not task.counted]
+    outcome = gate.gate_outcome(gate_rows, model, uncounted)
+    if reading in outcome["passes"]:
+        return "yes"
+    found = outcome.get(reading)
+    if not found:
+        return ""
+    level = [_WORDS[name] for name in gate.COMPARED if name not in found["mean_above"]]
+    titles = {task.name: task.title for task in results.tasks}
+    below = [titles[name] for name in found["below_random"]]
+    faults = [f"not above {', '.join(level)}"] if level else []
+    faults += [f"below random weights: {', '.join(below)}"] if below else []
+    return "; ".join(faults)
 
 
 def _entry(row: GateRow | None) -> TableEntry:
