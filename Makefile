@@ -31,7 +31,7 @@ demo-policy: $(VENV)/.installed-policies
 	@echo "open runs/demo-policy/rollouts/report.html"
 
 # the paper in miniature; TACTILEFORGE_REALDATA is the folder of the public samples, where they are at hand
-bench-mini: $(VENV)/.installed
+bench-mini: $(VENV)/.installed-bench
 	$(BIN)/tactileforge bench "suite=[sim,public_samples]" pretrain=miniature out=runs/bench-mini
 	@echo "open runs/bench-mini/report.html"
 
@@ -64,6 +64,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) torch
 	$(PIP) --editable . $(foreach name,sim bench live,--editable plugins/tactileforge-$(name))
+	touch $@
+
+$(VENV)/.installed-bench: $(VENV)/.installed
+	$(PIP) --editable plugins/tactileforge-datasets
 	touch $@
 
 $(VENV)/.installed-policies: $(VENV)/.installed

@@ -154,7 +154,7 @@ def speed() -> dict[str, float]:
 
 def write() -> None:
     """Fits on all presses, and writes the calibrations of the package."""
-    folder = Path(lighting.__file__).parents[1] / "calibration"
+    folder = Path(lighting.__file__).parent / "calibration"
     for name, source in SOURCES.items():
         made = fit.fit_optics(read(name))
         if name == "digit":

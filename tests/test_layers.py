@@ -145,6 +145,7 @@ ABSENT = [
     "tactileforge_episodes",
     "tactileforge_labels",
     "tactileforge_lerobot",
+    "tactileforge_markers",
     "tactileforge_policies",
     "tactileforge_rosbags",
     "zarr",

@@ -205,6 +205,9 @@ def test_our_packages_bring_what_is_said_of_them():
             group = "data" if kind == "datasets" else kind
             known = {*entries.get(f"tactileforge.{kind}", ())}
             assert {name for name in names if f"{group}/{name}" not in yamls} <= known, package
+        brought = {kind.removeprefix("tactileforge."): {*names} for kind, names in entries.items()}
+        for kind in ("datasets", "encoders", "heads", "objectives", "sensors", "verbs"):
+            assert brought.get(kind, set()) <= {*kinds.get(kind, ())}, (package, kind)
 
 
 @pytest.fixture(scope="module")

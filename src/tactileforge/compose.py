@@ -202,13 +202,23 @@ def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
         overrides: ``key=value`` strings.
 
     Raises:
+        PluginError: An option comes with one of our packages, which is absent.
         HydraException: An override does not fit.
     """
     register()
     if GlobalHydra.instance().is_initialized():
         GlobalHydra.instance().clear()
     with initialize_config_module("tactileforge.conf", version_base="1.3"):
-        return hydra_compose(name, without_layouts(overrides))
+        try:
+            return hydra_compose(name, without_layouts(overrides))
+        except MissingConfigException as error:
+            group, _, chosen = (error.missing_cfg_file or "").rpartition("/")
+            package = package_of(GROUPS.get(group, group), chosen)
+            if not package:
+                raise
+            raise PluginError(
+                f"{group}={chosen} comes with {package}: pip install {package}"
+            ) from error
 
 
 def without_layouts(overrides: Sequence[str]) -> list[str]:
@@ -240,16 +250,7 @@ def option(group: str, overrides: Sequence[str]) -> dict[str, Any]:
         HydraException: An override does not fit.
     """
     declare(f"option_{group}", {group: "???"})
-    try:
-        options: dict[str, Any] = plain(composed(f"option_{group}", overrides))[group]
-    except MissingConfigException as error:
-        chosen = [word.partition("=")[2] for word in overrides if word.startswith(f"{group}=")]
-        package = package_of(GROUPS.get(group, group), "".join(chosen))
-        if not package:
-            raise
-        raise PluginError(
-            f"{group}={chosen[0]} comes with {package}: pip install {package}"
-        ) from error
+    options: dict[str, Any] = plain(composed(f"option_{group}", overrides))[group]
     return options
 
 

@@ -11,7 +11,7 @@ from importlib.resources import files
 from inspect import getsource
 from typing import Any
 
-from tactileforge.distributions import package_of
+from tactileforge.distributions import is_ours, package_of
 from tactileforge.errors import PluginError, TactileForgeError
 
 #: Changes so far that authors of plugins have to follow; `tactileforge.plugin` is the contract.
@@ -43,6 +43,14 @@ MODULES = {
     "tactileforge.live": "tactileforge_live",
     "tactileforge.record": "tactileforge_live.record",
     "tactileforge.sim": "tactileforge_sim",
+    **{
+        f"tactileforge.sim.optics.{name}": f"tactileforge.depth.{name}"
+        for name in ("features", "fit", "inverse", "lighting", "presses")
+    },
+    **{
+        f"tactileforge.sim.mechanics.{name}": f"tactileforge.depth.{name}"
+        for name in ("contact", "gel", "waves")
+    },
 }
 
 
@@ -63,8 +71,8 @@ def import_hint(error: BaseException) -> str:
         >>> import_hint(ModuleNotFoundError("No module named 'x'", name="x"))
         ''
     """
-    if isinstance(error, ModuleNotFoundError) and (error.name or "").startswith("tactileforge_"):
-        return f"pip install {(error.name or '').partition('.')[0].replace('_', '-')}"
+    if isinstance(error, ModuleNotFoundError) and is_ours(top := str(error.name).replace("_", "-")):
+        return f"pip install {top}"
     if not isinstance(error, ImportError) or not (error.name or "").startswith("tactileforge."):
         return ""
     wanted = re.findall(r"\w+", _line(error).partition(" import ")[2])
@@ -72,10 +80,11 @@ def import_hint(error: BaseException) -> str:
     if moved := [said for name, said in PACKAGES.items() if name in wanted]:
         return f"use: {moved[0]}"
     found = sorted(public_names() & set(wanted))
-    for old, new in MODULES.items() if not found else ():  # a public name has one place
+    for old in sorted(MODULES, key=len, reverse=True) if not found else ():  # a public name first
         if f"{error.name}.".startswith(f"{old}."):
-            package = new.partition(".")[0].replace("_", "-")
-            return f"use: {new} (pip install {package})"
+            package = MODULES[old].partition(".")[0].replace("_", "-")
+            install = "" if package == "tactileforge" else f" (pip install {package})"
+            return f"use: {MODULES[old]}{install}"
     last = (error.name or "").rpartition(".")[2]
     if f".datasets.{last}" in str(error.name) and (package := package_of("datasets", last)):
         return f"it comes with {package} now: pip install {package}"

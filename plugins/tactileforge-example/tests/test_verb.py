@@ -19,4 +19,6 @@ def test_it_prints_a_line_for_each_recording(capsys):
 @pytest.mark.parametrize("word", ["frames=0", "fraems=1"])
 def test_a_wrong_key_is_one_line(word, capsys):
     assert run(["brightness", "data=sim", word]) == 1
-    assert capsys.readouterr().err.startswith("error: ")
+    said = capsys.readouterr().err
+    assert said.startswith("error: ")
+    assert word.partition("=")[0] in said

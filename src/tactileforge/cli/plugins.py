@@ -269,7 +269,9 @@ def _sections_of(kind: str, text: str) -> str:
     if kind != "suite":
         heads.append(r"\[tool\.setuptools\.package-data")
     about_others = re.compile("|".join(heads), re.MULTILINE)
-    return "".join(section for section in sections if not about_others.match(section))
+    kept = "".join(section for section in sections if not about_others.match(section))
+    # what tests of another kind need
+    return re.sub(rf"^.*  # the ({'|'.join(sorted(foreign))})\n", "", kept, flags=re.MULTILINE)
 
 
 COMMANDS = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import chain
 from typing import Any, Literal
 
@@ -34,17 +35,20 @@ class ClipEncoder:
 
     Attributes:
         encoder: The touch encoder.
-        any_sensor: Whether it ignores the sensor type.
         squashed: Height and width of squashed frames in its training; see `Model.squashed`.
         reading: Name of the tap of a clip's vector; see `Model.reading`.
     """
 
     def __init__(self, encoder: Any, trained_here: bool) -> None:
         self.encoder = encoder
-        self.any_sensor = takes_any_sensor(encoder)
         size: tuple[int, int] = encoder.image_size
         self.squashed = size if trained_here else None
         self.reading: Literal["summary", "projected"] = "summary" if trained_here else "projected"
+
+    @cached_property
+    def any_sensor(self) -> bool:
+        """Whether it ignores the sensor type."""
+        return takes_any_sensor(self.encoder)
 
     @property
     def device(self) -> torch.device:

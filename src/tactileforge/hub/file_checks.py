@@ -13,6 +13,7 @@ from safetensors import SafetensorError, safe_open
 from torch import nn
 
 from tactileforge import registry
+from tactileforge.distributions import package_of
 from tactileforge.encoders.absent import AbsentTower
 from tactileforge.errors import DataError, PluginError, TactileForgeError
 from tactileforge.hub.header import Header
@@ -30,7 +31,7 @@ def check_plugin(path: Path, header: Header) -> None:
     name = header.encoder["name"]
     if name in registry.names("encoders"):
         return
-    package = header.package
+    package = package_of("encoders", name) or header.package  # it may have moved since
     # a name from a file stands in a command that a user may copy
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", package):
         package = f"tactileforge-{name}"

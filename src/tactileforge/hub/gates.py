@@ -1,6 +1,6 @@
 """The release gate on a card: results of `bench suite=[real,real_held_out]` for some weights.
 
-Nothing here needs torch. Differences are those of `bench.results.gate`: paired, with 95 %
+Nothing here needs torch. Differences are those of the bench: paired, with 95 %
 intervals.
 """
 
@@ -94,7 +94,10 @@ def gate_faults(rows: Sequence[Gate], tokens: str) -> list[str]:
     for suite, mean in means.items():
         if mean.not_above:
             faults.append(f"{suite} not above {', '.join(mean.not_above)}")
-    below = [row.task for row in read if row.metric != MEAN and row.is_below_random]
+    single = [row for row in read if row.metric != MEAN]
+    measured = {row.suite for row in single}
+    faults += [f"{suite} without single tasks" for suite in means if suite not in measured]
+    below = [row.task for row in single if row.is_below_random]
     return faults + [f"below random weights: {task}" for task in below]
 
 
@@ -153,8 +156,12 @@ def _row(path: Path, gate: Any, row: Any, tag: str, chance: dict[str, float]) ->
     task, above = gate["tasks"][row["task"]], row["above"]
     # in the bench the network of photographs has the name of its weights
     leads = {name: above.get("imagenet" if name == "photographs" else name) for name in COMPARED}
-    if not all(leads.values()) or row["task"] not in chance:
-        raise DataError(f"{path}: no baselines; run the bench without baselines=[]")
+    absent = [COMPARED[name] for name, lead in leads.items() if not lead]
+    if absent or row["task"] not in chance:
+        raise DataError(
+            f"{path}: not compared with {', '.join(absent) or 'chance'}: no baselines; run the bench"
+            " without baselines=[]; photographs need pip install 'tactileforge[distill]'"
+        )
     return Gate(
         model=tag,
         suite=gate["suite"],

@@ -84,10 +84,6 @@ class Model(nn.Module):
         self.projected: int = encoder.projected
         if hasattr(encoder, "unknown_sensor"):
             encoder.unknown_sensor = "error"  # the policy is an argument of `encode`
-        self._clips = ClipEncoder(encoder, trained_here=bool(header.recipe))
-        self._force: ForceReader | None = None
-        if "force" in self.heads:
-            self._force = ForceReader(self._clips, self.heads["force"], header.heads["force"])
         # checked first: a move that fails would leave a part of the weights behind
         self.to(check_device(device)).eval()
 
@@ -800,6 +796,17 @@ class Model(nn.Module):
     def keep_fingerprint(self) -> None:
         """Keeps the hashes of the current weights: a fit for a model also fits its rounded copy."""
         self._fingerprint, self._encoder_hash = self.fingerprint, self.encoder_hash
+
+    # made anew at each use: an encoder or head may be put in another's place
+    @property
+    def _clips(self) -> ClipEncoder:
+        return ClipEncoder(self.encoder, trained_here=bool(self.recipe))
+
+    @property
+    def _force(self) -> ForceReader | None:
+        if "force" not in self.heads:
+            return None
+        return ForceReader(self._clips, self.heads["force"], self.header.heads["force"])
 
     def _scale(self, names: Sequence[str]) -> Tensor | None:
         """Force scale of each clip; None without a force head, or without the scale of a sensor."""

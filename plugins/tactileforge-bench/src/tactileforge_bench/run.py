@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.bars import Bar
-from tactileforge.plugin import ConfigError, DataError, TactileForgeError
+from tactileforge.plugin import ConfigError, DataError, PluginError, TactileForgeError
 from tactileforge_bench.fit import class_heads, evaluate
 from tactileforge_bench.fit.evaluate import SourceFeatures
 from tactileforge_bench.fit.features import FLIPS, PLAIN, FeatureStore, extract_features
@@ -84,7 +84,10 @@ class Bench:
                     raise source
                 fitted = self.choices[task.name].kind.fitted
                 prepared = prepare_task(task, source, fitted)
-            except DataError as error:
+            except (
+                DataError,
+                PluginError,
+            ) as error:  # data, or the package that reads it, is absent
                 reason, fix = _split(error)
                 # what a run calls data.root is, on this command line, the task's
                 reason = re.sub(r"\bdata\.(?=root|layouts)", f"tasks.{task.name}.data.", reason)
@@ -306,7 +309,7 @@ def _source(
     if key not in known:
         try:
             known[key] = open_source(task.data, task.sides, task.clip)
-        except DataError as error:
+        except (DataError, PluginError) as error:
             known[key] = error
     return known[key]
 

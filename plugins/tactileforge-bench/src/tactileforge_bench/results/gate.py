@@ -1,6 +1,6 @@
 """The release gate: compares a model with all that a user has without it, beyond the interval.
 
-Intervals are those of `bench.results.bootstrap`: paired, over recordings or objects.
+Intervals are those of `results.bootstrap`: paired, over recordings or objects.
 """
 
 from __future__ import annotations
