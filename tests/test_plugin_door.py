@@ -153,6 +153,20 @@ def test_a_module_of_others_that_is_missing_is_left_to_its_own_words(installed):
     assert "tactileforge.plugin" not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("tactileforge_sim", "pip install tactileforge-sim"),
+        ("tactileforge_my_sensor.drver", ""),  # a slip inside a package of somebody's own
+        ("tactileforge_my_sensor", ""),
+        ("tactileforge.sim.optics.lighting", "use: tactileforge.depth.lighting"),
+        ("tactileforge.sim.scene", "use: tactileforge_sim (pip install tactileforge-sim)"),
+    ],
+)
+def test_what_is_missing_is_named_if_it_is_ours(name, hint):
+    assert moves.import_hint(ModuleNotFoundError(f"No module named {name!r}", name=name)) == hint
+
+
 OLDER = """
 from torch import nn
 class Older(nn.Module):

@@ -7,13 +7,16 @@ import sys
 import tomllib
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import pytest
 
 from tactileforge import cli, distributions, registry
+from tactileforge.compose import compose
 from tactileforge.errors import PluginError
 from tactileforge.hub import cards
+from tactileforge.hub.file_checks import check_plugin
 from tactileforge.specs.published import spec
 from tactileforge.testing.results import CheckSubject, run_check
 from tactileforge.testing.trained_encoders import exported_it_is_the_same
@@ -142,6 +145,21 @@ def test_a_run_whose_package_is_gone_names_it(tmp_path):
 def test_without_a_package_what_it_brings_is_named_in_a_line(words, said, alone, capsys):
     assert cli.run(words.split()) == 1
     assert capsys.readouterr().err == f"error: {said}: pip install {said.split()[-1]}\n"
+
+
+@pytest.mark.usefixtures("alone")
+def test_in_python_a_recipe_names_the_package_of_its_data():
+    with pytest.raises(PluginError, match=r"^data=sim comes with tactileforge-sim: pip install"):
+        compose("anytouch2", ["scale=demo"])
+
+
+@pytest.mark.usefixtures("alone")
+def test_a_file_imported_before_the_move_names_the_package_of_its_encoder():
+    header = SimpleNamespace(
+        encoder={"name": "resnet18"}, package="tactileforge", package_version="0.1.0"
+    )
+    with pytest.raises(PluginError, match=r"pip install tactileforge-published$"):
+        check_plugin(Path("univtac.safetensors"), header)
 
 
 @pytest.mark.usefixtures("without_policies")

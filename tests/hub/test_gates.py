@@ -104,6 +104,11 @@ def test_no_task_that_counts_may_be_below_random_weights() -> None:
     assert gate_passes([*rows(), replace(lost, random=[-0.2, -0.3, 0.01])], "summary")
 
 
+def test_means_without_their_tasks_are_not_enough() -> None:
+    means = [row for row in rows() if row.metric == MEAN]
+    assert gate_faults(means, "summary") == [f"{suite} without single tasks" for suite in SUITES]
+
+
 def test_the_recommended_features_decide() -> None:
     both = [*rows(good=False), *rows(tokens="patches")]
     assert gate_passes(both, "patches")

@@ -102,6 +102,18 @@ def test_an_encoder_with_a_forward_of_its_own_is_asked_by_it(model: Model) -> No
     assert not model.encode(clip, "none", "digit").any()
 
 
+def test_an_encoder_put_in_its_place_is_asked(
+    model: Model, frames: np.ndarray, still: np.ndarray
+) -> None:
+    usual = model.features(frames, still, "digit")
+    other = copy.deepcopy(model.encoder)
+    with torch.no_grad():
+        for weight in other.parameters():
+            weight.mul_(0.5)
+    model.encoder = other
+    assert not torch.allclose(model.features(frames, still, "digit"), usual)
+
+
 def test_a_model_can_be_copied_after_use(model: Model, frames: np.ndarray) -> None:
     expected = model.encode(frames, "none", "digit")
     for other in (copy.deepcopy(model), pickle.loads(pickle.dumps(model))):

@@ -159,7 +159,7 @@ def _row(path: Path, gate: Any, row: Any, tag: str, chance: dict[str, float]) ->
     absent = [COMPARED[name] for name, lead in leads.items() if not lead]
     if absent or row["task"] not in chance:
         raise DataError(
-            f"{path}: not compared with {', '.join(absent) or 'chance'}: no baselines; run the bench"
+            f"{path}: not compared with {', '.join(absent) or 'chance'}: no baselines; bench them"
             " without baselines=[]; photographs need pip install 'tactileforge[distill]'"
         )
     return Gate(
