@@ -163,11 +163,18 @@ def test_a_file_imported_before_the_move_names_the_package_of_its_encoder():
 
 
 @pytest.mark.usefixtures("without_policies")
-@pytest.mark.parametrize("suite", ["public_samples", "real", "sparsh"])
-def test_a_suite_of_published_sets_names_their_package(suite, capsys, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("suite", "given"),
+    [
+        ("public_samples", ["public_samples.root=."]),
+        ("real", []),
+        ("sparsh", ["task=sparsh_slip_digit", "tasks.sparsh_slip_digit.data.root=."]),
+    ],
+)
+def test_a_suite_of_published_sets_names_their_package(suite, given, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    root = [] if suite == "real" else [f"{suite}.root=."]
-    assert cli.run(["bench", f"suite={suite}", *root, "model=[pixels]", "out=x"]) != 0
+    words = ["bench", f"suite={suite}", *given, "model=[pixels]", "out=x"]
+    assert cli.run(words) != 0
     said = "".join(capsys.readouterr())
     assert "pip install tactileforge-datasets" in said
 
