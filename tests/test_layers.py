@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -104,6 +105,23 @@ def test_no_two_rooms_name_each_other_not_even_for_types() -> None:
                 found |= {(here, name) for name in names if name != here}
     assert ("train", "training") in found
     assert not {(one, other) for one, other in found if (other, one) in found}
+
+
+PACKAGES = sorted(
+    path.parent for path in (ROOT / "plugins").glob("*/src/*/__init__.py") if path.parent.is_dir()
+)
+
+
+@pytest.mark.parametrize("folder", PACKAGES, ids=lambda path: path.name)
+def test_rooms_of_a_package_make_no_circle(folder: Path) -> None:
+    found: dict[str, set[str]] = {}
+    for path in folder.rglob("*.py"):
+        here = path.relative_to(folder).parts[0].removesuffix(".py")
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(folder.name):
+                names = [f"{node.module}.{name.name}".split(".")[1] for name in node.names]
+                found.setdefault(here, set()).update(name for name in names if name != here)
+    TopologicalSorter(found).prepare()  # raises a CycleError
 
 
 @cache
