@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import json
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
+
+from tactileforge_bench.results.gate import COMPARED
 
 PAGE = Path(__file__).parents[1] / "docs" / "reports" / "gate.md"
 RESULTS = Path(__file__).parent / "results"
@@ -59,19 +62,24 @@ MODELS = ("anytouch2.tiny-real", "anytouch2.tiny", "mae.tiny")
 #: Baselines with one vector, for which the reading says nothing.
 _PLAIN = ("statistics", "pixels", "motion", "hog", "background", "chance")
 READINGS = ("groups", "summary", "patches", "pooled")
-AGAINST = ("random", "pixels", "statistics", "imagenet")
 
 
+@cache
 def load(suite: str) -> dict[str, Any]:
     """The gate of a suite, as ``bench`` wrote it."""
     plain: dict[str, Any] = json.loads((RESULTS / f"{suite}_gate.json").read_text("utf-8"))
     return plain
 
 
+@cache
+def rows_of(suite: str) -> dict[tuple[str, str, str], Any]:
+    """Rows of a suite, by model, reading and task."""
+    return {(row["model"], row["reading"], row["task"]): row for row in load(suite)["rows"]}
+
+
 def value_table(suite: str) -> str:
-    """Values of all models and readings, task by task, and the mean of the tasks that count."""
-    tasks = SUITES[suite]
-    rows = {(row["model"], row["reading"], row["task"]): row for row in load(suite)["rows"]}
+    """Values of all models and readings, task by task, with the means over counted tasks."""
+    tasks, rows = SUITES[suite], rows_of(suite)
     lines = [["", "reading", *tasks.values(), "mean"]]
     for model, title in ROWS.items():
         for reading in READINGS:
@@ -91,21 +99,16 @@ def lead_table() -> str:
     for model in MODELS:
         for reading in READINGS:
             for suite in SUITES:
-                plain = load(suite)
-                mean = next(
-                    row
-                    for row in plain["rows"]
-                    if (row["model"], row["reading"], row["task"]) == (model, reading, "mean")
-                )
-                below = plain["models"][model][reading]["below_random"]
-                cells = [_lead(mean["above"][name]) for name in AGAINST]
+                above = rows_of(suite)[model, reading, "mean"]["above"]
+                below = load(suite)["models"][model][reading]["below_random"]
+                cells = [_lead(above[name]) for name in COMPARED]
                 names = ", ".join(SUITES[suite][task] for task in below)
                 lines.append([f"`{model}`", reading, f"`{suite}`", *cells, names])
     return _markdown(lines)
 
 
 def _lead(lead: dict[str, float]) -> str:
-    """A lead, bold where it is beyond the interval."""
+    """A lead, bold beyond the interval."""
     text = f"{lead['value']:+.3f} ({lead['low']:+.3f} to {lead['high']:+.3f})"
     return f"**{text}**" if lead["low"] > 0 else text
 

@@ -13,9 +13,7 @@ MODELS = ("anytouch2.tiny-real", "anytouch2.tiny", "mae.tiny")
 
 
 def mean(suite: str, model: str, reading: str) -> dict:
-    rows = gate_tables.load(suite)["rows"]
-    key = (model, reading, "mean")
-    return next(row for row in rows if (row["model"], row["reading"], row["task"]) == key)
+    return gate_tables.rows_of(suite)[model, reading, "mean"]
 
 
 def signed(value: float) -> str:

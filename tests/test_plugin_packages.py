@@ -125,6 +125,7 @@ def test_a_run_whose_package_is_gone_names_it(tmp_path):
         ("train data=episodes data.root=set", "data=episodes comes with tactileforge-episodes"),
         ("data pack data=univtac out=set", "data=univtac comes with tactileforge-episodes"),
         ("train data=fota data.root=set", "data=fota comes with tactileforge-datasets"),
+        ("train recipe=imitation", "recipe=imitation comes with tactileforge-policies"),
         ("train data=public_samples", "data=public_samples comes with tactileforge-datasets"),
         ("train data=rosbags data.root=set", "data=rosbags comes with tactileforge-rosbags"),
         ("train data=sim_array", "data=sim_array comes with tactileforge-arrays"),

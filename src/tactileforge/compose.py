@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from inspect import Parameter
 from typing import Any, ClassVar
 
@@ -191,7 +192,8 @@ def compose(recipe: str = "anytouch2", overrides: Sequence[str] = ()) -> DictCon
         >>> compose("anytouch2", ["encoder.size=tiny"]).encoder.size
         'tiny'
     """
-    return finish(composed("train", [f"recipe={recipe}", *overrides]), overrides)
+    with _package_named():
+        return finish(composed("train", [f"recipe={recipe}", *overrides]), overrides)
 
 
 def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
@@ -202,23 +204,28 @@ def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
         overrides: ``key=value`` strings.
 
     Raises:
-        PluginError: An option comes with one of our packages, which is absent.
         HydraException: An override does not fit.
     """
     register()
     if GlobalHydra.instance().is_initialized():
         GlobalHydra.instance().clear()
     with initialize_config_module("tactileforge.conf", version_base="1.3"):
-        try:
-            return hydra_compose(name, without_layouts(overrides))
-        except MissingConfigException as error:
-            group, _, chosen = (error.missing_cfg_file or "").rpartition("/")
-            package = package_of(GROUPS.get(group, group), chosen)
-            if not package:
-                raise
-            raise PluginError(
-                f"{group}={chosen} comes with {package}: pip install {package}"
-            ) from error
+        return hydra_compose(name, without_layouts(overrides))
+
+
+@contextmanager
+def _package_named() -> Iterator[None]:
+    """Names the absent package of an option; the command line does so itself, by what was typed."""
+    try:
+        yield
+    except MissingConfigException as error:
+        group, _, chosen = (error.missing_cfg_file or "").rpartition("/")
+        package = package_of(GROUPS.get(group, group), chosen)
+        if not package:
+            raise
+        raise PluginError(
+            f"{group}={chosen} comes with {package}: pip install {package}"
+        ) from error
 
 
 def without_layouts(overrides: Sequence[str]) -> list[str]:
@@ -250,7 +257,8 @@ def option(group: str, overrides: Sequence[str]) -> dict[str, Any]:
         HydraException: An override does not fit.
     """
     declare(f"option_{group}", {group: "???"})
-    options: dict[str, Any] = plain(composed(f"option_{group}", overrides))[group]
+    with _package_named():
+        options: dict[str, Any] = plain(composed(f"option_{group}", overrides))[group]
     return options
 
 

@@ -18,9 +18,26 @@ from waiting import wait_until
 from warm import Warm, warm_commands
 
 from tactileforge import processes, registry
+from tactileforge.cli._verbs import summary
 from tactileforge.contracts import Batch, Frame, Frames, SensorSpec
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import TactileForgeError
+
+#: What a ``conftest.py`` of the core or of a package imports as it is.
+__all__ = [
+    "_cache",
+    "_no_thread_is_left",
+    "_one_process",
+    "_seeded",
+    "batch",
+    "encoded",
+    "encoder",
+    "installed",
+    "levels",
+    "realdata",
+    "scripted",
+    "warm",
+]
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -138,10 +155,14 @@ def installed(
             (site / path).parent.mkdir(parents=True, exist_ok=True)
             (site / path).write_text(text)
         monkeypatch.syspath_prepend(site)
+        clear()
+
+    def clear() -> None:
         registry._entries.cache_clear()
+        summary.cache_clear()  # other tests have other modules of the same name
 
     yield install
-    registry._entries.cache_clear()
+    clear()
 
 
 class Scripted(Opened):

@@ -69,7 +69,7 @@ def row(task: str, suite: str = "real", low: float = 0.05, tokens: str = "summar
 
 
 def rows(good: bool = True, tokens: str = "summary") -> list[Gate]:
-    """Two tasks and the mean of each suite; where it is bad, the second mean is level."""
+    """Two tasks and the mean of each suite; of bad weights the second mean is level."""
     low = 0.05 if good else -0.05
     return [
         row(task, suite, low if (task, suite) == (MEAN, SUITES[1]) else 0.05, tokens)

@@ -5,20 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from shared_fixtures import (  # noqa: F401
-    _cache,
-    _no_thread_is_left,
-    _one_process,
-    _seeded,
-    batch,
-    encoded,
-    encoder,
-    installed,
-    levels,
-    realdata,
-    scripted,
-    warm,
-)
+from shared_fixtures import *  # noqa: F403
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames

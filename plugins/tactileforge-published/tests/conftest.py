@@ -1,16 +1,3 @@
 from hub_fixtures import add_card, card_text, checkpoint, header, vit, weight  # noqa: F401
 from published_weights import published  # noqa: F401
-from shared_fixtures import (  # noqa: F401
-    _cache,
-    _no_thread_is_left,
-    _one_process,
-    _seeded,
-    batch,
-    encoded,
-    encoder,
-    installed,
-    levels,
-    realdata,
-    scripted,
-    warm,
-)
+from shared_fixtures import *  # noqa: F403

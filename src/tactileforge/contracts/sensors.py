@@ -207,7 +207,7 @@ class Sensor(Protocol):
     spec: SensorSpec
 
     def discover(self) -> list[str]:
-        """Addresses of the attached devices; [] where there are none."""
+        """Addresses of the attached devices; [] without any."""
         ...
 
     def open(self) -> None:

@@ -31,6 +31,8 @@ COMPARED = {
     "statistics": "picture statistics",
     "photographs": "photographs alone",
 }
+#: Their names in the bench.
+BENCH_NAMES = dict(zip(COMPARED, COMPARED, strict=True)) | {"photographs": "imagenet"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +80,7 @@ class Gate:
 
 
 def gate_faults(rows: Sequence[Gate], tokens: str) -> list[str]:
-    """Reasons why some weights do not pass, in words; [] where they do.
+    """Lists the reasons against some weights, in words; [] for none.
 
     They pass if the mean of the counted tasks of each suite is above random weights, pixels,
     picture statistics and photographs alone, and no counted task is below random weights, each
@@ -154,8 +156,7 @@ def read_gates(
 
 def _row(path: Path, gate: Any, row: Any, tag: str, chance: dict[str, float]) -> Gate:
     task, above = gate["tasks"][row["task"]], row["above"]
-    # in the bench the network of photographs has the name of its weights
-    leads = {name: above.get("imagenet" if name == "photographs" else name) for name in COMPARED}
+    leads = {name: above.get(BENCH_NAMES[name]) for name in COMPARED}
     absent = [COMPARED[name] for name, lead in leads.items() if not lead]
     if absent or row["task"] not in chance:
         raise DataError(

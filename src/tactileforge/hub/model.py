@@ -94,7 +94,7 @@ class Model(nn.Module):
 
     @property
     def sensors(self) -> list[str]:
-        """Sensors in its training; it takes others where ``any_sensor`` is true."""
+        """Sensors in its training; with ``any_sensor`` it takes others, too."""
         return list(self.encoder.sensors)
 
     @property
@@ -169,7 +169,7 @@ class Model(nn.Module):
         unknown_sensor: Policy = "error",
         batch_size: int = 32,
     ) -> Tensor:
-        """Encodes each clip as one vector; warns of light that has changed while nothing touches.
+        """Encodes each clip as one vector; warns of changed light without touch.
 
         Args:
             frames: uint8, RGB, oldest first, of any size: one clip (T, H, W, 3) or (T, 3, H, W), or
@@ -319,9 +319,10 @@ class Model(nn.Module):
             ConfigError: No background, no such sensor, or no such tap of this encoder.
         """
         check_tap(self.encoder, tap)
-        x, still, single = self._clips.prepare(frames, background)
-        rows = self._clips.rows(self._clips.names(sensor, len(x)), unknown_sensor)
-        out = self._clips.read(tap, x, still, rows).float()
+        reader = self._clips
+        x, still, single = reader.prepare(frames, background)
+        rows = reader.rows(reader.names(sensor, len(x)), unknown_sensor)
+        out = reader.read(tap, x, still, rows).float()
         return out[0] if single else out
 
     def force(
@@ -342,7 +343,7 @@ class Model(nn.Module):
         Args:
             frames: Clips, uint8, RGB, in the shapes of `encode`.
             background: Frame without contact, or a word in its place, as in `encode`.
-            sensor: See `encode`; the universal tokens do not fit forces.
+            sensor: Name of the sensor, as in `encode`; the universal tokens do not fit forces.
             calibration: Calibration of this unit, or its file, fitted to this model (``tactileforge
                 calibrate model=...``); an axis that it leaves out stays the model's estimate.
 
@@ -403,10 +404,11 @@ class Model(nn.Module):
                 f"{self!r} has no surface head: pack a run whose objectives include surface "
                 "(tactileforge zoo pack RUN)"
             )
-        x, still, single = self._clips.prepare(frames, background)
-        rows = self._clips.rows(self._clips.names(sensor, len(x)), unknown_sensor)
+        reader = self._clips
+        x, still, single = reader.prepare(frames, background)
+        rows = reader.rows(reader.names(sensor, len(x)), unknown_sensor)
         with torch.no_grad():
-            views = ComputedViews.of(self.encoder, *self._clips.run(x, still, rows))
+            views = ComputedViews.of(self.encoder, *reader.run(x, still, rows))
             surface = displacement_mm(self.heads["surface"](views, {}).float())
         if not forces.has_no_background(self.encoder, background):
             surface = forces.without_light(surface, x, still)
@@ -530,7 +532,7 @@ class Model(nn.Module):
 
         Args:
             name: A key of ``heads``.
-            frames: See `encode`; a batch.
+            frames: Clips, uint8, RGB, as in `encode`; a batch.
             background: Frame without contact, or a word in its place, as in `encode`.
             sensor: Name of the sensor, or one name a clip, as in `encode`.
             unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
@@ -543,13 +545,12 @@ class Model(nn.Module):
             raise ConfigError(unknown("head of the model", name, self.heads))
         if name == "align":
             raise ConfigError("the aligned head is read with words: model.match_words(clip, words)")
-        x, still, _ = clips = self._clips.prepare(frames, background)
+        reader = self._clips
+        x, still, _ = clips = reader.prepare(frames, background)
         forces.warn_of_light(f"head {name}", clips, self.encoder, background)
-        rows = self._clips.rows(self._clips.names(sensor, len(x)), unknown_sensor)
+        rows = reader.rows(reader.names(sensor, len(x)), unknown_sensor)
         with torch.no_grad():
-            return self.heads[name](
-                ComputedViews.of(self.encoder, *self._clips.run(x, still, rows)), {}
-            )
+            return self.heads[name](ComputedViews.of(self.encoder, *reader.run(x, still, rows)), {})
 
     def readings(
         self,
@@ -576,18 +577,19 @@ class Model(nn.Module):
             DataError: Frames or background are not what the model takes.
             ConfigError: No background, no such sensor, or a calibration of another model or sensor.
         """
-        x, still, single = clips = self._clips.prepare(frames, background, check)
-        names = self._clips.names(sensor, len(x))
-        scale = self._scale(names)
-        rows = self._clips.rows(names, unknown_sensor)
+        reader, head = self._clips, self._force
+        x, still, single = clips = reader.prepare(frames, background, check)
+        names = reader.names(sensor, len(x))
+        scale = None if head is None else head.scale(names)
+        rows = reader.rows(names, unknown_sensor)
         calibration = forces.opened_calibration(calibration)
         with torch.no_grad():
-            if self._force is None or scale is None:
-                vector, force = self._clips.vector(x, still, rows), None
+            if head is None or scale is None:
+                vector, force = reader.vector(x, still, rows), None
             else:
                 axes = None if calibration is None else self.axes_of(calibration, names)
                 compare = check and not forces.has_no_background(self.encoder, background)
-                vector, force = self._force.read(clips, rows, scale, axes, compare)
+                vector, force = head.read(clips, rows, scale, axes, compare)
         if single:
             return ModelReadings(vector[0], None if force is None else force[0])
         return ModelReadings(vector, force)
@@ -610,15 +612,16 @@ class Model(nn.Module):
             ConfigError: No background, no force head, or no scale for the sensor.
             DataError: Frames or background are not what the model takes.
         """
-        clips = self._clips.prepare(frames, background)
-        names = self._clips.names(sensor, len(clips.frames))
-        scale = self._scale(names)
-        if self._force is None or scale is None:
+        reader, head = self._clips, self._force
+        clips = reader.prepare(frames, background)
+        names = reader.names(sensor, len(clips.frames))
+        scale = None if head is None else head.scale(names)
+        if head is None or scale is None:
             raise ConfigError(f"{self!r} has no force head, or no scale for {sensor}")
-        rows = self._clips.rows(names, "error")
+        rows = reader.rows(names, "error")
         compare = not forces.has_no_background(self.encoder, background)
         with torch.no_grad():
-            inputs = self._force.inputs(clips, rows, scale, compare)
+            inputs = head.inputs(clips, rows, scale, compare)
         if compare:
             forces.warn_of_missing("force_inputs", inputs["z"].isnan(), forces.LIGHT)
         return inputs
@@ -673,7 +676,7 @@ class Model(nn.Module):
 
         Args:
             video: A file, frames, or an array of them, uint8 (T, H, W, 3), RGB.
-            background: See `encode`, but ``"first"`` is the first frame of the video.
+            background: Frame without contact, as in `encode`; ``"first"`` is that of the video.
             sensor: Name of the sensor, as in `encode`.
             hop: Seconds between the ends of neighbouring clips; at least one frame.
             times: float64, seconds of each frame, increasing; a file knows its own.

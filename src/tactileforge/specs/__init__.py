@@ -1,1 +1,1 @@
-"""Types of sensors that are published, as data."""
+"""Published types of sensors, as data."""

@@ -30,7 +30,7 @@ class Reading(Protocol):
 
     @property
     def force(self) -> Tensor | None:
-        """float32 (T - 1, 3), N; None where the model reads none."""
+        """float32 (T - 1, 3), N; None without forces."""
         ...
 
 

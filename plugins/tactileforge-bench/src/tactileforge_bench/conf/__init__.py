@@ -1,1 +1,1 @@
-"""Suites, and trainings that a suite compares, as options of the command line."""
+"""Suites, and trainings to compare, as options of the command line."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from tactileforge.plugin import write_text
 from tactileforge_bench.output.grid import ColumnHead, Table, TableEntry, fixed
@@ -40,13 +41,16 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
     keys = list(dict.fromkeys((row.model, row.reading) for row in gate_rows))
     known = {(row.model, row.reading, row.task): row for row in gate_rows}
     tasks = gate.gate_tasks(results)
+    task_titles = {task.name: task.title for task in tasks}
+    outcomes = gate.gate_outcomes(gate_rows, results)
     rows = []
     for model, reading in keys:
         # None where the model was not run on a task
         cells = [known.get((model, reading, task.name)) for task in tasks]
         mean = known.get((model, reading, gate.MEAN))
         entries = [_entry(row) for row in (*cells, mean)]
-        verdict = "" if gate.is_baseline(model) else _verdict(gate_rows, model, reading, results)
+        found = outcomes.get(model, {}).get(reading)
+        verdict = _verdict(found, task_titles) if found else ""
         rows.append([TableEntry(names[model]), TableEntry(reading), *entries, TableEntry(verdict)])
     heads = [
         ColumnHead(task.title if task.counted else f"({task.title})", task.main) for task in tasks
@@ -66,30 +70,18 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
     )
 
 
-#: What the mean is compared with, in words.
-_WORDS = {
-    "random": "random weights",
-    "pixels": "pixels",
-    "statistics": "statistics",
-    "imagenet": "photographs",
-}
+def _verdict(found: Mapping[str, Any], titles: Mapping[str, str]) -> str:
+    """Whether a model passes the suite with some features, or why not.
 
-
-def _verdict(gate_rows: Sequence[GateRow], model: str, reading: str, results: Results) -> str:
-    """Whether a model passes the suite with some features, or why not."""
-    uncounted = [task.name for task in results.tasks if not task.counted]
-    outcome = gate.gate_outcome(gate_rows, model, uncounted)
-    if reading in outcome["passes"]:
-        return "yes"
-    found = outcome.get(reading)
-    if not found:
-        return ""
-    level = [_WORDS[name] for name in gate.COMPARED if name not in found["mean_above"]]
-    titles = {task.name: task.title for task in results.tasks}
+    Args:
+        found: Outcome with these features; see `gate.gate_outcome`.
+        titles: Titles of tasks, by name.
+    """
+    level = [words for name, words in gate.COMPARED.items() if name not in found["mean_above"]]
     below = [titles[name] for name in found["below_random"]]
     faults = [f"not above {', '.join(level)}"] if level else []
     faults += [f"below random weights: {', '.join(below)}"] if below else []
-    return "; ".join(faults)
+    return "; ".join(faults) or "yes"
 
 
 def _entry(row: GateRow | None) -> TableEntry:

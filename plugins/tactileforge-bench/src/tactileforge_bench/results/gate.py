@@ -1,4 +1,4 @@
-"""The release gate: compares a model with all that a user has without it, beyond the interval.
+"""The release gate: a model against everything free of trained touch, beyond the interval.
 
 Intervals are those of `results.bootstrap`: paired, over recordings or objects.
 """
@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tactileforge.hub import gates
 from tactileforge_bench.results.bootstrap import (
     METRICS,
     GroupedScore,
@@ -23,8 +24,8 @@ from tactileforge_bench.results.results import Results, ResultTask
 FILE = "gate.json"
 #: What a model has to beat; ``random`` are its own architecture's.
 AGAINST = ("random", "pixels")
-#: What the mean of all counted tasks is compared with: all that a user has without touch.
-COMPARED = (*AGAINST, "statistics", "imagenet")
+#: What the mean of all counted tasks is compared with: all that a user has without touch, in words.
+COMPARED = {gates.BENCH_NAMES[name]: words for name, words in gates.COMPARED.items()}
 #: What a probe reads of each model that is compared with, besides ``untrained:NAME``.
 _BASELINES = {
     "pixels": "pooled",
@@ -150,7 +151,7 @@ def is_baseline(name: str) -> bool:
 def gate_outcome(
     gate_rows: Sequence[GateRow], model: str, uncounted: Collection[str] = ()
 ) -> dict[str, Any]:
-    """Tasks won with each kind of features, and the kinds that pass the suite's part of the gate.
+    """Tasks won with each kind of features, and the kinds with a pass in this suite.
 
     A kind passes if the mean of all counted tasks is above all of `COMPARED` beyond the interval
     (``mean_above``), and no task is below random weights beyond it (``below_random``).
@@ -177,10 +178,16 @@ def gate_outcome(
     return out
 
 
+def gate_outcomes(gate_rows: Sequence[GateRow], results: Results) -> dict[str, dict[str, Any]]:
+    """Outcomes of all judged models by name; see `gate_outcome`."""
+    uncounted = [task.name for task in gate_tasks(results) if not task.counted]
+    judged = [model.name for model in results.models if not is_baseline(model.name)]
+    return {name: gate_outcome(gate_rows, name, uncounted) for name in judged}
+
+
 def gate_to_plain(gate_rows: Sequence[GateRow], results: Results) -> dict[str, Any]:
     """The gate as plain data, for ``gate.json`` and for cards."""
-    models = [model for model in results.models if not is_baseline(model.name)]
-    uncounted = [task.name for task in gate_tasks(results) if not task.counted]
+    models = {model.name: model for model in results.models}
     return {
         "suite": results.suite,
         "versions": dict(results.versions),
@@ -190,10 +197,10 @@ def gate_to_plain(gate_rows: Sequence[GateRow], results: Results) -> dict[str, A
         }
         | {MEAN: {"title": "Mean of all tasks", "metric": MEAN}},
         "models": {
-            model.name: gate_outcome(gate_rows, model.name, uncounted)
-            | {key: model.facts.get(key, []) for key in ("trained_on", "seen_of_held_out")}
-            | {"sha256": model.sha256}
-            for model in models
+            name: outcome
+            | {key: models[name].facts.get(key, []) for key in ("trained_on", "seen_of_held_out")}
+            | {"sha256": models[name].sha256}
+            for name, outcome in gate_outcomes(gate_rows, results).items()
         },
         "rows": [
             {"task": row.task, "model": row.model, "reading": row.reading, **_score(row.score)}
