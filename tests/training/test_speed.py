@@ -3,7 +3,7 @@
 import logging
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -46,12 +46,19 @@ class Batches(IterableDataset[Any]):
             yield {"frames": torch.ones(CLIPS, INPUTS), "group": -torch.ones(CLIPS)}
 
 
+class Layer(nn.Linear):
+    """Of its own: a module of torch is not compiled by itself."""
+
+    def forward(self, given: Tensor) -> Tensor:
+        return super().forward(given)
+
+
 class Module(L.LightningModule):
     """A linear layer with steps of a given duration."""
 
     def __init__(self, clock: Clock, seconds: float) -> None:
         super().__init__()
-        self.layer = nn.Linear(INPUTS, OUTPUTS)
+        self.layer = Layer(INPUTS, OUTPUTS)
         self.clock, self.seconds = clock, seconds
 
     def current_weights(self) -> dict[str, float]:
@@ -82,13 +89,18 @@ class Kept(L.Callback):
 
 
 def run(
-    monkeypatch: pytest.MonkeyPatch, folder: Path, wait: float, step: float, **peak: float
+    monkeypatch: pytest.MonkeyPatch,
+    folder: Path,
+    wait: float,
+    step: float,
+    peak: float | None = None,
+    backend: Callable[..., Any] | None = None,
 ) -> list[dict[str, float]]:
     """Trains by a clock of its own: each batch takes ``wait`` seconds, each step ``step``."""
     clock = Clock()
     monkeypatch.setattr(time, "perf_counter", clock.perf_counter)
     callback, kept = Speed(workers=2), Kept()
-    callback.peak = peak.get("peak")
+    callback.peak = peak
     loader = Loader(Batches(clock, wait), batch_size=None)
     monkeypatch.setattr(Loader, "state_dict", lambda self: {})
     trainer = L.Trainer(
@@ -105,6 +117,8 @@ def run(
         default_root_dir=folder,
     )
     module = Module(clock, step)
+    if backend:
+        module.layer.compile(backend=backend, dynamic=False)
     trainer.fit(
         module,
         loader,
@@ -133,6 +147,40 @@ def test_mfu_is_operations_over_peak(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     once = 3 * 2 * CLIPS * INPUTS * OUTPUTS
     assert rows[0]["speed/mfu"] == pytest.approx(once / 2 / 1e4)
     assert rows[-1]["speed/mfu"] == pytest.approx(2 * once / 2 / 1e4)
+
+
+def test_counting_leaves_compiled_blocks_compiled(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Torch never compiles what it first sees under a counter: MFU switched compile=true off."""
+    compiled: list[Any] = []
+
+    def backend(graph: Any, examples: Any) -> Any:
+        compiled.append(graph)
+        return graph.forward
+
+    rows = run(monkeypatch, tmp_path, wait=0, step=2, peak=1e4, backend=backend)
+    assert compiled
+    once = 3 * 2 * CLIPS * INPUTS * OUTPUTS
+    assert rows[0]["speed/mfu"] == pytest.approx(once / 2 / 1e4)
+
+
+def test_a_resumed_run_does_not_count_again() -> None:
+    """A counted step runs uncompiled: counting again would compute it otherwise."""
+    first, second = Speed(workers=2), Speed(workers=2)
+    assert first.state_dict() == {}
+    first._counted[frozenset({"pixel", "force"})] = 7
+    second.load_state_dict(first.state_dict())
+    second.peak = 1e4
+    weights = {"force": 1.0, "pixel": 0.5, "diff": 0.0}
+    module: Any = SimpleNamespace(current_weights=lambda: weights)
+    trainer: Any = SimpleNamespace(train_dataloader=SimpleNamespace(waited=0.0))
+    second.on_train_batch_start(trainer, module, {}, 0)
+    assert second._counter is None
+    weights["diff"] = 1.0
+    second.on_train_batch_start(trainer, module, {}, 0)
+    assert second._counter is not None
+    second.on_exception(trainer, module, KeyError())
 
 
 @pytest.mark.parametrize(("wait", "warns"), [(1, True), (0.1, False)])

@@ -43,12 +43,14 @@ _PATIENCE = 3
 class Speed(Callback):
     """Logs ``speed/clips_per_s``, ``speed/waiting`` and, on a known device, ``speed/mfu``.
 
-    Values cover the time since the last logging, without validation; the first step of a process is
-    left out, since workers start in it. ``waiting`` is the share of the time spent waiting for the
-    loader while the device was idle. ``mfu`` (model FLOPs utilisation) is the number of operations
-    in matrix products and convolutions, forward and backward, over the peak of the device in the
-    same time. Operations are counted once, in the first step with the same active objectives, and
-    include those on masked tokens. Nothing here waits for the device.
+    Values cover the time since the last logging, without validation and without the first step of a
+    process, in which workers start and kernels are compiled. ``waiting`` is the share of the time
+    spent waiting for the loader while the device was idle. ``mfu`` (model FLOPs utilisation) is the
+    number of operations in matrix products and convolutions, forward and backward, over the peak of
+    the device in the same time. Operations are counted once, in the first step with the same active
+    objectives, and include those on masked tokens. That step runs uncompiled, since torch never
+    compiles what it first sees under a counter; a resumed run takes the counts from its checkpoint,
+    so that it compiles the same steps. Nothing here waits for the device.
 
     Args:
         workers: Number of worker processes of the loader, ``batch.workers``.
@@ -86,6 +88,7 @@ class Speed(Callback):
         self._seen = waited
         # counted once for each set of active objectives: counting itself slows a step down
         if self.peak and _active(pl_module) not in self._counted:
+            torch.compiler.set_stance("force_eager")  # type: ignore[no-untyped-call]
             self._counter = FlopCounterMode(display=False)
             self._counter.__enter__()  # type: ignore[no-untyped-call]
 
@@ -101,7 +104,9 @@ class Speed(Callback):
         if self._done is not None:
             self._done.record()
         active = _active(pl_module) if self.peak else frozenset()
-        self._stop_counting(active)
+        if self._stop_counting(active):
+            self._start = None  # kernels are compiled in the next step
+            return
         stepped = (trainer.fit_loop.total_batch_idx + 1) % trainer.accumulate_grad_batches == 0
         # the first step starts the clock: workers start in it, and kernels are compiled
         if self._start is None:
@@ -139,11 +144,24 @@ class Speed(Callback):
         self._start = time.perf_counter()
         self._waiting, self._clips, self._flops = 0.0, 0, 0
 
-    def _stop_counting(self, active: frozenset[str]) -> None:
-        if self._counter is not None:
-            self._counter.__exit__(None, None, None)  # type: ignore[no-untyped-call]
-            self._counted[active] = self._counter.get_total_flops()
-            self._counter = None
+    def state_dict(self) -> dict[str, Any]:
+        """Operations of a step by active objectives; empty where nothing is counted."""
+        counted = [[sorted(active), flops] for active, flops in self._counted.items()]
+        return {"counted": counted} if counted else {}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Takes over what `state_dict` has."""
+        self._counted = {frozenset(active): int(flops) for active, flops in state_dict["counted"]}
+
+    def _stop_counting(self, active: frozenset[str]) -> bool:
+        """Ends the count of a step; returns whether it was counted."""
+        if self._counter is None:
+            return False
+        self._counter.__exit__(None, None, None)  # type: ignore[no-untyped-call]
+        torch.compiler.set_stance("default")  # type: ignore[no-untyped-call]
+        self._counted[active] = self._counter.get_total_flops()
+        self._counter = None
+        return True
 
     def _judge(self, waiting: float, available: int) -> None:
         # in a row: one slow file, or a cache that fills, is no reason for advice
