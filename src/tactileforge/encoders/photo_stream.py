@@ -7,12 +7,9 @@ from torch import Tensor, nn
 
 from tactileforge.contracts import NEUTRAL_BACKGROUND
 from tactileforge.encoders.backbone import patches_at
-from tactileforge.encoders.efficientnet_lite import Lite0, on_grid
+from tactileforge.encoders.efficientnet_lite import DEVIATIONS, Lite0, on_grid
 from tactileforge.encoders.preprocess import GAIN, Preprocess
 from tactileforge.errors import ConfigError
-
-#: Standard deviation of the network's maps on pictures of touch, with ImageNet weights.
-_DEVIATIONS = (2.3, 2.6, 0.62)
 
 
 class PhotoStream(nn.Module):
@@ -53,7 +50,7 @@ class PhotoStream(nn.Module):
         self.grid, self.tube, self.patch, self.pixels = grid, tube, patch, pixels
         self.grey = (NEUTRAL_BACKGROUND if pixels.offset is None else pixels.offset) / 255
         self.network = Lite0().requires_grad_(False)
-        sizes = zip(_DEVIATIONS, Lite0.channels, strict=True)
+        sizes = zip(DEVIATIONS, Lite0.channels, strict=True)
         deviation = torch.cat([torch.full((count,), value) for value, count in sizes])
         # constants: not in state dicts
         self.register_buffer("deviation", deviation, persistent=False)

@@ -42,14 +42,15 @@ def starting_heads(name: str) -> dict[str, Any]:
     return {key: found["node"] for key, found in heads.items()}
 
 
-def imagenet_weights() -> dict[str, Tensor]:
-    """Weights of ImageNet for the photo stream of an encoder, as `starting_weights` has them.
+def imagenet_weights(prefix: str) -> dict[str, Tensor]:
+    """Weights of ImageNet for a network of photographs, as `starting_weights` has them.
+
+    Args:
+        prefix: Name of the network in a run, such as ``encoder.photo_stream.network``.
 
     Raises:
         PluginError: They are not installed; see `Lite0.load_published`.
     """
     network = Lite0()
     network.load_published()
-    return {
-        f"encoder.photo_stream.network.{key}": value for key, value in network.state_dict().items()
-    }
+    return {f"{prefix}.{key}": value for key, value in network.state_dict().items()}

@@ -61,15 +61,17 @@ def new_in(init: str) -> tuple[str, ...]:
 
 
 def _add_photo_stream(plain: dict[str, Any]) -> dict[str, Tensor]:
-    """Gives the encoder a photo stream; returns its weights."""
+    """Gives the encoder a photo stream, unless it is such a network; returns its weights."""
     node = plain["encoder"]
+    if node["name"] == "tactile_cnn":
+        return imagenet_weights("encoder.network")
     if "photo_stream" not in node and node["name"] != "tactile_vit":
         raise ConfigError(
             f"init={plain['init']}: encoder={node['name']} has no stream that looks at touch as at "
             "photographs; give encoder=tactile_vit"
         )
     node["photo_stream"] = True
-    return imagenet_weights()
+    return imagenet_weights("encoder.photo_stream.network")
 
 
 def _weights_of(init: str, plain: dict[str, Any]) -> Mapping[str, Tensor]:

@@ -88,7 +88,7 @@ class Speed(Callback):
         self._seen = waited
         # counted once for each set of active objectives: counting itself slows a step down
         if self.peak and _active(pl_module) not in self._counted:
-            torch.compiler.set_stance("force_eager")  # type: ignore[no-untyped-call]
+            torch.compiler.set_stance("force_eager")
             self._counter = FlopCounterMode(display=False)
             self._counter.__enter__()  # type: ignore[no-untyped-call]
 
@@ -158,7 +158,7 @@ class Speed(Callback):
         if self._counter is None:
             return False
         self._counter.__exit__(None, None, None)  # type: ignore[no-untyped-call]
-        torch.compiler.set_stance("default")  # type: ignore[no-untyped-call]
+        torch.compiler.set_stance("default")
         self._counted[active] = self._counter.get_total_flops()
         self._counter = None
         return True
