@@ -44,6 +44,8 @@ SUITES = {
 }
 #: Rows of a table: models, their random weights, and what a user has without touch.
 ROWS = {
+    "touch.tiny": "`touch.tiny`",
+    "untrained:touch.tiny": "its random weights",
     "anytouch2.tiny-real": "`anytouch2.tiny-real`",
     "untrained:anytouch2.tiny-real": "its random weights",
     "anytouch2.tiny": "`anytouch2.tiny`",
@@ -58,7 +60,7 @@ ROWS = {
     "background": "background alone",
     "chance": "chance",
 }
-MODELS = ("anytouch2.tiny-real", "anytouch2.tiny", "mae.tiny")
+MODELS = ("touch.tiny", "anytouch2.tiny-real", "anytouch2.tiny", "mae.tiny")
 #: Baselines with one vector, for which the reading says nothing.
 _PLAIN = ("statistics", "pixels", "motion", "hog", "background", "chance")
 READINGS = ("groups", "summary", "patches", "pooled")

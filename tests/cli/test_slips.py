@@ -54,6 +54,10 @@ def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["sim", "out=o", "indenters=pretrian"], "did you mean 'pretrain'"),
         (["sim", "out=o", "sensors=digit"], "give a list: [digit]"),
         (["sim", "out=o", "processes=0"], "processes=0: give 1 or more"),
+        (
+            ["train", "data=mixture", "+data.weights={a: 1}", "data.weights={a: 2, b: 1}"],
+            "A key that is new: +data.weights.b=",
+        ),
     ],
 )
 def test_a_slip_is_one_line_that_names_the_fix(

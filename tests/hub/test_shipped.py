@@ -15,7 +15,7 @@ from tactileforge.hub import cards
 from tactileforge.hub.gates import MEAN, Gate
 from tactileforge.hub.header import read_header
 
-SHIPPED = ["anytouch2.tiny", "anytouch2.tiny-real", "mae.tiny"]
+SHIPPED = ["anytouch2.tiny", "anytouch2.tiny-real", "mae.tiny", "touch.tiny"]
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -29,7 +29,7 @@ def test_it_works_without_a_network_and_is_small(
     assert weight.kind == "shipped"
     assert weight.bytes < 15_000_000
     assert set(model.sensors) == set(weight.sensors), "the card and docs/zoo.md say the same"
-    assert model.any_sensor == name.startswith("mae")
+    assert model.any_sensor == (name in ("mae.tiny", "touch.tiny"))
     assert model.header.licence == weight.licence == "Apache-2.0"
     assert set(model.header.data["licences"]) <= {"BSD-2-Clause", "CC0-1.0"}  # CC0: simulated
     assert list(tmp_path.iterdir()) == []
@@ -63,6 +63,16 @@ def test_what_saw_real_video_alone_is_above_random_weights() -> None:
         assert found["real_held_out", tokens].random[1] > 0, tokens
     assert found["real_held_out", "patches"].not_above == []
     assert found["real", "patches"].not_above == ["photographs alone"]
+
+
+def test_the_network_of_photographs_learned_touch() -> None:
+    """Above photographs alone beyond the interval in each suite, though by another reading."""
+    found = means("touch.tiny")
+    assert found["real", "summary"].not_above == []
+    assert found["real_held_out", "groups"].not_above == []
+    assert found["real", "groups"].not_above == ["photographs alone"]
+    for row in found.values():
+        assert row.random[1] > 0, row
 
 
 def test_the_masked_autoencoder_is_above_random_weights() -> None:

@@ -16,7 +16,7 @@ from tactileforge.sensors.light import changed_light
 
 pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
 
-SHIPPED = ["anytouch2.tiny", "anytouch2.tiny-real", "mae.tiny"]
+SHIPPED = ["anytouch2.tiny", "anytouch2.tiny-real", "mae.tiny", "touch.tiny"]
 
 
 def touch(model: Model, column: int, grows: bool = True) -> np.ndarray:

@@ -228,6 +228,9 @@ def _told(name: str, said: str, words: Words) -> str:
     overrides, own = own_places(words.overrides, words.flags)
     if match := re.search(r"Could not override '(.+?)'\.? ?(No match in the defaults list)?", said):
         key = match[1].removesuffix("@_global_")
+        # of a mapping it is one of its keys that is new
+        inner = re.search(r"full_key: (\S+)", said)
+        key = inner[1] if inner and inner[1].startswith(f"{key}.") else key
         return unknown_key(name, key, overrides, own)
     if match := re.search(r"Could not find '(hydra/\w+)/'", said):
         return f"{match[1]}=: give the name of an option. Known: {_known(match[1], own)}"
