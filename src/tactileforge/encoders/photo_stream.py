@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from tactileforge.contracts import NEUTRAL_BACKGROUND
 from tactileforge.encoders.backbone import patches_at
-from tactileforge.encoders.efficientnet_lite import DEVIATIONS, Lite0, on_grid
+from tactileforge.encoders.efficientnet_lite import Lite0, on_grid, usual_deviation
 from tactileforge.encoders.preprocess import GAIN, Preprocess
 from tactileforge.errors import ConfigError
 
@@ -50,11 +50,9 @@ class PhotoStream(nn.Module):
         self.grid, self.tube, self.patch, self.pixels = grid, tube, patch, pixels
         self.grey = (NEUTRAL_BACKGROUND if pixels.offset is None else pixels.offset) / 255
         self.network = Lite0().requires_grad_(False)
-        sizes = zip(DEVIATIONS, Lite0.channels, strict=True)
-        deviation = torch.cat([torch.full((count,), value) for value, count in sizes])
         # constants: not in state dicts
-        self.register_buffer("deviation", deviation, persistent=False)
-        self.project = nn.Linear(len(deviation), width)
+        self.register_buffer("deviation", usual_deviation(), persistent=False)
+        self.project = nn.Linear(len(self.deviation), width)
         nn.init.orthogonal_(self.project.weight)
         nn.init.zeros_(self.project.bias)
         # from the start: the norms of the network keep the statistics of photographs

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import torch
 from torch import Tensor, nn
 
 from tactileforge.encoders.convolutional import ConvBackbone
-from tactileforge.encoders.efficientnet_lite import DEVIATIONS, Lite0, on_grid
+from tactileforge.encoders.efficientnet_lite import Lite0, on_grid, usual_deviation
 from tactileforge.encoders.preprocess import GAIN
 from tactileforge.errors import ConfigError
 
@@ -76,10 +75,8 @@ class TactileCnn(ConvBackbone):
             raise ConfigError(f"encoder.image_size={image_size}: give multiples of 32")
         self.projected = projected
         self.network = Lite0()
-        sizes = zip(DEVIATIONS, Lite0.channels, strict=True)
-        deviation = torch.cat([torch.full((count,), value) for value, count in sizes])
         # constants: not in state dicts
-        self.register_buffer("deviation", deviation, persistent=False)
+        self.register_buffer("deviation", usual_deviation(), persistent=False)
         self.project = nn.Linear(width, projected)
         # from the start: the norms keep the statistics of the weights
         self.train(self.training)

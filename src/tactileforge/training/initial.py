@@ -44,6 +44,8 @@ def start_from(plain: dict[str, Any]) -> Mapping[str, Tensor] | None:
         return None
     init, beside = run_folder.with_photographs(str(plain["init"]))
     if init == run_folder.IMAGENET:
+        if plain["encoder"]["name"] == "tactile_cnn":  # is that network itself
+            return imagenet_weights("encoder.network")
         return _add_photo_stream(plain)
     state = _weights_of(init, plain)
     if not beside:
@@ -61,10 +63,8 @@ def new_in(init: str) -> tuple[str, ...]:
 
 
 def _add_photo_stream(plain: dict[str, Any]) -> dict[str, Tensor]:
-    """Gives the encoder a photo stream, unless it is such a network; returns its weights."""
+    """Gives the encoder a photo stream; returns its weights."""
     node = plain["encoder"]
-    if node["name"] == "tactile_cnn":
-        return imagenet_weights("encoder.network")
     if "photo_stream" not in node and node["name"] != "tactile_vit":
         raise ConfigError(
             f"init={plain['init']}: encoder={node['name']} has no stream that looks at touch as at "
