@@ -50,6 +50,7 @@ class TactileCnn(ConvBackbone):
         ConfigError: 32 does not divide the size.
 
     Example:
+        >>> import torch
         >>> encoder = TactileCnn(frames=2, image_size=64).eval()
         >>> frames = torch.zeros(1, 2, 3, 48, 48, dtype=torch.uint8)
         >>> tokens, vector = encoder(frames, frames[:, 0], encoder.sensor_ids(["digit"]))

@@ -9,17 +9,25 @@ from torch import Tensor
 _LEAST = 1e-12
 
 
-def moments(predicted: Tensor, true: Tensor, dims: tuple[int, ...] | None = None) -> Tensor:
+def moments(
+    predicted: Tensor,
+    true: Tensor,
+    dims: tuple[int, ...] | None = None,
+    valid: Tensor | None = None,
+) -> Tensor:
     """Sums for `r_squared`: count, values, squares and squared errors, float64 (4, ...).
 
     Args:
         predicted: Predictions, of any shape.
         true: True values of the same shape.
         dims: Axes to sum over; None for all.
+        valid: What counts, bool, broadcast to the shape; None for all. The rest may be NaN.
     """
-    true = true.double()
-    error = (predicted.detach().double() - true) ** 2
-    return torch.stack([part.sum(dims) for part in (torch.ones_like(true), true, true**2, error)])
+    true, predicted = true.double(), predicted.detach().double()
+    parts = torch.stack([torch.ones_like(true), true, true**2, (predicted - true) ** 2])
+    if valid is not None:  # not by an index, whose size the host would wait for
+        parts = torch.where(valid, parts, 0.0)
+    return parts.sum(tuple(range(1, parts.ndim)) if dims is None else [d + 1 for d in dims])
 
 
 def r_squared(count: float, total: float, square: float, error: float) -> float | None:

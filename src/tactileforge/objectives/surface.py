@@ -41,9 +41,9 @@ class Surface(nn.Module):
 
     def sums(self, prediction: Tensor, batch: Batch) -> Tensor:
         """Moments of each axis, float64 (4, 3); see `contracts.Scored`."""
-        known = batch["surface_valid"]
-        true = displacement.coded_displacement(batch["surface"])[known]
-        return moments(prediction[known], true, (0, 1, 3, 4))
+        true = displacement.coded_displacement(batch["surface"])
+        known = batch["surface_valid"].view(-1, 1, 1, 1, 1)
+        return moments(prediction, true, (0, 1, 3, 4), known)
 
     def scores(self, sums: Tensor) -> dict[str, float]:
         """R2 along each axis over all positions and clips."""
