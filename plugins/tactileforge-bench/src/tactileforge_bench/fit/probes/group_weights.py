@@ -64,11 +64,9 @@ def group_kernels(known: Tensor, asked: Tensor, sizes: Sequence[int] = ()) -> Ke
 
 
 def weight_grid(groups: int) -> list[tuple[float, ...]]:
-    """Weights of groups, summing to 1, in steps of a quarter, the most even ones first.
+    """Weights of groups, summing to 1, in steps of a quarter.
 
     The corners are single groups; a group that a task does not need gets weight 0.
     """
-    steps = [row for row in product(range(STEPS + 1), repeat=groups) if sum(row) == STEPS]
-    # even weights first: of equal errors a stable sort takes the first
-    steps.sort(key=lambda row: (max(row), row))
-    return [tuple(count / STEPS for count in row) for row in steps]
+    steps = product(range(STEPS + 1), repeat=groups)
+    return [tuple(count / STEPS for count in row) for row in steps if sum(row) == STEPS]
