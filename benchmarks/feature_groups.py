@@ -38,7 +38,7 @@ from torch import Tensor
 from tactileforge import cli
 from tactileforge.encoders.feature_groups import joint_vector
 
-MODEL = "anytouch2.tiny-real"
+MODEL = "touch.tiny"
 SUITES = ("real", "real_held_out")
 BASELINES = "baselines=[pixels,statistics,imagenet,chance]"
 CONF = Path(str(files("tactileforge_bench.conf"))) / "suite"

@@ -50,8 +50,6 @@ ROWS = {
     "untrained:anytouch2.tiny-real": "its random weights",
     "anytouch2.tiny": "`anytouch2.tiny`",
     "untrained:anytouch2.tiny": "its random weights",
-    "mae.tiny": "`mae.tiny`",
-    "untrained:mae.tiny": "its random weights",
     "imagenet": "photographs (`imagenet`)",
     "statistics": "picture statistics",
     "pixels": "16 x 16 pixels",
@@ -60,7 +58,7 @@ ROWS = {
     "background": "background alone",
     "chance": "chance",
 }
-MODELS = ("touch.tiny", "anytouch2.tiny-real", "anytouch2.tiny", "mae.tiny")
+MODELS = ("touch.tiny", "anytouch2.tiny-real", "anytouch2.tiny")
 #: Baselines with one vector, for which the reading says nothing.
 _PLAIN = ("statistics", "pixels", "motion", "hog", "background", "chance")
 READINGS = ("groups", "summary", "patches", "pooled")

@@ -263,7 +263,7 @@ def test_every_verb_names_a_place_that_refuses_it(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("words", [["zoo", "get", "mae.tiny"], ["bench", "model=[pixels]"]])
+@pytest.mark.parametrize("words", [["zoo", "get", "touch.tiny"], ["bench", "model=[pixels]"]])
 def test_verbs_that_use_the_cache_look_at_it_before_they_work(
     words: list[str],
     tmp_path: Path,

@@ -9,7 +9,7 @@ import pytest
 from tactileforge.hub import cards
 
 ROOT = Path(__file__).parents[1]
-MODELS = ("touch.tiny", "anytouch2.tiny-real", "anytouch2.tiny", "mae.tiny")
+MODELS = ("touch.tiny", "anytouch2.tiny-real", "anytouch2.tiny")
 
 
 def mean(suite: str, model: str, reading: str) -> dict:

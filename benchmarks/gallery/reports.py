@@ -44,7 +44,7 @@ PAGES: dict[str, tuple[list[str], str]] = {
     ),
     "bench": (
         [
-            "bench suite=sim model=[anytouch2.tiny,mae.tiny,pixels] task=[sim_force]"
+            "bench suite=sim model=[anytouch2.tiny,touch.tiny,pixels] task=[sim_force]"
             " sim_bench.data.scenes=12 sim_bench.data.val=4 sim_bench.data.size=64"
             " probe.epochs=4 seeds=2 out=bench"
         ],

@@ -72,7 +72,6 @@ def test_show(capsys: pytest.CaptureFixture[str]) -> None:
     [
         ("anytouch2.tiny", "forces, shear and depth of the gel"),
         ("anytouch2.tiny-real", "objects, classes and other probes, of touches by a GelSight Mini"),
-        ("mae.tiny", "comparisons; a masked autoencoder that encodes all sensors alike"),
     ],
 )
 def test_show_begins_with_purpose_loading_licence_and_gate(

@@ -16,7 +16,7 @@ from tactileforge.sensors.light import changed_light
 
 pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
 
-SHIPPED = ["anytouch2.tiny", "anytouch2.tiny-real", "mae.tiny", "touch.tiny"]
+SHIPPED = ["anytouch2.tiny", "anytouch2.tiny-real", "touch.tiny"]
 
 
 def touch(model: Model, column: int, grows: bool = True) -> np.ndarray:
@@ -59,7 +59,7 @@ def test_encode_sees_what_training_and_the_stream_see(name: str) -> None:
 
 def test_a_contact_near_the_edge_is_seen() -> None:
     """The sides of a wide frame were turned and cut off."""
-    model = tactileforge.load("mae.tiny")
+    model = tactileforge.load("touch.tiny")
     nothing = np.stack([still()] * model.frames)
     calm = model.features(nothing, still(), "digit")
     for column in (12, 308):

@@ -145,7 +145,7 @@ def test_what_does_not_fit_is_said(
 
 
 def test_models_without_language_name_those_with_it() -> None:
-    model = tactileforge.load("mae.tiny")
+    model = tactileforge.load("touch.tiny")
     with pytest.raises(ConfigError, match="is not aligned with language") as error:
         model.match_words(touches(1)[0, :2], ["wood"], "none", "digit")
     for name in ("anytouch1.large", "anytouch2.base", "tvl.vittiny", "unitouch.large"):

@@ -51,14 +51,14 @@ def test_the_graph_of_a_model_that_was_trained_here_is_encode(
 ) -> None:
     onnxruntime = pytest.importorskip("onnxruntime")
     pytest.importorskip("onnxscript")
-    model = tactileforge.load("mae.tiny")
+    model = tactileforge.load("touch.tiny")
     coarse = np.random.default_rng(0).normal(120, 40, (3, model.frames, 12, 16, 3))
     clips = coarse.repeat(20, 2).repeat(20, 3).clip(0, 255).astype(np.uint8)
     expected = model.encode(clips, "first", "digit").numpy()
     projected = model(clips, "first", "digit").detach().numpy()
     frames = np.ascontiguousarray(np.moveaxis(clips, -1, 2))
     feed = {"frames": frames, "background": frames[:, 0]}
-    done = export(model, tmp_path / "mae.onnx", size=size, int8=int8)
+    done = export(model, tmp_path / "touch.onnx", size=size, int8=int8)
     assert read_facts(done.path).preprocessing["squashed"] == [128, 128]
     session = onnxruntime.InferenceSession(done.path, providers=["CPUExecutionProvider"])
     rows = np.array(done.sensor_ids(["digit"] * 3))
@@ -71,14 +71,14 @@ def test_the_graph_of_a_model_that_was_trained_here_is_encode(
 
 @pytest.mark.slow
 def test_a_program_of_any_size_is_encode(tmp_path: Path) -> None:
-    model = tactileforge.load("mae.tiny")
-    done = export(model, tmp_path / "mae.pt2", format="torch_export")
+    model = tactileforge.load("touch.tiny")
+    done = export(model, tmp_path / "touch.pt2", format="torch_export")
     program = torch.export.load(done.path).module()
     rng = np.random.default_rng(0)
     frames = torch.from_numpy(rng.integers(0, 256, (2, model.frames, 3, 240, 320), np.uint8))
     rows = torch.tensor(done.sensor_ids(["digit", "gelsight"]))
     expected = model.encode(frames, "first", ["digit", "gelsight"])
-    _, cls, vector = program(frames, frames[:, 0], rows)
+    _, cls, _, vector = program(frames, frames[:, 0], rows)
     torch.testing.assert_close(vector, expected, atol=1e-4, rtol=0)
     projected = model(frames, "first", ["digit", "gelsight"])
     torch.testing.assert_close(cls, projected, atol=1e-4, rtol=0)

@@ -122,8 +122,9 @@ def test_the_best_weights_are_those_of_the_smallest_validation_loss(folder: Path
         ([*IMITATE], (True, True, False)),
         ([*IMITATE, "+head@head.imitate=act"], (True, True, False)),
         ([*NARROW, "init=pixels", "data.camera=false"], (True, False, False)),
+        ([*IMITATE, "init=touch.tiny"], (True, True, False)),
     ],
-    ids=["no touch", "force", "regression", "act", "pixels"],
+    ids=["no touch", "force", "regression", "act", "pixels", "convolutional"],
 )
 def test_the_other_policies_of_the_table_train_and_step(train_policy, more, flags) -> None:
     policy = load_policy(train_policy(*more, "trainer.max_epochs=1"))

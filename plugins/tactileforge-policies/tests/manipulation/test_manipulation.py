@@ -54,8 +54,8 @@ def test_the_plan_counts_what_there_is_to_do(tmp_path):
 
 
 def test_rows_and_tasks_are_chosen_by_name(tmp_path):
-    plan = make_plan(options(), tmp_path, 1, ["expert", "mae.tiny"], [TASK])
-    assert plan.policies["mae.tiny"].words == ["init=mae.tiny"]
+    plan = make_plan(options(), tmp_path, 1, ["expert", "touch.tiny"], [TASK])
+    assert plan.policies["touch.tiny"].words == ["init=touch.tiny"]
     assert make_plan(options(), tmp_path, 1, ["expert"], None).demonstrations() == []
     with pytest.raises(ConfigError, match="did you mean 'touch'"):
         make_plan(options(), tmp_path, 1, ["tuch"], None)
@@ -133,11 +133,11 @@ class Reads:
 
 @pytest.fixture
 def _trained(monkeypatch):
-    """Instant fake trainings; the one of ``mae`` fails."""
+    """Instant fake trainings; the one of ``touch`` fails."""
 
     def pretrain(job):
         (job.folder / "checkpoints").mkdir(parents=True, exist_ok=True)
-        if "-mae-" in job.name:
+        if "-touch-" in job.name:
             (job.folder / "failed.txt").write_text("the loss is not finite")
             return
         (job.folder / "report.html").touch()
@@ -153,20 +153,20 @@ def test_the_verb_writes_table_json_and_page(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     words = ["bench", "suite=manipulation", f"manipulation.tasks=['{TASK}']", "out=out"]
     words += ["manipulation.rollouts=5", "manipulation.demonstrations=2", "manipulation.size=32"]
-    words += ["manipulation.processes=1", "model=[expert,no_touch,anytouch2,mae]"]
+    words += ["manipulation.processes=1", "model=[expert,no_touch,anytouch2,touch]"]
     assert cli.run(words) == 3, "one was not run"
     out = capsys.readouterr().out
     assert out.startswith(
         "4 policies in 1 settings: 1 sets of 2 demonstrations, 3 trainings, 4 x 5"
     )
-    assert "not run: reach-digit-mae-0: the loss is not finite" in out
+    assert "not run: reach-digit-touch-0: the loss is not finite" in out
     plain = json.loads((tmp_path / "out/results.json").read_text())
     cells = {row["policy"]: row for row in plain["cells"]}
     assert cells["expert"]["successes"] == 4
     assert cells["anytouch2"]["succeeded"] == [0, 1, 2, 3, 4]
     assert cells["no_touch"]["failures"] == {"timeout": 5}
     assert (cells["anytouch2"]["low"], cells["anytouch2"]["high"]) == wilson(5, 5)
-    assert cells["mae"]["not_run"] == "the loss is not finite"
+    assert cells["touch"]["not_run"] == "the loss is not finite"
     rows = {row["policy"]: row for row in plain["differences"]}
     assert rows["anytouch2"]["value"] == rows["anytouch2"]["high"] == 1.0
     table = (tmp_path / "out/table.md").read_text()
