@@ -288,3 +288,19 @@ def test_of_weights_that_predict_as_well_the_most_of_the_first_group_is_taken() 
     assert weights(0.3, 0.9)[0] >= 0.75
     assert weights(0.3, 0.3, 0.3)[0] < 1
     assert weights(2.0, 0.1) == (0.0, 1.0)
+
+
+def test_weights_are_found_beside_a_group_in_which_nothing_varies() -> None:
+    rng = torch.Generator().manual_seed(0)
+    y = torch.randn(30, 1, generator=rng)
+    part = TargetPart("numbers", torch.zeros(0, 1), torch.zeros(0, 1), ("n",))
+    places = places_of([str(i) for i in range(30)])
+    told, still = y + 0.1 * torch.randn(30, 3, generator=rng), torch.ones(30, 4)
+
+    def weights(*groups: Tensor) -> tuple[float, ...]:
+        x, sizes = torch.cat(groups, 1), [len(group.T) for group in groups]
+        return choose_weights(part, group_kernels(x, x[:1], sizes), y, places)
+
+    assert weights(told, still) == (1.0, 0.0)
+    assert weights(still, told)[1] > 0
+    assert sum(weights(still, still)) == 1
