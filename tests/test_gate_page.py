@@ -9,7 +9,6 @@ import pytest
 from tactileforge.hub import cards
 
 ROOT = Path(__file__).parents[1]
-MODELS = ("touch.tiny", "anytouch2.tiny-real", "anytouch2.tiny")
 
 
 def mean(suite: str, model: str, reading: str) -> dict:
@@ -26,7 +25,7 @@ def test_the_page_has_the_tables_of_the_results() -> None:
     assert text.count("| `anytouch2.tiny-real` | patches |") == 4
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", gate_tables.MODELS)
 def test_the_readme_has_them_too(model: str) -> None:
     _, weight = cards.find_card(model)
     line = next(
@@ -41,7 +40,7 @@ def test_the_readme_has_them_too(model: str) -> None:
     assert f"| {weight.reading} | {values} | {leads} |" in line
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", gate_tables.MODELS)
 def test_cards_have_them_too(model: str) -> None:
     card, weight = cards.find_card(model)
     found = {(row.suite, row.tokens): row for row in card.gate(weight) if row.metric == "mean"}

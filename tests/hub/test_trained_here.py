@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from shipped import SHIPPED
 
 import tactileforge
 from tactileforge.data.batches.clips import resize_frame
@@ -15,8 +16,6 @@ from tactileforge.hub.model import Model
 from tactileforge.sensors.light import changed_light
 
 pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
-
-SHIPPED = ["anytouch2.tiny", "anytouch2.tiny-real", "touch.tiny"]
 
 
 def touch(model: Model, column: int, grows: bool = True) -> np.ndarray:
