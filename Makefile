@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet --no-compile --constraint constraints.txt
 
 # packages of plugins/ that are tested beside the core, in one environment
-PACKAGES := arrays bench datasets episodes export inspect labels lerobot live markers policies published rosbags sim
+PACKAGES := arrays bench datasets depth episodes export inspect labels lerobot live markers policies published rosbags sim
 
 .PHONY: demo demo-policy bench-mini test tests test-fast lint style types docs clean
 
@@ -63,7 +63,7 @@ docs: $(VENV)/.installed-dev
 $(VENV)/.installed: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) torch
-	$(PIP) --editable . $(foreach name,sim bench live,--editable plugins/tactileforge-$(name))
+	$(PIP) --editable . $(foreach name,depth markers sim bench live,--editable plugins/tactileforge-$(name))
 	touch $@
 
 $(VENV)/.installed-bench: $(VENV)/.installed

@@ -17,7 +17,7 @@ import torch
 from common import ratio, save, side_by_side
 from omegaconf import OmegaConf
 
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
 from tactileforge.testing import batch as make_batch
 from tactileforge.training.module import TouchModule
 

@@ -31,9 +31,9 @@ from train_subjects import Case, Subject, build, config_of, step_flops
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.transfer import Transfer, pin
 from tactileforge.data.labels.augment import fill_captions
-from tactileforge.processes import cpus
 from tactileforge.training.assemble import build_data
 from tactileforge.training.speed import peak_of
+from tactileforge.util.processes import cpus
 
 #: Timed duration of a row, s; warm-up steps; and largest number of timed steps.
 SECONDS, WARMUP, STEPS = 3.0, 3, 60

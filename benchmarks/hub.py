@@ -12,9 +12,9 @@ import torch
 from common import save, side_by_side
 from safetensors.torch import load_file
 
-from tactileforge import registry
 from tactileforge.hub import files
 from tactileforge.hub.loading import load
+from tactileforge.plugins import registry
 
 ROUNDS = 9
 #: Encoders of `scale=demo` and of the paper.

@@ -19,9 +19,8 @@ import torch
 from common import save
 from marker_truth import simulated
 from numpy.typing import NDArray
-
-from tactileforge.markers.find import MarkerGrid, find_markers
-from tactileforge.markers.track import MarkerTracker
+from tactileforge_markers.find import MarkerGrid, find_markers
+from tactileforge_markers.track import MarkerTracker
 
 #: Gels with printed dots; each seed is another unit, touched another way.
 SENSORS = ("gelsight_mini", "gelsight", "gelslim", "duragel")

@@ -26,9 +26,9 @@ from tactileforge_live.calibrate.fit import BEFORE, MEAN, AxisFit, fit_axis, fol
 from tactileforge_live.calibrate.force import candidates, keep_axes
 
 import tactileforge
-from tactileforge.calibration.features import force_features
 from tactileforge.contracts import AXES, Recording
 from tactileforge.datasets.recordings import Recordings
+from tactileforge.sensors.calibration.features import force_features
 
 MODEL = "anytouch2.tiny"
 TRIALS = ("touchd_force_gelsight_mini", "touchd_force_digit")

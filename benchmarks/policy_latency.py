@@ -20,8 +20,8 @@ from tactileforge_policies.policy import Policy
 from tactileforge_policies.robot import Robot
 
 import tactileforge
-from tactileforge import registry
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
+from tactileforge.plugins import registry
 
 ROBOT = Robot(
     fingers=("left", "right"),

@@ -31,7 +31,7 @@ from torch.multiprocessing.spawn import spawn
 from torch.nn.parallel import DistributedDataParallel
 from train_subjects import Case, config_of, step_flops
 
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
 from tactileforge.contracts import Batch
 from tactileforge.testing import batch as make_batch
 from tactileforge.training.module import TouchModule

@@ -14,11 +14,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from tactileforge_depth.reader import DepthReader
 
 import tactileforge
 from tactileforge.contracts import Dataset, Recording
-from tactileforge.depth.reader import DepthReader
-from tactileforge.registry import build
+from tactileforge.plugins.registry import build
 
 SENSOR = "gelsight_mini"
 Array = NDArray[Any]

@@ -14,11 +14,11 @@ from typing import Any
 from reality.compare import CompareOptions, Side, compare_reality
 from reality.page import reality_page
 
-from tactileforge import registry
 from tactileforge.cli import _run
 from tactileforge.cli._command import Command
 from tactileforge.errors import TactileForgeError
-from tactileforge.files import write_text
+from tactileforge.plugins import registry
+from tactileforge.util.files import write_text
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ import torch
 import torch.nn.functional as F
 from common import save
 from PIL import Image
+from tactileforge_depth.gel import Gel, kernel
 from tactileforge_sim.geometry.shapes import shape
 from tactileforge_sim.mechanics.sensor_gels import sensor_gel
 from tactileforge_sim.mechanics.surface import DETAIL, GelSurface
@@ -25,8 +26,6 @@ from tactileforge_sim.optics.render import Optics
 from tactileforge_sim.optics.sensor_instances import SensorInstance, draw_instance
 from tactileforge_sim.scene import POINTS, SPACING
 from torch import Tensor
-
-from tactileforge.depth.gel import Gel, kernel
 
 SENSOR = "gelsight_mini"
 NAMES = (

@@ -29,14 +29,14 @@ from typing import Any
 import numpy as np
 import torch
 from common import save
+from tactileforge_depth import fit, lighting
+from tactileforge_depth.features import places
+from tactileforge_depth.lighting import OpticalCalibration
+from tactileforge_depth.presses import KNOWN, Presses, read_known, read_picture, read_presses
 from tactileforge_sim.optics.render import Optics
 from tactileforge_sim.optics.sensor_instances import SensorInstance, draw_instance
 from torch import Tensor
 
-from tactileforge.depth import fit, lighting
-from tactileforge.depth.features import places
-from tactileforge.depth.lighting import OpticalCalibration
-from tactileforge.depth.presses import KNOWN, Presses, read_known, read_picture, read_presses
 from tactileforge.specs.published import SIMULATED
 
 ROOT = Path(__file__).parents[1]

@@ -25,7 +25,7 @@ CHILD = """
 import json, os, sys, time
 import tactileforge.cli as cli
 marks = {"command line": time.process_time()}
-import tactileforge.train as train
+import tactileforge.api as train
 marks["imports"] = time.process_time()
 def marked(owner, name, mark, ends=False):
     call = getattr(owner, name)

@@ -18,7 +18,7 @@ from common import save
 from omegaconf import OmegaConf
 from torch import Tensor
 
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
 from tactileforge.testing import batch as make_batch
 from tactileforge.training.module import TouchModule
 

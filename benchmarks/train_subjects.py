@@ -10,7 +10,7 @@ import torch
 from omegaconf import OmegaConf
 from torch import Tensor, nn
 
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
 from tactileforge.contracts import Batch
 from tactileforge.encoders.compiled import compile_blocks
 from tactileforge.encoders.transformer import SIZES

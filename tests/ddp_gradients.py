@@ -15,10 +15,10 @@ from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
 from tactileforge.contracts import Batch
-from tactileforge.means import Mean
 from tactileforge.objectives import force
 from tactileforge.testing import batch as make_batch
 from tactileforge.training.module import TouchModule
+from tactileforge.util.means import Mean
 
 CONFIG = {
     "seed": 0,

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from omegaconf import OmegaConf
 
-from tactileforge import registry
-from tactileforge.compose import compose
-from tactileforge.train import train
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
+from tactileforge.plugins import registry
 
 ZOO = Path(__file__).parents[1] / "zoo" / "ablation"
 ALL = {"pixel", "diff", "align", "match", "force"}

@@ -10,8 +10,8 @@ import pytest
 import torch
 from warm import Warm
 
-from tactileforge.checkpoint_file import read_checkpoint
-from tactileforge.run_folder import read_config
+from tactileforge.runs.checkpoint_file import read_checkpoint
+from tactileforge.runs.folder import read_config
 
 pytestmark = pytest.mark.slow
 

@@ -20,8 +20,8 @@ import pytest
 from made_files import make_files
 from warm import Warm
 
-from tactileforge import registry
-from tactileforge.untrusted import load_yaml
+from tactileforge.plugins import registry
+from tactileforge.util.untrusted import load_yaml
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from tactileforge import registry
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
+from tactileforge.plugins import registry
 from tactileforge.specs.published import spec
 from tactileforge.testing import check
 

@@ -10,7 +10,7 @@ from gallery import page, reports, touches
 from gallery.entry import ASSETS, WIDTH
 from PIL import Image
 
-from tactileforge import registry
+from tactileforge.plugins import registry
 from tactileforge.specs.published import SPECS
 
 ENTRIES = {(entry.kind, entry.name): entry for entry in page.entries()}

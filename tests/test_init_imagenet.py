@@ -7,12 +7,12 @@ import pytest
 import torch
 
 import tactileforge
-from tactileforge.checkpoint_file import initialise, read_checkpoint
-from tactileforge.compose import compose
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
 from tactileforge.errors import ConfigError, PluginError
 from tactileforge.hub import pack
 from tactileforge.hub.starting_point import imagenet_weights
-from tactileforge.train import train
+from tactileforge.runs.checkpoint_file import initialise, read_checkpoint
 
 SMALL = ["scale=demo", "debug=steps", "objective=[pixel]", "data.scenes=3", "data.val=1"]
 SIZE = ["batch.size=4", "encoder.image_size=32"]

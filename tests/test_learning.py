@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 import torch
 
-from tactileforge.compose import compose
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
 from tactileforge.pages.curves import read_metrics
-from tactileforge.train import train
 from tactileforge.training.module import TouchModule
 
 pytestmark = pytest.mark.slow

@@ -10,9 +10,10 @@ import pytest
 import torch
 
 import tactileforge
-from tactileforge import moves, plugin, registry
+from tactileforge import plugin
 from tactileforge.errors import PluginError
 from tactileforge.objectives.force import Force
+from tactileforge.plugins import moves, registry
 from tactileforge.testing import check
 
 ROOT = Path(__file__).parents[1]
@@ -159,7 +160,7 @@ def test_a_module_of_others_that_is_missing_is_left_to_its_own_words(installed):
         ("tactileforge_sim", "pip install tactileforge-sim"),
         ("tactileforge_my_sensor.drver", ""),  # a slip inside a package of somebody's own
         ("tactileforge_my_sensor", ""),
-        ("tactileforge.sim.optics.lighting", "use: tactileforge.depth.lighting"),
+        ("tactileforge.sim.optics.lighting", "use: tactileforge_depth.lighting"),
         ("tactileforge.sim.scene", "use: tactileforge_sim (pip install tactileforge-sim)"),
     ],
 )

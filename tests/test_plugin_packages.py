@@ -12,11 +12,12 @@ from types import SimpleNamespace
 import cv2
 import pytest
 
-from tactileforge import cli, distributions, registry
-from tactileforge.compose import compose
+from tactileforge import cli
+from tactileforge.cli.compose import compose
 from tactileforge.errors import PluginError
 from tactileforge.hub import cards
 from tactileforge.hub.file_checks import check_plugin
+from tactileforge.plugins import distributions, registry
 from tactileforge.specs.published import spec
 from tactileforge.testing.results import CheckSubject, run_check
 from tactileforge.testing.trained_encoders import exported_it_is_the_same

@@ -6,12 +6,12 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tactileforge.compose import compose
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.errors import ConfigError
 from tactileforge.heads.jepa import JepaHead
 from tactileforge.testing import batch as touches
-from tactileforge.train import train
 from tactileforge.training.curriculum import from_config
 from tactileforge.training.module import TouchModule
 

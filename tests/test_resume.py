@@ -13,11 +13,11 @@ from tactileforge_sim.generate import write_seconds
 from warm import Started, Warm
 
 from tactileforge import cli
-from tactileforge.checkpoint_file import find_checkpoint, initialise, read_checkpoint, seal
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError
-from tactileforge.signals import ENDING
+from tactileforge.runs.checkpoint_file import find_checkpoint, initialise, read_checkpoint, seal
 from tactileforge.training.balance import GradNorm
 from tactileforge.training.checkpoints import AtomicCheckpointIO
+from tactileforge.util.signals import ENDING
 
 OPTIONS = ["scale=demo", "encoder.image_size=32", "encoder.depth=2", "batch.size=8"]
 OPTIONS += ["batch.workers=1", "trainer.max_steps=10", "trainer.save_every=3"]

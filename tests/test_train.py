@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from tactileforge import train
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
 from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import read_metrics
-from tactileforge.run_folder import LAST
+from tactileforge.runs.folder import LAST
 from tactileforge.training import fitting
 
 

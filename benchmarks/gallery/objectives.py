@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from matplotlib.axes import Axes
 from PIL import Image
+from tactileforge_markers.motion import draw_arrows
+from tactileforge_markers.track import MarkerTracker
 
 import tactileforge
 from gallery.entry import Entry
@@ -24,8 +26,6 @@ from gallery.touches import (
     strongest,
 )
 from tactileforge.data.labels.displacement import decode_displacement
-from tactileforge.markers.motion import draw_arrows
-from tactileforge.markers.track import MarkerTracker
 
 SENSOR = "gelsight_mini"
 #: Patches a side, as with `scale=paper` (224 pixels in patches of 16), and the share hidden.

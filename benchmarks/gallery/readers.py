@@ -14,8 +14,8 @@ from PIL import Image
 
 from gallery.entry import Entry
 from gallery.touches import AXES, GREY, INK, moments, picture, read, simulated, taxels
-from tactileforge import registry
 from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.plugins import registry
 
 #: Columns in the order of the card.
 COLUMNS = ("image", "object", "text", "action", "force", "surface", "action_chunk")

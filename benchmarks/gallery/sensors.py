@@ -21,7 +21,7 @@ from gallery.touches import (
     strongest,
     taxels,
 )
-from tactileforge.registry import build
+from tactileforge.plugins.registry import build
 from tactileforge.specs.published import SIMULATED, SPECS
 
 #: Indenters of the pictures of a type, one a panel.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tactileforge.contracts import Dataset, Recording
-from tactileforge.registry import build
+from tactileforge.plugins.registry import build
 from tactileforge.specs.published import SIMULATED
 
 Array = NDArray[Any]

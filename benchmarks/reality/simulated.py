@@ -13,10 +13,10 @@ from tactileforge_sim.config import SimConfig
 from tactileforge_sim.generate import recordings
 
 from reality import measures
-from tactileforge.bars import Bar
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
+from tactileforge.util.bars import Bar
 
 #: The trial of the ToucHD demonstrations, in the range of both sensors' forces; indenters with
 #: edges reveal failures of a fit.

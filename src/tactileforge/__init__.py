@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tactileforge.hub.loading import list_models, load
-    from tactileforge.registry import list_plugins
+    from tactileforge.plugins.registry import list_plugins
 
 __version__ = "0.1.0"
 __all__ = ["__version__", "list_models", "list_plugins", "load"]
 
 _HOMES = {
     "list_models": "tactileforge.hub.loading",
-    "list_plugins": "tactileforge.registry",
+    "list_plugins": "tactileforge.plugins.registry",
     "load": "tactileforge.hub.loading",
 }
 

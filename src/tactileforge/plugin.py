@@ -12,7 +12,6 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from tactileforge import strict
 from tactileforge.cli._command import Command
 from tactileforge.contracts import (
     ACTIONS,
@@ -56,16 +55,6 @@ from tactileforge.data.labels.clock import check_rising
 from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.newtons import NEWTONS, named_unit, newtons_of
 from tactileforge.data.shards.shards import describe_recording, read_shard, write_shard
-from tactileforge.datasets.reading.notes import add_once
-from tactileforge.datasets.reading.official import OfficialSplit
-from tactileforge.datasets.reading.pickles import load_pickled_array
-from tactileforge.datasets.reading.published import (
-    PublishedDataset,
-    RecordingItem,
-    still_background,
-)
-from tactileforge.datasets.reading.splits import is_held_out
-from tactileforge.datasets.reading.tables import read_cells
 from tactileforge.errors import (
     ConfigError,
     DataError,
@@ -77,14 +66,21 @@ from tactileforge.errors import (
     home_path,
     unknown,
 )
-from tactileforge.files import cache_folder, new_part, write_text
-from tactileforge.licences import check_data_licence
-from tactileforge.locks import locked
-from tactileforge.moves import VERSION
 from tactileforge.pages.json_text import to_json
 from tactileforge.pages.local_page import LocalPage, PageAnswer
 from tactileforge.pages.pictures import difference_image, page_jpeg
-from tactileforge.registry import build, names
+from tactileforge.plugins.moves import VERSION
+from tactileforge.plugins.registry import build, names
+from tactileforge.reading.notes import add_once
+from tactileforge.reading.official import OfficialSplit
+from tactileforge.reading.pickles import load_pickled_array
+from tactileforge.reading.published import (
+    PublishedDataset,
+    RecordingItem,
+    still_background,
+)
+from tactileforge.reading.splits import is_held_out
+from tactileforge.reading.tables import read_cells
 from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.checksums import CHECKSUMS
 from tactileforge.sensors.continuity import Arrival, changes_by_at_most
@@ -97,23 +93,27 @@ from tactileforge.sensors.framing import Framing, PacketParser, Parser, hex_byte
 from tactileforge.sensors.links import Link, SerialLink, attached_ports
 from tactileforge.sensors.opening import close_sensor, open_sensor
 from tactileforge.sensors.stream import StreamSensor
+from tactileforge.sensors.streaming.buffer import warn_of_slow_frames
+from tactileforge.sensors.streaming.contact import ContactDetector, ContactOptions
 from tactileforge.sensors.taxels import TaxelLayout
 from tactileforge.specs.published import SPECS, spec
-from tactileforge.streaming.buffer import warn_of_slow_frames
-from tactileforge.streaming.contact import ContactDetector, ContactOptions
-from tactileforge.untrusted import load_json, load_yaml, open_picture
+from tactileforge.util import strict
+from tactileforge.util.files import cache_folder, new_part, write_text
+from tactileforge.util.licences import check_data_licence
+from tactileforge.util.locks import locked
+from tactileforge.util.untrusted import load_json, load_yaml, open_picture
 
 if TYPE_CHECKING:
     from tactileforge.data.batches.clips import Clips, resize_frame, view_of
     from tactileforge.data.batches.columns import CutColumns, take_steps
-    from tactileforge.datasets.reading.figure import plot_recording
-    from tactileforge.distributed import masked_mean, rand_rows
     from tactileforge.encoders.backbone import Backbone, patches_at
     from tactileforge.encoders.preprocess import ANYTOUCH2
     from tactileforge.encoders.transformer import AttentivePooler, Transformer
     from tactileforge.heads.ema import EMA
     from tactileforge.hub.model import Model
-    from tactileforge.means import Mean
+    from tactileforge.reading.figure import plot_recording
+    from tactileforge.util.distributed import masked_mean, rand_rows
+    from tactileforge.util.means import Mean
 
 __all__ = [
     "ACTIONS",
@@ -253,13 +253,13 @@ _HEAVY = {
     "Clips": "data.batches.clips",
     "CutColumns": "data.batches.columns",
     "EMA": "heads.ema",
-    "Mean": "means",
+    "Mean": "util.means",
     "Model": "hub.model",
     "Transformer": "encoders.transformer",
-    "masked_mean": "distributed",
+    "masked_mean": "util.distributed",
     "patches_at": "encoders.backbone",
-    "plot_recording": "datasets.reading.figure",
-    "rand_rows": "distributed",
+    "plot_recording": "reading.figure",
+    "rand_rows": "util.distributed",
     "resize_frame": "data.batches.clips",
     "take_steps": "data.batches.columns",
     "view_of": "data.batches.clips",

@@ -42,36 +42,38 @@ from tqdm import tqdm
 from videos import greys, write_video
 from waiting import wait_until
 
-from tactileforge import cli, downloads, run_folder
-from tactileforge.calibration.file import Axis, Calibration, ForceModel, load_calibration
-from tactileforge.checkpoint_file import RESUMED, read_checkpoint, read_own, seal
+from tactileforge import cli
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
 from tactileforge.data.shards import description, index, shards
 from tactileforge.data.shards.fetch import ShardFolder
-from tactileforge.datasets.reading.label_rows import read_labels
-from tactileforge.datasets.reading.layout import parse_layout
-from tactileforge.datasets.reading.layout_keys import FrameTable
-from tactileforge.datasets.reading.pickles import load_pickle
-from tactileforge.datasets.reading.tables import read_force
 from tactileforge.datasets.shards import Shards
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import DataError, SensorError, TactileForgeError
-from tactileforge.files import write_text
-from tactileforge.finite import FiniteWatch
 from tactileforge.hub.files import make_header, open_encoder, save_checkpoint
 from tactileforge.hub.header import read_header
 from tactileforge.hub.inputs import check_clip
 from tactileforge.packing import PackOptions, pack
-from tactileforge.run_folder import LAST
+from tactileforge.reading.label_rows import read_labels
+from tactileforge.reading.layout import parse_layout
+from tactileforge.reading.layout_keys import FrameTable
+from tactileforge.reading.pickles import load_pickle
+from tactileforge.reading.tables import read_force
+from tactileforge.runs import folder as run_folder
+from tactileforge.runs.checkpoint_file import RESUMED, read_checkpoint, read_own, seal
+from tactileforge.runs.folder import LAST
 from tactileforge.sensors import capture as capture_module
 from tactileforge.sensors.background import Background
+from tactileforge.sensors.calibration.file import Axis, Calibration, ForceModel, load_calibration
 from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.frame_contract import bad_values
 from tactileforge.sensors.opening import within
 from tactileforge.training import checkpoints
-from tactileforge.untrusted import load_json, load_yaml
+from tactileforge.training.finite import FiniteWatch
+from tactileforge.util import downloads
+from tactileforge.util.files import write_text
+from tactileforge.util.untrusted import load_json, load_yaml
 
 pytestmark = pytest.mark.slow
 
@@ -235,7 +237,7 @@ def test_kills_while_a_checkpoint_is_written(tmp_path: Path) -> None:
 
 def test_kills_while_a_model_is_trained(tmp_path: Path) -> None:
     """Killed at any moment and resumed, again and again, it ends with the same weights."""
-    for name in ("hydra", "tactileforge.train"):
+    for name in ("hydra", "tactileforge.api"):
         importlib.import_module(name)  # once for all children
     words = "train scale=demo encoder.image_size=32 batch.size=4 batch.workers=0"
     words += " data.scenes=3 data.val=1 data.size=32 trainer.limit_val_batches=0"
@@ -817,7 +819,7 @@ def test_two_at_once(tmp_path: Path) -> None:
 
     from tactileforge_live.record.store import TakeStore
 
-    from tactileforge.locks import locked
+    from tactileforge.util.locks import locked
 
     claims: dict[str, Callable[[], Any]] = {
         "train": lambda: run_folder.claimed(tmp_path / "run", resumes=False),

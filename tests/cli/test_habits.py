@@ -18,13 +18,13 @@ from hydra.core.utils import JobReturn, JobStatus
 from omegaconf import OmegaConf
 
 from tactileforge import cli
+from tactileforge.api import metric
 from tactileforge.cli._complete import complete
 from tactileforge.cli._options import options, yaml_text
 from tactileforge.cli._sweep import SweepTable
 from tactileforge.cli._words import read
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
 from tactileforge.errors import ConfigError
-from tactileforge.train import metric
 
 SMALL = ["scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "data.size=32"]
 SMALL += ["encoder.image_size=32", "batch.size=4", "objective=[pixel]"]
@@ -94,7 +94,7 @@ def test_multirun_of_a_verb_without_plugins(capsys: pytest.CaptureFixture[str]) 
 
 @pytest.mark.slow
 def test_multirun_trains_each_in_a_folder_of_its_own() -> None:
-    from tactileforge.checkpoint_file import read_checkpoint
+    from tactileforge.runs.checkpoint_file import read_checkpoint
 
     assert cli.run(["train", "-m", "seed=0,1", *SMALL]) == 0
     (sweep,) = Path("runs/sweeps").iterdir()

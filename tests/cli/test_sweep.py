@@ -14,7 +14,7 @@ from tactileforge import cli
 from tactileforge.cli import _job
 from tactileforge.cli._sweep import JOB, SweepTable, ended, job_folder, stopped_sweep
 from tactileforge.errors import TactileForgeError
-from tactileforge.run_folder import LAST
+from tactileforge.runs.folder import LAST
 
 SMALL = ["scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "data.size=32"]
 SMALL += ["encoder.image_size=32", "batch.size=4", "objective=[pixel]"]

@@ -13,7 +13,7 @@ from tactileforge.cli import dispatch
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.hub.files import make_header, save_checkpoint
-from tactileforge.run_folder import LAST
+from tactileforge.runs.folder import LAST
 from tactileforge.training.checkpoints import AtomicCheckpointIO
 
 main = partial(dispatch, "zoo")

@@ -19,11 +19,11 @@ from tactileforge_datasets.webdataset import WebDataset
 from tactileforge_sim.dataset import Sim
 from tactileforge_sim.generate import path_of
 
-from tactileforge import registry
 from tactileforge.contracts import ACTIONS, Dataset, Recording
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.datasets.shards import Shards
 from tactileforge.plugin import encode_image
+from tactileforge.plugins import registry
 
 Make = Callable[..., Any]
 PAGE = Path(__file__).parents[2] / "docs/datasets.md"

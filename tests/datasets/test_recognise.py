@@ -10,15 +10,15 @@ from made_files import make_files, press
 from PIL import Image
 from tactileforge_sim.dataset import Sim
 
-from tactileforge import registry
 from tactileforge.cli import dispatch
 from tactileforge.contracts import Guess
-from tactileforge.datasets.reading.guessed_layout import guess_layout
 from tactileforge.datasets.recognise import recognise
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.packing import PackOptions, pack
-from tactileforge.untrusted import load_yaml
+from tactileforge.plugins import registry
+from tactileforge.reading.guessed_layout import guess_layout
+from tactileforge.util.untrusted import load_yaml
 
 inspect = partial(dispatch, "data")
 

@@ -6,14 +6,14 @@ from typing import Any
 import pytest
 import torch
 
-from tactileforge.checkpoint_file import read_checkpoint
-from tactileforge.compose import compose
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
 from tactileforge.encoders.efficientnet_lite import EfficientNetLite, on_grid
 from tactileforge.encoders.preprocess import difference_picture
 from tactileforge.encoders.tactile_cnn import TactileCnn
 from tactileforge.errors import ConfigError
 from tactileforge.hub.starting_point import imagenet_weights
-from tactileforge.train import train
+from tactileforge.runs.checkpoint_file import read_checkpoint
 
 
 def clips(encoder: TactileCnn) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from videos import greys, write_video
 
-from tactileforge import registry
-from tactileforge.datasets.reading.published import PublishedDataset
+from tactileforge.plugins import registry
+from tactileforge.reading.published import PublishedDataset
 from tactileforge.testing import check
 
 MakeVideo = Callable[..., Path]

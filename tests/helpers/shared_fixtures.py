@@ -17,11 +17,12 @@ from PIL import Image
 from waiting import wait_until
 from warm import Warm, warm_commands
 
-from tactileforge import processes, registry
 from tactileforge.cli._verbs import summary
 from tactileforge.contracts import Batch, Frame, Frames, SensorSpec
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import TactileForgeError
+from tactileforge.plugins import registry
+from tactileforge.util import processes
 
 #: What a ``conftest.py`` of the core or of a package imports as it is.
 __all__ = [

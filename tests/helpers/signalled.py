@@ -7,7 +7,7 @@ import sys
 import time
 from multiprocessing.synchronize import Event
 
-from tactileforge.signals import held, leave_to_parent
+from tactileforge.util.signals import held, leave_to_parent
 
 
 def read(number: signal.Signals, ready: Event) -> None:

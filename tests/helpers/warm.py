@@ -22,7 +22,7 @@ from pathlib import Path
 from waiting import wait_until
 
 _MODULES = (
-    *("tactileforge.cli._hydra", "tactileforge.train", "tactileforge.training.trainer"),
+    *("tactileforge.cli._hydra", "tactileforge.api", "tactileforge.training.trainer"),
     *("tactileforge.report.run", "tactileforge_sim.dataset", "tactileforge_bench.run"),
     "tactileforge_sim.play",
 )
@@ -158,7 +158,7 @@ if __name__ == "__main__":
     for module in _MODULES:
         import_module(module)
     if "PYTEST_XDIST_WORKER" in os.environ:
-        import_module("tactileforge.processes").cpus = lambda: 1  # the others are busy
+        import_module("tactileforge.util.processes").cpus = lambda: 1  # the others are busy
     program, *words = serve(sys.argv[1])
     places = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     sys.path[:0] = [place for place in places if place and place not in sys.path]

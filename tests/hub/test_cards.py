@@ -11,8 +11,8 @@ from tactileforge import list_models
 from tactileforge.errors import ConfigError
 from tactileforge.hub import cards
 from tactileforge.hub.table import zoo_page
-from tactileforge.licences import NO_LICENCE
 from tactileforge.specs.published import SPECS
+from tactileforge.util.licences import NO_LICENCE
 
 ROOT = Path(__file__).parents[2]
 MAIN_TABLE = {"anytouch1", "anytouch2", "clip", "mae", "t3", "unitouch", "vjepa"}

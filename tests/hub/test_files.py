@@ -19,7 +19,6 @@ from bomb import Bomb
 from safetensors.torch import load_file, save_file
 
 import tactileforge
-from tactileforge import registry
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import (
     ConfigError,
@@ -30,6 +29,7 @@ from tactileforge.errors import (
 )
 from tactileforge.hub.files import make_header, open_encoder, save_checkpoint
 from tactileforge.hub.header import Header, read_header
+from tactileforge.plugins import registry
 
 
 def rewrite(path: Path, change: Callable[[dict[str, Any]], None]) -> None:

@@ -18,7 +18,7 @@ from tactileforge.heads.surface import SurfaceHead
 from tactileforge.hub import pack
 from tactileforge.hub.files import make_header, open_model, save_checkpoint
 from tactileforge.hub.starting_point import starting_weights
-from tactileforge.run_folder import LAST
+from tactileforge.runs.folder import LAST
 from tactileforge.specs.published import spec
 from tactileforge.training.checkpoints import AtomicCheckpointIO
 from tactileforge.training.initial import start_from

@@ -9,13 +9,13 @@ import pytest
 import torch
 
 import tactileforge
-from tactileforge.checkpoint_file import read_checkpoint
+from tactileforge.api import train
 from tactileforge.cli import dispatch
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.hub import pack, runs
 from tactileforge.hub.header import read_header
-from tactileforge.train import train
+from tactileforge.runs.checkpoint_file import read_checkpoint
 
 main = partial(dispatch, "zoo")
 AddCard = Callable[..., None]

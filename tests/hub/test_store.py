@@ -18,10 +18,10 @@ import torch
 from waiting import wait_until
 
 import tactileforge
-from tactileforge import downloads
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.files import new_part
 from tactileforge.hub import cards, store
+from tactileforge.util import downloads
+from tactileforge.util.files import new_part
 
 AddCard = Callable[..., None]
 

@@ -17,10 +17,10 @@ from safetensors.torch import load_file, save_file
 import tactileforge
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import DataError
-from tactileforge.files import new_part
 from tactileforge.hub import cards, store
 from tactileforge.hub.files import save_checkpoint
 from tactileforge.hub.header import Header, read_header
+from tactileforge.util.files import new_part
 
 AddCard = Callable[..., None]
 
@@ -102,7 +102,7 @@ def test_a_header_of_many_blocks_costs_no_memory(
     header = read_header(checkpoint)
     metadata = {"tactileforge": json.dumps(vars(header) | {"encoder": header.encoder | change})}
     save_file(load_file(checkpoint), checkpoint, metadata=metadata)
-    monkeypatch.setattr("tactileforge.registry.build", pytest.fail)
+    monkeypatch.setattr("tactileforge.plugins.registry.build", pytest.fail)
     with pytest.raises(DataError, match=r"larger than in any model|and the file has \d+ tensors"):
         tactileforge.load(checkpoint)
 

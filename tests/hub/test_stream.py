@@ -14,7 +14,7 @@ from tactileforge.heads.force import ForceHead
 from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.hub.model import Model
 from tactileforge.sensors.background import Background
-from tactileforge.streaming.touch_stream import Prediction
+from tactileforge.sensors.streaming.touch_stream import Prediction
 
 pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
 

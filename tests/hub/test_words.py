@@ -13,8 +13,8 @@ from tiny_clip import save_clip
 from torch.nn import functional as F
 
 import tactileforge
-from tactileforge.checkpoint_file import read_checkpoint
-from tactileforge.compose import compose
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
 from tactileforge.encoders.byte import ByteEncoder
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, PluginError
@@ -24,7 +24,7 @@ from tactileforge.hub.aligned import aligned_head
 from tactileforge.hub.files import make_header, open_model, save_checkpoint
 from tactileforge.hub.header import Header
 from tactileforge.hub.model import Model
-from tactileforge.train import train
+from tactileforge.runs.checkpoint_file import read_checkpoint
 
 NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32, "projected": 64}
 SENTENCE = "This image gives tactile feelings of {}."

@@ -16,7 +16,7 @@ import numpy as np
 from tactileforge.contracts import Recording
 from tactileforge.errors import DataError, TactileForgeError
 from tactileforge.packing import PackOptions, pack
-from tactileforge.strict import build
+from tactileforge.util.strict import build
 
 SHAPE = (24, 32)
 

@@ -17,7 +17,7 @@ from tactileforge.data.shards import index, shards
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.packing import PackOptions, pack, summary
 from tactileforge.packing.statistics import PackStatistics
-from tactileforge.strict import build
+from tactileforge.util.strict import build
 
 PNG = PackOptions(codec="png", shard_frames=30, processes=1)
 

@@ -15,7 +15,7 @@ from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import DataError
 from tactileforge.packing import Filter, PackOptions, pack
 from tactileforge.packing.preview import judge, preview, threshold_for
-from tactileforge.strict import build
+from tactileforge.util.strict import build
 
 Make = Callable[..., Recording]
 

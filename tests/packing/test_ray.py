@@ -9,7 +9,7 @@ from waiting import wait_until
 
 from tactileforge.errors import ConfigError
 from tactileforge.packing import PackOptions, pack
-from tactileforge.strict import build
+from tactileforge.util.strict import build
 
 GIVEN = {"codec": "png", "shard_frames": 24, "processes": 2, "executor": "ray"}
 

@@ -22,7 +22,7 @@ from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.packing import PackOptions, pack
 from tactileforge.packing.plan import plan_pack
-from tactileforge.strict import build
+from tactileforge.util.strict import build
 
 Command = Callable[..., "subprocess.Popen[str]"]
 GIVEN = {"codec": "png", "shard_frames": 24, "processes": 2}

@@ -11,14 +11,14 @@ from omegaconf import OmegaConf
 from tactileforge_sim.dataset import Sim
 from torch import nn
 
-from tactileforge.compose import compose
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.files import unsealed
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.heads.force import Forces
 from tactileforge.pages.curves import Curve, read_metrics, weighed
@@ -37,9 +37,9 @@ from tactileforge.report.samples import (
     liveliest,
     spread,
 )
-from tactileforge.train import train
 from tactileforge.training.labels import Labels
 from tactileforge.training.module import TouchModule
+from tactileforge.util.files import unsealed
 
 SIZE = 32
 

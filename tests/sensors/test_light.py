@@ -7,13 +7,13 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from tactileforge_depth.reader import DepthReader
 
 import tactileforge
-from tactileforge.compose import option
-from tactileforge.depth.reader import DepthReader
-from tactileforge.registry import build
+from tactileforge.cli.compose import option
+from tactileforge.plugins.registry import build
 from tactileforge.sensors.light import LightCheck, changed_light
-from tactileforge.streaming.touch_stream import TouchStream
+from tactileforge.sensors.streaming.touch_stream import TouchStream
 
 SIZES = {
     "digit": (320, 240),

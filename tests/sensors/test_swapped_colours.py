@@ -5,13 +5,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tactileforge_depth.reader import DepthReader
 
 import tactileforge
-from tactileforge.compose import option
-from tactileforge.depth.reader import DepthReader
-from tactileforge.registry import build
+from tactileforge.cli.compose import option
+from tactileforge.plugins.registry import build
+from tactileforge.sensors.streaming.touch_stream import TouchStream
 from tactileforge.sensors.swapped_colours import are_swapped
-from tactileforge.streaming.touch_stream import TouchStream
 
 Y, X = np.mgrid[:240, :320]
 NOISE = np.random.default_rng(0).normal(0, 1.5, (5, 240, 320, 3))

@@ -4,7 +4,7 @@ import pytest
 
 from tactileforge.testing import check
 from tactileforge.testing.results import CheckSubject, run_check
-from tactileforge.threads import one_thread
+from tactileforge.util.threads import one_thread
 
 
 @pytest.fixture(autouse=True)

@@ -6,11 +6,11 @@ import pytest
 import torch
 from torch import nn
 
-from tactileforge.distributed import masked_mean
 from tactileforge.heads.diff import DiffHead
 from tactileforge.heads.dino import DinoHead
 from tactileforge.heads.jepa import JepaHead
 from tactileforge.heads.pixel import PixelHead
+from tactileforge.util.distributed import masked_mean
 
 DECODER = {"width": 32, "depth": 1, "heads": 2}
 

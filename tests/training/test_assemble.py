@@ -5,9 +5,9 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tactileforge import registry
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
 from tactileforge.errors import ConfigError
+from tactileforge.plugins import registry
 from tactileforge.training import parts
 from tactileforge.training.assemble import build_data
 from tactileforge.training.parts import outline

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 import pytest
 from lightning.pytorch.callbacks import ModelCheckpoint
 
-from tactileforge.compose import compose
-from tactileforge.run_folder import BEST
-from tactileforge.train import train
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
+from tactileforge.runs.folder import BEST
 from tactileforge.training.checkpoints import Checkpoints, best_checkpoint
 
 

@@ -8,10 +8,10 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tactileforge.checkpoint_file import left_out
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
 from tactileforge.hub.cards import find_card, zoo_folder
 from tactileforge.hub.header import read_header
+from tactileforge.runs.checkpoint_file import left_out
 from tactileforge.training import initial
 from tactileforge.training.initial import warn_of_dropped
 from tactileforge.training.module import TouchModule

@@ -12,7 +12,7 @@ from tactileforge import cli
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.pages.drawings import Drawing, collected_drawings
 from tactileforge.pages.figures import curve_figure
-from tactileforge.run_folder import read_config
+from tactileforge.runs.folder import read_config
 from tactileforge.training.loggers import MetricsFile, build_loggers, log_config, log_report
 
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=0"]

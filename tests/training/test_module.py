@@ -3,14 +3,14 @@ from typing import Any
 import pytest
 import torch
 
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
 from tactileforge.contracts import Batch
-from tactileforge.distributed import masked_mean
 from tactileforge.errors import ConfigError, PluginError
 from tactileforge.training import parts
 from tactileforge.training.assemble import build_data
 from tactileforge.training.module import TouchModule
 from tactileforge.training.parts import outline
+from tactileforge.util.distributed import masked_mean
 
 SMALL = ["scale=demo", "encoder.image_size=32"]
 TINY_DATA = ["data.scenes=3", "data.val=1", "data.size=32"]

@@ -8,9 +8,9 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tactileforge import run_folder
-from tactileforge.compose import compose
-from tactileforge.train import train
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
+from tactileforge.runs import folder as run_folder
 from tactileforge.training import precision
 from tactileforge.training.assemble import build_data
 from tactileforge.training.module import TouchModule

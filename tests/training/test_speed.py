@@ -14,11 +14,11 @@ import torch
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, IterableDataset
 
-from tactileforge.compose import compose
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
 from tactileforge.data.batches.loader import Loader
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.report.speed import speed_fact, speed_verdict
-from tactileforge.train import train
 from tactileforge.training import speed
 from tactileforge.training.speed import Speed, advice, peak_of
 

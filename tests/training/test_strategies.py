@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
-from tactileforge.distributed import count_processes
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
 from tactileforge.training.strategies import PhasedDDP, Sharded, check_started, choose_strategy
+from tactileforge.util.distributed import count_processes
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tactileforge.compose import compose
+from tactileforge.api import metric, train
+from tactileforge.cli.compose import compose
 from tactileforge.errors import ConfigError
 from tactileforge.objectives.force import Force
-from tactileforge.train import metric, train
 from tactileforge.training import progress
 from tactileforge.training.trainer import check_options
 

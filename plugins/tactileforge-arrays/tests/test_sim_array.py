@@ -12,13 +12,13 @@ from tactileforge_arrays.scenes import Array, taxel_forces
 from tactileforge_sim.mechanics.touch import ContactState
 from tactileforge_sim.scene import POINTS, SPACING
 
-from tactileforge.compose import compose
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
 from tactileforge.contracts import ACTIONS
 from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import read_metrics
 from tactileforge.sensors.taxels import REST
 from tactileforge.testing import check
-from tactileforge.train import train
 
 QUICK = {"indenters": "small_sphere", "action_seconds": 0.2, "processes": 1}
 

@@ -14,8 +14,8 @@ from tactileforge_datasets.fota import FoTa
 from tactileforge_datasets.tactile_mnist import TactileMnist
 from tactileforge_datasets.unitac_nv import UniTacNv
 
-from tactileforge import registry
 from tactileforge.plugin import ConfigError, DataError
+from tactileforge.plugins import registry
 
 #: The first file of labels or pictures of each set.
 FILES = {

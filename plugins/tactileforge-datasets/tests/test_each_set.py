@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from made_sets import MADE, save_picture
 
-from tactileforge import cli, registry
+from tactileforge import cli
 from tactileforge.plugin import ConfigError, DataNotFoundError, PublishedDataset
+from tactileforge.plugins import registry
 from tactileforge.testing import check
 
 ROOT = Path(__file__).parents[3]

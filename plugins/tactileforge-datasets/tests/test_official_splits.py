@@ -5,7 +5,7 @@ from tactileforge_datasets.official_splits import (
     TOUCHD_PRETRAIN,
 )
 
-from tactileforge.datasets.reading.official import ALL, OfficialSplit
+from tactileforge.reading.official import ALL, OfficialSplit
 
 
 def test_sides() -> None:

@@ -12,7 +12,8 @@ import pytest
 
 from tactileforge.contracts import Dataset, FrameSubset
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.datasets.reading.published import (
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.reading.published import (
     NumberedImages,
     PublishedDataset,
     frame_times,
@@ -20,7 +21,6 @@ from tactileforge.datasets.reading.published import (
     median_frames,
     still_background,
 )
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.specs.published import SPECS
 
 Make = Callable[..., Any]

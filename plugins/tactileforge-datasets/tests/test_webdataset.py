@@ -16,16 +16,18 @@ from omegaconf import OmegaConf
 from tactileforge_datasets import webdataset
 from tactileforge_datasets.webdataset import WebDataset
 
-from tactileforge import cli, downloads, registry
-from tactileforge.compose import compose
+from tactileforge import cli
+from tactileforge.cli.compose import compose
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards.shards import Packed, describe_recording, write_shard
 from tactileforge.datasets.shards import Shards
+from tactileforge.plugins import registry
 from tactileforge.testing import check
-from tactileforge.untrusted import load_yaml
+from tactileforge.util import downloads
+from tactileforge.util.untrusted import load_yaml
 
 STILL = {"frames": "jpg", "sensor": "digit", "background": "none"}
 

@@ -9,8 +9,8 @@ from omegaconf import OmegaConf
 from tactileforge_episodes.dataset import Episodes
 
 from tactileforge import cli
-from tactileforge.compose import compose
-from tactileforge.registry import build
+from tactileforge.cli.compose import compose
+from tactileforge.plugins.registry import build
 from tactileforge.testing import check
 
 

@@ -23,8 +23,8 @@ from tactileforge_lerobot.options import LeRobotOptions
 from tactileforge_lerobot.statistics import image_statistics, number_statistics
 from tactileforge_lerobot.write import write_dataset
 
-from tactileforge import cli, registry
-from tactileforge.compose import compose
+from tactileforge import cli
+from tactileforge.cli.compose import compose
 from tactileforge.plugin import (
     ArrayFrames,
     ConfigError,
@@ -32,6 +32,7 @@ from tactileforge.plugin import (
     DataNotFoundError,
     TactileForgeError,
 )
+from tactileforge.plugins import registry
 from tactileforge.testing import check
 
 

@@ -15,9 +15,10 @@ from tactileforge_lerobot.options import LeRobotOptions
 from tactileforge_lerobot.write import write_dataset
 from test_numeric import deep_set, signal
 
-from tactileforge import cli, registry
-from tactileforge.compose import compose
+from tactileforge import cli
+from tactileforge.cli.compose import compose
 from tactileforge.plugin import DataError, is_held_out
+from tactileforge.plugins import registry
 
 
 def built(*words: str) -> LeRobot:

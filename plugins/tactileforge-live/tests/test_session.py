@@ -19,8 +19,8 @@ from tactileforge.errors import ConfigError, SensorError
 from tactileforge.heads.force import ForceHead
 from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
-from tactileforge.streaming.buffer import ClipBuffer
-from tactileforge.streaming.contact import (
+from tactileforge.sensors.streaming.buffer import ClipBuffer
+from tactileforge.sensors.streaming.contact import (
     BackgroundChange,
     ContactDetector,
     ContactOptions,

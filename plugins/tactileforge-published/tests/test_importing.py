@@ -21,9 +21,9 @@ import tactileforge
 from tactileforge.cli import dispatch
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.files import sha256
 from tactileforge.heads.force import ForceDecoder
 from tactileforge.hub import cards, store
+from tactileforge.util.files import sha256
 
 main = partial(dispatch, "zoo")
 AddCard = Callable[..., None]

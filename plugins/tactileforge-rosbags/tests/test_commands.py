@@ -8,7 +8,7 @@ from made_bags import BEGIN, KINDS, RIG_MAP, Messages, picture, write, write_rig
 from tactileforge_rosbags.dataset import Rosbags
 
 from tactileforge import cli
-from tactileforge.registry import build
+from tactileforge.plugins.registry import build
 
 
 @pytest.mark.parametrize("kind", KINDS)

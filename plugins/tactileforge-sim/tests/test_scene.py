@@ -2,13 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tactileforge_depth import contact
 from tactileforge_sim.geometry.indenter_geometry import Shape
 from tactileforge_sim.geometry.shapes import shape
 from tactileforge_sim.play import play_scenes
 from tactileforge_sim.scene import Scene, draw_scene
 
 from tactileforge.data.labels import displacement
-from tactileforge.depth import contact
 from tactileforge.errors import ConfigError
 
 SIZE = 48

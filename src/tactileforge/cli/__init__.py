@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from tactileforge.cli._verbs import commands, verbs
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
-from tactileforge.signals import interrupted_by_signals
+from tactileforge.util.signals import interrupted_by_signals
 
 if TYPE_CHECKING:
     from tactileforge.cli._verbs import Actions
@@ -42,7 +42,7 @@ Completion, in bash: complete -o nospace -o default -C 'tactileforge --complete'
 
 def main() -> None:
     """Entry point of ``tactileforge``; exits with 1 for an error and 130 when stopped."""
-    from tactileforge.processes import end_with_parent
+    from tactileforge.util.processes import end_with_parent
 
     end_with_parent()
     try:
@@ -88,7 +88,7 @@ def _told(verb: str, *rest: str) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except OSError as error:
-        from tactileforge.files import unwritable
+        from tactileforge.util.files import unwritable
 
         if not (said := unwritable(error)):
             raise
@@ -129,7 +129,7 @@ def dispatch(verb: str, rest: Sequence[str]) -> int:
             print(actions(verb, known))
             return 0
         if action not in known:
-            from tactileforge.distributions import package_of
+            from tactileforge.plugins.distributions import package_of
 
             if package := package_of("verbs", f"{verb}.{action}"):
                 raise ConfigError(f"{verb} {action} comes with {package}: pip install {package}")
@@ -147,7 +147,7 @@ def actions(verb: str, known: Actions) -> str:
 
 def usage() -> str:
     """One line for each verb, the flags shared by all verbs, and the installed plugins."""
-    from tactileforge import registry
+    from tactileforge.plugins import registry
 
     rows = [f"  {name:<10} {about}" for name, about in verbs().items()]
     plugins = [f"  {kind:<10} {', '.join(registry.names(kind))}" for kind in registry.KINDS]

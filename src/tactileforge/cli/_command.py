@@ -8,8 +8,8 @@ from inspect import getdoc
 from pathlib import Path
 from typing import Any
 
-from tactileforge import strict
-from tactileforge.files import check_cache, check_writable
+from tactileforge.util import strict
+from tactileforge.util.files import check_cache, check_writable
 
 #: Result of a command: its exit status, the number that a sweep minimises, or nothing.
 Result = int | float | None
@@ -63,7 +63,7 @@ class Command:
 
     def declare(self, verb: str) -> str:
         """Registers the configuration with Hydra and returns its name."""
-        from tactileforge.compose import declare
+        from tactileforge.cli.compose import declare
 
         name = self.name(verb)
         if not self.yaml:
@@ -73,7 +73,7 @@ class Command:
 
     def compose(self, verb: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
         """Configuration of the command as plain data; see `compose.composed`."""
-        from tactileforge.compose import composed, plain
+        from tactileforge.cli.compose import composed, plain
 
         config = composed(self.declare(verb), overrides)
         return plain(self.finish(config) if self.finish else config)

@@ -6,11 +6,11 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 
-from tactileforge import strict
 from tactileforge.cli._help import option_keys
 from tactileforge.cli._options import options, own_places, yaml_groups
 from tactileforge.cli._words import FLAGS
 from tactileforge.errors import ConfigError
+from tactileforge.util import strict
 
 
 def complete(line: str | None = None) -> list[str]:

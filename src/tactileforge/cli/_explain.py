@@ -11,7 +11,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from tactileforge.cli._options import own_places
-from tactileforge.compose import SearchPath, check_presets, composed, register
+from tactileforge.cli.compose import SearchPath, check_presets, composed, register
 from tactileforge.errors import ConfigError, unknown
 
 

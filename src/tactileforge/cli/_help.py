@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from inspect import Parameter
 from textwrap import wrap
 
-from tactileforge import registry, strict
 from tactileforge.cli._command import Command
 from tactileforge.cli._options import options, yaml_groups, yaml_options, yaml_text
 from tactileforge.cli._verbs import builtin, commands
-from tactileforge.distributions import is_ours
+from tactileforge.plugins import registry
+from tactileforge.plugins.distributions import is_ours
+from tactileforge.util import strict
 
 _FLAGS = """\
 --cfg job  what would be used   --explain KEY  where a value comes from   -m key=1,2  once for each

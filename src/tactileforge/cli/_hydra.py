@@ -21,11 +21,11 @@ from tactileforge.cli._options import options, own_places, places_of
 from tactileforge.cli._quote import quoted
 from tactileforge.cli._sweep import JOB, stopped_sweep
 from tactileforge.cli._words import Words
-from tactileforge.compose import without_layouts
-from tactileforge.distributions import package_of
+from tactileforge.cli.compose import without_layouts
 from tactileforge.errors import ConfigError, TactileForgeError, nearest_name, unknown
-from tactileforge.processes import end_with_parent
-from tactileforge.registry import GROUPS
+from tactileforge.plugins.distributions import package_of
+from tactileforge.plugins.registry import GROUPS
+from tactileforge.util.processes import end_with_parent
 
 #: Options of Hydra's own groups that come as packages, ``hydra-NAME-GROUP``; source: Hydra 1.3.
 _OF_PACKAGES = {
@@ -45,7 +45,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
     import hydra
     from hydra.core.hydra_config import HydraConfig
 
-    from tactileforge.compose import plain, register
+    from tactileforge.cli.compose import plain, register
 
     register()
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra raises its errors, reported here
@@ -110,7 +110,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
 
 def _forget(hydra: Any) -> None:
     """Removes the folder of a failed start, unless it holds more than Hydra's own files."""
-    from tactileforge.run_folder import is_claimed
+    from tactileforge.runs.folder import is_claimed
 
     folder = Path(hydra.runtime.output_dir)
     begun = hydra.output_subdir is None or not folder.is_dir() or is_claimed(folder)
@@ -130,7 +130,7 @@ def _check_flags(name: str, words: Words) -> None:
             f"-m and {shows} do not go together: leave -m out, and give the values of one job"
         )
     if shows and name == "train":
-        from tactileforge.compose import SearchPath, check_presets, composed
+        from tactileforge.cli.compose import SearchPath, check_presets, composed
 
         overrides, SearchPath.also = own_places(words.overrides, words.flags)
         try:
@@ -266,7 +266,7 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
         overrides: The typed ``key=value`` words.
         own: Further places of options, see `_options.own_places`.
     """
-    from tactileforge.compose import composed
+    from tactileforge.cli.compose import composed
 
     # keys depend on the chosen options alone; other words may be the ones that fail
     chosen = []

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.cli._sweep import ended
-from tactileforge.distributed import count_processes
 from tactileforge.errors import TactileForgeError
 from tactileforge.pages.curves import read_metrics
-from tactileforge.processes import run_program
-from tactileforge.run_folder import LAST
+from tactileforge.runs.folder import LAST
+from tactileforge.util.distributed import count_processes
+from tactileforge.util.processes import run_program
 
 log = logging.getLogger(__name__)
 

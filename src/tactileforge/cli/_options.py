@@ -8,8 +8,8 @@ from importlib.resources.abc import Traversable
 from itertools import pairwise
 from pathlib import Path
 
-from tactileforge import registry
-from tactileforge.distributions import conf_packages
+from tactileforge.plugins import registry
+from tactileforge.plugins.distributions import conf_packages
 
 #: Flags of Hydra that name a folder of options.
 _FOLDER = ("--config-dir", "-cd")

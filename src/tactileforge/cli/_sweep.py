@@ -21,9 +21,9 @@ from hydra.core.utils import JobReturn, JobStatus
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
-from tactileforge.files import write_text
-from tactileforge.locks import locked
-from tactileforge.run_folder import LOCK, is_claimed
+from tactileforge.runs.folder import LOCK, is_claimed
+from tactileforge.util.files import write_text
+from tactileforge.util.locks import locked
 
 #: Record of one job, in its folder; table of all jobs, in the folder of the sweep.
 JOB, TABLE = "sweep.json", "sweep.csv"

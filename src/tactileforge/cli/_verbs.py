@@ -16,12 +16,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactileforge.distributions import package_of
 from tactileforge.errors import ConfigError, PluginError, unknown
+from tactileforge.plugins.distributions import package_of
 
 if TYPE_CHECKING:
     from tactileforge.cli._command import Command
-    from tactileforge.registry import PluginInfo
+    from tactileforge.plugins.registry import PluginInfo
 
 
 def builtin() -> dict[str, str]:
@@ -36,7 +36,7 @@ def verbs() -> dict[str, str]:
     A package cannot replace a built-in verb: the built-in one is listed, and
     ``tactileforge plugins list`` shows the conflict.
     """
-    from tactileforge import registry  # imports numpy, which built-in verbs do without
+    from tactileforge.plugins import registry  # imports numpy, which built-in verbs do without
 
     known = builtin()
     for plugin in registry.list_plugins():
@@ -72,7 +72,9 @@ class Actions(Mapping[str, "Command"]):
     @cached_property
     def added(self) -> dict[str, str]:
         """Summaries of the actions added by packages, by action."""
-        from tactileforge import registry  # imports numpy, which most commands here do without
+        from tactileforge.plugins import (
+            registry,  # imports numpy, which most commands here do without
+        )
 
         found = {}
         for plugin in registry.list_plugins():
@@ -123,7 +125,7 @@ def own_commands(verb: str) -> Mapping[str, Command]:
 
 
 def _of_package(verb: str) -> Mapping[str, Command]:
-    from tactileforge import registry
+    from tactileforge.plugins import registry
 
     if verb not in registry.names("verbs"):
         if package := package_of("verbs", verb):

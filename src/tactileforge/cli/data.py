@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tactileforge import packing, registry
+from tactileforge import packing
 from tactileforge.cli._command import Command
 from tactileforge.contracts import Dataset
 from tactileforge.errors import command
+from tactileforge.plugins import registry
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,11 +13,11 @@ from inspect import Parameter
 from pathlib import Path
 from typing import Any
 
-from tactileforge import registry
 from tactileforge.cli import _options, _verbs
 from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError, PluginError, SensorError, check_names, command, unknown
-from tactileforge.files import new_part, write_text, writing
+from tactileforge.plugins import registry
+from tactileforge.util.files import new_part, write_text, writing
 
 #: Kinds of plugins as they are typed, in the singular.
 _KINDS = [kind.removesuffix("s") for kind in (*registry.KINDS, *registry.MODULES)]

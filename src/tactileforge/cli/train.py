@@ -18,7 +18,7 @@ def _train(_: None, config: dict[str, Any]) -> float:
     from hydra.types import RunMode
 
     from tactileforge.cli._hydra import unknown_key
-    from tactileforge.run_folder import LAST
+    from tactileforge.runs.folder import LAST
 
     hydra = HydraConfig.get()
     words = list(hydra.overrides.task)
@@ -41,7 +41,7 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
     """Trains and returns the number of the run; NaN for a run in a sweep that logged none."""
     from hydra.core.hydra_config import HydraConfig
 
-    from tactileforge.run_folder import LAST
+    from tactileforge.runs.folder import LAST
 
     if config.get("resume"):
         run = _of_run(config["resume"])
@@ -54,7 +54,7 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
         _check_encoder(str(config["init"]))
     try:
         # this import takes seconds, so it is inside the try: the user may stop it
-        from tactileforge.train import metric, train
+        from tactileforge.api import metric, train
 
         module = train(config, folder)
     except KeyboardInterrupt as stop:
@@ -81,7 +81,7 @@ def _check_encoder(init: str) -> None:
     """
     from hydra.core.hydra_config import HydraConfig
 
-    from tactileforge.run_folder import IMAGENET, OF_TRAINING, is_run, with_photographs
+    from tactileforge.runs.folder import IMAGENET, OF_TRAINING, is_run, with_photographs
 
     init, _ = with_photographs(init)
     if init == IMAGENET or is_run(init):  # options are checked later, when weights are read
@@ -132,7 +132,7 @@ def _prepare(overrides: list[str]) -> list[str]:
 
 def _of_run(folder: str) -> dict[str, Any]:
     """Configuration of the run in a folder, with ``resume`` set to the folder."""
-    from tactileforge.run_folder import read_config
+    from tactileforge.runs.folder import read_config
 
     return {**read_config(Path(folder)), "resume": folder}
 
@@ -140,7 +140,7 @@ def _of_run(folder: str) -> dict[str, Any]:
 def _finish(config: Any) -> Any:
     from hydra.core.hydra_config import HydraConfig
 
-    from tactileforge.compose import finish
+    from tactileforge.cli.compose import finish
 
     typed = HydraConfig.get().overrides.task if HydraConfig.initialized() else ()
     return finish(config, typed)

@@ -10,12 +10,12 @@ from typing import Any
 
 from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError
-from tactileforge.files import sha256
 from tactileforge.hub import cards, gates, store
 from tactileforge.hub.header import read_header
 from tactileforge.hub.table import describe_clip, gate_rows, zoo_page
-from tactileforge.licences import NO_LICENCE
 from tactileforge.pages.text_tables import align_columns
+from tactileforge.util.files import sha256
+from tactileforge.util.licences import NO_LICENCE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,7 +209,7 @@ def _get(keys: _Get, _: dict[str, Any]) -> None:
     if keys.file is None:
         path = store.fetch_weights(*cards.find_card(keys.model))
     else:
-        from tactileforge import registry  # imports numpy, which other actions do without
+        from tactileforge.plugins import registry  # imports numpy, which other actions do without
 
         path = registry.load("importers", "published")(keys.model, Path(keys.file), keys.sensor)
     print(f"{path}\nload it: tactileforge.load({json.dumps(keys.model)})")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from torch import Tensor, nn
 
     from tactileforge.contracts.data import Recording
-    from tactileforge.means import Mean
+    from tactileforge.util.means import Mean
 
 
 Batch: TypeAlias = dict[str, Any]

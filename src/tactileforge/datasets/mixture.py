@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from tactileforge import registry
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.batches.sources import Bad, Part, Source, sources_of
-from tactileforge.datasets.reading.drawn import Drawn
 from tactileforge.errors import ConfigError, check_names
+from tactileforge.plugins import registry
+from tactileforge.reading.drawn import Drawn
 
 
 class Mixture(Drawn):

@@ -6,9 +6,9 @@ import logging
 from functools import cache
 from pathlib import Path
 
-from tactileforge import registry
 from tactileforge.contracts import Guess
 from tactileforge.errors import DataNotFoundError, PluginError
+from tactileforge.plugins import registry
 
 log = logging.getLogger(__name__)
 

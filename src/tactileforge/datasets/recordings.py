@@ -11,19 +11,6 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from tactileforge.contracts import Guess, Recording
-from tactileforge.datasets.reading.drawn import Drawn
-from tactileforge.datasets.reading.files import DamagedFileError, read_text
-from tactileforge.datasets.reading.guessed_layout import guess_layout
-from tactileforge.datasets.reading.layout import EXAMPLE, SPLITS, DatasetLayout, parse_layout
-from tactileforge.datasets.reading.notes import Notes, add_once
-from tactileforge.datasets.reading.reader import LayoutReader
-from tactileforge.datasets.reading.splits import (
-    check_share,
-    check_split,
-    is_held_out,
-    split_parts,
-)
-from tactileforge.datasets.reading.touch import LayoutTouch
 from tactileforge.errors import (
     ConfigError,
     DataError,
@@ -31,8 +18,21 @@ from tactileforge.errors import (
     check_names,
     home_path,
 )
-from tactileforge.strict import build
-from tactileforge.untrusted import load_yaml
+from tactileforge.reading.drawn import Drawn
+from tactileforge.reading.files import DamagedFileError, read_text
+from tactileforge.reading.guessed_layout import guess_layout
+from tactileforge.reading.layout import EXAMPLE, SPLITS, DatasetLayout, parse_layout
+from tactileforge.reading.notes import Notes, add_once
+from tactileforge.reading.reader import LayoutReader
+from tactileforge.reading.splits import (
+    check_share,
+    check_split,
+    is_held_out,
+    split_parts,
+)
+from tactileforge.reading.touch import LayoutTouch
+from tactileforge.util.strict import build
+from tactileforge.util.untrusted import load_yaml
 
 #: Name of a file in the root with the layouts of its data.
 LAYOUT_FILE = "tactileforge.yaml"

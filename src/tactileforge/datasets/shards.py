@@ -14,17 +14,17 @@ from tactileforge.data.shards.fetch import ShardFolder
 from tactileforge.data.shards.foreign import ForeignShardError, check_foreign, is_foreign
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.data.shards.summary import Summary
-from tactileforge.datasets.reading.drawn import Drawn
-from tactileforge.datasets.reading.notes import add_once
-from tactileforge.datasets.reading.splits import (
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, command, unknown
+from tactileforge.reading.drawn import Drawn
+from tactileforge.reading.notes import add_once
+from tactileforge.reading.splits import (
     HOLD_OUT,
     SPLITS,
     check_share,
     check_split,
     held_out,
 )
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError, command, unknown
-from tactileforge.files import cache_folder
+from tactileforge.util.files import cache_folder
 
 
 class Shards(Drawn):

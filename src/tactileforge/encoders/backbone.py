@@ -12,10 +12,10 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch, Features, MaskedFeatures
-from tactileforge.distributed import rand_rows
 from tactileforge.encoders.preprocess import Preprocess
 from tactileforge.encoders.transformer import size_preset
 from tactileforge.errors import ConfigError
+from tactileforge.util.distributed import rand_rows
 
 
 class Backbone(nn.Module):

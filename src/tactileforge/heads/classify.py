@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from tactileforge.contracts import Batch, Encoder, Views
-from tactileforge.distributed import sum_over_ranks
+from tactileforge.util.distributed import sum_over_ranks
 
 
 class ClassifyHead(nn.Module):

@@ -9,9 +9,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch, Encoder, Views
-from tactileforge.distributed import gather_rows
 from tactileforge.encoders.transformer import init_weights
 from tactileforge.heads.ema import EMA
+from tactileforge.util.distributed import gather_rows
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Any
 
 from torch import Tensor, nn
 
-from tactileforge import registry
 from tactileforge.hub.file_checks import towers_of
+from tactileforge.plugins import registry
 
 #: Name of the head of the objective ``align``, and of its entry in a header.
 ALIGN = "align"

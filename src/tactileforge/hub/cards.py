@@ -21,12 +21,12 @@ from typing import Any
 
 import yaml
 
-from tactileforge import strict
-from tactileforge.distributions import conf_packages, package_of
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub.gates import COMPARED, TOKENS, Gate, gate_passes
-from tactileforge.licences import check_licence
-from tactileforge.run_folder import CONFIG
+from tactileforge.plugins.distributions import conf_packages, package_of
+from tactileforge.runs.folder import CONFIG
+from tactileforge.util import strict
+from tactileforge.util.licences import check_licence
 
 # libyaml, where PyYAML was built with it: every card is read to look up a name
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

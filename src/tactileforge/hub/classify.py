@@ -13,12 +13,12 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from tactileforge import strict
 from tactileforge.data.labels.objects import object_class
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path
-from tactileforge.files import new_part
 from tactileforge.hub.forces import fingerprint
-from tactileforge.untrusted import load_json
+from tactileforge.util import strict
+from tactileforge.util.files import new_part
+from tactileforge.util.untrusted import load_json
 
 #: Version of the file, and the key of its metadata.
 FORMAT = 2

@@ -12,11 +12,11 @@ import torch
 from safetensors import SafetensorError, safe_open
 from torch import nn
 
-from tactileforge import registry
-from tactileforge.distributions import package_of
 from tactileforge.encoders.absent import AbsentTower
 from tactileforge.errors import DataError, PluginError, TactileForgeError
 from tactileforge.hub.header import Header
+from tactileforge.plugins import registry
+from tactileforge.plugins.distributions import package_of
 
 #: Arguments that name files or places on a network.
 _PLACES = frozenset({"path", "root", "file", "folder", "url", "repo", "port"})

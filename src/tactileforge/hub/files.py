@@ -12,12 +12,12 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
-from tactileforge import registry
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.files import new_part, sync, writing
 from tactileforge.hub.file_checks import build, check_nodes, check_plugin, towers_of
 from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
+from tactileforge.plugins import registry
+from tactileforge.util.files import new_part, sync, writing
 
 DTYPES = {"float32": torch.float32, "float16": torch.float16}
 

@@ -13,7 +13,7 @@ from tactileforge.hub.clip_encoder import ClipEncoder
 from tactileforge.hub.inputs import ClipInputs
 
 if TYPE_CHECKING:
-    from tactileforge.calibration.file import Axis
+    from tactileforge.sensors.calibration.file import Axis
 
 
 class ForceReader:

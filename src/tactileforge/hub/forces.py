@@ -20,7 +20,7 @@ from tactileforge.hub.inputs import ClipInputs, uses_background
 from tactileforge.sensors.light import changed_light
 
 if TYPE_CHECKING:
-    from tactileforge.calibration.file import Axis, Calibration
+    from tactileforge.sensors.calibration.file import Axis, Calibration
 
 #: Why a frame gets no estimate, and what helps.
 LIGHT = "the light has changed since the background was taken"
@@ -46,7 +46,7 @@ def opened_calibration(given: Calibration | str | Path | None) -> Calibration | 
     """A calibration, read from its file if given as one; see `load_calibration` for errors."""
     if isinstance(given, str | Path):
         # here: most models are used without one
-        from tactileforge.calibration.file import load_calibration
+        from tactileforge.sensors.calibration.file import load_calibration
 
         return load_calibration(given)
     return given
@@ -205,7 +205,7 @@ def picture_columns(clips: Tensor, backgrounds: Tensor, like: Tensor) -> dict[st
         backgrounds: uint8 (B, 3, H, W).
         like: Force along one axis in the last n frames of each clip, (B, n), for shape and device.
     """
-    from tactileforge.calibration.pictures import picture_inputs
+    from tactileforge.sensors.calibration.pictures import picture_inputs
 
     count = like.shape[1]
     frames = clips[:, -count:].flatten(0, 1)
@@ -215,7 +215,7 @@ def picture_columns(clips: Tensor, backgrounds: Tensor, like: Tensor) -> dict[st
 
 def reads_pictures(axes: Mapping[str, Axis]) -> bool:
     """Whether some axis is fitted to inputs from pictures, see `picture_columns`."""
-    from tactileforge.calibration.pictures import PICTURES
+    from tactileforge.sensors.calibration.pictures import PICTURES
 
     return any(name in PICTURES for axis in axes.values() for name in axis.weights)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.files import write_text
+from tactileforge.util.files import write_text
 
 FILE = "gate.json"
 #: What a probe reads: the mean of the patch tokens, ``summary`` and ``patches`` as in

@@ -15,9 +15,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, TypeGuard
 
-from tactileforge import strict
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.untrusted import load_json
+from tactileforge.util import strict
+from tactileforge.util.untrusted import load_json
 
 #: Version of the format that this package writes and reads.
 FORMAT = 1

@@ -28,13 +28,13 @@ from tactileforge.hub.sensor_rows import Policy
 from tactileforge.hub.taps import Tap, check_tap
 from tactileforge.hub.video import Times, cut_clips, open_video
 from tactileforge.sensors.background import Background
-from tactileforge.streaming.contact import ContactOptions, SlipOptions
-from tactileforge.streaming.touch_stream import TouchStream
+from tactileforge.sensors.streaming.contact import ContactOptions, SlipOptions
+from tactileforge.sensors.streaming.touch_stream import TouchStream
 
 if TYPE_CHECKING:
-    from tactileforge.calibration.file import Axis, Calibration
     from tactileforge.hub.classify import Classes, ClassHead
     from tactileforge.hub.words import TextEncoder, WordMatches
+    from tactileforge.sensors.calibration.file import Axis, Calibration
 
 
 class Model(nn.Module):

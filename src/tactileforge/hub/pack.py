@@ -7,7 +7,7 @@ from typing import Literal
 
 from tactileforge.hub import files
 from tactileforge.hub.runs import read_run
-from tactileforge.licences import NO_LICENCE, check_licence
+from tactileforge.util.licences import NO_LICENCE, check_licence
 
 
 def pack_run(

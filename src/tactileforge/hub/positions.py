@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from tactileforge import registry
 from tactileforge.errors import ConfigError
+from tactileforge.plugins import registry
 
 
 def changed_options(

@@ -10,16 +10,17 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from tactileforge import registry, run_folder
-from tactileforge.checkpoint_file import read_own
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.hub import files
 from tactileforge.hub.aligned import ALIGN, aligned_head
 from tactileforge.hub.header import Header
 from tactileforge.hub.positions import changed_options, rebuild_encoder
-from tactileforge.licences import NO_LICENCE
-from tactileforge.provenance import commit
+from tactileforge.plugins import registry
+from tactileforge.runs import folder as run_folder
+from tactileforge.runs.checkpoint_file import read_own
 from tactileforge.specs.published import spec
+from tactileforge.util.licences import NO_LICENCE
+from tactileforge.util.provenance import commit
 
 #: Heads that are kept whole: `Model` reads force and surface, and a run that starts from the
 #: weights goes on with all of them. Of the aligned head the text side is kept, see `aligned_head`.

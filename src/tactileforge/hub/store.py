@@ -15,12 +15,12 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from tactileforge import downloads, strict
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, full
-from tactileforge.files import cache_folder, new_part, sha256, writing
 from tactileforge.hub import cards
 from tactileforge.hub.cards import Card, Weight
-from tactileforge.untrusted import load_json
+from tactileforge.util import downloads, strict
+from tactileforge.util.files import cache_folder, new_part, sha256, writing
+from tactileforge.util.untrusted import load_json
 
 #: Seconds for which an import stays after another took its place.
 _GRACE = 3600.0
@@ -205,7 +205,7 @@ def _download(card: Card, weight: Weight, target: Path) -> None:
 
 
 def _fetch(name: str, url: str, headers: Mapping[str, str], size: int, part: Path) -> None:
-    from tactileforge.bars import Bar
+    from tactileforge.util.bars import Bar
 
     with (
         part.open("wb") as file,

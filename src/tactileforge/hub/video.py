@@ -14,7 +14,7 @@ from tactileforge.data.frames.cut import clip_rows, clip_step, frame_period
 from tactileforge.data.frames.lazy import ArrayFrames, VideoFrames
 from tactileforge.data.frames.video_clock import video_times
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.streaming.buffer import warn_of_slow_frames
+from tactileforge.sensors.streaming.buffer import warn_of_slow_frames
 
 Times = NDArray[np.float64]
 

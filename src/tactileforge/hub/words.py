@@ -12,12 +12,12 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge import registry
 from tactileforge.encoders.absent import AbsentTower
 from tactileforge.errors import ConfigError, PluginError
 from tactileforge.hub import cards
 from tactileforge.hub.classify import Classes
 from tactileforge.hub.header import Header
+from tactileforge.plugins import registry
 
 #: Temperature of models whose file keeps none: the first one of CLIP, TVL and AnyTouch 1.
 TEMPERATURE = 0.07

@@ -9,9 +9,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
-from tactileforge.distributed import gather_rows
 from tactileforge.heads.align import Aligned
-from tactileforge.means import Mean
+from tactileforge.util.distributed import gather_rows
+from tactileforge.util.means import Mean
 
 
 class Align(nn.Module):

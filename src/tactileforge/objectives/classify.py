@@ -8,8 +8,8 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
-from tactileforge.distributed import masked_mean
-from tactileforge.means import Mean
+from tactileforge.util.distributed import masked_mean
+from tactileforge.util.means import Mean
 
 
 class Classify(nn.Module):

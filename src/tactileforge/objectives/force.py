@@ -10,11 +10,11 @@ from torch.nn import functional as F
 
 from tactileforge.contracts import AXES, Batch, TrainingClips
 from tactileforge.data.batches.force_spread import force_spread
-from tactileforge.distributed import masked_mean
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.heads.force import Forces
-from tactileforge.means import Mean
 from tactileforge.objectives.r_squared import r_squared
+from tactileforge.util.distributed import masked_mean
+from tactileforge.util.means import Mean
 
 #: Losses by name, of normalised errors; ``huber`` is linear from 1 on.
 _LOSSES = {"l1": F.l1_loss, "huber": F.smooth_l1_loss, "mse": F.mse_loss}

@@ -9,9 +9,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
-from tactileforge.distributed import masked_mean, rand_rows
 from tactileforge.heads.match import PairScores
-from tactileforge.means import Mean
+from tactileforge.util.distributed import masked_mean, rand_rows
+from tactileforge.util.means import Mean
 
 
 class Match(nn.Module):

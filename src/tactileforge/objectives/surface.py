@@ -9,9 +9,9 @@ from torch import Tensor, nn
 
 from tactileforge.contracts import AXES, Batch
 from tactileforge.data.labels import displacement
-from tactileforge.distributed import masked_mean
-from tactileforge.means import Mean
 from tactileforge.objectives.r_squared import moments, r_squared
+from tactileforge.util.distributed import masked_mean
+from tactileforge.util.means import Mean
 
 
 class Surface(nn.Module):

@@ -11,17 +11,17 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset
 from tactileforge.data.shards.index import NAME, Index
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
-from tactileforge.files import say_swept, sealed, sweep_parts, unsealed, write_text
-from tactileforge.locks import locked
 from tactileforge.packing.executors import execute
 from tactileforge.packing.options import Filter, PackOptions
 from tactileforge.packing.plan import SPLITS, PackPlan, plan_pack
 from tactileforge.packing.statistics import COUNTS, PackStatistics
 from tactileforge.packing.work import NOTES, ShardNote
+from tactileforge.util.bars import Bar
+from tactileforge.util.files import say_swept, sealed, sweep_parts, unsealed, write_text
+from tactileforge.util.locks import locked
 
 __all__ = ["Filter", "PackOptions", "pack", "summary"]
 

@@ -20,8 +20,8 @@ import cv2
 
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.packing.work import ShardJob, ShardNote, make_shard, packed_job, run_packed
-from tactileforge.processes import process_count
-from tactileforge.signals import held, leave_to_parent
+from tactileforge.util.processes import process_count
+from tactileforge.util.signals import held, leave_to_parent
 
 #: Callback with the number of a job and the number of its finished frames.
 Tick: TypeAlias = Callable[[int, int], None]

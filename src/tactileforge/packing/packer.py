@@ -14,8 +14,8 @@ from tactileforge.contracts import Frames, Recording
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
 from tactileforge.packing import filters
-from tactileforge.packing.followed import FollowedMarkers
 from tactileforge.packing.options import PackOptions
+from tactileforge.plugins import registry
 
 #: Frames to decode at once: memory of a process does not grow with the length of a recording.
 _CHUNK = 16
@@ -45,14 +45,14 @@ class Packer:
         self.read = 0
         self.bad: list[str] = []
         self.unmarked = ""
-        self._markers: FollowedMarkers | None = None
+        self._markers: Any = None  # a tracker of recordings, of a package
 
     def pack(self, tick: Callable[[int], None]) -> tuple[Recording, shards.Packed] | None:
         """Filtered recording and its encoded images; None if the filter leaves nothing."""
         whole = self.recording
         if whole.sensor in self.options.markers:
             try:
-                self._markers = FollowedMarkers(whole)
+                self._markers = registry.load("trackers", "markers")(whole)
             except DataError as error:
                 self.unmarked = f"{error} (packed without markers)"
         rows, frames = self._frames(tick)
@@ -68,7 +68,7 @@ class Packer:
                 seen = np.interp(middle, np.arange(count), whole.times)
             recording = replace(whole.select(rows), image_times=seen)
         if self._markers is not None:
-            recording = self._markers.added(recording, rows)
+            recording = cast(Recording, self._markers.added(recording, rows))
         surface = recording.surface
         packed = shards.Packed(
             shards.describe_recording(recording),

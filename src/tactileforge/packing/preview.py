@@ -10,13 +10,11 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from tactileforge.bars import Bar
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.pixel_contract import checked_chunks
 from tactileforge.data.shards.index import sort_recordings
 from tactileforge.errors import DataError
-from tactileforge.files import write_text
 from tactileforge.packing import charts, filters
 from tactileforge.packing.options import Filter, PackOptions
 from tactileforge.packing.plan import SPLITS
@@ -36,6 +34,8 @@ from tactileforge.pages.page import (
     percent,
     table,
 )
+from tactileforge.util.bars import Bar
+from tactileforge.util.files import write_text
 
 #: Shares of kept frames for suggested thresholds.
 _SHARES = (0.75, 0.5, 0.25)

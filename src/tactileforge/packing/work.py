@@ -15,10 +15,10 @@ from tactileforge.contracts import Recording
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import IndexEntry
 from tactileforge.errors import DataError
-from tactileforge.files import sealed, sha256, unsealed, write_text
 from tactileforge.packing.options import PackOptions
 from tactileforge.packing.packer import Packer
 from tactileforge.packing.statistics import PackStatistics
+from tactileforge.util.files import sealed, sha256, unsealed, write_text
 
 #: Folder of the notes, beside the shards: a stopped run continues from them.
 NOTES = ".pack"

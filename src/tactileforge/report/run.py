@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from tactileforge import run_folder
-from tactileforge.checkpoint_file import read_checkpoint, read_own
 from tactileforge.data.batches.clips import Skipped
 from tactileforge.data.batches.columns import plain_sizes
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
-from tactileforge.files import write_text
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.pages.page import Section, page
 from tactileforge.report import captions, embedding, forces, sections, summary
 from tactileforge.report.findings import RunFindings, run_findings
+from tactileforge.runs import folder as run_folder
+from tactileforge.runs.checkpoint_file import read_checkpoint, read_own
 from tactileforge.training.labels import Labels
 from tactileforge.training.module import TouchModule
+from tactileforge.util.files import write_text
 
 
 def report_of_run(folder: Path) -> Path:

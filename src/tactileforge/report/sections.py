@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from tactileforge import run_folder
 from tactileforge.contracts import LABELS
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.datamodule import TouchData
@@ -37,6 +36,7 @@ from tactileforge.pages.page import (
 from tactileforge.report.findings import RunFindings
 from tactileforge.report.pictures import Strips
 from tactileforge.report.samples import clip_title
+from tactileforge.runs import folder as run_folder
 
 #: Explanations of the rows of a clip's images.
 _ROW_NOTES = {

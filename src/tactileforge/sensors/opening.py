@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from typing import Any, NamedTuple
 
-from tactileforge import registry
 from tactileforge.contracts import Sensor
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError, unknown
+from tactileforge.plugins import registry
 from tactileforge.sensors.awake import CLOCK
 
 #: Longest time for a driver to open a device, and to close it, s.

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from inspect import signature
 
-from tactileforge import registry
 from tactileforge.contracts import SensorSpec, Simulation
 from tactileforge.errors import ConfigError, PluginError, unknown
+from tactileforge.plugins import registry
 from tactileforge.specs.simulation import PUBLISHED
 
 #: Largest force of a GelSight Mini in ToucHD's benchmark, N (AnyTouch 2, its ``max_abs``).

@@ -20,12 +20,12 @@ from typing import Any
 
 import torch
 
-from tactileforge import registry
 from tactileforge.errors import PluginError, unknown
+from tactileforge.plugins import registry
 from tactileforge.testing import general
 from tactileforge.testing.batches import batch
 from tactileforge.testing.results import Check, CheckResult, CheckSubject, run_check
-from tactileforge.threads import one_thread
+from tactileforge.util.threads import one_thread
 
 __all__ = ["CheckResult", "batch", "check"]
 

@@ -10,11 +10,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from tactileforge import registry
 from tactileforge.contracts import ACTIONS, LABELS, Batch, Column, ColumnSize
 from tactileforge.data.batches.columns import declared_columns
 from tactileforge.data.labels import displacement
 from tactileforge.data.labels.turns import STEPS
+from tactileforge.plugins import registry
 from tactileforge.specs.published import spec
 
 #: Types of sensors of the samples, in turn.

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge import registry
 from tactileforge.contracts import ACTIONS, LABELS, Recording
 from tactileforge.errors import ConfigError, DataNotFoundError
-from tactileforge.licences import check_data_licence
+from tactileforge.plugins import registry
 from tactileforge.specs.published import spec
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, require
+from tactileforge.util.licences import check_data_licence
 
 _SPLITS = ("train", "val")
 #: Number of recordings of a split that stand for all: a data set may have millions.

@@ -18,8 +18,8 @@ from typing import Any
 
 from torch import nn
 
-from tactileforge import registry
 from tactileforge.contracts import Sensor
+from tactileforge.plugins import registry
 from tactileforge.testing.batches import context_of
 from tactileforge.testing.modules import small_context
 from tactileforge.testing.results import Check, CheckSubject, Skip, require

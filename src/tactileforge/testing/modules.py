@@ -9,8 +9,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge import registry
 from tactileforge.contracts import Batch, Features, MaskedFeatures, Views
+from tactileforge.plugins import registry
 from tactileforge.testing.results import require
 
 

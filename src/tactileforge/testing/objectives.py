@@ -8,9 +8,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge import registry
 from tactileforge.contracts import LABELS, Batch, Views
 from tactileforge.data.batches.columns import own_columns
+from tactileforge.plugins import registry
 from tactileforge.testing.batches import (
     batch,
     context_of,

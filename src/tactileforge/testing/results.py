@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from inspect import Parameter
 from typing import Any, Literal, TypeAlias
 
-from tactileforge import moves, registry
+from tactileforge.plugins import moves, registry
 
 
 @dataclass(frozen=True)

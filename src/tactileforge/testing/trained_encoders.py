@@ -15,12 +15,12 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge import registry
 from tactileforge.contracts import Batch
-from tactileforge.distributions import package_of
 from tactileforge.errors import ConfigError
 from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.hub.loading import load
+from tactileforge.plugins import registry
+from tactileforge.plugins.distributions import package_of
 from tactileforge.testing.batches import batch
 from tactileforge.testing.modules import require_close, require_equal, small_context
 from tactileforge.testing.results import Check, CheckSubject, Skip, require

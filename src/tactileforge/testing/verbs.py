@@ -7,8 +7,8 @@ from dataclasses import is_dataclass
 from inspect import getdoc
 from typing import Any
 
-from tactileforge import strict
 from tactileforge.testing.results import Check, CheckSubject, Violation, require
+from tactileforge.util import strict
 
 
 def its_first_line_is_its_help(subject: CheckSubject) -> None:

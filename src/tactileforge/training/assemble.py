@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from inspect import signature
 from typing import Any
 
-from tactileforge import registry
 from tactileforge.contracts import Column
 from tactileforge.data.batches.columns import declared_columns
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.labels.augment import Augment, build_augment
 from tactileforge.errors import ConfigError, check_names
+from tactileforge.plugins import registry
 from tactileforge.specs.published import spec
 from tactileforge.training.parts import outline
 

@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor, nn
 
-from tactileforge.distributed import sum_over_ranks, world
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.util.distributed import sum_over_ranks, world
 
 
 class FixedWeights(nn.Module):

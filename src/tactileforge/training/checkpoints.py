@@ -17,13 +17,13 @@ import torch
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 
-from tactileforge.bars import Bar
-from tactileforge.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.errors import TactileForgeError
-from tactileforge.files import new_part
-from tactileforge.run_folder import BEST, LAST
-from tactileforge.signals import handled
+from tactileforge.runs.checkpoint_file import read_checkpoint, read_own, seal
+from tactileforge.runs.folder import BEST, LAST
 from tactileforge.training.module import log_interval
+from tactileforge.util.bars import Bar
+from tactileforge.util.files import new_part
+from tactileforge.util.signals import handled
 
 log = logging.getLogger(__name__)
 

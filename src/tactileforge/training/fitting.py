@@ -11,12 +11,12 @@ from pathlib import Path
 
 import lightning as L
 
-from tactileforge import run_folder
-from tactileforge.checkpoint_file import read_checkpoint
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.finite import NotFiniteError
+from tactileforge.runs import folder as run_folder
+from tactileforge.runs.checkpoint_file import read_checkpoint
 from tactileforge.training.checkpoints import Checkpoints
+from tactileforge.training.finite import NotFiniteError
 from tactileforge.training.module import TouchModule
 
 #: Messages of torch after the loss of a process of the group.

@@ -8,14 +8,15 @@ from typing import Any
 
 from torch import Tensor
 
-from tactileforge import registry, run_folder
-from tactileforge.checkpoint_file import find_checkpoint, read_checkpoint
 from tactileforge.errors import ConfigError
 from tactileforge.hub.starting_point import (
     imagenet_weights,
     starting_heads,
     starting_weights,
 )
+from tactileforge.plugins import registry
+from tactileforge.runs import folder as run_folder
+from tactileforge.runs.checkpoint_file import find_checkpoint, read_checkpoint
 
 log = logging.getLogger(__name__)
 

@@ -11,10 +11,10 @@ from typing import Any
 from lightning.pytorch.loggers import Logger
 from lightning.pytorch.utilities import rank_zero_only
 
-from tactileforge.files import write_text
 from tactileforge.pages.curves import METRICS, metric_rows
 from tactileforge.pages.drawings import Drawing
-from tactileforge.untrusted import dump_yaml
+from tactileforge.util.files import write_text
+from tactileforge.util.untrusted import dump_yaml
 
 #: File with MLflow's identity of the run, for its resumption.
 MLFLOW_RUN = "mlflow_run.txt"

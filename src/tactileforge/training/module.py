@@ -11,19 +11,19 @@ import lightning as L
 import torch
 from torch import Tensor, nn
 
-from tactileforge import moves
 from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
 from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.distributed import alone, mean_over_ranks, seed_step, sum_over_ranks
 from tactileforge.encoders.views import views_of
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.finite import FiniteWatch, NotFiniteError
-from tactileforge.means import Mean
-from tactileforge.optim import build_optimizer, set_rate
+from tactileforge.plugins import moves
 from tactileforge.training import balance as balances
 from tactileforge.training.curriculum import Curriculum, from_config
+from tactileforge.training.finite import FiniteWatch, NotFiniteError
+from tactileforge.training.optim import build_optimizer, set_rate
 from tactileforge.training.parts import Term, build_parts, changing, logs_of, term_of
 from tactileforge.training.strategies import shard
+from tactileforge.util.distributed import alone, mean_over_ranks, seed_step, sum_over_ranks
+from tactileforge.util.means import Mean
 
 if TYPE_CHECKING:
     from tactileforge.data.batches.clips import Clips

@@ -10,11 +10,12 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge import registry, strict
 from tactileforge.contracts import Batch, ColumnSize
 from tactileforge.errors import ConfigError, PluginError, unknown
-from tactileforge.means import FIX, Mean, NotATensorError
+from tactileforge.plugins import registry
 from tactileforge.training import curriculum
+from tactileforge.util import strict
+from tactileforge.util.means import FIX, Mean, NotATensorError
 
 #: Limits of an encoder: largest number among its options, most blocks, and most weights.
 _LARGEST, _DEEPEST, _MOST = 8192, 256, 20_000_000_000

@@ -13,8 +13,8 @@ import torch
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.clips import Clips, collate
 from tactileforge.data.labels.augment import fill_captions
-from tactileforge.distributed import count_processes
 from tactileforge.training.module import TouchModule
+from tactileforge.util.distributed import count_processes
 
 #: CPU seconds of a step in fp32 and in bf16.
 Timing: TypeAlias = tuple[float, float]

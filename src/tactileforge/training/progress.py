@@ -7,8 +7,8 @@ from typing import Any
 import lightning as L
 from lightning.pytorch.callbacks import Callback
 
-from tactileforge.bars import Bar
 from tactileforge.training.module import log_interval
+from tactileforge.util.bars import Bar
 
 
 class Progress(Callback):

@@ -6,9 +6,9 @@ import logging
 from collections.abc import Mapping
 from typing import Any
 
-from tactileforge.distributed import count_processes
 from tactileforge.errors import ConfigError
 from tactileforge.training import curriculum
+from tactileforge.util.distributed import count_processes
 
 log = logging.getLogger(__name__)
 

@@ -12,8 +12,8 @@ import torch
 from lightning.pytorch.callbacks import Callback
 from torch.utils.flop_counter import FlopCounterMode
 
-from tactileforge.processes import cpus
 from tactileforge.training.module import log_interval
+from tactileforge.util.processes import cpus
 
 log = logging.getLogger(__name__)
 

@@ -12,9 +12,9 @@ import torch
 from lightning.pytorch.strategies import DDPStrategy, ModelParallelStrategy, Strategy
 from torch import Tensor, nn
 
-from tactileforge.distributed import sum_over_ranks, world
 from tactileforge.encoders.transformer import Block
 from tactileforge.errors import ConfigError
+from tactileforge.util.distributed import sum_over_ranks, world
 
 if TYPE_CHECKING:
     from torch.distributed.device_mesh import DeviceMesh

@@ -13,16 +13,16 @@ import torch
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, Timer
 
-from tactileforge.distributed import count_processes
 from tactileforge.errors import ConfigError, check_names, unknown
-from tactileforge.optim import parse_optim
 from tactileforge.training import checkpoints
 from tactileforge.training.loggers import build_loggers
+from tactileforge.training.optim import parse_optim
 from tactileforge.training.parts import check_values
 from tactileforge.training.progress import Progress
 from tactileforge.training.speed import Speed
 from tactileforge.training.strategies import check_started, choose_strategy
 from tactileforge.training.validation import LastValidation
+from tactileforge.util.distributed import count_processes
 
 #: Packages of each logger; it needs one of them.
 _LOGGERS = {"csv": (), "tensorboard": ("tensorboard", "tensorboardX"), "wandb": ("wandb",)}

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from tactileforge.compose import compose
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
 from tactileforge.contracts import Column, Recording
 from tactileforge.data.batches.clips import Clips, collate
 from tactileforge.data.batches.columns import declared_columns, measure_columns, plain_sizes
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.errors import ConfigError, DataError, PluginError
 from tactileforge.testing import check
-from tactileforge.train import train
 from tactileforge.training.parts import sizes_of
 
 
@@ -192,7 +192,7 @@ def test_a_run_learns_a_width_and_keeps_its_size(tmp_path) -> None:
     assert 0.6 < float(head.mean) < 2
     assert module.trainer.callback_metrics["val/grip"] > 0
     from tactileforge.report.run import report_of_run
-    from tactileforge.run_folder import read_config
+    from tactileforge.runs.folder import read_config
 
     kept = read_config(tmp_path / "run")["columns"]["width"]
     assert (kept["shape"], kept["mean"]) == ([1], pytest.approx([float(head.mean)]))

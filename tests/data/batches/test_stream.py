@@ -25,7 +25,7 @@ from tactileforge.data.shards.summary import Summary
 from tactileforge.datasets.mixture import Mixture
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.files import sealed, unsealed
+from tactileforge.util.files import sealed, unsealed
 
 SENSORS = ("digit", "gelsight")
 

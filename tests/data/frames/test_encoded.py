@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tactileforge.data.frames.encoded import EncodedFrames
-from tactileforge.datasets.reading.pickles import load_pickle
 from tactileforge.errors import DataError
+from tactileforge.reading.pickles import load_pickle
 
 Make = Callable[..., Any]
 

@@ -12,16 +12,14 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from tactileforge_depth.gel import Gel
 from tactileforge_sim.config import SimConfig
 from tactileforge_sim.generate import path_of
 from tactileforge_sim.mechanics.touch import ContactState, contacts
 from tactileforge_sim.optics.scene_camera import render_scene_image
 from tactileforge_sim.scene import POINTS, SPACING, Scene
 
-from tactileforge import strict
-from tactileforge.bars import Bar
 from tactileforge.data.shards.shards import Packed
-from tactileforge.depth.gel import Gel
 from tactileforge.plugin import (
     ArrayFrames,
     ConfigError,
@@ -32,8 +30,10 @@ from tactileforge.plugin import (
     encode_image,
     write_shard,
 )
-from tactileforge.processes import end_with_parent, process_count, spread
-from tactileforge.threads import one_thread
+from tactileforge.util import strict
+from tactileforge.util.bars import Bar
+from tactileforge.util.processes import end_with_parent, process_count, spread
+from tactileforge.util.threads import one_thread
 
 #: Simulated frames per second.
 FPS = 30.0

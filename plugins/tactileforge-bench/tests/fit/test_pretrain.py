@@ -11,9 +11,10 @@ from tactileforge_bench.fit import pretrain
 from tactileforge_bench.fit.pretrain import PretrainJob, PretrainModel
 from tactileforge_bench.verbs.bench import COMMANDS
 
-from tactileforge import processes, registry
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
 from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.plugins import registry
+from tactileforge.util import processes
 
 ABLATIONS = ["no_align", "no_diff", "none"]
 

@@ -9,10 +9,10 @@ import pytest
 from tactileforge_bench.fit.trained_on import seen, trained_on
 from videos import write_video
 
-from tactileforge.compose import option
-from tactileforge.datasets.reading.splits import is_held_out
+from tactileforge.cli.compose import option
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.hub.header import Header
+from tactileforge.reading.splits import is_held_out
 
 HEADER = Header(
     format=1, name="", encoder={"name": "a"}, package="", package_version="", sensors={},

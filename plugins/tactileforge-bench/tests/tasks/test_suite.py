@@ -13,8 +13,8 @@ from tactileforge_bench.tasks.source import open_source
 from tactileforge_bench.tasks.suite import ClipSpec, Task, parse_task
 from tactileforge_bench.verbs.bench import COMMANDS
 
-from tactileforge import registry
-from tactileforge.datasets.reading.splits import is_held_out
+from tactileforge.plugins import registry
+from tactileforge.reading.splits import is_held_out
 
 FOLDER = Path(__file__).parents[2] / "src" / "tactileforge_bench" / "conf" / "suite"
 SUITES = sorted(path.stem for path in FOLDER.glob("*.yaml"))

@@ -7,8 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tactileforge.datasets.reading.official import ALL
-from tactileforge.datasets.reading.published import NumberedImages, frame_times
 from tactileforge.plugin import (
     DataError,
     FrameSubset,
@@ -17,6 +15,8 @@ from tactileforge.plugin import (
     RecordingItem,
     load_json,
 )
+from tactileforge.reading.official import ALL
+from tactileforge.reading.published import NumberedImages, frame_times
 from tactileforge_datasets.official_splits import ANYTOUCH2_CLOTH, CLOTH_OFFICIAL
 
 _LISTS = {

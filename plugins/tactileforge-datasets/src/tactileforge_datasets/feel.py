@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from tactileforge.datasets.reading.files import read_rows
 from tactileforge.plugin import (
     DataError,
     FrameSubset,
@@ -16,6 +15,7 @@ from tactileforge.plugin import (
     Recording,
     RecordingItem,
 )
+from tactileforge.reading.files import read_rows
 
 #: The first is before the gripper closes, and so without contact.
 _MOMENTS = ("before", "during", "after")

@@ -7,8 +7,6 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
-from tactileforge.datasets.reading.files import read_rows
-from tactileforge.datasets.reading.published import NumberedImages, frame_times
 from tactileforge.plugin import (
     DataError,
     FrameSubset,
@@ -17,6 +15,8 @@ from tactileforge.plugin import (
     Recording,
     RecordingItem,
 )
+from tactileforge.reading.files import read_rows
+from tactileforge.reading.published import NumberedImages, frame_times
 
 
 class ObjectFolderReal(PublishedDataset):

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.data.frames.video_clock import video_times
-from tactileforge.datasets.reading.official import ALL
 from tactileforge.plugin import (
     DataError,
     FrameSubset,
@@ -20,6 +19,7 @@ from tactileforge.plugin import (
     VideoFrames,
     without_companions,
 )
+from tactileforge.reading.official import ALL
 from tactileforge_datasets.official_splits import OCTOPI_OFFICIAL
 
 _PREFIX = "physiclear_"

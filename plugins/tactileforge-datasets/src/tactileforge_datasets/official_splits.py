@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tactileforge.datasets.reading.official import ALL
 from tactileforge.plugin import OfficialSplit
+from tactileforge.reading.official import ALL
 
 
 def _named(*values: str | int) -> frozenset[str]:

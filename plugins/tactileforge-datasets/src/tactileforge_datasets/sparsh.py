@@ -11,8 +11,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.datasets.reading.pickles import load_pickle
-from tactileforge.datasets.reading.published import frame_times
 from tactileforge.plugin import (
     ConfigError,
     DataError,
@@ -25,6 +23,8 @@ from tactileforge.plugin import (
     add_once,
     unknown,
 )
+from tactileforge.reading.pickles import load_pickle
+from tactileforge.reading.published import frame_times
 
 _LABELS = "dataset_slip_forces.pkl"
 #: Name of a sensor in files and folders.

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.datasets.reading.official import ALL
-from tactileforge.datasets.reading.pickles import load_pickle
 from tactileforge.plugin import (
     ConfigError,
     DataError,
@@ -20,6 +18,8 @@ from tactileforge.plugin import (
     still_background,
     unknown,
 )
+from tactileforge.reading.official import ALL
+from tactileforge.reading.pickles import load_pickle
 from tactileforge_datasets.official_splits import POSE_OFFICIAL
 
 _FINGERS = ("index", "middle", "ring")

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.datasets.reading.files import read_rows, read_text
-from tactileforge.datasets.reading.official import ALL
-from tactileforge.datasets.reading.published import NumberedImages
 from tactileforge.plugin import ImageFrames, PublishedDataset, Recording, RecordingItem
+from tactileforge.reading.files import read_rows, read_text
+from tactileforge.reading.official import ALL
+from tactileforge.reading.published import NumberedImages
 from tactileforge_datasets.official_splits import TVL_OFFICIAL
 
 

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from tactileforge.datasets.reading.files import read_rows
-from tactileforge.datasets.reading.published import NumberedImages, frame_rate, frame_times
 from tactileforge.plugin import (
     DataError,
     FrameSubset,
@@ -17,6 +15,8 @@ from tactileforge.plugin import (
     RecordingItem,
     stated,
 )
+from tactileforge.reading.files import read_rows
+from tactileforge.reading.published import NumberedImages, frame_rate, frame_times
 
 #: Sensor by folder, in the order of the columns of the index.
 _SENSORS = {"gelsight": "gelsight_mini", "digit": "digit", "duragel": "duragel"}

@@ -7,9 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from tactileforge.datasets.reading.files import read_text
-from tactileforge.datasets.reading.official import ALL
-from tactileforge.datasets.reading.published import NumberedImages, frame_times, label_runs
 from tactileforge.plugin import (
     DataError,
     ImageFrames,
@@ -18,6 +15,9 @@ from tactileforge.plugin import (
     RecordingItem,
     still_background,
 )
+from tactileforge.reading.files import read_text
+from tactileforge.reading.official import ALL
+from tactileforge.reading.published import NumberedImages, frame_times, label_runs
 from tactileforge_datasets.official_splits import (
     ANYTOUCH2_MATERIAL,
     ANYTOUCH2_ROUGH,

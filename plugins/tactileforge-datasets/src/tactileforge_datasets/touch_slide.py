@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.datasets.reading.pickles import load_pickle
-from tactileforge.datasets.reading.published import median_frames
 from tactileforge.plugin import (
     DataError,
     EncodedFrames,
@@ -18,6 +16,8 @@ from tactileforge.plugin import (
     RecordingItem,
     still_background,
 )
+from tactileforge.reading.pickles import load_pickle
+from tactileforge.reading.published import median_frames
 from tactileforge_datasets.ycb_slide import BACKGROUNDS
 
 #: Number of Sparsh's background for each toy (``bgs/bg_N.jpg``).

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.datasets.reading.official import ALL
-from tactileforge.datasets.reading.published import frame_rate, frame_times
 from tactileforge.plugin import (
     ConfigError,
     DataError,
@@ -24,6 +22,8 @@ from tactileforge.plugin import (
     still_background,
     unknown,
 )
+from tactileforge.reading.official import ALL
+from tactileforge.reading.published import frame_rate, frame_times
 from tactileforge_datasets.official_splits import TOUCHD_BENCH, TOUCHD_PRETRAIN
 
 #: Sensor by folder. ``biotip`` sees markers in space, and ``dm`` has no labels: both are left out.

@@ -7,8 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tactileforge.datasets.reading.layout import check_sensor
-from tactileforge.datasets.reading.published import NumberedImages, frame_rate, frame_times
 from tactileforge.plugin import (
     DataError,
     PublishedDataset,
@@ -18,6 +16,8 @@ from tactileforge.plugin import (
     load_json,
     still_background,
 )
+from tactileforge.reading.layout import check_sensor
+from tactileforge.reading.published import NumberedImages, frame_rate, frame_times
 
 
 class TouchdMani(PublishedDataset):

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.datasets.reading.published import NumberedImages, frame_times
 from tactileforge.plugin import (
     ACTIONS,
     DataError,
@@ -19,6 +18,7 @@ from tactileforge.plugin import (
     still_background,
     unknown,
 )
+from tactileforge.reading.published import NumberedImages, frame_times
 
 _FPS = 30.0
 

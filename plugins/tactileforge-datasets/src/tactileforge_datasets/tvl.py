@@ -9,9 +9,6 @@ from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
-from tactileforge.datasets.reading.files import read_rows
-from tactileforge.datasets.reading.official import ALL
-from tactileforge.datasets.reading.published import frame_times, label_runs
 from tactileforge.plugin import (
     DataError,
     ImageFrames,
@@ -21,6 +18,9 @@ from tactileforge.plugin import (
     load_json,
     still_background,
 )
+from tactileforge.reading.files import read_rows
+from tactileforge.reading.official import ALL
+from tactileforge.reading.published import frame_times, label_runs
 from tactileforge_datasets.official_splits import TVL_OFFICIAL
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
-from tactileforge.datasets.reading.published import NumberedImages, frame_times
 from tactileforge.plugin import FrameSubset, PublishedDataset, Recording, RecordingItem
+from tactileforge.reading.published import NumberedImages, frame_times
 
 
 class VisGel(PublishedDataset):

@@ -14,9 +14,6 @@ from omegaconf import OmegaConf
 from tactileforge.data.batches.sources import Bad, Source
 from tactileforge.data.shards.fetch import ShardFolder
 from tactileforge.data.shards.summary import Summary
-from tactileforge.datasets.reading.drawn import Drawn
-from tactileforge.datasets.reading.layout import several
-from tactileforge.datasets.reading.splits import check_share, check_split
 from tactileforge.errors import command
 from tactileforge.plugin import (
     ConfigError,
@@ -28,6 +25,9 @@ from tactileforge.plugin import (
     cache_folder,
     is_held_out,
 )
+from tactileforge.reading.drawn import Drawn
+from tactileforge.reading.layout import several
+from tactileforge.reading.splits import check_share, check_split
 from tactileforge_datasets.samples.layout import SampleLayout, parse_samples
 from tactileforge_datasets.samples.opened import SampleOpener
 from tactileforge_datasets.samples.tars import Tar, find_tars

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from tactileforge.datasets.reading.published import NumberedImages, frame_times, median_frames
 from tactileforge.plugin import PublishedDataset, Recording, RecordingItem, still_background
+from tactileforge.reading.published import NumberedImages, frame_times, median_frames
 
 #: Number of Sparsh's background for each object (``bgs/bg_N.jpg`` in its data).
 BACKGROUNDS = {

@@ -13,10 +13,10 @@ from typing import Any, Literal
 from torch import nn
 
 from tactileforge import __version__, load
-from tactileforge.files import sync
 from tactileforge.hub import forces
 from tactileforge.hub.files import describe_input
 from tactileforge.plugin import ConfigError, Model, TactileForgeError, new_part, unknown
+from tactileforge.util.files import sync
 from tactileforge_export.facts import AXES_OF_FORCE, OUTPUTS, Exported, need_onnx
 from tactileforge_export.graph_module import GraphModule, check_float32
 from tactileforge_export.program import ProgramFile, compare_outputs, sizes_of, trace

@@ -8,7 +8,7 @@ from typing import Any
 
 from tactileforge.cli._quote import hydra_value, unquoted
 from tactileforge.plugin import Command, ConfigError, build, home_path, write_text
-from tactileforge.untrusted import dump_yaml
+from tactileforge.util.untrusted import dump_yaml
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,8 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, TextIO
 
-from tactileforge import registry
 from tactileforge.plugin import to_json
+from tactileforge.plugins import registry
 
 
 class Publisher(Protocol):

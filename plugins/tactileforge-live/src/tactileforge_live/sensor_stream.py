@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tactileforge_depth.reader import DepthReader
+from tactileforge_markers.motion import Motion, marker_motion
+from tactileforge_markers.track import MarkerTracker
 
-from tactileforge.calibration.file import Calibration
 from tactileforge.data.frames.pictures import rgb_pixels
-from tactileforge.depth.reader import DepthReader
-from tactileforge.markers.motion import Motion, marker_motion
-from tactileforge.markers.track import MarkerTracker
 from tactileforge.plugin import (
     Capture,
     ConfigError,
@@ -27,8 +26,9 @@ from tactileforge.plugin import (
     open_picture,
 )
 from tactileforge.sensors.background import Background
-from tactileforge.streaming.contact import SlipOptions
-from tactileforge.streaming.touch_stream import Prediction, TouchStream
+from tactileforge.sensors.calibration.file import Calibration
+from tactileforge.sensors.streaming.contact import SlipOptions
+from tactileforge.sensors.streaming.touch_stream import Prediction, TouchStream
 
 #: Number of readings kept for the page.
 HISTORY = 512

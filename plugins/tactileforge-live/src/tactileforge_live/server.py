@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tactileforge.depth.reader import depth_image
-from tactileforge.markers.motion import draw_arrows
+from tactileforge_depth.reader import depth_image
+from tactileforge_markers.motion import draw_arrows
+
 from tactileforge.pages.local_page import NOT_FOUND
 from tactileforge.plugin import LocalPage, PageAnswer, difference_image, page_jpeg, to_json
 from tactileforge_live.sensor_stream import SensorStream

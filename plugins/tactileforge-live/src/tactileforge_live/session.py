@@ -10,13 +10,13 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 import numpy as np
+from tactileforge_depth.reader import depth_readers
+from tactileforge_markers.tracks import check_marker_sensors
 
-from tactileforge.calibration.file import load_calibration
-from tactileforge.depth.reader import depth_readers
-from tactileforge.markers.tracks import check_marker_sensors
 from tactileforge.plugin import ConfigError, Model, Sensor, SensorError, unknown
 from tactileforge.sensors.awake import CLOCK
 from tactileforge.sensors.background import Background
+from tactileforge.sensors.calibration.file import load_calibration
 from tactileforge.sensors.capture import check
 from tactileforge.sensors.low_latency_threads import low_latency_threads
 from tactileforge.sensors.opening import open_all, unit_of

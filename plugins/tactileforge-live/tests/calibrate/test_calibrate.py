@@ -10,13 +10,13 @@ from tactileforge_live.calibrate.fit import folds
 from tactileforge_live.calibrate.light import estimate_light, light_drift, punch_mm_per_pixel
 
 from tactileforge import cli
-from tactileforge.calibration import file
-from tactileforge.calibration.features import median_background
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.image_codecs import encode_image
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.sensors.calibration import file
+from tactileforge.sensors.calibration.features import median_background
 
 ROWS, COLUMNS = np.mgrid[-1:1:48j, -1:1:64j]
 BLOB = np.exp(-(ROWS**2 + COLUMNS**2) / 0.08)

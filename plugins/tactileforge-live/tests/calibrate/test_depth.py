@@ -10,6 +10,9 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from tactileforge_depth.lighting import load_optics, optics_names, polynomial_background
+from tactileforge_depth.presses import Presses
+from tactileforge_depth.reader import DepthReader
 from tactileforge_live.calibrate.depth import calibrate_depth
 from tactileforge_live.calibrate.depth_options import DepthOptions
 from tactileforge_live.calibrate.depth_page import depth_page
@@ -19,9 +22,6 @@ from tactileforge_sim.optics.sensor_instances import SensorInstance
 from tactileforge import cli
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.depth.lighting import load_optics, optics_names, polynomial_background
-from tactileforge.depth.presses import Presses
-from tactileforge.depth.reader import DepthReader
 from tactileforge.errors import ConfigError, DataError
 
 ROWS, COLUMNS = 80, 60

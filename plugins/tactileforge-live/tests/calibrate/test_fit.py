@@ -9,9 +9,9 @@ from tactileforge_live.calibrate.calibrate import CalibrateOptions, calibrate
 from tactileforge_live.calibrate.fit import Candidate, fit_axis, folds, hardly_pressed
 from tactileforge_live.calibrate.page import calibration_page
 
-from tactileforge.calibration.pictures import PICTURES, picture_inputs
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.sensors.calibration.pictures import PICTURES, picture_inputs
 
 ROWS, COLUMNS = np.mgrid[-1:1:48j, -1:1:64j]
 REST = np.full((48, 64, 3), 90, np.uint8)

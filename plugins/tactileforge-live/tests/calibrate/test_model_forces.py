@@ -13,7 +13,6 @@ from tactileforge_live.calibrate.calibrate import CalibrateOptions, CalibrationR
 from tactileforge_live.calibrate.page import calibration_page
 
 import tactileforge
-from tactileforge.calibration.file import Axis, Calibration, ForceModel, parse_calibration
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.recordings import Recordings
@@ -22,6 +21,7 @@ from tactileforge.errors import ConfigError
 from tactileforge.heads.force import ForceHead
 from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
+from tactileforge.sensors.calibration.file import Axis, Calibration, ForceModel, parse_calibration
 
 pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
 

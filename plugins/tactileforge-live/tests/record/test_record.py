@@ -29,16 +29,16 @@ from tactileforge_sim.sensors.sim import SimSensor
 from tactileforge_sim.sensors.sim_wrench import SimWrench
 from waiting import wait_until
 
-from tactileforge.calibration import file as calibration
 from tactileforge.data.shards import shards
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
 from tactileforge.sensors import opening
 from tactileforge.sensors.background import Background
+from tactileforge.sensors.calibration import file as calibration
 from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.status import of_drops
-from tactileforge.strict import build
 from tactileforge.testing.emulators import PtyDevice
+from tactileforge.util.strict import build
 
 SCRIPT = Path(__file__).parent / "recordable.py"
 

@@ -12,8 +12,6 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from tactileforge import run_folder
-from tactileforge.checkpoint_file import read_checkpoint
 from tactileforge.encoders.views import views_of
 from tactileforge.plugin import (
     NEUTRAL_BACKGROUND,
@@ -23,6 +21,8 @@ from tactileforge.plugin import (
     Views,
     resize_frame,
 )
+from tactileforge.runs import folder as run_folder
+from tactileforge.runs.checkpoint_file import read_checkpoint
 from tactileforge.training.parts import build_parts
 from tactileforge_policies.heads.base import PolicyHead
 from tactileforge_policies.reference import reference_gain, with_gain

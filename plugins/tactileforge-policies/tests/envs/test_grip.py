@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from tactileforge_depth.gel import Gel
 from tactileforge_policies.envs.chip import FACE
 from tactileforge_policies.envs.fingers import mirrored
 from tactileforge_policies.envs.grip import TOLERANCE, Body, Grip
 from tactileforge_policies.envs.outer import Solid, ground
-
-from tactileforge.depth.gel import Gel
 
 MU = 0.8
 AWAY = np.zeros(2)

@@ -6,9 +6,9 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from tactileforge_depth.contact import NotConverged
 from tactileforge_policies import envs
 
-from tactileforge.depth.contact import NotConverged
 from tactileforge.errors import ConfigError
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 from demonstrated import demonstrations
 
-from tactileforge.compose import compose
+from tactileforge.cli.compose import compose
 
 #: A policy that trains in seconds: a random encoder of one block, and a narrow U-Net.
 SMALL = ["scale=demo", "init=null", "encoder.depth=1", "encoder.image_size=32"]
@@ -30,7 +30,7 @@ def words(root: Path) -> list[str]:
 @pytest.fixture(scope="module")
 def train_policy(words: list[str], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Trains a small policy and gives the folder of its run."""
-    from tactileforge.train import train
+    from tactileforge.api import train
 
     def make(*more: str) -> Path:
         folder = tmp_path_factory.mktemp("run") / "run"

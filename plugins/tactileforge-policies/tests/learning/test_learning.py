@@ -12,11 +12,11 @@ from tactileforge_policies.heads.diffusion_policy import DiffusionPolicy, PowerE
 from tactileforge_policies.heads.ranges import Ranges
 from tactileforge_policies.robot import Robot
 
-from tactileforge.checkpoint_file import read_checkpoint
-from tactileforge.compose import compose
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
 from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.run_folder import LAST, read_config
-from tactileforge.train import train
+from tactileforge.runs.checkpoint_file import read_checkpoint
+from tactileforge.runs.folder import LAST, read_config
 from tactileforge.training.checkpoints import Checkpoints
 from tactileforge.training.module import TouchModule
 

@@ -12,16 +12,16 @@ from tactileforge_policies import load_policy
 from tactileforge_policies.data.demonstrations import Demonstrations
 from tactileforge_policies.reference import GAIN_LABEL
 
-from tactileforge import run_folder
-from tactileforge.checkpoint_file import read_checkpoint
-from tactileforge.compose import compose
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
 from tactileforge.data.batches.clips import collate
 from tactileforge.encoders.views import views_of
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, TactileForgeError
 from tactileforge.pages.curves import read_metrics
 from tactileforge.report.run import report_of_run
-from tactileforge.run_folder import BEST, LAST
-from tactileforge.train import train
+from tactileforge.runs import folder as run_folder
+from tactileforge.runs.checkpoint_file import read_checkpoint
+from tactileforge.runs.folder import BEST, LAST
 
 NARROW = ["head.denoise.channels=[16,32]", "head.denoise.step_width=16", "head.denoise.steps=4"]
 NARROW += ["head.denoise.pooler.queries=4"]

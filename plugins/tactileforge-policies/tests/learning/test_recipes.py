@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 from demonstrated import demonstrations
 
-from tactileforge.compose import compose
-from tactileforge.train import train
+from tactileforge.api import train
+from tactileforge.cli.compose import compose
 
 
 @pytest.mark.slow

@@ -7,11 +7,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from tactileforge import registry
-from tactileforge.files import sha256, writing
 from tactileforge.hub import cards, files, store
 from tactileforge.plugin import ConfigError, DataError, DataNotFoundError, new_part
-from tactileforge.provenance import commit
+from tactileforge.plugins import registry
+from tactileforge.util.files import sha256, writing
+from tactileforge.util.provenance import commit
 from tactileforge_published import convert, read_tensors
 from tactileforge_published.published_heads import published_heads
 

@@ -8,9 +8,9 @@ from typing import Any
 import torch
 from torch import nn
 
-from tactileforge import registry
 from tactileforge.hub.files import fill_weights
 from tactileforge.plugin import ConfigError, check_names, unknown
+from tactileforge.plugins import registry
 from tactileforge_published import Converted
 
 #: Sensor of a force head -> columns and signs that turn (Fx, Fy, -Fz) of ToucHD into the axes of

@@ -46,7 +46,7 @@ FIRST_VAL = 300_000
 #: Packages with the code of pictures, and what in them changes none.
 _CODE = {
     "tactileforge_sim": ("dataset.py", "sensors", "verbs"),
-    "tactileforge.depth": ("reader.py",),
+    "tactileforge_depth": ("reader.py",),
 }
 #: Motions of a group.
 _MOTION_GROUPS = {

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactileforge.data.shards import shards
-from tactileforge.datasets.reading.drawn import Drawn
 from tactileforge.plugin import ConfigError, Recording, cache_folder, unknown
+from tactileforge.reading.drawn import Drawn
 
 if TYPE_CHECKING:
     from tactileforge_sim.config import SimConfig

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.bars import Bar
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.files import claim
 from tactileforge.plugin import ArrayFrames, ConfigError, Recording, TactileForgeError, strict
-from tactileforge.processes import end_with_parent, process_count, spread
-from tactileforge.threads import one_thread
+from tactileforge.util.bars import Bar
+from tactileforge.util.files import claim
+from tactileforge.util.processes import end_with_parent, process_count, spread
+from tactileforge.util.threads import one_thread
 from tactileforge_sim.config import FIRST_VAL, SimConfig
 from tactileforge_sim.optics.scene_camera import render_scene_image
 from tactileforge_sim.play import play_scenes

@@ -9,8 +9,8 @@ from itertools import islice
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from tactileforge_depth.gel import Gel
 
-from tactileforge.depth.gel import Gel
 from tactileforge.plugin import ConfigError
 from tactileforge_sim.mechanics.sensor_gels import sensor_gel
 from tactileforge_sim.mechanics.surface import DETAIL, GelSurface

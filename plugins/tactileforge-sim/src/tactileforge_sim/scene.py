@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from tactileforge_depth.gel import Gel
 
-from tactileforge.depth.gel import Gel
 from tactileforge.plugin import ConfigError, spec, unknown
 from tactileforge.specs.published import SIMULATED, simulation
 from tactileforge_sim.geometry.heightfields import rough

@@ -2,11 +2,10 @@ import math
 
 import pytest
 import torch
+from tactileforge_depth import contact
+from tactileforge_depth.gel import Gel, Kernel, kernel
 from tactileforge_sim.mechanics import friction
 from torch import Tensor
-
-from tactileforge.depth import contact
-from tactileforge.depth.gel import Gel, Kernel, kernel
 
 MU, RADIUS, DEPTH = 0.8, 10.0, 0.2
 

@@ -3,6 +3,7 @@ import math
 import pytest
 import torch
 from planes import plane
+from tactileforge_depth.gel import Gel, compliance, kernel
 from tactileforge_sim.geometry.shapes import shape
 from tactileforge_sim.mechanics.sensor_gels import sensor_gel
 from tactileforge_sim.mechanics.surface import DETAIL, GelSurface
@@ -13,8 +14,6 @@ from tactileforge_sim.scene import POINTS
 from tactileforge_sim.scene import SPACING as GRID
 from torch import Tensor
 from torch.nn import functional as F
-
-from tactileforge.depth.gel import Gel, compliance, kernel
 
 N, SPACING, GEL = 64, 0.22, Gel(friction=0.8)
 

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 import torch
 from planes import plane
+from tactileforge_depth import contact
+from tactileforge_depth.gel import Gel
 from tactileforge_sim.mechanics.motions import MOTIONS, Path, Speeds, atomic
 from tactileforge_sim.mechanics.touch import ContactState, contacts
 from torch import Tensor
 
-from tactileforge.depth import contact
-from tactileforge.depth.gel import Gel
 from tactileforge.errors import ConfigError
 
 N, SPACING = 40, 0.3

@@ -4,13 +4,13 @@ from dataclasses import replace
 import pytest
 import torch
 import torch.nn.functional as F
+from tactileforge_depth import lighting
+from tactileforge_depth.features import BLURS, POWERS, exponents, normals, places
+from tactileforge_depth.lighting import lamp_calibration
 from tactileforge_sim.optics.render import Optics
 from tactileforge_sim.optics.sensor_instances import SensorInstance, draw_instance
 
 from tactileforge.contracts import Lamp
-from tactileforge.depth import lighting
-from tactileforge.depth.features import BLURS, POWERS, exponents, normals, places
-from tactileforge.depth.lighting import lamp_calibration
 from tactileforge.errors import ConfigError
 from tactileforge.specs.published import SIMULATED
 

@@ -3,12 +3,11 @@ from pathlib import Path
 
 import pytest
 import torch
+from tactileforge_depth import fit, lighting
+from tactileforge_depth.features import places
+from tactileforge_depth.presses import KNOWN, read_known
 from tactileforge_sim.optics.render import Optics
 from tactileforge_sim.optics.sensor_instances import SensorInstance
-
-from tactileforge.depth import fit, lighting
-from tactileforge.depth.features import places
-from tactileforge.depth.presses import KNOWN, read_known
 
 ROOT = Path(__file__).parents[4]
 DATA = Path(os.environ.get("TACTILEFORGE_REALDATA", ROOT.parent / "shared" / "realdata"))

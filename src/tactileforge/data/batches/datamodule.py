@@ -31,8 +31,8 @@ from tactileforge.data.batches.transfer import Transfer
 from tactileforge.data.labels.augment import Augment, fill_captions
 from tactileforge.data.labels.doubts import Doubts
 from tactileforge.data.shards.summary import Summary
-from tactileforge.distributed import seed_step
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.util.distributed import seed_step
 
 log = logging.getLogger(__name__)
 

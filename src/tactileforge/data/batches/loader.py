@@ -22,9 +22,9 @@ from torch.utils.data import DataLoader
 
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.stream import BatchIndexSampler, Stream
-from tactileforge.distributed import world
 from tactileforge.errors import ConfigError
-from tactileforge.signals import held, leave_to_parent
+from tactileforge.util.distributed import world
+from tactileforge.util.signals import held, leave_to_parent
 
 log = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ from tactileforge.data.frames.crop import check_range, size_text
 from tactileforge.data.frames.pictures import rgb_pixels
 from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import DataError
-from tactileforge.untrusted import open_picture
+from tactileforge.util.untrusted import open_picture
 
 #: Errors of Pillow for damaged files: its plugins raise SyntaxError for headers, too.
 _UNREADABLE = (OSError, SyntaxError, TypeError, ValueError)

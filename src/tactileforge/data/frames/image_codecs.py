@@ -16,7 +16,7 @@ from tactileforge.data.frames.crop import check_range, size_text
 from tactileforge.data.frames.pictures import orientation
 from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import ConfigError, DataError, unknown
-from tactileforge.untrusted import open_picture
+from tactileforge.util.untrusted import open_picture
 
 #: Codecs by the ending of their files, with OpenCV's options. JPEG 95 is OpenCV's default; PNG 3
 #: keeps compression fast.

@@ -15,7 +15,7 @@ from tactileforge.data.frames.pictures import check_depth, orientation, rgb_pixe
 from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
 from tactileforge.data.frames.video import VIDEO_SUFFIXES, VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError
-from tactileforge.untrusted import open_picture
+from tactileforge.util.untrusted import open_picture
 
 if TYPE_CHECKING:
     from PIL import Image

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import DataError, DataNotFoundError
-from tactileforge.untrusted import MAX_PIXELS
+from tactileforge.util.untrusted import MAX_PIXELS
 
 # OpenCV reads this once, when the process first opens a video. FFmpeg's messages name no file, and
 # would stand between those of a run.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.frames.image_codecs import PackedFrames
 from tactileforge.errors import DataError
-from tactileforge.untrusted import load_json
+from tactileforge.util.untrusted import load_json
 
 #: Version of the layout; readers refuse other versions.
 VERSION = 3

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import BinaryIO
 from urllib.parse import unquote, urlparse
 
-from tactileforge import downloads, files
 from tactileforge.data.frames.image_codecs import BLOCK
 from tactileforge.errors import DataError, home_path
-from tactileforge.files import new_part, sweep_parts
+from tactileforge.util import downloads, files
+from tactileforge.util.files import new_part, sweep_parts
 
 #: Largest size of an index, bytes, and longest download of it, seconds.
 _MAX_TEXT, _TEXT_SECONDS = 1 << 28, 1800.0

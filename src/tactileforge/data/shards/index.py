@@ -14,8 +14,8 @@ from tactileforge.contracts import Recording
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.summary import Summary
 from tactileforge.errors import DataError
-from tactileforge.files import sealed, sha256, unsealed, write_text
-from tactileforge.untrusted import load_json
+from tactileforge.util.files import sealed, sha256, unsealed, write_text
+from tactileforge.util.untrusted import load_json
 
 #: Name of the file.
 NAME = "index.json"

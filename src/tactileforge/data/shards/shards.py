@@ -43,8 +43,8 @@ from tactileforge.data.shards.description import (
 )
 from tactileforge.data.shards.foreign import check_foreign
 from tactileforge.errors import DataError
-from tactileforge.files import new_part
-from tactileforge.untrusted import MAX_PIXELS
+from tactileforge.util.files import new_part
+from tactileforge.util.untrusted import MAX_PIXELS
 
 log = logging.getLogger(__name__)
 

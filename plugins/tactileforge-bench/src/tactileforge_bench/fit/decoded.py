@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from tactileforge.files import part_name, sweep_parts
 from tactileforge.plugin import Batch, Clips, write_text
+from tactileforge.util.files import part_name, sweep_parts
 from tactileforge_bench.tasks.source import TaskSource
 
 #: Bytes of clips beyond which they are decoded each time.

@@ -14,11 +14,11 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Subset
 
-from tactileforge.bars import Bar
 from tactileforge.data.batches.clips import collate
 from tactileforge.data.batches.loader import start_worker
 from tactileforge.plugin import Batch, Clips, DataError, locked, write_text
-from tactileforge.signals import held
+from tactileforge.util.bars import Bar
+from tactileforge.util.signals import held
 from tactileforge_bench.fit import decoded
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge_bench.tasks.source import TaskSource

@@ -10,13 +10,13 @@ from typing import Any
 
 import torch
 
-from tactileforge import registry
-from tactileforge.files import sha256
 from tactileforge.hub import cards, files, store
 from tactileforge.hub.header import Header, read_header
 from tactileforge.hub.runs import open_run
 from tactileforge.plugin import ConfigError, home_path, unknown
-from tactileforge.run_folder import read_config
+from tactileforge.plugins import registry
+from tactileforge.runs.folder import read_config
+from tactileforge.util.files import sha256
 from tactileforge_bench.fit.baselines import BASELINES
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
 
@@ -124,7 +124,7 @@ def _check_shape(of: str, composed: Sequence[str]) -> None:
     else:
         from hydra.errors import MissingConfigException
 
-        from tactileforge.compose import compose
+        from tactileforge.cli.compose import compose
 
         try:
             compose(of, composed)
@@ -167,7 +167,7 @@ def header_of(word: str, composed: Sequence[str] = ()) -> Header:
         return model_entry(word).open[0]().header
     from omegaconf import OmegaConf
 
-    from tactileforge.compose import compose
+    from tactileforge.cli.compose import compose
 
     config = compose(name, composed)
     plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]

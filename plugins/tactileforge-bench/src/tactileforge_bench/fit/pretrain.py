@@ -14,8 +14,8 @@ from omegaconf import DictConfig
 
 from tactileforge.errors import command
 from tactileforge.plugin import ConfigError, TactileForgeError, check_names, strict, write_text
-from tactileforge.processes import run_program
-from tactileforge.run_folder import LAST
+from tactileforge.runs.folder import LAST
+from tactileforge.util.processes import run_program
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge_bench.fit.models import ModelEntry, encoder_of_run
 from tactileforge_bench.results.results import LossCurve

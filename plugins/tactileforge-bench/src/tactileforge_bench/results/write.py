@@ -18,7 +18,7 @@ import numpy as np
 
 from tactileforge.hub.cards import card_names
 from tactileforge.plugin import TactileForgeError, new_part, write_text
-from tactileforge.provenance import commit
+from tactileforge.util.provenance import commit
 from tactileforge_bench.results.load import read_cell
 from tactileforge_bench.results.results import (
     FILE,

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge import registry
 from tactileforge.plugin import Clips, DataError, Dataset, Recording, check_names
+from tactileforge.plugins import registry
 from tactileforge_bench.tasks.suite import ClipSpec
 
 #: Height and width of a clip that is never decoded.
@@ -107,7 +107,7 @@ def _node(data: Mapping[str, Any]) -> dict[str, Any]:
     preset = node.pop("preset", None)
     if preset is None:
         return node
-    from tactileforge.compose import option
+    from tactileforge.cli.compose import option
 
     layouts = node.pop("layouts", None)
     words = [f"data.{key}={value}" for key, value in node.items()]

@@ -133,7 +133,7 @@ def _bench(_: _Bench, config: dict[str, Any]) -> int:
 
 def _run_by(runner: str, config: dict[str, Any]) -> int:
     """Runs a suite with the runner of a package and returns the exit status."""
-    from tactileforge import registry
+    from tactileforge.plugins import registry
 
     failed: list[str] = registry.load("runners", runner)(config)
     for line in failed:

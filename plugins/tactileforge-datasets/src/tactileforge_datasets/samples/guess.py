@@ -12,8 +12,8 @@ from typing import Any
 from tactileforge.data.frames.video_clock import FASTEST
 from tactileforge.data.labels.clock import UNITS
 from tactileforge.data.shards.foreign import is_foreign
-from tactileforge.datasets.reading.guessed_layout import FPS, guess_sensor
 from tactileforge.plugin import NEWTONS, Blob, DataError, Guess, TactileForgeError, named_unit
+from tactileforge.reading.guessed_layout import FPS, guess_sensor
 from tactileforge_datasets.samples.members import read_members
 from tactileforge_datasets.samples.opened import shown
 from tactileforge_datasets.samples.places import (

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from tactileforge.datasets.reading.layout import check_sensor, given, parse_background, several
-from tactileforge.datasets.reading.layout_keys import BackgroundRule
 from tactileforge.plugin import ACTIONS, ConfigError, newtons_of, unknown
-from tactileforge.strict import build, mapping
+from tactileforge.reading.layout import check_sensor, given, parse_background, several
+from tactileforge.reading.layout_keys import BackgroundRule
+from tactileforge.util.strict import build, mapping
 from tactileforge_datasets.samples.places import (
     PICTURES,
     TEXTS,

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.clock import UNITS
-from tactileforge.datasets.reading.layout import check_action, check_sensor, parse_background
-from tactileforge.datasets.reading.tables import number_or_text
 from tactileforge.plugin import (
     ACTIONS,
     Blob,
@@ -26,6 +24,8 @@ from tactileforge.plugin import (
     check_rising,
     label_actions,
 )
+from tactileforge.reading.layout import check_action, check_sensor, parse_background
+from tactileforge.reading.tables import number_or_text
 from tactileforge_datasets.samples.layout import SampleLayout, newtons
 from tactileforge_datasets.samples.places import (
     VIDEOS,

@@ -13,7 +13,7 @@ from tactileforge.data.frames.video import VideoFrames
 from tactileforge.data.frames.video_clock import video_times
 from tactileforge.data.frames.video_index import inside
 from tactileforge.plugin import Blob, DataError
-from tactileforge.untrusted import MAX_PIXELS
+from tactileforge.util.untrusted import MAX_PIXELS
 from tactileforge_datasets.samples.places import array_header
 
 

@@ -9,9 +9,9 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.calibration import features
-from tactileforge.calibration.file import AXES, Calibration, ForceModel, Light
 from tactileforge.plugin import ConfigError, DataError, Recording, check_names, spec
+from tactileforge.sensors.calibration import features
+from tactileforge.sensors.calibration.file import AXES, Calibration, ForceModel, Light
 from tactileforge_live.calibrate.fit import AxisFit
 from tactileforge_live.calibrate.force import fit_forces
 from tactileforge_live.calibrate.light import estimate_light, light_drift, punch_mm_per_pixel

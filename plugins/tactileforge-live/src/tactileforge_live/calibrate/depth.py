@@ -10,14 +10,14 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from numpy.typing import NDArray
+from tactileforge_depth.fit import fit_optics, save_optics
+from tactileforge_depth.inverse import SurfaceReader
+from tactileforge_depth.lighting import OpticalCalibration, load_optics
+from tactileforge_depth.presses import Presses, find_circle
 from torch import Tensor
 
-from tactileforge.calibration.features import chunks, median_background
-from tactileforge.depth.fit import fit_optics, save_optics
-from tactileforge.depth.inverse import SurfaceReader
-from tactileforge.depth.lighting import OpticalCalibration, load_optics
-from tactileforge.depth.presses import Presses, find_circle
 from tactileforge.plugin import ConfigError, DataError, Recording, spec
+from tactileforge.sensors.calibration.features import chunks, median_background
 from tactileforge.specs.published import simulation
 from tactileforge_live.calibrate.depth_options import DepthOptions
 from tactileforge_live.calibrate.unit import recordings_of_unit

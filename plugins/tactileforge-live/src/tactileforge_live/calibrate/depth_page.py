@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
+from tactileforge_depth.reader import depth_image
 
-from tactileforge.depth.reader import depth_image
 from tactileforge.pages.figures import INK, draw_points, drawing, svg
 from tactileforge.pages.images import figure
 from tactileforge.pages.page import (

@@ -7,10 +7,10 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.calibration import features
-from tactileforge.calibration.file import AXES, ForceModel
-from tactileforge.calibration.pictures import CHANGE, MOMENTS, PICTURES, SHAPE
 from tactileforge.plugin import DataError, Recording
+from tactileforge.sensors.calibration import features
+from tactileforge.sensors.calibration.file import AXES, ForceModel
+from tactileforge.sensors.calibration.pictures import CHANGE, MOMENTS, PICTURES, SHAPE
 from tactileforge_live.calibrate.fit import (
     BEFORE,
     MEAN,

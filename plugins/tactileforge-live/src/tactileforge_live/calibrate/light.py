@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.calibration.file import Light
 from tactileforge.plugin import DataError
+from tactileforge.sensors.calibration.file import Light
 
 #: Change of a pixel that counts as contact, grey levels.
 _LEAST = 3.0

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup
 
-from tactileforge.calibration.file import AXES, ForceModel
-from tactileforge.calibration.pictures import PICTURES, SHAPE
 from tactileforge.pages.figures import INK, draw_points, drawing, svg
 from tactileforge.pages.forces import agreement_figure
 from tactileforge.pages.images import figure
@@ -22,6 +20,8 @@ from tactileforge.pages.page import (
     table,
     verdict,
 )
+from tactileforge.sensors.calibration.file import AXES, ForceModel
+from tactileforge.sensors.calibration.pictures import PICTURES, SHAPE
 from tactileforge_live.calibrate.calibrate import CalibrationResult
 from tactileforge_live.calibrate.fit import AxisFit
 from tactileforge_live.calibrate.scale import SCALED

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from tactileforge_markers.track import MarkerTracker
 
-from tactileforge.markers.track import MarkerTracker
 from tactileforge.plugin import Frame, encode_image
 
 

@@ -6,8 +6,8 @@ import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from tactileforge.calibration import file as calibration
 from tactileforge.plugin import ConfigError, Sensor, TactileForgeError, unknown
+from tactileforge.sensors.calibration import file as calibration
 from tactileforge.sensors.low_latency_threads import low_latency_threads
 from tactileforge.sensors.opening import unit_of
 from tactileforge_live.record.options import RecordOptions

@@ -12,10 +12,10 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+from tactileforge_depth.reader import depth_readers
+from tactileforge_markers.track import MarkerTracker
+from tactileforge_markers.tracks import check_marker_sensors
 
-from tactileforge.depth.reader import depth_readers
-from tactileforge.markers.track import MarkerTracker
-from tactileforge.markers.tracks import check_marker_sensors
 from tactileforge.plugin import Capture, ConfigError, Frame, Sensor, SensorError, spec
 from tactileforge.sensors import background
 from tactileforge.sensors.awake import CLOCK

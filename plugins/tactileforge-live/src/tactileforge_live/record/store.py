@@ -17,8 +17,8 @@ from typing import Self
 
 from tactileforge.data.shards import index, shards
 from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.files import refuse_shards
 from tactileforge.plugin import DataError, locked
+from tactileforge.util.files import refuse_shards
 from tactileforge_live.record.merge_segments import merge_segments
 from tactileforge_live.record.raw import Raw, append_raw, merge_raw
 

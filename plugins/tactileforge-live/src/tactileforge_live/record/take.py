@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tactileforge_markers.find import MarkerGrid
+from tactileforge_markers.tracks import marker_labels, marker_tracks
 
 from tactileforge.data.shards import shards
-from tactileforge.markers.find import MarkerGrid
-from tactileforge.markers.tracks import marker_labels, marker_tracks
 from tactileforge.plugin import ACTIONS, ArrayFrames, DataError, Recording, TactileForgeError
 from tactileforge.sensors.capture import check
 from tactileforge.sensors.opening import unit_of

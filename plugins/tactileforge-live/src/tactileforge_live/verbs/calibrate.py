@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactileforge import registry
-from tactileforge.calibration.file import load_calibration
 from tactileforge.plugin import Command, ConfigError, Dataset, Recording, write_text
+from tactileforge.plugins import registry
+from tactileforge.sensors.calibration.file import load_calibration
 from tactileforge_live.calibrate.calibrate import CalibrateOptions, CalibrationResult, calibrate
 from tactileforge_live.calibrate.depth_options import DepthOptions
 from tactileforge_live.calibrate.scale import SCALED

@@ -11,7 +11,7 @@ from typing import Any
 from tactileforge.pages.local_page import check_port
 from tactileforge.plugin import Command
 from tactileforge.sensors.opening import build_sensors as built_sensors
-from tactileforge.signals import stopped_by_signals
+from tactileforge.util.signals import stopped_by_signals
 from tactileforge_live.publish import JsonLines, Publisher, build_publishers
 from tactileforge_live.session import LiveOptions, LiveSession, run_session
 from tactileforge_live.status_line import LiveStatus

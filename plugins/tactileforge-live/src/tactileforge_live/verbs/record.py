@@ -8,7 +8,7 @@ from tactileforge.errors import command
 from tactileforge.plugin import Command
 from tactileforge.sensors.opening import build_sensors
 from tactileforge.sensors.status import of_drops
-from tactileforge.signals import stopped_by_signals
+from tactileforge.util.signals import stopped_by_signals
 from tactileforge_live.record.options import RecordOptions
 from tactileforge_live.record.record import record
 from tactileforge_live.record.status import RecordStatus

@@ -16,10 +16,10 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
+from tactileforge_depth.contact import NotConverged
+from tactileforge_depth.gel import Gel
 from tactileforge_sim.randomise.draw import Choice
 
-from tactileforge.depth.contact import NotConverged
-from tactileforge.depth.gel import Gel
 from tactileforge.plugin import ConfigError
 from tactileforge_policies.envs.fingers import FINGERS, Fingers, mirrored
 from tactileforge_policies.envs.grip import Body, Grip, Held

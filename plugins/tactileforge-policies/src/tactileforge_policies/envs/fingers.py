@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from tactileforge_depth.gel import Gel
 from tactileforge_sim.geometry.indenter_geometry import Shape
 from tactileforge_sim.mechanics.sensor_gels import sensor_gel
 from tactileforge_sim.mechanics.surface import DETAIL, GelSurface
@@ -16,7 +17,6 @@ from tactileforge_sim.optics import sensor_instances
 from tactileforge_sim.randomise.draw import Choice
 from tactileforge_sim.view import SensorView
 
-from tactileforge.depth.gel import Gel
 from tactileforge_policies.envs.grip import POINTS, SPACING
 
 #: Names of the fingers.

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from tactileforge_depth.gel import Gel
 from tactileforge_sim.geometry.indenter_geometry import Shape
 from tactileforge_sim.mechanics.touch import ContactSolver, ContactState, Tractions
 
-from tactileforge.depth.gel import Gel
 from tactileforge_policies.envs.outer import Array, Outer, placed, pushed
 
 #: The solver's grid: points a side, mm between them.

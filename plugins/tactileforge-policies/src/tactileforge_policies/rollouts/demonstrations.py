@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.bars import Bar
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.files import claim, sealed, unsealed, write_text
 from tactileforge.plugin import ArrayFrames, DataError, Recording, TactileForgeError
-from tactileforge.processes import process_count, run_share, spread
-from tactileforge.threads import one_thread
+from tactileforge.util.bars import Bar
+from tactileforge.util.files import claim, sealed, unsealed, write_text
+from tactileforge.util.processes import process_count, run_share, spread
+from tactileforge.util.threads import one_thread
 from tactileforge_policies.reference import GAIN_LABEL, reference_gain
 from tactileforge_policies.rollouts.actors import Expert
 from tactileforge_policies.rollouts.episode import Episode, play_episode

@@ -8,10 +8,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tactileforge.bars import Bar
-from tactileforge.files import claim
-from tactileforge.processes import process_count, run_share, spread
-from tactileforge.threads import one_thread
+from tactileforge.util.bars import Bar
+from tactileforge.util.files import claim
+from tactileforge.util.processes import process_count, run_share, spread
+from tactileforge.util.threads import one_thread
 from tactileforge_policies.rollouts.actors import SCRIPTED, fingerprint, make_actor
 from tactileforge_policies.rollouts.episode import Episode, play_episode
 from tactileforge_policies.rollouts.options import RolloutOptions, make_environment

@@ -8,10 +8,9 @@ kept: the path of the object matters.
 from __future__ import annotations
 
 import torch
+from tactileforge_depth.contact import NotConverged, is_check_step
+from tactileforge_depth.gel import Kernel
 from torch import Tensor
-
-from tactileforge.depth.contact import NotConverged, is_check_step
-from tactileforge.depth.gel import Kernel
 
 #: Largest misfit of sticking points, mm.
 TOLERANCE = 1e-3

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
+from tactileforge_depth.gel import Gel
 from torch import Tensor
-
-from tactileforge.depth.gel import Gel
 
 #: Sizes of windows, in points, whose doubles have quick Fourier transforms.
 _WINDOWS = (16, 20, 24, 30, 32, 36, 40, 48, 50, 54, 60, 64, 72, 80, 90, 96, 108, 128, 160, 192, 256)

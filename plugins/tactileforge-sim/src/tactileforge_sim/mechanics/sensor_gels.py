@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from tactileforge.depth.gel import Gel
+from tactileforge_depth.gel import Gel
+
 from tactileforge.plugin import ConfigError
 from tactileforge.specs.published import simulation
 

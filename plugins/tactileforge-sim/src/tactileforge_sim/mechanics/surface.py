@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 import torch
+from tactileforge_depth.gel import Gel, inverse_transform, kernel
 from torch import Tensor
 from torch.nn import functional as F
 
-from tactileforge.depth.gel import Gel, inverse_transform, kernel
 from tactileforge_sim.mechanics.touch import ContactState
 
 #: Points of a fine height map for each point of the solver's.

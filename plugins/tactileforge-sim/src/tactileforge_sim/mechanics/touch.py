@@ -10,10 +10,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import torch
+from tactileforge_depth import contact
+from tactileforge_depth.gel import Gel, kernel
 from torch import Tensor
 
-from tactileforge.depth import contact
-from tactileforge.depth.gel import Gel, kernel
 from tactileforge.plugin import ConfigError
 from tactileforge_sim.mechanics import friction
 from tactileforge_sim.mechanics.overlap import Overlap, rotated

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from tactileforge_depth.features import Coarse, fine, normals, places
+from tactileforge_depth.lighting import DEGREE
 from torch import Tensor
 
-from tactileforge.depth.features import Coarse, fine, normals, places
-from tactileforge.depth.lighting import DEGREE
 from tactileforge.plugin import ConfigError
 from tactileforge_sim.optics.camera import FULL, Lens
 from tactileforge_sim.optics.sensor_instances import SensorInstance

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 
 import torch
 import torch.nn.functional as F
+from tactileforge_depth import lighting
+from tactileforge_depth.gel import Gel
+from tactileforge_depth.lighting import OpticalCalibration, polynomial_background
 from torch import Tensor
 
-from tactileforge.depth import lighting
-from tactileforge.depth.gel import Gel
-from tactileforge.depth.lighting import OpticalCalibration, polynomial_background
 from tactileforge.plugin import ConfigError, Simulation, spec, unknown
 from tactileforge.specs.published import SIMULATED, pixel_spacing, simulation
 from tactileforge_sim.optics.camera import CameraModel

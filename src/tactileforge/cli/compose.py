@@ -1,0 +1,372 @@
+"""Plugins as Hydra options, and `compose` for the API and for tests.
+
+Every entry point is an option: ``tactileforge train objective=[pixel,diff]`` works for all
+installed plugins. Listing options reads metadata; choosing one imports its class, and the defaults
+of its constructor become the node of the configuration.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from inspect import Parameter
+from typing import Any, ClassVar
+
+from hydra import compose as hydra_compose
+from hydra import initialize_config_module
+from hydra.core.config_search_path import ConfigSearchPath
+from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.object_type import ObjectType
+from hydra.core.plugins import Plugins
+from hydra.errors import ConfigCompositionException, MissingConfigException
+from hydra.plugins.config_source import ConfigResult, ConfigSource
+from hydra.plugins.search_path_plugin import SearchPathPlugin
+from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import InterpolationToMissingValueError
+
+from tactileforge.errors import ConfigError, PluginError, unknown
+from tactileforge.plugins import registry
+from tactileforge.plugins.distributions import conf_packages, package_of
+from tactileforge.plugins.registry import GROUPS
+
+log = logging.getLogger(__name__)
+
+#: Groups that hold several options at once, each under its own name.
+MULTI = {"head", "objective", "sensor"}
+
+
+class PluginSource(ConfigSource):
+    """Serves each entry point as a config: its name and its constructor's defaults."""
+
+    @staticmethod
+    def scheme() -> str:
+        """Scheme of this source in Hydra's search path."""
+        return "tactileforge"
+
+    def available(self) -> bool:
+        """Always True."""
+        return True
+
+    def is_group(self, config_path: str) -> bool:
+        """Whether a path is a group of plugins."""
+        return config_path == "" or config_path in GROUPS
+
+    def is_config(self, config_path: str) -> bool:
+        """Whether a path is a plugin.
+
+        A group of several options accepts any name, so that an unknown one gets an error of ours,
+        with the nearest name.
+        """
+        group, _, name = config_path.removesuffix(".yaml").rpartition("/")
+        return group in MULTI or (group in GROUPS and name in registry.names(GROUPS[group]))
+
+    def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
+        """The options of a group, from metadata."""
+        if config_path == "":
+            return [] if results_filter is ObjectType.CONFIG else sorted(GROUPS)
+        if config_path in GROUPS and results_filter is not ObjectType.GROUP:
+            return registry.names(GROUPS[config_path])
+        return []
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        """Imports one plugin and gives its defaults."""
+        group, _, name = config_path.removesuffix(".yaml").rpartition("/")
+        try:
+            node = node_of(group, name)
+        except PluginError as error:
+            raise ConfigCompositionException(str(error)) from error
+        return ConfigResult(
+            provider=self.provider,
+            path=f"{self.scheme()}://{config_path}",
+            config=OmegaConf.create(node),
+            header={"package": f"{group}.{name}" if group in MULTI else None},
+        )
+
+
+class SearchPath(SearchPathPlugin):
+    """Hydra's search path: conf/, then zoo/, then the YAML of packages, then bare plugins.
+
+    Attributes:
+        also: Places named on the command line, if Hydra itself does not add them.
+    """
+
+    also: ClassVar[list[str]] = []
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        """Appends the places of options to the search path."""
+        places = list(SearchPath.also)
+        # a job that composes further configurations, such as the data preset of a suite, searches
+        # the places named on its command line, too
+        if HydraConfig.initialized():
+            places += [
+                source.path if "://" in source.path else f"{source.schema}://{source.path}"
+                for source in HydraConfig.get().runtime.config_sources
+                if source.schema and "command-line" in source.provider
+            ]
+        for place in dict.fromkeys(places):
+            search_path.append("command-line", place)
+        search_path.append("tactileforge-zoo", "pkg://tactileforge.zoo")
+        for package in conf_packages():
+            search_path.append(package, f"pkg://{package}")
+        search_path.append("tactileforge-plugins", f"{PluginSource.scheme()}://")
+
+
+def node_of(group: str, name: str) -> dict[str, Any]:
+    """The configuration node of an installed plugin in a group: name, weight, defaults."""
+    defaults = registry.parameters(registry.get(GROUPS[group], name))
+    shared: dict[str, Any] = {"weight": 1.0} if group == "objective" else {}
+    if group == "optim":
+        from tactileforge.training.optim import COMMON  # imports torch
+
+        shared = COMMON
+    return (
+        {"name": name}
+        | shared
+        | {key: MISSING if value is Parameter.empty else value for key, value in defaults.items()}
+    )
+
+
+def register() -> None:
+    """Makes plugins known to Hydra in this process; safe to call twice."""
+    Plugins.instance().register(PluginSource)
+    Plugins.instance().register(SearchPath)
+
+
+#: Override that leaves a layout out; the layout may be defined in the file of the data alone.
+_NO_LAYOUT = re.compile(r"data\.(sources\.[^.=]+\.)?layouts\.[^.=]+=null")
+#: Groups of presets, whose keys are those of the whole configuration.
+_PRESETS = ("recipe", "scale", "ablation", "debug", "tuned", "early")
+#: Hydra's settings for every command but `train`: no folder and no log of its own; jobs of ``-m``
+#: keep their record in one folder.
+_QUIET = {
+    "run": {"dir": "."},
+    "sweep": {"dir": "runs/sweeps/${now:%Y-%m-%d_%H-%M-%S-%f}", "subdir": "${hydra:job.num}"},
+    "output_subdir": None,
+    "job": {"chdir": False},
+}
+
+
+def declare(
+    name: str,
+    groups: Mapping[str, Any],
+    keys: Mapping[str, Any] | None = None,
+    groups_last: bool = False,
+) -> None:
+    """Makes a configuration known to Hydra in this process: groups of options, and keys.
+
+    Args:
+        name: Name to compose it by.
+        groups: Default option of each group; None for no option, ``???`` for a required one.
+        keys: Defaults of the keys; see `strict.node`.
+        groups_last: Whether an option may change the keys, and not the other way round.
+    """
+    defaults: list[Any] = [{group: option} for group, option in groups.items()]
+    if "data" in groups:  # some presets of data choose a scale, which only training uses
+        defaults.insert(0, {"scale": "paper"})
+    defaults.insert(0 if groups_last else len(defaults), "_self_")
+    quiet = {"override hydra/job_logging": "none"}, {"override hydra/hydra_logging": "none"}
+    # Hydra refuses new keys in a struct: an empty mapping has to accept key={name: value}
+    free = {
+        key: OmegaConf.create({}, flags={"struct": False}) if value == {} else value
+        for key, value in (keys or {}).items()
+    }
+    made = {"defaults": [*defaults, *quiet], **free, "hydra": _QUIET}
+    ConfigStore.instance().store(name, made, provider="tactileforge")
+
+
+def compose(recipe: str = "anytouch2", overrides: Sequence[str] = ()) -> DictConfig:
+    """Composes the configuration of a training run, as the command line does.
+
+    Args:
+        recipe: Name of a recipe in the zoo.
+        overrides: ``key=value`` strings.
+
+    Returns:
+        The finished configuration; see `finish`.
+
+    Example:
+        >>> compose("anytouch2", ["encoder.size=tiny"]).encoder.size
+        'tiny'
+    """
+    with _package_named():
+        return finish(composed("train", [f"recipe={recipe}", *overrides]), overrides)
+
+
+def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
+    """Composes a configuration.
+
+    Args:
+        name: Name of a YAML in conf/, or of a declared configuration; see `declare`.
+        overrides: ``key=value`` strings.
+
+    Raises:
+        HydraException: An override does not fit.
+    """
+    register()
+    if GlobalHydra.instance().is_initialized():
+        GlobalHydra.instance().clear()
+    with initialize_config_module("tactileforge.conf", version_base="1.3"):
+        return hydra_compose(name, without_layouts(overrides))
+
+
+@contextmanager
+def _package_named() -> Iterator[None]:
+    """Names the absent package of an option; the command line does so itself, by what was typed."""
+    try:
+        yield
+    except MissingConfigException as error:
+        group, _, chosen = (error.missing_cfg_file or "").rpartition("/")
+        package = package_of(GROUPS.get(group, group), chosen)
+        if not package:
+            raise
+        raise PluginError(
+            f"{group}={chosen} comes with {package}: pip install {package}"
+        ) from error
+
+
+def without_layouts(overrides: Sequence[str]) -> list[str]:
+    """Overrides with ``++`` before each layout set to null.
+
+    Such a layout may be defined in the file of the data alone; without ``++`` Hydra would refuse
+    its unknown name.
+
+    Args:
+        overrides: ``key=value`` strings.
+
+    Example:
+        >>> without_layouts(["data.root=x", "data.layouts.cups=null"])
+        ['data.root=x', '++data.layouts.cups=null']
+    """
+    return [f"++{word}" if _NO_LAYOUT.fullmatch(word) else word for word in overrides]
+
+
+def option(group: str, overrides: Sequence[str]) -> dict[str, Any]:
+    """One group's node, composed by itself, as plain data.
+
+    Args:
+        group: Name of the group, such as ``data``.
+        overrides: ``key=value`` strings, one of which chooses the option.
+
+    Raises:
+        ConfigError: A required key has no value.
+        PluginError: The option comes with one of our packages, which is absent.
+        HydraException: An override does not fit.
+    """
+    declare(f"option_{group}", {group: "???"})
+    with _package_named():
+        options: dict[str, Any] = plain(composed(f"option_{group}", overrides))[group]
+    return options
+
+
+def plain(config: DictConfig) -> dict[str, Any]:
+    """A configuration as plain data.
+
+    Raises:
+        ConfigError: A required key has no value.
+    """
+    try:
+        missing = sorted(map(str, OmegaConf.missing_keys(config)))
+    except InterpolationToMissingValueError as error:  # other values interpolate a missing one
+        missing = re.findall(r"[Mm]issing mandatory value: (\S+)", str(error))
+    if missing:
+        raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
+    out: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+    return out
+
+
+def check_presets(config: DictConfig) -> None:
+    """Checks the package line of presets.
+
+    Raises:
+        ConfigError: A recipe or another preset lacks its package line.
+    """
+    for group in _PRESETS:
+        if config.get(group):
+            raise ConfigError(
+                f"{group}=: the first line of its YAML has to be '# @package _global_', or its "
+                "keys stay below its own name, where nothing reads them"
+            )
+
+
+def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
+    """Completes a composed configuration: one head for each objective, no more, no fewer.
+
+    An objective set to null (``objective.diff=null``) is not chosen. Curriculum rows of objectives
+    that are not chosen are left out, and so are heads without an objective. An objective without a
+    head gets the one named by its class, with the options given for it. Options of the encoder that
+    a recipe or scale set for another encoder are left out.
+
+    Args:
+        config: Composed configuration; it is changed.
+        typed: Overrides typed by the user, ``key=value``; the options they set are never left out.
+
+    Raises:
+        ConfigError: No objective is chosen, or a curriculum row does not belong to an objective.
+        PluginError: A plugin is not installed.
+    """
+    check_presets(config)
+    chosen = _chosen("objective", config)
+    if not chosen:
+        raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")
+    heads = _chosen("head", config)
+    options: Mapping[str, Any] = config.get("head") or {}
+    if not config.get("curriculum"):
+        config.curriculum = OmegaConf.create({}, flags={"struct": False})
+    rows: Mapping[str, Any] = config.curriculum.get("objective") or {}
+    # checked before rows are left out below, where a misspelt one would vanish without a word
+    for key in rows:
+        if key not in chosen and key not in registry.names("objectives"):
+            known = {*chosen, *registry.names("objectives")}
+            raise ConfigError(unknown("objective in curriculum.objective", key, known))
+    # Hydra's struct refuses new keys: open only while nodes are completed here
+    OmegaConf.set_struct(config, False)
+    config.objective = chosen
+    config.head = {
+        # without a chosen one its own, with the options that a scale or a + gives it
+        key: heads.get(key)
+        or OmegaConf.merge(
+            node_of("head", registry.get("objectives", node["name"]).head), options.get(key) or {}
+        )
+        for key, node in chosen.items()
+    }
+    config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
+    _leave_out(config.encoder, typed)
+    OmegaConf.set_struct(config, True)
+    return config
+
+
+#: Encoders whose options are set by recipes and scales.
+_SIZED = ("tactile_vit", "plain_vit")
+
+
+def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
+    """Removes options of our own encoders from an encoder without such options."""
+    if encoder["name"] in _SIZED or encoder["name"] not in registry.names("encoders"):
+        return
+    own = registry.parameters(registry.get("encoders", encoder["name"]))
+    known = {key for name in _SIZED for key in node_of("encoder", name)}
+    given = {word.lstrip("+").partition("=")[0] for word in typed}
+    left = [k for k in encoder if k not in {*own, "name"} and k in known]
+    if left := sorted(key for key in left if f"encoder.{key}" not in given):
+        for key in left:
+            del encoder[key]
+        names = ", ".join(left)
+        log.info("encoder=%s: left out what it has not and a preset gave: %s", encoder.name, names)
+
+
+def _chosen(group: str, config: DictConfig) -> dict[str, Any]:
+    """The nodes of a group with the name of a plugin.
+
+    Raises:
+        ConfigError: A node without a name has a key that is not the name of a plugin either.
+    """
+    given: Mapping[str, Any] = config.get(group) or {}
+    nodes = {key: node for key, node in given.items() if node is not None}
+    for key, node in nodes.items():
+        if "name" not in node and key not in registry.names(GROUPS[group]):
+            raise ConfigError(unknown(group, key, registry.names(GROUPS[group])))
+    return {key: node for key, node in nodes.items() if "name" in node}

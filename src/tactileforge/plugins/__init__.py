@@ -1,0 +1,1 @@
+"""Plugins: their registry, the packages that bring them, and changes of their contract."""

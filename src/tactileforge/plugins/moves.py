@@ -1,0 +1,147 @@
+"""Changes of the contract with plugins, for packages built for an older one."""
+
+from __future__ import annotations
+
+import linecache
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib.resources import files
+from inspect import getsource
+from typing import Any
+
+from tactileforge.errors import PluginError, TactileForgeError
+from tactileforge.plugins.distributions import is_ours, package_of
+
+#: Changes so far that authors of plugins have to follow; `tactileforge.plugin` is the contract.
+VERSION = 4
+
+#: Names with a new meaning in the same place: the name in older packages, and the fix.
+CHANGES = {
+    "force_valid": "force_valid of a batch is (B, 3) since contract 2, a value for each axis: "
+    'batch["force_valid"][:, 2] says whether normal force is known',
+}
+
+
+#: Names that were public here and are now in a package: the new import, and what to install.
+PACKAGES = {
+    "SerialArray": "from tactileforge_arrays import SerialArray (pip install tactileforge-arrays)"
+}
+
+
+#: Rooms of the core that are now packages, by their former module.
+MODULES = {
+    "tactileforge.bench": "tactileforge_bench",
+    "tactileforge.datasets.samples": "tactileforge_datasets.samples",
+    "tactileforge.encoders.published": "tactileforge_published",
+    "tactileforge.encoders.resnet": "tactileforge_published.resnet",
+    "tactileforge.encoders.vqgan": "tactileforge_published.vqgan",
+    "tactileforge.heads.published": "tactileforge_published.heads",
+    "tactileforge.export": "tactileforge_export",
+    "tactileforge.inspection": "tactileforge_inspect",
+    "tactileforge.live": "tactileforge_live",
+    "tactileforge.record": "tactileforge_live.record",
+    "tactileforge.sim": "tactileforge_sim",
+    "tactileforge.depth": "tactileforge_depth",
+    "tactileforge.markers": "tactileforge_markers",
+}
+
+
+@cache
+def public_names() -> frozenset[str]:
+    """Names of `tactileforge.plugin`, from its source: an import here would be circular."""
+    text = (files("tactileforge") / "plugin.py").read_text("utf-8")
+    return frozenset(re.findall(r'^    "(\w+)",$', text, re.M))
+
+
+def import_hint(error: BaseException) -> str:
+    """Hint after a failed import: the new place of a private module, or our package; "" for none.
+
+    Args:
+        error: Error raised by the import of a plugin.
+
+    Example:
+        >>> import_hint(ModuleNotFoundError("No module named 'x'", name="x"))
+        ''
+    """
+    if isinstance(error, ModuleNotFoundError) and is_ours(top := str(error.name).replace("_", "-")):
+        return f"pip install {top}"
+    if not isinstance(error, ImportError) or not (error.name or "").startswith("tactileforge."):
+        return ""
+    wanted = re.findall(r"\w+", _line(error).partition(" import ")[2])
+    wanted += re.findall(r"cannot import name '(\w+)'", str(error))
+    if moved := [said for name, said in PACKAGES.items() if name in wanted]:
+        return f"use: {moved[0]}"
+    found = sorted(public_names() & set(wanted))
+    for old in sorted(MODULES, key=len, reverse=True) if not found else ():  # a public name first
+        if f"{error.name}.".startswith(f"{old}."):
+            package = MODULES[old].partition(".")[0].replace("_", "-")
+            install = "" if package == "tactileforge" else f" (pip install {package})"
+            return f"use: {MODULES[old]}{install}"
+    last = (error.name or "").rpartition(".")[2]
+    if f".datasets.{last}" in str(error.name) and (package := package_of("datasets", last)):
+        return f"it comes with {package} now: pip install {package}"
+    last = last.replace("_", "")
+    alike = [name for name in public_names() if name.lower() == last]
+    found = found or alike
+    names = ", ".join(found)
+    if not found:
+        return "the module is private: import from tactileforge.plugin, which has what plugins need"
+    return f"use: from tactileforge.plugin import {names}"
+
+
+def _line(error: BaseException) -> str:
+    """Innermost source line in the traceback of an error, without the import system."""
+    step, line = error.__traceback__, ""
+    while step is not None:
+        code = step.tb_frame.f_code
+        if not code.co_filename.startswith("<frozen"):
+            line = linecache.getline(code.co_filename, step.tb_lineno)
+        step = step.tb_next
+    return line
+
+
+def change_hints(plugin: Any) -> list[str]:
+    """Changes of meaning relevant to a plugin of another package, by the names in its source.
+
+    Args:
+        plugin: Instance or class of the plugin.
+
+    Returns:
+        One sentence for each change; [] for the plugins of tactileforge itself.
+    """
+    cls = plugin if isinstance(plugin, type) else type(plugin)
+    if cls.__module__.partition(".")[0] == "tactileforge":
+        return []
+    try:
+        source = getsource(cls)
+    except (OSError, TypeError):
+        return []
+    return [said for name, said in CHANGES.items() if re.search(rf"\b{name}\b", source)]
+
+
+@contextmanager
+def explained(*plugins: Any) -> Iterator[None]:
+    """Adds changes of the contract to the errors of plugins from other packages.
+
+    Args:
+        plugins: Plugins that run inside the context.
+
+    Raises:
+        PluginError: A plugin failed, and its source has a name whose meaning changed; states the
+            fix.
+    """
+    try:
+        yield
+    except TactileForgeError:
+        raise
+    except Exception as error:
+        hints = {hint: type(plugin) for plugin in plugins for hint in change_hints(plugin)}
+        if not hints:
+            raise
+        cls = next(iter(hints.values()))
+        raise PluginError(
+            f"{cls.__module__}.{cls.__qualname__}: {type(error).__name__}: {error}. Its package "
+            f"was made for an older contract: {'; '.join(hints)}"
+        ) from error

@@ -1,0 +1,225 @@
+"""Plugins by name: the only module with access to entry points.
+
+Listing reads metadata only, imports nothing and never fails. Using a plugin fails loudly.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from inspect import Parameter, signature
+from typing import Any, get_type_hints
+
+from tactileforge.contracts import CONTEXT
+from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name, unknown
+from tactileforge.plugins import moves
+from tactileforge.plugins.distributions import package_of
+from tactileforge.util import strict
+
+KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
+#: Kinds whose entry points name a module: verbs of the command line.
+MODULES = ("verbs",)
+#: Kinds without a conformance suite: publishers of ``live``, schedules of the learning rate and
+#: runners of suites of ``bench`` (a function each), trackers of ``data pack``, and packages of YAML
+#: options.
+OTHERS = ("publishers", "schedules", "runners", "importers", "trackers", "conf")
+
+#: Kind of plugin behind the options of each group of a configuration.
+GROUPS = {
+    "sensor": "sensors",
+    "force": "sensors",
+    "camera": "sensors",
+    "robot": "sensors",
+    "data": "datasets",
+    "encoder": "encoders",
+    "head": "heads",
+    "objective": "objectives",
+    "text_encoder": "encoders",
+    "image_encoder": "encoders",
+    "optim": "optimizers",
+}
+
+
+@dataclass(frozen=True)
+class PluginInfo:
+    """One installed plugin, from metadata alone.
+
+    Attributes:
+        name: Name that users type.
+        kind: One of `KINDS`, `MODULES` or `OTHERS`.
+        target: ``module:Class``, or a module.
+        distribution: Package that installed the plugin; "" if unknown.
+        version: Version of that package; "" if unknown.
+        status: ``ok``, or ``conflict`` when another distribution claims the same name.
+    """
+
+    name: str
+    kind: str
+    target: str
+    distribution: str
+    version: str
+    status: str
+
+
+@cache
+def _entries(kind: str) -> dict[str, list[EntryPoint]]:
+    if kind not in (*KINDS, *MODULES, *OTHERS):
+        raise PluginError(unknown("kind of plugin", kind, KINDS))
+    # by owner and target: one distribution that is found twice on the path is no conflict
+    entries: dict[str, dict[tuple[str, str], EntryPoint]] = {}
+    for entry in entry_points(group=f"tactileforge.{kind}"):
+        owner = entry.dist.name if entry.dist else ""
+        entries.setdefault(entry.name, {}).setdefault((owner, entry.value), entry)
+    return {name: list(entries[name].values()) for name in sorted(entries)}
+
+
+def names(kind: str) -> list[str]:
+    """The installed names of a kind, sorted; imports nothing.
+
+    Example:
+        >>> "align" in names("objectives")
+        True
+    """
+    return list(_entries(kind))
+
+
+def list_plugins() -> list[PluginInfo]:
+    """Every installed plugin, by kind and name; imports nothing and never fails.
+
+    Example:
+        >>> "tactile_vit" in [plugin.name for plugin in list_plugins()]
+        True
+    """
+    return [
+        PluginInfo(
+            name,
+            kind,
+            entry.value,
+            entry.dist.name if entry.dist else "",
+            entry.dist.version if entry.dist else "",
+            "ok" if len(entries) == 1 else "conflict",
+        )
+        for kind in (*KINDS, *MODULES, *OTHERS)
+        for name, entries in _entries(kind).items()
+        for entry in entries
+    ]
+
+
+def _describe(kind: str, entry: EntryPoint) -> str:
+    dist = f", from {entry.dist.name} {entry.dist.version}" if entry.dist else ""
+    return f"{kind.removesuffix('s')} {entry.name!r} ({entry.value}{dist})"
+
+
+def get(kind: str, name: str) -> type[Any]:
+    """Imports one plugin class.
+
+    Raises:
+        PluginError: Not installed (names the nearest), claimed twice (names both), or broken.
+    """
+    loaded: type[Any] = load(kind, name)
+    return loaded
+
+
+def load(kind: str, name: str) -> Any:
+    """Imports one plugin: a class, or the module of a verb.
+
+    Raises:
+        PluginError: Not installed (names the nearest), claimed twice (names both), or broken.
+    """
+    entries = _entries(kind).get(name, [])
+    if not entries:
+        is_typo = nearest_name(name, names(kind)) != "."
+        package = package_of(kind, name)
+        fix = f"Install the package that provides it{package and f': pip install {package}'}"
+        fix = "" if is_typo and not package else fix
+        raise PluginError(unknown(kind.removesuffix("s"), name, names(kind), fix))
+    if len(entries) > 1:
+        claims = " and ".join(_describe(kind, entry) for entry in entries)
+        raise PluginError(f"{claims} claim one name: uninstall one of the two packages")
+    try:
+        return entries[0].load()
+    except (Exception, SystemExit) as error:  # a plugin that exits must not end this process
+        why = f"{type(error).__name__}: {error}"
+        hint = moves.import_hint(error)
+        raise PluginError(
+            f"{_describe(kind, entries[0])} cannot be loaded: {why}{hint and f'; {hint}'}"
+        ) from error
+
+
+def parameters(plugin: type[Any]) -> dict[str, Any]:
+    """The configuration of a plugin: its constructor's parameters and their defaults.
+
+    Parameters in `contracts.CONTEXT` are left out; one without a default maps to
+    `inspect.Parameter.empty`.
+    """
+    return {
+        parameter.name: parameter.default
+        for parameter in signature(plugin).parameters.values()
+        if parameter.name not in CONTEXT
+        and parameter.kind in (Parameter.POSITIONAL_OR_KEYWORD, Parameter.KEYWORD_ONLY)
+    }
+
+
+def context(plugin: type[Any]) -> frozenset[str]:
+    """The constructor parameters of a plugin filled in by the framework."""
+    return CONTEXT & set(signature(plugin).parameters)
+
+
+def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any) -> Any:
+    """Builds a plugin from its configuration: ``name`` and constructor arguments.
+
+    Args:
+        kind: One of `KINDS` or `OTHERS`.
+        config: ``{"name": ..., **arguments}``.
+        where: Place of the node in a configuration, for errors: ``data``, ``head.force``; "" for
+            none.
+        given: Values for constructor parameters in `contracts.CONTEXT`; those the plugin does not
+            name are not passed.
+
+    Raises:
+        PluginError: The plugin is not installed, claimed twice, or broken.
+        ConfigError: An argument is unknown, missing, or of another type than its hint.
+
+    Example:
+        >>> build("objectives", {"name": "surface"}).head
+        'surface'
+    """
+    arguments = strict.mapping(f"the {kind.removesuffix('s')}", config)
+    if "name" not in arguments:
+        raise ConfigError(f"the {kind.removesuffix('s')} names no plugin: its YAML has no name:")
+    name = str(arguments.pop("name"))
+    plugin = get(kind, name)
+    known = parameters(plugin)
+    what = f"{kind.removesuffix('s')} {name!r}"
+    for key in arguments:
+        fix = f"Where a recipe or scale gave it, take it away: ~encoder.{key}"
+        check_names(f"option of {what}", [key], known, fix if kind == "encoders" else "")
+    for key, default in known.items():
+        if default is Parameter.empty and key not in arguments:
+            raise ConfigError(f"{what} needs {key!r}: set {_below(where, key)}=...")
+    _check_types(f"{where}." if where else f"{what}: ", plugin, arguments)
+    wanted = context(plugin)
+    try:
+        return plugin(**arguments, **{key: given[key] for key in wanted if key in given})
+    except ConfigError as error:
+        text = str(error)
+        # a plugin knows the name of its option, not its place
+        if where and re.split(r"=| is |: ", text, maxsplit=1)[0] in known:
+            raise ConfigError(_below(where, text)) from error
+        raise
+
+
+def _below(where: str, key: str) -> str:
+    return f"{where}.{key}" if where else key
+
+
+def _check_types(before: str, plugin: type[Any], arguments: Mapping[str, Any]) -> None:
+    try:
+        hints = get_type_hints(plugin.__init__)
+    except Exception:  # names imported for type checking alone cannot be resolved: no check
+        return
+    for key, value in arguments.items():
+        strict.typed(f"{before}{key}", value, hints.get(key, Any))

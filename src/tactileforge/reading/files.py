@@ -1,0 +1,181 @@
+"""Files of a data set: matching by pattern, and reading of text and CSV."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import shlex
+from collections.abc import Sequence
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+from tactileforge.data.frames.companions import is_companion
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.reading.order import name_keys, natural
+
+#: Byte order marks of UTF-32 and UTF-16. UTF-32 first: the mark of UTF-16 LE begins UTF-32 LE's.
+_MARKS = {
+    codecs.BOM_UTF32_LE: "utf-32",
+    codecs.BOM_UTF32_BE: "utf-32",
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
+
+
+#: Longer spellings of endings.
+_ENDINGS = {".jpeg": ".jpg", ".tiff": ".tif"}
+
+
+class DamagedFileError(DataError):
+    """Unreadable existing file of a single touch."""
+
+
+def read_text(path: Path) -> str:
+    """The text of a file, in UTF-8, without a byte order mark.
+
+    Raises:
+        DataError: The file cannot be read, or is not UTF-8; names it and its likely encoding.
+    """
+    try:
+        raw = path.read_bytes()
+        encoding = wide_encoding(raw)
+        if encoding is None:
+            return raw.decode("utf-8-sig")
+        raise DataError(
+            f"{path}: byte 0 is not UTF-8: it is {encoding.upper()}; save it as CSV UTF-8, or "
+            f"convert it: iconv -f {encoding} -t utf-8 {shlex.quote(path.name)} > utf8.csv"
+        )
+    except UnicodeDecodeError as error:
+        raise DataError(
+            f"{path}: byte {error.start} is not UTF-8; download it again, save it as CSV UTF-8, or "
+            f"convert it: iconv -f latin1 -t utf-8 {shlex.quote(path.name)} > utf8.csv"
+        ) from error
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); download it again") from error
+
+
+def wide_encoding(raw: bytes) -> str | None:
+    """The encoding of a UTF-16 or UTF-32 text, by its mark or its zero bytes; otherwise None.
+
+    Args:
+        raw: The bytes of the text.
+
+    Example:
+        >>> wide_encoding("file".encode("utf-16")), wide_encoding(b"file,object")
+        ('utf-16', None)
+    """
+    for mark, name in _MARKS.items():
+        if raw.startswith(mark):
+            return name
+    # without a mark: in UTF-16, every other byte of Latin letters is 0, and a text has no 0 else
+    even, odd = raw[:2000:2].count(0), raw[1:2000:2].count(0)
+    if even + odd <= len(raw[:2000]) // 4:
+        return None
+    return "utf-16be" if even > odd else "utf-16le"
+
+
+def read_rows(path: Path) -> list[list[str]]:
+    """The cells of each line of a CSV without a header; [] for an empty line.
+
+    Raises:
+        DataError: The file cannot be read, or is not a CSV; names it.
+    """
+    try:
+        # newline="" leaves line ends inside of quoted cells to the parser (docs of csv)
+        return list(csv.reader(StringIO(read_text(path), newline="")))
+    except csv.Error as error:
+        raise DataError(f"{path}: not a CSV ({error}); download it again") from error
+
+
+def matching_files(
+    folder: Path, patterns: Sequence[str], layout: str
+) -> tuple[list[Path], list[Path]]:
+    """Files matching any pattern, each once, in natural order; and matches other than files.
+
+    Numbers in names sort by value, 2 before 10 and 8.27 before 8.5; see `order.name_keys`. The
+    ending matches in any case: ``*.png`` finds ``0.PNG``. Hidden files, and companion files of an
+    operating system, are left out.
+
+    Args:
+        folder: Folder of the search.
+        patterns: Glob patterns relative to ``folder``, see `Path.glob`.
+        layout: Name of their layout, for messages.
+
+    Raises:
+        ConfigError: A pattern is invalid, or leaves the folder.
+        DataError: Two files differ only in the spelling of their ending, jpg and JPG or jpeg.
+    """
+    found: dict[Path, bool] = {}  # whether a pattern with a file ending has matched
+    for pattern in patterns:
+        is_for_files = "." in pattern.rpartition("/")[2]
+        for path in _matches(folder, pattern, layout):
+            found[path] = found.get(path, False) or is_for_files
+    seen: dict[Path, Path] = {}
+    for path in found:
+        ending = path.suffix.lower()
+        other = seen.setdefault(path.with_suffix(_ENDINGS.get(ending, ending)), path)
+        if other != path:
+            raise DataError(
+                f"{path}: {other.name} lies beside it, of the same name; remove or rename one"
+            )
+    keys = name_keys(found)
+
+    def place(path: Path) -> tuple[Any, ...]:
+        # folders first, name by name: a file sorts among those of its own folder
+        folders = path.relative_to(folder).parts[:-1]
+        return (*map(natural, folders), *keys[path])
+
+    paths = sorted(found, key=place)
+    # a folder may match "*" by chance, but not a pattern with an ending
+    odd = [path for path in paths if not path.is_file() and (found[path] or not path.is_dir())]
+    return [path for path in paths if path.is_file()], odd
+
+
+def _matches(folder: Path, pattern: str, layout: str) -> list[Path]:
+    try:
+        # a camera writes .MP4, a program .mp4, and glob tells them apart on Linux
+        paths = list(folder.glob(_any_case(pattern)))
+        hidden = any(part.startswith(".") for part in Path(pattern).parts)  # named explicitly
+        return [path for path in paths if hidden or not is_companion(path.relative_to(folder))]
+    except (ValueError, NotImplementedError) as error:
+        raise ConfigError(
+            f"layout {layout!r}: pattern {pattern!r}: {error}; give a path from {folder} on, with "
+            "** alone between slashes, e.g. *.png or **/*.png"
+        ) from error
+
+
+def deeper(folder: Path, patterns: Sequence[str], layout: str) -> str:
+    """A remark on matching files one folder deeper; "" without any.
+
+    Args:
+        folder: Folder without a match.
+        patterns: Glob patterns, see `matching_files`.
+        layout: Name of their layout, for messages.
+    """
+    found = [path for p in patterns for path in _matches(folder, f"*/{p}", layout)]
+    if not found:
+        return ""
+    places = sorted(path.relative_to(folder) for path in found)
+    inside = sorted({place.parts[0] for place in places})
+    listed = " and ".join(inside[:3]) + (f" and {len(inside) - 3} more" if len(inside) > 3 else "")
+    better = folder / ("train" if "train" in inside else inside[0])
+    return (
+        f", but files one folder deeper, in {listed}, do, such as {places[0].as_posix()}: give one "
+        f"of these as the folder ({better})"
+    )
+
+
+def _any_case(pattern: str) -> str:
+    """A pattern with its ending in either case."""
+    start, dot, ending = pattern.rpartition(".")
+    if not dot or not ending.isalnum() or not ending.isascii():
+        return pattern
+    return start + dot + "".join(f"[{c.lower()}{c.upper()}]" if c.isalpha() else c for c in ending)
+
+
+def kind_of(path: Path) -> str:
+    """Kind of a path other than a file, in words."""
+    if path.is_symlink() and not path.exists():
+        return "a link to nothing"
+    return "a folder" if path.is_dir() else "a pipe, socket or device"

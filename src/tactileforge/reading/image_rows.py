@@ -1,0 +1,129 @@
+"""Look-up of CSV rows by the names of images."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from posixpath import normpath
+
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.reading.tables import Row, read_cells
+
+#: Largest number of names that a slip is compared with.
+_COMPARED = 2000
+#: Default columns of image names, for a layout without ``key``.
+KEYS = ("file", "image", "filename", "file_name", "name", "path", "img")
+
+
+class ImageRows:
+    """Finds the CSV row of each image; a CSV is read once.
+
+    A row names an image by its path from the folder of the layout or of the CSV, by its absolute
+    path, or by its name if that is unique; with or without the ending.
+
+    Args:
+        folder: Folder of the layout.
+        images: All images of the layout.
+    """
+
+    def __init__(self, folder: Path, images: Sequence[Path]) -> None:
+        self.folder = folder
+        self.images = images
+        names = Counter(image.name for image in images)
+        self._alone = {name for name, count in names.items() if count == 1}
+        self._tables: dict[tuple[Path, str | None], dict[str, Row]] = {}
+
+    def find(
+        self,
+        path: Path,
+        key: str | None,
+        columns: Sequence[str],
+        paths: Sequence[Path],
+        is_shared: bool = True,
+    ) -> dict[int, Row]:
+        """Place and cells of the row of each image, by its number among the images.
+
+        Args:
+            path: Path of the CSV.
+            key: Column of the names; None for the first existing one of `KEYS`.
+            columns: Columns to read.
+            paths: Images of a touch; those without a row are left out of the result.
+            is_shared: Whether the CSV serves several touches; otherwise bare names are enough.
+
+        Raises:
+            DataNotFoundError: There is no such CSV.
+            DataError: Two rows name one image, or a row does not name an image.
+            ConfigError: A column does not exist.
+        """
+        if (path, key) not in self._tables:
+            table = _table(path, key, columns)
+            self._check(path, table, self.images if is_shared else paths, is_shared)
+            if not is_shared:
+                self._tables.clear()  # a touch's own CSV is read once: keep memory bounded
+            self._tables[path, key] = table
+        table = self._tables[path, key]
+        found = {}
+        for number, image in enumerate(paths):
+            names = self._spellings(image, path, is_shared)
+            row = next((table[name] for name in names if name in table), None)
+            if row is not None:
+                found[number] = row
+        return found
+
+    def _check(
+        self, path: Path, table: dict[str, Row], images: Sequence[Path], is_shared: bool
+    ) -> None:
+        known = {name for image in images for name in self._spellings(image, path, is_shared)}
+        for name, (where, _) in table.items():
+            # A row may name an existing file outside the layout's pattern.
+            if name in known or any((base / name).exists() for base in (self.folder, path.parent)):
+                continue
+            fix = "correct the row, or remove it"
+            if sum(image.name == name for image in images) > 1:
+                fix = f"several are called so; give the path from {self.folder} on"
+            usual = [self._spellings(image, path, is_shared)[0] for image in images]
+            near = (get_close_matches(name, usual[:_COMPARED], n=1) or usual)[0]
+            raise DataError(
+                f"{where}: {name!r} names no image in {self.folder} (one that there is: {near!r});"
+                f" {fix}"
+            )
+
+    def _spellings(self, image: Path, table: Path, is_shared: bool) -> list[str]:
+        names = [
+            image.relative_to(base).as_posix()
+            for base in (self.folder, table.parent)
+            if image.is_relative_to(base)
+        ]
+        names.append(image.absolute().as_posix())
+        if not is_shared or image.name in self._alone:
+            names.append(image.name)
+        return [*names, *(name.removesuffix(image.suffix) for name in names)]
+
+
+def names_images(path: Path) -> bool:
+    """Whether the rows of a CSV name images, by a column of `KEYS`."""
+    first = next(iter(read_cells(path, [])), None)
+    return first is not None and any(name in first[1] for name in KEYS)
+
+
+def _table(path: Path, key: str | None, columns: Sequence[str]) -> dict[str, Row]:
+    """Rows of a CSV by image name."""
+    if key is None:
+        header = list(next(iter(read_cells(path, columns)), ("", {}))[1])
+        key = next((name for name in KEYS if name in header), None)
+        if key is None:
+            raise ConfigError(
+                f"{path}: which column names the images? Give key: NAME, one of "
+                f"{', '.join(header) or 'its columns'}; or frame: or time: of a recording's rows"
+            )
+    rows: dict[str, Row] = {}
+    for where, cells in read_cells(path, [*columns, key]):
+        name = normpath(cells[key].replace("\\", "/")) if cells[key] else ""
+        if not name:
+            raise DataError(f"{where}: no name of an image in column {key!r}; fill it in")
+        if name in rows:
+            raise DataError(f"{where}: {name!r} has a row already ({rows[name][0]}); remove one")
+        rows[name] = where, cells
+    return rows

@@ -1,0 +1,252 @@
+"""Labels of touches: CSV rows matched with files, and templates filled from them."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from pathlib import Path
+from posixpath import normpath
+
+from tactileforge.data.labels.missing import stated
+from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.reading.layout import DatasetLayout
+from tactileforge.reading.tables import read_cells
+from tactileforge.reading.templates import template_parts
+
+#: Largest number of names compared with an unknown one for a suggestion.
+_COMPARED = 2000
+
+
+@dataclass(frozen=True)
+class LabelRow:
+    """Labels of one file, or of one folder of images.
+
+    Attributes:
+        where: CSV and line, or the file itself without a row.
+        cells: Values of the CSV by column; "" for a missing one.
+        words: Values by column, with ranks as words, and ``file``, ``stem``, ``folder`` and
+            ``parent``.
+        images: Rows of the images of a folder, by file; empty for a folder with one row.
+        mixed: Description of the difference, by column, for columns of unequal rows of a folder.
+    """
+
+    where: str
+    cells: Mapping[str, str]
+    words: Mapping[str, str]
+    images: Mapping[str, LabelRow] = field(default_factory=dict)
+    mixed: Mapping[str, str] = field(default_factory=dict)
+
+    def fill(self, template: str, spaced: bool = False) -> str | None:
+        """The template with its columns filled in; None if one of them is empty.
+
+        Args:
+            template: Text with ``{column}`` in it; ``{action}`` is kept with ``spaced``.
+            spaced: Whether underscores of values become spaces, for a caption.
+
+        Raises:
+            ConfigError: A column does not exist.
+            DataError: The images of one folder differ in a column.
+        """
+        values = dict(self.words)
+        if spaced:
+            values = {name: value.replace("_", " ") for name, value in values.items()}
+            values["action"] = "{action}"
+        out = ""
+        for text, name in template_parts(template):
+            if name is None:
+                out += text
+                continue
+            if name not in values:
+                raise ConfigError(f"{self.where}: {unknown('column', name, values)}")
+            if name in self.mixed and not (spaced and name == "action"):
+                raise DataError(f"{self.mixed[name]}; a recording has one: correct the rows")
+            if not values[name]:
+                return None
+            out += text + values[name]
+        return out
+
+
+def read_labels(layout: DatasetLayout, folder: Path) -> dict[str, LabelRow]:
+    """Rows of the labels of a layout, by file name as written in the CSV.
+
+    Raises:
+        DataNotFoundError: There is no such CSV.
+        DataError: A file has two rows, or a value has no word.
+        ConfigError: The key column does not exist.
+    """
+    if layout.labels is None:
+        return {}
+    rows: dict[str, LabelRow] = {}
+    for where, cells in read_cells(folder / layout.labels, [layout.key, *layout.words]):
+        name = cells[layout.key]
+        if name in rows:
+            raise DataError(f"{where}: {name!r} has a row already ({rows[name].where})")
+        values, words = {layout.key: name}, {layout.key: name}
+        for column, value in cells.items():
+            if column != layout.key:
+                known = layout.words.get(column)
+                is_word = known is not None and value in known  # "none" may be a rank of its own
+                values[column] = value if is_word else stated(value)
+                words[column] = _word(known, values[column], f"{where}, column {column!r}")
+        rows[name] = LabelRow(where, values, words | _names(name, layout))
+    return rows
+
+
+def label_row(name: str, rows: Mapping[str, LabelRow], layout: DatasetLayout) -> LabelRow:
+    """The row of a touch; without one, a row with all columns of the labels empty."""
+    if name in rows:
+        return rows[name]
+    header = next(iter(rows.values())).words if rows else {}
+    return LabelRow(name, {}, dict.fromkeys(header, "") | _names(name, layout))
+
+
+def match_labels(
+    layout: DatasetLayout, folder: Path, files: Mapping[str, Sequence[Path]]
+) -> dict[str, LabelRow]:
+    """The row of each touch; without one, a row with all columns of the labels empty.
+
+    Rows may write a file with ``./``, with backslashes, as an absolute path, or in another case.
+    For a touch that is a folder, a row names the folder or one of its images.
+
+    Args:
+        layout: The layout.
+        folder: Folder of the layout.
+        files: Files of each touch, by its name relative to that folder.
+
+    Raises:
+        DataError: A row names no touch, or two rows name one; see also `read_labels`.
+    """
+    rows = read_labels(layout, folder)
+    if not rows:
+        return {name: label_row(name, rows, layout) for name in files}
+    images: dict[str, str] = {}
+    if layout.each == "sequence":
+        for name, paths in files.items():
+            images |= dict.fromkeys((path.relative_to(folder).as_posix() for path in paths), name)
+    names = _Names([*files, *images], folder)
+    of_touch: dict[str, dict[str, LabelRow]] = {}
+    missed = []
+    for written, row in rows.items():
+        found = names.find(written)
+        if found is None:
+            missed.append((written, row))
+            continue
+        mine = of_touch.setdefault(images.get(found, found), {})
+        if found in mine:
+            raise DataError(f"{row.where}: {found!r} has a row already ({mine[found].where})")
+        mine[found] = replace(row, words={**row.words, **_names(found, layout)})
+    for written, row in missed:
+        plain = names.plain(written)
+        is_there = (folder / plain).exists()
+        # one CSV may label the files of several layouts: theirs pass, once some are ours
+        if of_touch and is_there and not names.any_below(plain):
+            continue
+        what = f"no file in {folder}"
+        if is_there:
+            what = f"nothing that layout {layout.name!r} reads in {folder}"
+        raise DataError(
+            f"{row.where}: {written!r} names {what} (one that there is: {names.nearest(plain)!r}); "
+            "correct the row, or remove it"
+        )
+    merged = {name: _merged(name, mine, layout) for name, mine in of_touch.items()}
+    header = next(iter(rows.values()))
+    return {name: merged.get(name) or label_row(name, {"": header}, layout) for name in files}
+
+
+class _Names:
+    """Look-up of touches by name, tolerant of a row's spelling."""
+
+    def __init__(self, names: Iterable[str], folder: Path) -> None:
+        self.all = list(dict.fromkeys(names))
+        # rows may hold the path through a link, or the one behind it
+        self._folders = [_forward(str(path)) for path in (folder.absolute(), folder.resolve())]
+        self._exact = {_composed(name): name for name in self.all}
+        self._folded: dict[str, str | None] = {}
+        for plain, name in self._exact.items():
+            twice = plain.casefold() in self._folded  # ambiguous: only the exact case matches
+            self._folded[plain.casefold()] = None if twice else name
+
+    def plain(self, written: str) -> str:
+        """The path in a row, relative to the folder of the layout."""
+        name = written
+        # as written first: on Linux, a backslash may belong to the name
+        for path in dict.fromkeys((written, _forward(written))):
+            name = normpath(path) if path else path
+            for folder in self._folders:
+                if name.casefold().startswith(f"{folder}/".casefold()):
+                    name = name[len(folder) + 1 :]
+            if name in self._exact:
+                break
+        return name
+
+    def find(self, written: str) -> str | None:
+        """The touch named by a row; None for no touch, or several."""
+        plain = _composed(self.plain(written))
+        return self._exact.get(plain) or self._folded.get(plain.casefold())
+
+    def any_below(self, folder: str) -> bool:
+        """Whether a touch lies in a folder."""
+        return any(name.startswith(f"{folder}/") for name in self.all)
+
+    def nearest(self, name: str) -> str:
+        """The most similar name, preferably with the same last part."""
+        last = name.rpartition("/")[2].casefold()
+        alike = [one for one in self.all if one.rpartition("/")[2].casefold() == last]
+        return get_close_matches(name, (alike or self.all)[:_COMPARED], 1, 0.0)[0]
+
+
+def _forward(path: str) -> str:
+    return path.replace("\\", "/")
+
+
+def _composed(name: str) -> str:
+    """Normal form (NFC) of letters with accents: macOS stores them decomposed."""
+    return unicodedata.normalize("NFC", name)
+
+
+def _merged(name: str, rows: Mapping[str, LabelRow], layout: DatasetLayout) -> LabelRow:
+    """One row of a touch: the common values of its rows, with differing columns in ``mixed``."""
+    whole = rows.get(name)
+    if len(rows) == 1 and whole is not None:
+        return whole
+    images = {file: row for file, row in rows.items() if file != name}
+    names = _names(name, layout)
+    cells: dict[str, str] = {layout.key: name}
+    words: dict[str, str] = {layout.key: name}
+    mixed: dict[str, str] = {}
+    for column in next(iter(rows.values())).cells:
+        if column == layout.key:
+            continue
+        given = {row.cells[column]: row for row in rows.values() if row.cells[column]}
+        cells[column] = words[column] = ""
+        if not given:
+            continue
+        first, *others = given.values()
+        if others:
+            other = others[0]
+            mixed[column] = (
+                f"{other.where}: {column} is {other.cells[column]!r} here and "
+                f"{first.cells[column]!r} in {first.where}, both of {name}"
+            )
+        else:
+            cells[column], words[column] = first.cells[column], first.words[column]
+    where = next(iter(rows.values())).where
+    return LabelRow(where, cells, words | names, images, mixed)
+
+
+def _names(name: str, layout: DatasetLayout) -> dict[str, str]:
+    path = Path(name)
+    folder = path.parent
+    stem = path.name if layout.each == "sequence" else path.stem  # a folder has no ending
+    return {"file": name, "stem": stem, "folder": folder.name, "parent": folder.parent.name}
+
+
+def _word(words: Mapping[str, str] | None, value: str, where: str) -> str:
+    if words is None or (not value and "" not in words):
+        return value
+    if value not in words:
+        known = ", ".join(sorted(words))
+        raise DataError(f"{where}: {value!r} has no word (there are words for: {known}); add one")
+    return words[value]

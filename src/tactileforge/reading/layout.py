@@ -1,0 +1,315 @@
+"""Layouts: configuration of the conversion from files of a folder to recordings.
+
+`docs/data.md` lists the keys. A value written as ``{column}`` is taken from the labels of the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from tactileforge.contracts import ACTIONS
+from tactileforge.data.frames.lazy import Crop
+from tactileforge.data.labels.clock import seconds_of
+from tactileforge.data.labels.newtons import newtons_of
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.reading.clock_keys import parse_order, parse_times
+from tactileforge.reading.layout_keys import (
+    ActionKeys,
+    BackgroundRule,
+    ClockKeys,
+    ForceKeys,
+    FrameTable,
+    LayoutKeys,
+    TrackKeys,
+    TrackRanges,
+)
+from tactileforge.reading.templates import template_columns
+from tactileforge.specs.published import spec
+from tactileforge.util.licences import check_data_licence
+from tactileforge.util.strict import build, mapping
+
+SPLITS = ("recording", "object", "time", "train", "val")
+CHANNELS = ("rgb", "bgr")
+ROTATIONS = (0, 90, 180, 270)
+
+#: Columns of every file, independent of its labels.
+FILE_COLUMNS = ("file", "stem", "folder", "parent")
+
+EXAMPLE = """layouts:
+  my_touches:
+    videos: "*.mp4"          # or images: "*.png" with each: touch | sequence
+    sensor: digit
+    background: {first: 3}   # or {file: background.png}, {median: true}, none"""
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A crop of the frames with a sensor of its own."""
+
+    box: Crop
+    sensor: str
+
+
+@dataclass(frozen=True)
+class ActionRange:
+    """Frames ``start..stop - 1`` show an action."""
+
+    start: int
+    stop: int
+    action: str
+
+
+@dataclass(frozen=True)
+class DatasetLayout:
+    """One layout; `docs/data.md` describes the fields."""
+
+    name: str
+    path: str
+    globs: tuple[str, ...]
+    each: str
+    sensor: str | None
+    fps: float | None
+    times: ClockKeys | str
+    order: ClockKeys | str
+    bgr: bool
+    turns: int
+    crops: Mapping[str, Tile]
+    background: BackgroundRule | None
+    labels: str | None
+    key: str
+    words: Mapping[str, Mapping[str, str]]
+    force: FrameTable | None
+    action: str | FrameTable | tuple[ActionRange, ...] | None
+    tracks: TrackKeys | tuple[TrackRanges, ...] | None
+    object: str | None
+    text: tuple[str, ...]
+    image: str | None
+    source: str
+    licence: str
+    tier: int
+    split: str
+    provides: frozenset[str] = field(default_factory=frozenset)
+
+
+def parse_layout(name: str, config: Any) -> DatasetLayout:
+    """Validates a layout and converts it to its types; reads no file.
+
+    Args:
+        name: Name of the layout.
+        config: Plain data; null stands for the default.
+
+    Raises:
+        ConfigError: A value is invalid; names the layout, the key and the valid values.
+    """
+    where = f"layout {name!r}"
+    keys = build(LayoutKeys, where, given(mapping(where, config)))
+    globs, each = _files(keys, where)
+    sensor, crops = _sensors(keys, where)
+    force = _force(keys.force, f"{where}: force")
+    action = _action(keys, f"{where}: action")
+    _check(keys, each, where)
+    # labels of the layout: objectives with others are refused before any file is read
+    provided = {
+        "force": force is not None,
+        "action": action is not None,
+        "object": keys.object is not None,
+        "text": bool(keys.text),
+        "image": keys.image is not None,
+    }
+    return DatasetLayout(
+        name=name,
+        path=keys.path,
+        globs=globs,
+        each=each,
+        sensor=sensor,
+        fps=keys.fps,
+        times=parse_times(keys.times, each, where),
+        order=parse_order(keys.order, each, where),
+        bgr=keys.channels == "bgr",
+        turns=(keys.rotate or 0) // 90,
+        crops=crops,
+        background=parse_background(keys.background, f"{where}: background"),
+        labels=keys.labels.file,
+        key=keys.labels.key,
+        words={
+            # YAML has ranks as numbers, a CSV as text
+            str(column): {str(rank): str(word) for rank, word in words.items()}
+            for column, words in keys.words.items()
+        },
+        force=force,
+        action=action,
+        tracks=keys.tracks,
+        object=keys.object,
+        text=several(keys.text),
+        image=keys.image,
+        source=keys.source,
+        licence=keys.licence,
+        tier=keys.tier,
+        split=keys.split,
+        provides=frozenset(label for label, is_given in provided.items() if is_given),
+    )
+
+
+def given(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Drops nulls, at any depth of mappings."""
+    return {
+        key: given(value) if isinstance(value, Mapping) else value
+        for key, value in values.items()
+        if value is not None
+    }
+
+
+def several(value: str | Sequence[str]) -> tuple[str, ...]:
+    """One or more texts, as several."""
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
+def _check(keys: LayoutKeys, each: str, where: str) -> None:
+    """Validates constraints beyond types."""
+    if not template_columns(keys.split) and keys.split not in SPLITS:
+        raise ConfigError(f"{where}: {unknown('split', keys.split, SPLITS)}")
+    is_open = each == "sequence" and keys.times is None
+    if (is_open and keys.fps is None) or (keys.fps is not None and keys.fps <= 0):
+        raise ConfigError(f"{where}: fps is {keys.fps}; give frames per second, e.g. fps: 30")
+    tables = (keys.force, keys.action, keys.tracks)
+    if each == "video" and any(getattr(table, "key", None) for table in tables):
+        raise ConfigError(f"{where}: key: names images, and these are videos; give frame: or time:")
+    if keys.channels not in CHANNELS:
+        raise ConfigError(f"{where}: {unknown('channels', keys.channels, CHANNELS)}")
+    if isinstance(keys.tracks, tuple):
+        names = [track.name for track in keys.tracks]
+        if not names or "" in names or len(set(names)) < len(names):
+            raise ConfigError(
+                f"{where}: tracks have the names {names}; give each a name of its own"
+            )
+        for track in keys.tracks:
+            if track.margin < 0 or not track.frames:
+                raise ConfigError(
+                    f"{where}: track {track.name!r} has {len(track.frames)} ranges and margin "
+                    f"{track.margin}; give frames: [[first, end], ...] and 0 or more"
+                )
+    check_data_licence(f"{where}: licence", keys.licence)
+    if keys.rotate not in ROTATIONS:
+        raise ConfigError(
+            f"{where}: rotate is {keys.rotate}; give the degrees, clockwise, that put the picture "
+            "upright: 0, 90, 180 or 270"
+        )
+    if not 1 <= keys.tier <= 5:
+        raise ConfigError(f"{where}: tier is {keys.tier}, but must be 1 to 5")
+
+
+def _files(keys: LayoutKeys, where: str) -> tuple[tuple[str, ...], str]:
+    if (keys.videos is None) == (keys.images is None):
+        raise ConfigError(f'{where}: give one of videos: "*.mp4" and images: "*.png"')
+    if keys.videos is not None:
+        return several(keys.videos), "video"
+    if keys.each is None:
+        raise ConfigError(
+            f"{where}: each is missing; give each: touch (one image, one touch) or each: sequence "
+            "(one folder, one touch)"
+        )
+    if keys.each not in ("touch", "sequence"):
+        raise ConfigError(f"{where}: {unknown('each', keys.each, ('touch', 'sequence'))}")
+    return several(keys.images or ()), keys.each
+
+
+def _sensors(keys: LayoutKeys, where: str) -> tuple[str | None, dict[str, Tile]]:
+    crops = {
+        name: Tile(crop.box, sensor)
+        for name, crop in keys.crops.items()
+        if (sensor := crop.sensor or keys.sensor)
+    }
+    if len(crops) < len(keys.crops) or not (crops or keys.sensor):
+        raise ConfigError(f"{where}: sensor is missing; for example sensor: digit")
+    for name in {keys.sensor, *(tile.sensor for tile in crops.values())} - {None}:
+        if not template_columns(str(name)):
+            check_sensor(str(name), f"{where}, key sensor")
+    return keys.sensor, crops
+
+
+def check_sensor(name: str, where: str) -> None:
+    """Raises a `ConfigError` for an unknown sensor, with its place in the configuration."""
+    try:
+        spec(name)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
+
+
+def parse_background(rule: BackgroundRule | str, where: str) -> BackgroundRule | None:
+    """Validates a rule; None for ``none``.
+
+    Args:
+        rule: The rule, as given.
+        where: Name of its key, for errors.
+
+    Raises:
+        ConfigError: It is another word, or none or several of the ways.
+    """
+    if rule == "none":
+        return None
+    if isinstance(rule, BackgroundRule) and min(rule.first, rule.last) >= 0:
+        chosen = sum([rule.first > 0, rule.last > 0, rule.median])
+        # a file may be a video, of which first or last say the frames; its median is not offered
+        if chosen <= 1 and not rule.median if rule.file else chosen == 1:
+            return rule
+    raise ConfigError(
+        f"{where}: {rule} must be one of {{file: background.png}}, {{first: 3}}, {{last: 3}}, "
+        "{median: true}, or none"
+    )
+
+
+def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
+    if keys is None:
+        return None
+    names = list(keys.columns)
+    if len(names) != 3:
+        raise ConfigError(
+            f"{where}: columns are those of x, y and z, not {names}; give null to an axis that was "
+            "not measured: [fx, null, fz]"
+        )
+    columns = [name for name in names if name is not None]
+    if not columns or len(set(columns)) < len(columns):
+        raise ConfigError(
+            f"{where}: columns are {names}; give each axis a column of its own, and null to an "
+            "axis that was not measured: [null, null, fz]"
+        )
+    if sum(name is not None for name in (keys.frame, keys.time, keys.key)) > 1:
+        raise ConfigError(f"{where}: give one of frame, time and key: each says what a row is of")
+    if keys.unit is not None:
+        seconds_of(keys.unit, where)
+    # YAML reads a header such as 0 as a number; in a CSV it is text
+    columns_or_none = tuple("" if name is None else str(name) for name in names)
+    newton = newtons_of(columns_or_none, keys.force_unit, keys.sign, where, "force_unit")
+    table = {key: value for key, value in vars(keys).items() if key != "force_unit"}
+    # the unit goes into the signs: readers of tables multiply once
+    sign = tuple(factor * newton for factor in keys.sign)
+    return FrameTable(**{**table, "columns": columns_or_none, "sign": sign})
+
+
+def _action(keys: LayoutKeys, where: str) -> str | FrameTable | tuple[ActionRange, ...] | None:
+    """The origin of actions; ``force`` derives them from the forces."""
+    action = keys.action
+    if isinstance(action, ActionKeys):
+        return FrameTable(action.file, action.frame, (action.column,), key=action.key)
+    if isinstance(action, tuple):
+        for part in action:
+            check_action(part.action, where)
+        return tuple(ActionRange(*part.frames, part.action) for part in action)
+    if action is None:
+        return "force" if keys.force else None
+    if action == "none":
+        return None
+    if action == "force" and not keys.force:
+        raise ConfigError(f"{where}: force is not given; add force: {{file: ..., columns: ...}}")
+    if action not in ("force", *ACTIONS) and not template_columns(action):
+        known = (*ACTIONS, "force", "none", "{column}")
+        raise ConfigError(f"{where}: {unknown('action', action, known)}")
+    return action
+
+
+def check_action(name: str, where: str) -> None:
+    """Raises a `ConfigError` for an unknown action, with its place in the configuration."""
+    if name not in ACTIONS:
+        raise ConfigError(f"{where}: {unknown('action', name, ACTIONS)}")

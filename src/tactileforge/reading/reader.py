@@ -1,0 +1,297 @@
+"""Reader of the files of one layout as recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
+from tactileforge.data.frames.crop import check_background_size
+from tactileforge.data.frames.lazy import Crop, ImageFrames, VideoFrames
+from tactileforge.data.frames.turned import turned
+from tactileforge.data.labels.actions import label_actions
+from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.reading.files import deeper, kind_of, matching_files
+from tactileforge.reading.frame_clock import Clocks, FrameClock
+from tactileforge.reading.frame_tables import FrameTables
+from tactileforge.reading.image_rows import ImageRows
+from tactileforge.reading.label_rows import LabelRow, match_labels
+from tactileforge.reading.layout import (
+    DatasetLayout,
+    check_action,
+    check_sensor,
+)
+from tactileforge.reading.layout_keys import FrameTable
+from tactileforge.reading.order import order_doubt
+from tactileforge.reading.tables import number_or_text
+from tactileforge.reading.templates import template_columns
+from tactileforge.reading.touch import FileFrames, LayoutTouch, open_files
+
+
+class LayoutReader:
+    """Finds, opens and labels the touches of a layout.
+
+    Args:
+        layout: The layout.
+        root: Folder of the data.
+
+    Attributes:
+        odd: One line for each match of a pattern other than a file; filled by `touches`.
+        doubts: Names of doubtful touches, each with the doubt as a phrase.
+        tagged: Numbers of opened images with an EXIF orientation, and of all.
+
+    Raises:
+        DataNotFoundError: The folder does not exist.
+    """
+
+    def __init__(self, layout: DatasetLayout, root: Path) -> None:
+        self.layout = layout
+        self.folder = root / layout.path
+        self.odd: list[str] = []
+        self.doubts: list[tuple[str, str]] = []
+        self.tagged = (0, 0)
+        self._of(ImageRows(self.folder, []))
+        self._backgrounds: dict[Path, FileFrames] = {}
+        if not self.folder.is_dir():
+            raise DataNotFoundError(
+                f"{self.folder}: no such folder; set data.root to the folder of the data, or leave "
+                f"the layout out: data.layouts.{layout.name}=null"
+            )
+
+    def _of(self, rows: ImageRows) -> None:
+        self._clocks, self._tables = Clocks(self.layout, rows), FrameTables(self.layout, rows)
+
+    def touches(self) -> list[LayoutTouch]:
+        """The touches, in natural order; reads only the labels.
+
+        Raises:
+            DataNotFoundError: No file matches.
+            DataError: A row of the labels does not match any file.
+            ConfigError: A pattern is invalid.
+        """
+        files, odd = matching_files(self.folder, self.layout.globs, self.layout.name)
+        self.odd += [f"{path}: no file but {kind_of(path)}; left out" for path in odd]
+        if not files:
+            raise DataNotFoundError(
+                f"{self.folder}: no file matches {' or '.join(self.layout.globs)!r}"
+                f"{deeper(self.folder, self.layout.globs, self.layout.name)}; set data.root to the "
+                f"folder of the data, or correct the pattern of layout {self.layout.name!r}"
+            )
+        named: dict[str, list[Path]] = {}
+        for path in files:
+            touch = path.parent if self.layout.each == "sequence" else path
+            named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
+        self._of(ImageRows(self.folder, files))
+        labels = match_labels(self.layout, self.folder, named)
+        return self._without_backgrounds(
+            [LayoutTouch(name, paths, labels[name]) for name, paths in named.items()]
+        )
+
+    def _without_backgrounds(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
+        """Touches without the background images, and without touches left empty."""
+        rule = self.layout.background
+        if rule is None or rule.file is None or self.layout.each == "video":
+            return self._in_order(touches)
+        names = {touch.row.fill(rule.file) for touch in touches}
+        still = {self.folder / name for name in names if name is not None}
+        kept = [
+            replace(touch, paths=[path for path in touch.paths if path not in still])
+            for touch in touches
+        ]
+        return self._in_order([touch for touch in kept if touch.paths])
+
+    def _in_order(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
+        """Touches with their images in the layout's order."""
+        if self.layout.each != "sequence":
+            return touches
+        out = []
+        for touch in touches:
+            paths = self._clocks.ordered(touch.paths, partial(self._path, touch=touch))
+            self._doubt(touch, "" if self.layout.order else order_doubt(paths))
+            out.append(replace(touch, paths=paths))
+        return out
+
+    def open(self, touch: LayoutTouch) -> FileFrames:
+        """Opens the frames of a touch; decodes nothing.
+
+        Raises:
+            DataError: The frames cannot be read, or all of them are background.
+        """
+        is_video = self.layout.each == "video"
+        frames = VideoFrames(touch.paths[0]) if is_video else ImageFrames(touch.paths)
+        background = self.layout.background
+        if background and not background.file and len(frames) <= background.first + background.last:
+            raise DataError(
+                f"{touch.paths[0]}: {len(frames)} frames, all of them background; remove the file, "
+                f"or give layout {self.layout.name!r} another background"
+            )
+        if isinstance(frames, ImageFrames):
+            self.tagged = (self.tagged[0] + frames.tagged, self.tagged[1] + len(frames))
+        return frames
+
+    def label(self, touch: LayoutTouch, frames: FileFrames) -> Iterator[Recording]:
+        """Yields the recording of an open touch, or one for each tile.
+
+        Raises:
+            DataNotFoundError: A file of labels, the background or a camera view is missing.
+            DamagedFileError: The background or a camera view cannot be read.
+            DataError: Labels or the background contradict the frames.
+            ConfigError: A label names an unknown sensor or action.
+        """
+        layout, row = self.layout, touch.row
+        video = frames if isinstance(frames, VideoFrames) else None
+        clock = self._clocks.times(touch.paths, video, partial(self._path, touch=touch))
+        self._doubt(touch, clock.doubt)
+        if layout.labels and not row.cells:
+            self._doubt(touch, f"has no row in {layout.labels}")
+        times = clock.times
+        force = self._force(touch, clock)
+        phrases = [row.fill(phrase, spaced=True) for phrase in layout.text]
+        # Common to all tiles; each tile sets its sensor, frames and background below.
+        whole = Recording(
+            key=f"{layout.name}/{touch.name}",
+            sensor="",
+            frames=frames,
+            times=times,
+            no_contact=None,
+            force=force,
+            action=self._action(touch, times, force),
+            object=row.fill(layout.object) if layout.object else None,
+            text=", ".join(phrase for phrase in phrases if phrase) or None,
+            image=self._camera(touch),
+            labels={name: number_or_text(cell) for name, cell in row.cells.items() if cell},
+            source=layout.source,
+            tier=layout.tier,
+            licence=layout.licence,
+        )
+        background = self._background(touch, frames)
+        full = (0, 0, frames.full_shape[1], frames.full_shape[0])
+        tiles = {f"#{name}": (tile.box, tile.sensor) for name, tile in layout.crops.items()}
+        for name, (box, sensor) in (tiles or {"": (full, layout.sensor or "")}).items():
+            shown = frames.crop(box)
+            tile = replace(
+                whole,
+                key=whole.key + name,
+                sensor=self._sensor(sensor, touch),
+                frames=turned(shown, layout.bgr, layout.turns),
+                no_contact=self._no_contact(shown, background, box),
+            )
+            yield self._tracked(tile, touch, name)
+
+    def _path(self, template: str, touch: LayoutTouch) -> Path:
+        name = touch.row.fill(template)
+        if name is None:
+            raise DataError(
+                f"{touch.row.where}: a column of {template!r} is empty; fill it in, or remove "
+                "the file"
+            )
+        return self.folder / name
+
+    def _sensor(self, template: str, touch: LayoutTouch) -> str:
+        name = touch.row.fill(template)
+        if name is None:
+            raise DataError(f"{touch.row.where}: no sensor; fill in the column of {template!r}")
+        check_sensor(name, touch.row.where)
+        return name
+
+    def _doubt(self, touch: LayoutTouch, doubt: str) -> None:
+        if doubt:
+            self.doubts.append((touch.name, doubt))
+
+    def _force(self, touch: LayoutTouch, clock: FrameClock) -> NDArray[np.float32] | None:
+        table = self.layout.force
+        if table is None:
+            return None
+        felt_by = [self.layout.sensor, *(tile.sensor for tile in self.layout.crops.values())]
+        sensor = self._sensor(next(name for name in felt_by if name), touch)
+        path, note = self._path(table.file, touch), partial(self._doubt, touch)
+        return self._tables.force(table, path, clock, sensor, touch.paths, note)
+
+    def _tracked(self, recording: Recording, touch: LayoutTouch, crop: str) -> Recording:
+        keys = self.layout.tracks
+        if keys is None:
+            return recording
+        if isinstance(keys, tuple):
+            return self._tables.ranged(recording, keys, touch.paths[0])
+        path = self._path(keys.file.replace("{crop}", crop), touch)
+        if path.is_file():
+            return self._tables.tracked(recording, keys, path, touch.paths)
+        self._doubt(touch, "has no file of tracks")  # labels by hand grow: said, and no error
+        return recording
+
+    def _action(
+        self, touch: LayoutTouch, times: NDArray[np.float64], force: NDArray[np.float32] | None
+    ) -> NDArray[np.int64] | None:
+        action = self.layout.action
+        if action is None:
+            return None
+        if action == "force" and force is not None:
+            return label_actions(times, force)
+        if isinstance(action, FrameTable):
+            path = self._path(action.file, touch)
+            return self._tables.actions(action, path, len(times), touch.paths)
+        actions = np.full(len(times), -1, np.int64)
+        if isinstance(action, str):
+            for frame, row in self._rows(touch, action):
+                if name := row.fill(action):
+                    check_action(name, row.where)
+                    actions[frame] = ACTIONS.index(name)
+            return actions
+        for part in action:
+            if not 0 <= part.start < part.stop <= len(times):
+                raise DataError(
+                    f"{touch.paths[0]}: it has {len(times)} frames, but layout "
+                    f"{self.layout.name!r} gives an action to [{part.start}, {part.stop}]"
+                )
+            actions[part.start : part.stop] = ACTIONS.index(part.action)
+        return actions
+
+    def _rows(self, touch: LayoutTouch, template: str) -> Iterator[tuple[int | slice, LabelRow]]:
+        """Frames with the row for a template: rows of images for columns mixed within the touch."""
+        if not set(template_columns(template)) & set(touch.row.mixed):
+            yield slice(None), touch.row
+            return
+        for frame, path in enumerate(touch.paths):
+            row = touch.row.images.get(path.relative_to(self.folder).as_posix())
+            if row is not None:
+                yield frame, row
+
+    def _background(self, touch: LayoutTouch, frames: FileFrames) -> FileFrames | None:
+        """The background file, opened once; None without one."""
+        rule = self.layout.background
+        if rule is None or rule.file is None:
+            return None
+        path = self._path(rule.file, touch)
+        if path not in self._backgrounds:
+            self._backgrounds[path] = open_files([path])
+        background = self._backgrounds[path]
+        other = str(touch.paths[0])
+        check_background_size(background.full_shape, frames.full_shape, str(path), other)
+        if isinstance(background, VideoFrames) and not rule.first + rule.last:
+            raise DataError(f"{path}: a video as background: say which frames with first or last")
+        return background
+
+    def _no_contact(self, shown: FileFrames, file: FileFrames | None, box: Crop) -> Frames | None:
+        rule = self.layout.background
+        if rule is None:
+            return None
+        base = file.crop(box) if file else shown
+        rows = rule.rows(len(base))
+        return FrameSubset(turned(base, self.layout.bgr, self.layout.turns), rows)
+
+    def _camera(self, touch: LayoutTouch) -> Frames | None:
+        pattern = touch.row.fill(self.layout.image) if self.layout.image else None
+        if pattern is None:
+            return None
+        files, _ = matching_files(self.folder, [pattern], self.layout.name)
+        if not files:
+            raise DataNotFoundError(
+                f"{self.folder}: no camera view of {touch.name} matches {pattern!r}; add it, or "
+                f"correct image of layout {self.layout.name!r}"
+            )
+        return open_files(files)

@@ -1,0 +1,315 @@
+"""Labels from CSV files, with a row per frame or on a clock of their own."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from io import StringIO
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.contracts import ACTIONS
+from tactileforge.data.labels.align import resample
+from tactileforge.data.labels.missing import stated
+from tactileforge.data.labels.plausible import impossible_row, limits
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.reading.files import read_text
+from tactileforge.reading.layout import check_action
+from tactileforge.reading.layout_keys import FrameTable
+from tactileforge.reading.split_times import part_of_second
+from tactileforge.reading.table_clock import on_frames
+
+#: Lines of a CSV among which a header that is not the first is looked for.
+_HEAD = 30
+#: Place and cells of a row.
+Row: TypeAlias = tuple[str, dict[str, str]]
+#: Function from a table, its path, its row times and the frames' times to row times on the frames'
+#: clock.
+Fit: TypeAlias = Callable[
+    [FrameTable, Path, NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]
+]
+
+
+def read_force(
+    table: FrameTable,
+    path: Path,
+    times: NDArray[np.float64],
+    sensor: str,
+    fit: Fit = on_frames,
+    images: Mapping[int, Row] | None = None,
+) -> NDArray[np.float32]:
+    """Forces per frame, with the images' delay applied.
+
+    Args:
+        table: Columns, signs, lag and clock of the forces.
+        path: Path of the CSV.
+        times: float64 (T,), times of the frames, s.
+        sensor: Name of the measuring sensor.
+        fit: Conversion of row times to the clock of the frames; see `table_clock.on_frames`.
+        images: Rows by frame, for rows with image names; None for rows by frame or time.
+
+    Returns:
+        float32 (T, 3), N. NaN for an empty cell, for an axis without a column, and for frames
+        before the first label after the lag.
+
+    Raises:
+        DataNotFoundError: There is no such CSV.
+        DataError: A cell is not a finite number, or a force beyond the sensor's range; or a row
+            has an invalid frame, or is not later than the one before.
+    """
+    if abs(table.lag_s) > times[-1] - times[0] > 0:
+        raise DataError(
+            f"{path}: lag_s is {table.lag_s:g}, longer than the recording of "
+            f"{times[-1] - times[0]:.3g} s; give seconds, such as 0.07"
+        )
+    if table.time is not None:
+        clock, measured = _on_a_clock(table, path, sensor)
+        clock = fit(table, path, clock, times)
+        # images are late: what a frame shows was felt lag_s before it
+        return resample(times - table.lag_s, clock, measured).astype(np.float32)
+    force = np.full((len(times), 3), np.nan)
+    for frame, where, cells in _per_frame(table, path, len(times), images):
+        force[frame] = _force(table, where, cells, sensor)
+    return _delayed(times, force, table.lag_s).astype(np.float32)
+
+
+def _on_a_clock(
+    table: FrameTable, path: Path, sensor: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Seconds (n,) and forces (n, 3) of the rows of a CSV."""
+    assert table.time is not None
+    named = [name for name in table.columns if name]
+    clock: list[float] = []
+    forces = []
+    rows = read_cells(path, [*named, table.time])
+    part = part_of_second(table.time, rows)
+    for where, cells in rows:
+        now = _number(cells[table.time], f"{where}, column {table.time!r}") + part(cells)
+        if math.isnan(now) or (clock and now <= clock[-1]):
+            raise DataError(
+                f"{where}: the time {cells[table.time]!r} is not after that of the row before; "
+                "sort the rows by time"
+            )
+        clock.append(now)
+        forces.append(_force(table, where, cells, sensor))
+    if not clock:
+        raise DataError(f"{path}: no row; add the forces, or remove the recording")
+    return np.array(clock), np.stack(forces)
+
+
+def _force(
+    table: FrameTable, where: str, cells: Mapping[str, str], sensor: str
+) -> NDArray[np.float64]:
+    """The force of a row, (3,), N, in our axes; NaN for axes without a label."""
+    row = [
+        _number(cells[name], f"{where}, column {name!r}") if name else math.nan
+        for name in table.columns
+    ]
+    # in our axes and newton, before the check: its limits are those of the sensor's axes
+    force: NDArray[np.float64] = np.array(row) * table.sign
+    if impossible_row(force[None], sensor) is not None:
+        raise DataError(
+            f"{where}: a force of ({', '.join(f'{axis:g}' for axis in row)}) N, where {sensor} "
+            f"can feel {limits(sensor)} N at most; say its unit (force_unit: gf, mN, ...), or "
+            "empty the cells"
+        )
+    return force
+
+
+def read_actions(
+    table: FrameTable, path: Path, count: int, images: Mapping[int, Row] | None = None
+) -> NDArray[np.int64]:
+    """Actions per frame, int64 (count,), as indices in `ACTIONS`; -1 for an empty cell or NaN.
+
+    Raises:
+        DataNotFoundError: There is no such CSV.
+        DataError: A row has an invalid frame.
+        ConfigError: The name of an action is unknown.
+    """
+    actions = np.full(count, -1, np.int64)
+    for frame, where, cells in _per_frame(table, path, count, images):
+        (name,) = map(stated, cells.values())
+        if name:
+            check_action(name, where)
+            actions[frame] = ACTIONS.index(name)
+    return actions
+
+
+def read_tracks(
+    table: FrameTable, path: Path, count: int, images: Mapping[int, Row] | None = None
+) -> dict[str, NDArray[np.float32]]:
+    """Numbers per frame by column, float32 (count,); NaN for an empty cell or a missing row.
+
+    Raises:
+        DataNotFoundError: There is no such CSV.
+        DataError: A row has an invalid frame, or a cell is not a finite number.
+    """
+    tracks = {name: np.full(count, np.nan, np.float32) for name in table.columns}
+    for frame, where, cells in _per_frame(table, path, count, images):
+        for name, cell in cells.items():
+            tracks[name][frame] = _number(stated(cell), f"{where}, column {name!r}")
+    return tracks
+
+
+def _per_frame(
+    table: FrameTable, path: Path, count: int, images: Mapping[int, Row] | None = None
+) -> list[tuple[int, str, dict[str, str]]]:
+    """Frame number, place and needed cells of each row of a CSV per frame."""
+    named = [name for name in table.columns if name]
+    if images is not None:
+        return [
+            (frame, where, {name: cells[name] for name in named})
+            for frame, (where, cells) in images.items()
+        ]
+    needed = [*named, *([table.frame] if table.frame else [])]
+    out, seen = [], set()
+    for i, (where, cells) in enumerate(read_cells(path, needed, whole=table.frame is None)):
+        text = cells[table.frame] if table.frame else str(i)
+        try:
+            frame = int(text)
+        except ValueError:
+            raise DataError(f"{where}: frame {text!r} is not a whole number; correct it") from None
+        if not 0 <= frame < count:
+            raise DataError(
+                f"{where}: frame {frame} does not exist, the recording has 0 to {count - 1}; "
+                "remove the row, or give the CSV of this recording; of one table for all images, "
+                "give key: the column of their names"
+            )
+        if frame in seen:
+            raise DataError(f"{where}: frame {frame} has a row already; remove one of them")
+        seen.add(frame)
+        out.append((frame, where, {name: cells[name] for name in named}))
+    if table.frame is None and len(out) < count:
+        raise DataError(
+            f"{path}: {len(out)} rows for {count} frames; give the column of the frame numbers "
+            "(frame:) or of the seconds (time:), or a row of empty cells (,,) for each frame "
+            "without a label"
+        )
+    return out
+
+
+def read_cells(
+    path: Path, needed: Sequence[str], whole: bool = False
+) -> list[tuple[str, dict[str, str]]]:
+    r"""Place and cells of each row of a CSV.
+
+    Args:
+        path: Path of the CSV; its first line names the columns.
+        needed: Required columns.
+        whole: Whether an empty line is an error: the parser skips it, which shifts rows by frame.
+
+    Raises:
+        DataNotFoundError: There is no such CSV.
+        DataError: The file is not a CSV, or a row is longer than the header.
+        ConfigError: A column does not exist.
+
+    Example:
+        >>> _ = Path("labels.csv").write_text("file,object\na.mp4,mug\n")
+        >>> [(_, cells)] = read_cells(Path("labels.csv"), ["object"])
+        >>> cells["object"]
+        'mug'
+    """
+    if not path.is_file():
+        raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
+    try:
+        return _rows(path, needed, whole)
+    except csv.Error as error:
+        raise DataError(f"{path}: not a CSV ({error}); save it as one") from error
+
+
+def _odd_header(header: Sequence[str], lines: Sequence[str], name: str) -> str:
+    """The way to mend a header without the needed columns: another separator, or lines above."""
+    for mark, word in ((";", "semicolons"), ("\t", "tabs")):
+        if any(mark in cell for cell in header):
+            return (
+                f"Columns are separated by {word} here: save the file as CSV with commas, and "
+                "decimals with points."
+            )
+    for number, line in enumerate(lines[1:_HEAD], 2):
+        if name in (cell.strip() for cell in line.split(",")):
+            return f"Line {number} names the columns: remove the lines above it."
+    return ""
+
+
+def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[tuple[str, dict[str, str]]]:
+    with StringIO(read_text(path), newline="") as file:
+        reader = csv.DictReader(file, restval="", skipinitialspace=True)
+        header = reader.fieldnames or []
+        if twice := [name for name in needed if list(header).count(name) > 1]:
+            raise DataError(f"{path}: two columns are called {twice[0]!r}; rename one")
+        for name in needed:
+            if name not in header:
+                fix = _odd_header(header, file.getvalue().splitlines(), name)
+                raise ConfigError(f"{path}: {unknown('column', name, header, fix)}")
+        rows = []
+        line = reader.line_num
+        for cells in reader:
+            where = f"{path}, row {reader.line_num}"
+            lines = 1 + sum(str(value).count("\n") for value in cells.values())
+            if whole and reader.line_num > line + lines:  # csv skipped an empty line
+                raise DataError(
+                    f"{where}: an empty line is before it; rows are frames here, so write a row of "
+                    'empty cells (,, or "") for a frame without a label'
+                )
+            line = reader.line_num
+            if None in cells:
+                raise DataError(
+                    f"{where}: more cells than the header has; quote commas of texts, and write a "
+                    "point for those of decimals"
+                )
+            rows.append((where, {name: value.strip() for name, value in cells.items()}))
+    return rows
+
+
+def number_or_text(cell: str) -> str | float:
+    """The number in a cell, or else its text.
+
+    Example:
+        >>> number_or_text("1e3"), number_or_text("mug")
+        (1000.0, 'mug')
+    """
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
+
+
+def _number(cell: str, where: str) -> float:
+    """A finite number; NaN for an empty cell, meaning no label."""
+    if not cell:
+        return math.nan
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        fix = "leave the cell empty for no label"
+        if re.fullmatch(r"[-+]?\d+,\d+", cell):
+            fix = f"write a point for its comma: {cell.replace(',', '.')}"
+        elif match := re.match(r"[-+]?\d+(\.\d+)?(?=\s*[^\W\d])", cell):
+            fix = f"write the number alone: {match[0]}"
+        raise DataError(f"{where}: {cell!r} is not a finite number; {fix}")
+    return value
+
+
+def _delayed(
+    times: NDArray[np.float64], force: NDArray[np.float64], lag: float
+) -> NDArray[np.float64]:
+    """The force ``lag`` seconds before each frame, interpolated between frames."""
+    if lag == 0:
+        return force
+    place = np.interp(times - lag, times, np.arange(len(times)), left=np.nan, right=np.nan)
+    known = np.flatnonzero(np.isfinite(place))
+    # The tolerance keeps a lag of whole frames exact: rounding must not mix in a neighbour's NaN.
+    before = np.floor(place[known] + 1e-6).astype(int)
+    share = np.clip(place[known] - before, 0, None)[:, None]
+    share[share < 1e-6] = 0
+    after = np.minimum(before + (share[:, 0] > 0), len(times) - 1)
+    out = np.full_like(force, np.nan)
+    out[known] = force[before] * (1 - share) + force[after] * share
+    return out

@@ -1,0 +1,48 @@
+"""Unopened touches of a layout, and opening of their backgrounds and camera views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+from tactileforge.data.frames.lazy import VIDEO_SUFFIXES, ImageFrames, VideoFrames
+from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.reading.files import DamagedFileError
+from tactileforge.reading.label_rows import LabelRow
+
+FileFrames: TypeAlias = VideoFrames | ImageFrames
+
+
+@dataclass(frozen=True)
+class LayoutTouch:
+    """One touch before it is opened.
+
+    Attributes:
+        name: Path of its file, or of its folder for an image sequence, from the layout's folder.
+        paths: Paths of its files.
+        row: Labels of the touch.
+    """
+
+    name: str
+    paths: list[Path]
+    row: LabelRow
+
+
+def open_files(paths: list[Path]) -> FileFrames:
+    """Opens a background or a camera view of a touch.
+
+    Args:
+        paths: Path of a video, or paths of images.
+
+    Raises:
+        DataNotFoundError: A file does not exist.
+        DamagedFileError: A file cannot be read.
+    """
+    is_video = len(paths) == 1 and paths[0].suffix.lower() in VIDEO_SUFFIXES
+    try:
+        return VideoFrames(paths[0]) if is_video else ImageFrames(paths)
+    except DataNotFoundError:  # a slip of the layout, which is no damage of one touch
+        raise
+    except DataError as error:
+        raise DamagedFileError(str(error)) from error

@@ -1,0 +1,171 @@
+"""Optimisers and schedules of the learning rate: plugins, and those of the package."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, TypeAlias
+
+import torch
+from torch import nn
+
+from tactileforge.contracts import OptimizerPlugin
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.plugins import registry
+from tactileforge.util import strict
+
+#: Factor of the learning rate, given the step, the steps of the warm-up, and those of the run.
+Schedule: TypeAlias = Callable[[int, int, int], float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OptimOptions:
+    """Keys of ``optim`` common to all optimisers; the others are those of the constructor.
+
+    Attributes:
+        warmup: Share of the run with a rising learning rate, 0 to 1.
+        schedule: Name of a `Schedule`.
+        clip: Largest norm of the gradient; None for no clipping.
+    """
+
+    warmup: float = 0.025
+    schedule: str = "linear"
+    clip: float | None = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.warmup <= 1:
+            raise ConfigError(f"optim.warmup={self.warmup}: give a share of the run, 0 to 1")
+        if self.clip is not None and not self.clip > 0:
+            raise ConfigError(f"optim.clip={self.clip}: give a norm above 0, or null to clip none")
+        if self.schedule not in registry.names("schedules"):
+            raise ConfigError(unknown("optim.schedule", self.schedule, registry.names("schedules")))
+
+
+COMMON = {field.name: field.default for field in fields(OptimOptions)}
+
+
+def parse_optim(config: Mapping[str, Any]) -> tuple[OptimizerPlugin, OptimOptions]:
+    """Builds the optimiser plugin of a configuration.
+
+    Args:
+        config: Configuration: ``name`` (``adamw`` without one), the keys of `OptimOptions`, and the
+            options of the plugin.
+
+    Raises:
+        ConfigError: An unknown key, or a value out of range.
+        PluginError: The optimiser or schedule is not installed.
+    """
+    own = {key: value for key, value in config.items() if key not in COMMON}
+    common = {key: value for key, value in config.items() if key in COMMON}
+    plugin = registry.build("optimizers", {"name": "adamw", **own}, "optim")
+    return plugin, strict.build(OptimOptions, "optim", common)
+
+
+def build_optimizer(
+    parameters: Iterable[tuple[str, nn.Parameter]],
+    config: Mapping[str, Any],
+    total: int,
+    fused: bool = True,
+) -> dict[str, Any]:
+    """Builds an optimiser and its schedule, as ``configure_optimizers`` returns them.
+
+    Args:
+        parameters: Names and parameters; those that need no gradient are left out.
+        config: Configuration of the optimiser; see `parse_optim`.
+        total: Steps of the run.
+        fused: Whether a step may be one kernel; False with a gradient scaler, because clipping
+            would then see scaled gradients.
+    """
+    plugin, options = parse_optim(config)
+    # frozen parameters would have averages in every checkpoint, and decay without a gradient
+    optimizer = plugin.build([(n, p) for n, p in parameters if p.requires_grad], fused)
+    warm = max(1, round(options.warmup * total))
+    factor: Schedule = registry.load("schedules", options.schedule)
+    schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: factor(step, warm, total))
+    return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+def split_by_decay(
+    parameters: Sequence[tuple[str, nn.Parameter]], weight_decay: float
+) -> list[dict[str, Any]]:
+    """Parameter groups: matrices with decay, and vectors without.
+
+    Args:
+        parameters: Names and parameters.
+        weight_decay: Decay of matrices, per step and learning rate.
+    """
+    # vectors are biases, gains of norms and tokens: decay to 0 would fight their own purpose
+    matrices = [p for _, p in parameters if p.ndim > 1]
+    vectors = [p for _, p in parameters if p.ndim <= 1]
+    return [
+        {"params": matrices, "weight_decay": weight_decay},
+        {"params": vectors, "weight_decay": 0.0},
+    ]
+
+
+class AdamW:
+    """AdamW without decay of vectors (Loshchilov and Hutter, 2019).
+
+    Args:
+        lr: Learning rate after the warm-up.
+        weight_decay: Decay of matrices, per step and learning rate.
+        betas: Shares kept at each step of the average gradient and of the average squared gradient,
+            0 or more, below 1.
+    """
+
+    # decay and betas as in the pre-training of MAE (He et al., 2022, table 8)
+    def __init__(
+        self,
+        lr: float = 3e-4,
+        weight_decay: float = 0.05,
+        betas: tuple[float, float] = (0.9, 0.95),
+    ) -> None:
+        if not all(0 <= rate < math.inf for rate in (lr, weight_decay)):
+            raise ConfigError(f"optim.lr={lr}, optim.weight_decay={weight_decay}: give 0 or more")
+        if len(betas) != 2 or not all(0 <= beta < 1 for beta in betas):
+            raise ConfigError(f"optim.betas={list(betas)}: give two of 0 or more, below 1")
+        self.lr, self.weight_decay, self.betas = lr, weight_decay, (betas[0], betas[1])
+
+    def build(
+        self, parameters: Sequence[tuple[str, nn.Parameter]], fused: bool
+    ) -> torch.optim.Optimizer:
+        """Builds AdamW with its two parameter groups; see `contracts.OptimizerPlugin`."""
+        groups = split_by_decay(parameters, self.weight_decay)
+        return torch.optim.AdamW(groups, lr=self.lr, betas=self.betas, fused=fused)
+
+
+def linear(step: int, warm: int, total: int) -> float:
+    """Linear warm-up, then a linear decay to 0 at the end of the run."""
+    # + 1: the first step of a warm-up from 0 would be lost, as its rate is 0
+    return max(0.0, min((step + 1) / warm, (total - step) / max(1, total - warm + 1)))
+
+
+def cosine(step: int, warm: int, total: int) -> float:
+    """Linear warm-up from 0, then half a cosine to 0 (Loshchilov and Hutter, 2017)."""
+    if step < warm:
+        return step / warm
+    share = min(1.0, (step - warm) / max(1, total - warm))
+    return 0.5 * (1.0 + math.cos(math.pi * share))
+
+
+def constant(step: int, warm: int, total: int) -> float:
+    """Linear warm-up from 0, then the full learning rate."""
+    return min(1.0, step / warm)
+
+
+def set_rate(schedule: torch.optim.lr_scheduler.LambdaLR) -> None:
+    """Sets the learning rate of the schedule's current step.
+
+    The rate in a checkpoint is that of the old length of the run, and a resumed run may have
+    another length.
+
+    Args:
+        schedule: Schedule made by `build_optimizer`.
+    """
+    groups = zip(
+        schedule.optimizer.param_groups, schedule.base_lrs, schedule.lr_lambdas, strict=True
+    )
+    for group, rate, factor in groups:
+        # LambdaLR sets rates in step() alone, and the next step would still use the old one
+        group["lr"] = rate * factor(schedule.last_epoch)

@@ -1,0 +1,62 @@
+from pathlib import Path
+
+import pytest
+from tactileforge_datasets.feel import Feel
+from tactileforge_datasets.ssvtp import Ssvtp
+from tactileforge_datasets.tacquad import TacQuad
+from tactileforge_datasets.touch_and_go import TouchAndGo
+from tactileforge_datasets.tvl import Tvl
+
+from tactileforge.errors import DataError
+from tactileforge.reading.files import matching_files, read_rows, read_text
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["2.png", "10.jpg", "011.png"],
+        ["-1.5.png", "-1.05.png", "0.png", "0.05.png", "0.1.png", "1700000000.5.png"],
+        ["frame_1.png", "frame_2.png", "frame_10.png"],
+        ["press-1.5/a.png", "press-2/a.png", "press-10/a.png"],
+    ],
+)
+def test_files_are_in_natural_order_and_each_once(tmp_path: Path, names: list[str]) -> None:
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    files, odd = matching_files(tmp_path, ["**/*.jpg", "**/*.png", "**/*[0-9]*.*"], "x")
+    assert [path.relative_to(tmp_path).as_posix() for path in files] == names
+    assert [path for path in odd if "." not in path.name] == []
+
+
+def test_rows_are_those_of_the_lines(tmp_path: Path) -> None:
+    path = tmp_path / "index.csv"
+    path.write_bytes('\ufeffa,"b, c"\r\n\r\nd\u2028e,f'.encode())
+    assert read_rows(path) == [["a", "b, c"], [], ["d\u2028e", "f"]]
+
+
+def test_text_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"gone\.txt: cannot be read \(No such file"):
+        read_text(tmp_path / "gone.txt")
+    (tmp_path / "long.csv").write_text("a" * 200_000)
+    with pytest.raises(DataError, match=r"long\.csv: not a CSV \(field larger than"):
+        read_rows(tmp_path / "long.csv")
+
+
+@pytest.mark.parametrize(
+    ("reader", "file", "folder"),
+    [
+        (TouchAndGo, "label.txt", "dataset"),
+        (Feel, "feel.csv", "."),
+        (TacQuad, "contact_indoor.csv", "."),
+        (Ssvtp, "ssvtp/test.csv", "ssvtp/images_tac"),
+        (Tvl, "hct/data1/train.csv", "hct/data1"),
+    ],
+)
+def test_an_index_that_is_no_text_is_named(
+    tmp_path: Path, reader: type[Feel], file: str, folder: str
+) -> None:
+    (tmp_path / folder).mkdir(parents=True, exist_ok=True)
+    (tmp_path / file).write_bytes(b"a/0.jpg,3\nf\xff\xfe")
+    with pytest.raises(DataError, match=rf"{file}: byte 11 is not UTF-8; download it again"):
+        list(reader(str(tmp_path), val=0).recordings("train"))
