@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.contracts import Dataset
-from tactileforge.data.shards.index import NAME, Index
+from tactileforge.data.shards.index import INDEX_FILE, Index
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
 from tactileforge.packing.executors import execute
 from tactileforge.packing.options import Filter, PackOptions
@@ -182,12 +182,12 @@ def _claim(out: Path, made: Mapping[str, Any]) -> None:
     if not any(out.glob("*.tar")):
         write_text(claim, sealed(made))
         return
-    path = next((path for path in (claim, out / NAME) if path.exists()), None)
+    path = next((path for path in (claim, out / INDEX_FILE) if path.exists()), None)
     if path is None:
         raise ConfigError(f"{out} holds shards that were not packed here; give another out=")
     try:
         there = unsealed(path.read_bytes())
-        recorded, current = _flat(there["made"] if path.name == NAME else there), _flat(made)
+        recorded, current = _flat(there["made"] if path.name == INDEX_FILE else there), _flat(made)
     except (ValueError, KeyError, AttributeError) as error:
         raise ConfigError(f"{path}: damaged ({error!r}); give another out=") from error
     changed = [

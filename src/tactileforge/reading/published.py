@@ -23,7 +23,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_
 from tactileforge.reading.drawn import Drawn
 from tactileforge.reading.layout_keys import MEDIAN_FRAMES
 from tactileforge.reading.notes import add_once
-from tactileforge.reading.official import ALL, OfficialSplit
+from tactileforge.reading.official import ALL_FOR_TRAINING, OfficialSplit
 from tactileforge.reading.splits import is_held_out
 from tactileforge.specs.published import spec
 
@@ -83,7 +83,7 @@ class PublishedDataset(Drawn, ABC):
     citation: ClassVar[str]
     url: ClassVar[str]
     tree: ClassVar[str]
-    splits: tuple[OfficialSplit, ...] = (ALL,)
+    splits: tuple[OfficialSplit, ...] = (ALL_FOR_TRAINING,)
     provides: frozenset[str] = frozenset()
     marks: ClassVar[tuple[str, ...]] = ()
     certainty: ClassVar[float] = 0.5

@@ -15,7 +15,7 @@ from tactileforge.plugin import (
     RecordingItem,
     load_json,
 )
-from tactileforge.reading.official import ALL
+from tactileforge.reading.official import ALL_FOR_TRAINING
 from tactileforge.reading.published import NumberedImages, frame_times
 from tactileforge_datasets.official_splits import ANYTOUCH2_CLOTH, CLOTH_OFFICIAL
 
@@ -50,7 +50,7 @@ class Cloth(PublishedDataset):
   cloth_metadata.json
   train_data.json, test_data.json          (those of AnyTouch 2 end in _new.json)
   Data/12/3/gelsight_frame/0001.png ...    (cloth, trial)"""
-    splits = (CLOTH_OFFICIAL, ANYTOUCH2_CLOTH, ALL)
+    splits = (CLOTH_OFFICIAL, ANYTOUCH2_CLOTH, ALL_FOR_TRAINING)
     provides = frozenset({"object"})
     marks = ("cloth_metadata.json", "Data/*/*/gelsight_frame")
     certainty = 1.0

@@ -19,7 +19,7 @@ from tactileforge.plugin import (
     VideoFrames,
     without_companions,
 )
-from tactileforge.reading.official import ALL
+from tactileforge.reading.official import ALL_FOR_TRAINING
 from tactileforge_datasets.official_splits import OCTOPI_OFFICIAL
 
 _PREFIX = "physiclear_"
@@ -52,7 +52,7 @@ class Octopi(PublishedDataset):
     tree = """ROOT/
   utils/constants.py           (for ranks, and for the split octopi-official)
   dataset/aluminium_foil_0.mov ..."""
-    splits = (ALL, OCTOPI_OFFICIAL)
+    splits = (ALL_FOR_TRAINING, OCTOPI_OFFICIAL)
     provides = frozenset({"object", "text"})
     marks = ("dataset/*_[0-9]*.mov", "*_[0-9]*.mov")
     doubts = ("names of films are objects and numbers",)

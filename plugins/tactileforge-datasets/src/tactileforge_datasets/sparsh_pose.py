@@ -18,7 +18,7 @@ from tactileforge.plugin import (
     still_background,
     unknown,
 )
-from tactileforge.reading.official import ALL
+from tactileforge.reading.official import ALL_FOR_TRAINING
 from tactileforge.reading.pickles import load_pickle
 from tactileforge_datasets.official_splits import POSE_OFFICIAL
 
@@ -53,7 +53,7 @@ class SparshPose(PublishedDataset):
     tree = """ROOT/
   train/sugar/bag_00.pkl ...   (pringles alike; test alike)
   bgs/digit_ring.png ..."""
-    splits = (POSE_OFFICIAL, ALL)
+    splits = (POSE_OFFICIAL, ALL_FOR_TRAINING)
     provides = frozenset({"object"})
     marks = ("t*/*/bag_*.pkl",)
     certainty = 1.0

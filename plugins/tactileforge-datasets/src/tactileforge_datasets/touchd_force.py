@@ -22,7 +22,7 @@ from tactileforge.plugin import (
     still_background,
     unknown,
 )
-from tactileforge.reading.official import ALL
+from tactileforge.reading.official import ALL_FOR_TRAINING
 from tactileforge.reading.published import frame_rate, frame_times
 from tactileforge_datasets.official_splits import TOUCHD_BENCH, TOUCHD_PRETRAIN
 
@@ -67,7 +67,7 @@ class TouchdForce(PublishedDataset):
   obj006_speed1/               (every obj*_speed*.zip unzipped in place)
     digit/image_1.png ...      (image_1 is the background)
     gelsight/, duragel/"""
-    splits = (TOUCHD_PRETRAIN, TOUCHD_BENCH, ALL)
+    splits = (TOUCHD_PRETRAIN, TOUCHD_BENCH, ALL_FOR_TRAINING)
     provides = frozenset({"force", "action", "object"})
     marks = ("all_data_direction.json",)
     certainty = 1.0

@@ -19,7 +19,7 @@ from tactileforge.plugin import (
     still_background,
 )
 from tactileforge.reading.files import read_rows
-from tactileforge.reading.official import ALL
+from tactileforge.reading.official import ALL_FOR_TRAINING
 from tactileforge.reading.published import frame_times, label_runs
 from tactileforge_datasets.official_splits import TVL_OFFICIAL
 
@@ -72,7 +72,7 @@ class Tvl(PublishedDataset):
   digit_background.png
   RECORDING/tactile/12-0.034.jpg ...
   RECORDING/vision/12-0.034.jpg ..."""
-    splits = (TVL_OFFICIAL, ALL)
+    splits = (TVL_OFFICIAL, ALL_FOR_TRAINING)
     provides = frozenset({"text", "image"})
     marks = ("hct/data1", "tvl_dataset/hct/data1", "data1/contact.json")
     certainty = 1.0

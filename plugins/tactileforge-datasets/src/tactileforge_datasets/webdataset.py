@@ -26,7 +26,7 @@ from tactileforge.plugin import (
     is_held_out,
 )
 from tactileforge.reading.drawn import Drawn
-from tactileforge.reading.layout import several
+from tactileforge.reading.layout import as_texts
 from tactileforge.reading.splits import check_share, check_split
 from tactileforge_datasets.samples.layout import SampleLayout, parse_samples
 from tactileforge_datasets.samples.opened import SampleOpener
@@ -77,7 +77,7 @@ class WebDataset(Drawn):
         self.layout = parse_samples(plain)
         self.root, self.val = root, val
         self.cache, self.cache_gb = cache, cache_gb
-        self.tars, self.val_tars = several(tars), several(val_tars)
+        self.tars, self.val_tars = as_texts(tars), as_texts(val_tars)
         self.skipped: list[str] = []
         self._notes: list[str] = []
         self._unread: Counter[str] = Counter()

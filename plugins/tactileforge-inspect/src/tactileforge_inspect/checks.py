@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tactileforge.data.frames.untared import NO_CONTACT, untared
-from tactileforge.data.labels.align import GAP, Lag
+from tactileforge.data.labels.align import LARGEST_GAP, Lag
 from tactileforge.data.labels.doubts import RANGE, TINY, Suspicion
 from tactileforge.pages.page import percent
 from tactileforge.plugin import Recording, estimate_lag
@@ -91,8 +91,8 @@ REASONS = {
     ),
     "gaps_in_time": Reason(
         "Gaps in time",
-        f"A step of more than {GAP:g} usual ones, or times that do not increase. No clip is cut "
-        "across a gap.",
+        f"A step of more than {LARGEST_GAP:g} usual ones, or times that do not increase. No clip "
+        "is cut across a gap.",
         "usual steps",
     ),
     "force_out_of_range": Reason(

@@ -10,7 +10,7 @@ from typing import Any
 from tactileforge.hub import cards, files, store
 from tactileforge.plugin import ConfigError, DataError, DataNotFoundError, new_part
 from tactileforge.plugins import registry
-from tactileforge.util.files import sha256, writing
+from tactileforge.util.files import disk_errors_named, sha256
 from tactileforge.util.provenance import commit
 from tactileforge_published import convert, read_tensors
 from tactileforge_published.published_heads import published_heads
@@ -66,7 +66,7 @@ def import_published(model: str, source: str | Path, sensor: str = "") -> Path:
         heads=entries,
     )
     target = store.weights_folder() / f"{full}.safetensors"
-    with writing(target), new_part(target) as part:
+    with disk_errors_named(target), new_part(target) as part:
         files.save_checkpoint(part, encoder, header, heads=heads)
         return store.keep_import(card, weight, part, source.name, digest)
 

@@ -150,7 +150,7 @@ class SimConfig:
 
     def digest(self) -> str:
         """Digest of the configuration and of the simulator's code."""
-        text = json.dumps([asdict(self), shards.VERSION], sort_keys=True) + _code()
+        text = json.dumps([asdict(self), shards.SHARD_VERSION], sort_keys=True) + _code()
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def scene(self, number: int) -> Scene:

@@ -14,7 +14,7 @@ from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.plugin import ArrayFrames, ConfigError, Recording, TactileForgeError, strict
 from tactileforge.util.bars import Bar
-from tactileforge.util.files import claim
+from tactileforge.util.files import claim_folder
 from tactileforge.util.processes import end_with_parent, process_count, spread
 from tactileforge.util.threads import one_thread
 from tactileforge_sim.config import FIRST_VAL, SimConfig
@@ -174,7 +174,7 @@ def write_seconds(
         numbers.append(FIRST_VAL + held_out if to_val else train)
         total += config.scene(numbers[-1]).path.seconds
     # Claimed before anything is written, and indexed last: an index lists whole shards only.
-    claim(folder / "sim.json", asdict(config), "touches")
+    claim_folder(folder / "sim.json", asdict(config), "touches")
     shards.keep_whole(path_of(folder, n) for n in numbers)
     write_scenes(config, folder, numbers, processes)
     splits = {

@@ -90,7 +90,7 @@ class VideoIndex:
         return i if is_there else None
 
 
-def inside(path: str, start: int, size: int) -> str:
+def video_inside(path: str, start: int, size: int) -> str:
     """Address of a video inside of another file, such as a tar, in place of a path.
 
     Args:

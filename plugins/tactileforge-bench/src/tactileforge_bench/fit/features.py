@@ -18,7 +18,7 @@ from tactileforge.data.batches.clips import collate
 from tactileforge.data.batches.loader import start_worker
 from tactileforge.plugin import Batch, Clips, DataError, locked, write_text
 from tactileforge.util.bars import Bar
-from tactileforge.util.signals import held
+from tactileforge.util.signals import signals_held
 from tactileforge_bench.fit import decoded
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge_bench.tasks.source import TaskSource
@@ -224,7 +224,7 @@ def read_batches(
         pin_memory=torch.cuda.is_available(),
     )
     # workers start with signals held, so that Ctrl-C ends them by this process alone
-    with held():
+    with signals_held():
         batches = iter(loader)
     for batch in batches:
         for line, _ in batch["skipped"].values():

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from tactileforge.encoders.feature_groups import (
-    GROUPS,
+    FEATURE_GROUPS,
     encode_trained,
     free_groups,
     group_sizes,
@@ -218,7 +218,7 @@ class FrozenEncoder:
             tokens, projected = self.encoder(frames, background, rows)
             return {"tokens": tokens, "projected": projected}
         tokens, projected, trained = encode_trained(self.encoder, frames, background, rows)
-        all_groups = trained | free_groups(frames, background, GROUPS)
+        all_groups = trained | free_groups(frames, background, FEATURE_GROUPS)
         joint = torch.cat([values.float() for values in all_groups.values()], 1)
         return {
             "tokens": tokens,

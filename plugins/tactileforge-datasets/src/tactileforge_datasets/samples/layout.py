@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from tactileforge.plugin import ACTIONS, ConfigError, newtons_of, unknown
-from tactileforge.reading.layout import check_sensor, given, parse_background, several
+from tactileforge.reading.layout import as_texts, check_sensor, parse_background, without_nulls
 from tactileforge.reading.layout_keys import BackgroundRule
 from tactileforge.util.strict import build, mapping
 from tactileforge_datasets.samples.places import (
@@ -133,7 +133,7 @@ class SampleLayout:
     @property
     def captions(self) -> tuple[str, ...]:
         """Templates of the caption."""
-        return several(self.text)
+        return as_texts(self.text)
 
     @property
     def unit(self) -> str:
@@ -203,7 +203,7 @@ def parse_samples(config: Any) -> SampleLayout:
         ConfigError: A value is invalid; names the key and the valid values.
     """
     where = "data.layout"
-    layout = build(SampleLayout, where, given(mapping(where, config)))
+    layout = build(SampleLayout, where, without_nulls(mapping(where, config)))
     check_kind(layout.frames, (*PICTURES, *VIDEOS, "npy"), f"{where}.frames")
     if layout.fps is not None and not 0 < layout.fps < 1e5:
         raise ConfigError(f"{where}.fps is {layout.fps}; give frames per second, e.g. 30")

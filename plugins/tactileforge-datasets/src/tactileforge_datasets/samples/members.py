@@ -9,7 +9,7 @@ from functools import lru_cache
 from io import FileIO
 from pathlib import Path
 
-from tactileforge.data.frames.image_codecs import BLOCK
+from tactileforge.data.frames.image_codecs import TAR_BLOCK
 from tactileforge.plugin import Blob, DataError
 
 #: Starts of compressed files, and the programs that unpack them.
@@ -78,16 +78,16 @@ def _members(file: FileIO) -> Iterator[tuple[str, int, int]]:
     """
     end = file.seek(0, 2)
     place, long_name, said = 0, "", dict[str, str]()
-    while place + BLOCK <= end:
+    while place + TAR_BLOCK <= end:
         file.seek(place)
-        header = file.read(BLOCK)
+        header = file.read(TAR_BLOCK)
         if not header.strip(b"\0"):
             return
         size, kind = _checked(header, place), header[156:157]
-        start = place + BLOCK
+        start = place + TAR_BLOCK
         if kind not in b"xL":
             size = int(said["size"]) if said.get("size", "").isdecimal() else size
-        place = start + -(-size // BLOCK) * BLOCK
+        place = start + -(-size // TAR_BLOCK) * TAR_BLOCK
         if place < start or start + size > end:
             raise tarfile.ReadError(f"it ends within {_name(header)!r}")
         if kind in b"xL":

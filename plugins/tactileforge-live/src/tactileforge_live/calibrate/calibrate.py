@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from tactileforge.plugin import ConfigError, DataError, Recording, check_names, spec
 from tactileforge.sensors.calibration import features
-from tactileforge.sensors.calibration.file import AXES, Calibration, ForceModel, Light
+from tactileforge.sensors.calibration.file import (
+    FORCE_AXES,
+    BackgroundLight,
+    Calibration,
+    ForceModel,
+)
 from tactileforge_live.calibrate.fit import AxisFit
 from tactileforge_live.calibrate.force import fit_forces
 from tactileforge_live.calibrate.light import estimate_light, light_drift, punch_mm_per_pixel
@@ -39,14 +44,14 @@ class CalibrateOptions:
     device: str | None = None
     unit: str | None = None
     fit: str = "auto"
-    axes: Sequence[str] = AXES
+    axes: Sequence[str] = FORCE_AXES
     max_lag: float = 0.0
     punch_mm: float | None = None
     mm_per_pixel: float | None = None
     frames: int = 5000
 
     def __post_init__(self) -> None:
-        check_names("axis", self.axes, AXES)
+        check_names("axis", self.axes, FORCE_AXES)
         if not self.axes:
             raise ConfigError("axes=[]: give some of x, y, z")
         if not 0 <= self.max_lag <= 1:
@@ -112,7 +117,7 @@ def calibrate(
     force: ForceModel | None = None
     fits: dict[str, AxisFit] = {}
     if kind != "none":
-        wanted = [name for name in AXES if name in options.axes]
+        wanted = [name for name in FORCE_AXES if name in options.axes]
         force, fits = fit_forces(chosen, kind, wanted, options.max_lag, notes, model)
     calibration = Calibration(
         sensor=first.sensor,
@@ -145,7 +150,7 @@ def _kind(
 
 def _light(
     chosen: Sequence[Recording], reference: Calibration | None, notes: list[str]
-) -> tuple[Light | None, NDArray[np.uint8] | None]:
+) -> tuple[BackgroundLight | None, NDArray[np.uint8] | None]:
     if spec(chosen[0].sensor).kind == "array":
         return None, None
     stills = [
@@ -175,7 +180,7 @@ def _scale(chosen: Sequence[Recording], options: CalibrateOptions) -> tuple[floa
         punched = [recording for recording in chosen if recording.object == "punch"] or chosen
         scales = [
             punch_mm_per_pixel(
-                (frame for part in features.chunks(press.frames) for frame in part),
+                (frame for part in features.frame_chunks(press.frames) for frame in part),
                 features.median_background(press),
                 options.punch_mm,
                 press.key,

@@ -9,8 +9,13 @@ from numpy.typing import NDArray
 
 from tactileforge.plugin import DataError, Recording
 from tactileforge.sensors.calibration import features
-from tactileforge.sensors.calibration.file import AXES, ForceModel
-from tactileforge.sensors.calibration.pictures import CHANGE, MOMENTS, PICTURES, SHAPE
+from tactileforge.sensors.calibration.file import FORCE_AXES, ForceModel
+from tactileforge.sensors.calibration.pictures import (
+    CHANGE_FEATURE,
+    MOMENT_FEATURES,
+    PICTURE_FEATURES,
+    SHAPE_FEATURES,
+)
 from tactileforge_live.calibrate.fit import (
     BEFORE,
     MEAN,
@@ -58,7 +63,7 @@ def fit_forces(
     with_model = kind in features.WITH_MODEL
 
     def earlier(name: str, lag: float) -> NDArray[np.float64]:
-        column = AXES.index(name)
+        column = FORCE_AXES.index(name)
         return np.concatenate([_lagged(press, column, lag) for press in presses])
 
     def fitted(name: str, force: NDArray[np.float64]) -> AxisFit:
@@ -154,14 +159,14 @@ def candidates(kind: str, axis: str, inputs: Collection[str]) -> list[Candidate]
         axis: ``x``, ``y`` or ``z``.
         inputs: Names of all inputs.
     """
-    change = Candidate("change", [[CHANGE]])
-    pictures = [[CHANGE], *([name] for name in MOMENTS), SHAPE]
+    change = Candidate("change", [[CHANGE_FEATURE]])
+    pictures = [[CHANGE_FEATURE], *([name] for name in MOMENT_FEATURES), SHAPE_FEATURES]
     if kind == "pictures":
         return [change, Candidate("pictures", pictures)]
     if kind not in features.WITH_MODEL:
         return [Candidate(kind, [[axis]])]
-    forces = [[name] for name in AXES]
-    hidden = [name for name in inputs if name not in (*AXES, *PICTURES)]
+    forces = [[name] for name in FORCE_AXES]
+    hidden = [name for name in inputs if name not in (*FORCE_AXES, *PICTURE_FEATURES)]
     head = [Candidate("head", [[axis]]), Candidate("head", forces)]
     wide = [Candidate("head", [*forces, hidden])] if hidden else []
     if kind == "head":

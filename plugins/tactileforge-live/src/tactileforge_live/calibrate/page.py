@@ -20,8 +20,8 @@ from tactileforge.pages.page import (
     table,
     verdict,
 )
-from tactileforge.sensors.calibration.file import AXES, ForceModel
-from tactileforge.sensors.calibration.pictures import PICTURES, SHAPE
+from tactileforge.sensors.calibration.file import FORCE_AXES, ForceModel
+from tactileforge.sensors.calibration.pictures import PICTURE_FEATURES, SHAPE_FEATURES
 from tactileforge_live.calibrate.calibrate import CalibrationResult
 from tactileforge_live.calibrate.fit import AxisFit
 from tactileforge_live.calibrate.scale import SCALED
@@ -77,7 +77,7 @@ def _candidates(force: ForceModel) -> Markup:
             *(number(errors[axis][name]) if name in errors[axis] else "" for name in known),
             f"text|{force.axes[axis].chosen if axis in force.axes else 'left out'}",
         )
-        for axis in AXES
+        for axis in FORCE_AXES
         if axis in errors
     ]
     text = (
@@ -92,8 +92,8 @@ def _candidates(force: ForceModel) -> Markup:
 
 
 def _told(names: Sequence[str]) -> str:
-    hidden = [name for name in names if name not in (*AXES, *PICTURES)]
-    shape = [name for name in names if name in SHAPE]
+    hidden = [name for name in names if name not in (*FORCE_AXES, *PICTURE_FEATURES)]
+    shape = [name for name in names if name in SHAPE_FEATURES]
     shown = [name for name in names if name not in hidden and name not in shape]
     counts = {"numbers of the picture's shape": shape, "values of the head": hidden}
     return ", ".join([*shown, *(f"{len(some)} {what}" for what, some in counts.items() if some)])

@@ -61,7 +61,7 @@ def read_raw(path: Path) -> dict[str, Raw]:
         DataError: The file is not a shard, or is damaged.
     """
     values_by_name: dict[str, Raw] = {}
-    for name, content in shards.members(path):
+    for name, content in shards.shard_members(path):
         if match := _RAW.fullmatch(name):
             try:
                 values_by_name[match["name"]] = _arrays(content)

@@ -18,8 +18,8 @@ from tactileforge_markers.tracks import check_marker_sensors
 
 from tactileforge.plugin import Capture, ConfigError, Frame, Sensor, SensorError, spec
 from tactileforge.sensors import background
-from tactileforge.sensors.awake import CLOCK
-from tactileforge.sensors.capture import check
+from tactileforge.sensors.awake import AWAKE_CLOCK
+from tactileforge.sensors.capture import check_captures
 from tactileforge.sensors.opening import open_all
 from tactileforge_live.record.frame_queue import FrameQueue, SampleBuffer
 from tactileforge_live.record.options import RecordOptions
@@ -171,7 +171,7 @@ class Rig:
 
     def check(self) -> None:
         """Raises the error of the first failed device."""
-        check([device.capture for device in self.all])
+        check_captures([device.capture for device in self.all])
 
     @property
     def is_over(self) -> bool:
@@ -217,10 +217,10 @@ class Rig:
 
     def _wait_for_all(self) -> None:
         """Waits until every device has delivered a frame or sample."""
-        end = CLOCK.now() + _PATIENCE
+        end = AWAKE_CLOCK.now() + _PATIENCE
         while silent := [d for d in self.all if not (d.capture.is_done or d.capture.has_begun)]:
             self.check()
-            if CLOCK.now() > end:
+            if AWAKE_CLOCK.now() > end:
                 why = silent[0].capture.cause or "is it on?"
                 raise SensorError(f"{silent[0].name}: gives nothing within {_PATIENCE:g} s; {why}")
             time.sleep(0.02)

@@ -70,7 +70,7 @@ class TakeStore:
         self._open.close()
 
     def _load(self, ours: bool) -> None:
-        path = self.out / index.NAME
+        path = self.out / index.INDEX_FILE
         if path.exists():
             try:
                 held = index.parse_index(path.read_bytes(), str(path))
@@ -201,8 +201,8 @@ class TakeStore:
             for split in ("train", "val")
         }
         Index("record", splits, made={"by": _BY}).save(self.out / NOTES)
-        _sync(self.out / NOTES / index.NAME)
-        (self.out / NOTES / index.NAME).replace(self.out / index.NAME)
+        _sync(self.out / NOTES / index.INDEX_FILE)
+        (self.out / NOTES / index.INDEX_FILE).replace(self.out / index.INDEX_FILE)
         _sync(self.out)  # the rename itself is durable only once the folder is synced
 
 

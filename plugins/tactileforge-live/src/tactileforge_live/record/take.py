@@ -17,7 +17,7 @@ from tactileforge_markers.tracks import marker_labels, marker_tracks
 
 from tactileforge.data.shards import shards
 from tactileforge.plugin import ACTIONS, ArrayFrames, DataError, Recording, TactileForgeError
-from tactileforge.sensors.capture import check
+from tactileforge.sensors.capture import check_captures
 from tactileforge.sensors.opening import unit_of
 from tactileforge_live.record.frame_queue import FrameQueue, PendingFrame
 from tactileforge_live.record.raw import Raw
@@ -109,7 +109,7 @@ class Take:
                     )
             if self.status is not None:
                 self.status.show(self.rig, self.number, time.monotonic() - self.start, self.summary)
-        check([device.capture for device in self.rig.all], at_end=True)
+        check_captures([device.capture for device in self.rig.all], at_end=True)
 
     def _finish(self) -> None:
         """Writes the remaining frames and joins the segments."""

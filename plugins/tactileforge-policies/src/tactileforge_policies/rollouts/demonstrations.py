@@ -15,7 +15,7 @@ from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.plugin import ArrayFrames, DataError, Recording, TactileForgeError
 from tactileforge.util.bars import Bar
-from tactileforge.util.files import claim, sealed, unsealed, write_text
+from tactileforge.util.files import claim_folder, sealed, unsealed, write_text
 from tactileforge.util.processes import process_count, run_share, spread
 from tactileforge.util.threads import one_thread
 from tactileforge_policies.reference import GAIN_LABEL, reference_gain
@@ -57,7 +57,7 @@ def write_demonstrations(options: DemonstrationOptions) -> Demonstrations:
     """
     make_environment(options.of_unit(0)).close()  # errors in options show before processes start
     folder = Path(options.out)
-    claim(folder / MADE, _made(options), "demonstrations")
+    claim_folder(folder / MADE, _made(options), "demonstrations")
     shards.keep_whole(sorted(folder.glob("episode-*.tar")))
     _forget_damaged(folder)
     tried = 0

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.util.bars import Bar
-from tactileforge.util.files import claim
+from tactileforge.util.files import claim_folder
 from tactileforge.util.processes import process_count, run_share, spread
 from tactileforge.util.threads import one_thread
 from tactileforge_policies.rollouts.actors import SCRIPTED, fingerprint, make_actor
@@ -59,7 +59,7 @@ def roll_out(options: RolloutOptions) -> Rollouts:
     make_actor(options.policy, env, options.cross_sensor)
     made["instruction"] = env.unwrapped.instruction
     env.close()
-    claim(folder / MADE, made, "rollouts")
+    claim_folder(folder / MADE, made, "rollouts")
     missing = [n for n in range(options.n) if not _path(folder, n).exists()]
     with Bar(total=options.n, initial=options.n - len(missing), unit="episode") as bar:
         bar.set_description(f"{options.word}, {Path(options.policy).name}")
