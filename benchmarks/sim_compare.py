@@ -15,7 +15,7 @@ from reality.compare import CompareOptions, Side, compare_reality
 from reality.page import reality_page
 
 from tactileforge.cli import _run
-from tactileforge.cli._command import Command
+from tactileforge.plugins.command import Command
 from tactileforge.errors import TactileForgeError
 from tactileforge.plugins import registry
 from tactileforge.util.files import write_text

@@ -12,7 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from tactileforge.cli._command import Command
+from tactileforge.plugins.command import Command
 from tactileforge.contracts import (
     ACTIONS,
     NEUTRAL_BACKGROUND,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from inspect import Parameter
 from textwrap import wrap
 
-from tactileforge.cli._command import Command
+from tactileforge.plugins.command import Command
 from tactileforge.cli._options import options, yaml_groups, yaml_options, yaml_text
 from tactileforge.cli._verbs import builtin, commands
 from tactileforge.plugins import registry

@@ -16,7 +16,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from tactileforge.cli._command import Command, Result
+from tactileforge.plugins.command import Command, Result
 from tactileforge.cli._options import options, own_places, places_of
 from tactileforge.cli._quote import quoted
 from tactileforge.cli._sweep import JOB, stopped_sweep

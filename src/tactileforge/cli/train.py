@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from tactileforge.cli._command import Command
+from tactileforge.plugins.command import Command
 from tactileforge.cli._quote import quoted, unquoted
 from tactileforge.errors import ConfigError, command
 from tactileforge.training.run_length import LENGTHS, MACHINE
