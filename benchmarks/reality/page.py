@@ -20,7 +20,7 @@ from tactileforge.pages.page import (
     heading,
     legend,
     number,
-    page,
+    html_page,
     panel,
     panels,
     paragraph,
@@ -67,7 +67,7 @@ def reality_page(name: str, sides: Mapping[str, Side]) -> str:
     parts = [_section(sensor, side) for sensor, side in sides.items()]
     words = joined(paragraph(" ".join(text.split())) for text in _CONFOUNDED.split("\n\n"))
     last = Section("confounds", "What codec, camera and objects confound", words)
-    return page(f"Simulated touch beside {name}", top, [*parts, last])
+    return html_page(f"Simulated touch beside {name}", top, [*parts, last])
 
 
 def _verdict(sensor: str, side: Side) -> tuple[str, str]:

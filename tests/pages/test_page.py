@@ -67,7 +67,7 @@ def test_text_is_escaped_in_every_piece(made: Markup) -> None:
 
 def test_a_page_escapes_its_titles_and_keeps_its_markup() -> None:
     sections = [page.Section("first", HOSTILE, page.paragraph("in <markup>"))]
-    text = page.page(HOSTILE, page.facts({"key": "value"}), sections)
+    text = page.html_page(HOSTILE, page.facts({"key": "value"}), sections)
     assert text.count("&lt;img src=x onerror=") == 4  # title, heading, contents, section
     assert "<img" not in text
     assert "<p>in &lt;markup&gt;</p>" in text

@@ -27,7 +27,7 @@ from tactileforge.pages.page import (
     items,
     legend,
     number,
-    page,
+    html_page,
     panel,
     panels,
     paragraph,
@@ -117,7 +117,7 @@ def preview(
     if skipped:
         sections.append(Section("skipped", "Not readable", items(skipped)))
     top = _overview(judged, len(everything), chosen)
-    write_text(path, page(f"What is kept of {name}", top, sections))
+    write_text(path, html_page(f"What is kept of {name}", top, sections))
     return path
 
 

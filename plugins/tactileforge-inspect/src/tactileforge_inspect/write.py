@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactileforge.pages.page import page
+from tactileforge.pages.page import html_page
 from tactileforge.plugin import ConfigError, Dataset, write_text
 from tactileforge_inspect import issues, sections
 from tactileforge_inspect.findings import InspectionFindings
@@ -46,5 +46,5 @@ def inspect(
         issues.duplicates_section(contents),
         issues.suspicious_section(contents),
     ]
-    write_text(path, page(f"Data set {name}", issues.top_section(name, contents), parts))
+    write_text(path, html_page(f"Data set {name}", issues.top_section(name, contents), parts))
     return contents.findings

@@ -9,7 +9,15 @@ from typing import Any
 
 from markupsafe import Markup
 
-from tactileforge.pages.page import Section, details, facts, page, paragraph, preformatted, verdict
+from tactileforge.pages.page import (
+    Section,
+    details,
+    facts,
+    html_page,
+    paragraph,
+    preformatted,
+    verdict,
+)
 from tactileforge.pages.templating import joined
 from tactileforge_bench.output import comparison_tables, published, setting_tables
 from tactileforge_bench.output.grid import ColumnHead, Table, TableEntry
@@ -62,7 +70,7 @@ def bench_page(
     if theirs:
         parts.append(Section("theirs", "Published", theirs))
     parts.append(_about(results))
-    return page(f"Touch encoders compared: {results.suite}", _top(results, scores), parts)
+    return html_page(f"Touch encoders compared: {results.suite}", _top(results, scores), parts)
 
 
 def _top(results: Results, scores: Scores) -> Markup:

@@ -14,7 +14,7 @@ from tactileforge.pages.images import figure
 from tactileforge.pages.page import (
     Section,
     number,
-    page,
+    html_page,
     panel,
     panels,
     paragraph,
@@ -37,7 +37,7 @@ def depth_page(result: DepthCalibration) -> str:
     )
     top = paragraph(about, soft=True) + verdict(("bad", note) for note in result.notes)
     title = f"Depth calibration of {result.sensor}"
-    return page(title, top, [_errors(result), _pictures(result)])
+    return html_page(title, top, [_errors(result), _pictures(result)])
 
 
 def depth_table(result: DepthCalibration) -> list[tuple[str, str, str, str]]:

@@ -13,7 +13,7 @@ from tactileforge.pages.images import figure
 from tactileforge.pages.page import (
     Section,
     number,
-    page,
+    html_page,
     panel,
     panels,
     paragraph,
@@ -34,7 +34,7 @@ def calibration_page(result: CalibrationResult) -> str:
     top = paragraph(calibration.made, soft=True) + verdict(("bad", note) for note in result.notes)
     parts = [_force(result)] if calibration.force is not None else []
     parts += [_light(result)] if calibration.light is not None else []
-    return page(title, top, [*parts, _scale(result)])
+    return html_page(title, top, [*parts, _scale(result)])
 
 
 def _force(result: CalibrationResult) -> Section:

@@ -18,7 +18,7 @@ from tactileforge.pages.page import (
     facts,
     legend,
     number,
-    page,
+    html_page,
     panel,
     panels,
     paragraph,
@@ -55,7 +55,7 @@ def rollout_page(rollouts: Rollouts) -> str:
         Section("about", "About", _about(rollouts)),
     ]
     title = f"Rollouts: {options.word} by {made['policy']}"
-    return page(title, _top(rollouts), sections)
+    return html_page(title, _top(rollouts), sections)
 
 
 def _top(rollouts: Rollouts) -> Markup:
