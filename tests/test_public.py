@@ -232,8 +232,8 @@ HEAD = """\
 
 Public packages keep their names: import from them, one level deep
 (`from tactileforge.data import Clips`). Modules below them and `tactileforge.util` are private and may
-change with any release. A public name is removed one minor version after the release whose changelog says
-so; before 1.0, in the next one.
+change with any release. A public name is removed one minor version after the release whose changelog
+says so; before 1.0, in the next one.
 """
 
 
