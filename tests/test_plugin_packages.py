@@ -13,7 +13,7 @@ import cv2
 import pytest
 
 from tactileforge import cli
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.errors import PluginError
 from tactileforge.hub import cards
 from tactileforge.hub.file_checks import check_plugin

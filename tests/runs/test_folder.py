@@ -15,7 +15,7 @@ from warm import Warm
 
 from tactileforge import cli
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards.shards import Packed, describe_recording, encode_image, write_shard
