@@ -12,7 +12,7 @@ from torch import nn
 
 from tactileforge.contracts import OptimizerPlugin
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.plugins import registry
+from tactileforge.plugins import local, registry
 from tactileforge.util import strict
 
 #: Factor of the learning rate, given the step, the steps of the warm-up, and those of the run.
@@ -38,7 +38,8 @@ class OptimOptions:
             raise ConfigError(f"optim.warmup={self.warmup}: give a share of the run, 0 to 1")
         if self.clip is not None and not self.clip > 0:
             raise ConfigError(f"optim.clip={self.clip}: give a norm above 0, or null to clip none")
-        if self.schedule not in registry.names("schedules"):
+        own = local.is_local(self.schedule)
+        if not own and self.schedule not in registry.names("schedules"):
             raise ConfigError(unknown("optim.schedule", self.schedule, registry.names("schedules")))
 
 
