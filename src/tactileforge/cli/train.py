@@ -46,7 +46,10 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
 
     if config.get("resume"):
         run = _of_run(config["resume"])
-        given = {word.partition("=")[0] for word in HydraConfig.get().overrides.task}
+        for path, root in _moved.items():
+            _set(run, path, root)
+        words = HydraConfig.get().overrides.task
+        given = {word.lstrip("+").partition("=")[0] for word in words}
         for path in given.intersection(_ANEW):
             group, key = path.split(".")
             run[group] = {**run[group], key: config[group][key]}
@@ -116,6 +119,27 @@ _ANEW = (
 )
 
 
+#: Folders of data, which may have moved: of the data set, or of a source of a mixture.
+_ROOT = re.compile(r"data(\.sources\.[^.=]+)?\.root=")
+#: New folders of the data of the run to resume. Not left to Hydra: the run has another data set
+#: than the configuration that it composes.
+_moved: dict[str, str] = {}
+
+
+def _set(config: dict[str, Any], path: str, value: str) -> None:
+    """Sets a value at a path of nested mappings, which has to be there.
+
+    Raises:
+        ConfigError: The run has no such key.
+    """
+    *groups, last = path.split(".")
+    for group in groups:
+        config = config.get(group) or {}
+    if last not in config:
+        raise ConfigError(f"{path}=: the run to resume has no such key")
+    config[last] = str(Path(value).expanduser().absolute())
+
+
 def _prepare(overrides: list[str]) -> list[str]:
     """Keeps a resumed run in its folder and lets it change only its length and machine.
 
@@ -127,13 +151,18 @@ def _prepare(overrides: list[str]) -> list[str]:
     folders = [unquoted(word).replace("\\=", "=") for word in given]
     if not folders or folders[-1] in ("", "null"):
         return overrides
+    moved = [word for word in overrides if _ROOT.match(word)]
+    for word in moved:
+        path, _, value = word.partition("=")
+        _moved[path] = unquoted(value)
+    overrides = [word for word in overrides if word not in moved]
     free = ("resume=", "hydra.", *(f"{path}=" for path in _ANEW))
-    given = [word for word in overrides if not word.startswith(free)]
+    given = [word for word in overrides if not word.lstrip("+").startswith(free)]
     if given:
         raise ConfigError(
             f"resume= goes on with the same run, so {' '.join(given)} cannot be given with it, but "
-            f"for its length (trainer.max_steps=) and its machine ({', '.join(_ANEW[2:])}); init= "
-            "starts a new run from its weights"
+            f"for its length (trainer.max_steps=), its machine ({', '.join(_ANEW[2:])}) and the new "
+            "place of the same data (data.root=); init= starts a new run from its weights"
         )
     _of_run(folders[-1])  # fails for a folder without a run, before Hydra makes one
     words = [word for word in overrides if not word.startswith("resume=")]

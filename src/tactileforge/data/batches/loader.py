@@ -6,6 +6,7 @@ import logging
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
+from hashlib import sha256
 from itertools import count
 from multiprocessing import (
     current_process,
@@ -102,6 +103,8 @@ class Loader(DataLoader[Batch]):
         }
         if any(track.windowed for track in stream.tracks):
             state["workers"] = stream.reader.workers
+        else:
+            state["recordings"] = _digest(stream)
         return state
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -113,6 +116,12 @@ class Loader(DataLoader[Batch]):
         for key, now in self.state_dict().items():
             if (before := state.get(key)) == now:
                 continue
+            if key == "recordings":
+                raise ConfigError(
+                    "resume: the recordings are not those of the run (their names, lengths or "
+                    "order have changed), so the run cannot go on with them; give the folder of "
+                    "the same data (data.root=), or start a new run from its weights (init=)"
+                )
             if key in _MACHINE:
                 log.warning(
                     "resume: %s were %s and are %s: the run goes on with other batches of the same "
@@ -148,6 +157,15 @@ def _context(workers: int) -> BaseContext | None:
     context = get_context("forkserver")
     context.set_forkserver_preload([__name__])
     return context
+
+
+def _digest(stream: Stream) -> str:
+    """Digest of the names and lengths of the recordings that clips are cut from."""
+    known = sha256()
+    for track in stream.tracks:
+        for recording in getattr(track, "clips").recordings:  # noqa: B009
+            known.update(f"{recording.key} {len(recording.frames)}\n".encode())
+    return known.hexdigest()[:16]
 
 
 def _identity(batch: T) -> T:
