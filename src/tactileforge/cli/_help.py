@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from inspect import Parameter
 from textwrap import wrap
 
-from tactileforge.cli._options import options, yaml_groups, yaml_options, yaml_text
+from tactileforge.cli._options import MULTI, options, yaml_groups, yaml_options, yaml_text
 from tactileforge.cli._verbs import builtin, commands
 from tactileforge.cli.command import Command
 from tactileforge.plugins import registry
@@ -19,8 +19,6 @@ _FLAGS = """\
 --config-dir DIR  options of your own, as DIR/GROUP/NAME.yaml
 GROUP=NAME --help  the keys of that option too; all of them: docs/keys.md"""
 
-#: Groups that hold several options at once (`compose.MULTI`, which imports Hydra).
-MULTI = {"head", "objective", "sensor"}
 #: Groups whose first YAML lists all keys with their meanings.
 _WHOLE = ("trainer", "optim", "batch")
 

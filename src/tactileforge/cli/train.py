@@ -17,15 +17,10 @@ def _train(_: None, config: dict[str, Any]) -> float:
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
-    from tactileforge.cli._hydra import unknown_key
     from tactileforge.runs.folder import LAST
 
     hydra = HydraConfig.get()
     words = list(hydra.overrides.task)
-    for word in words:
-        # +key=value for a key that nothing reads: a typo, or its group is missing
-        if (match := re.match(r"\+\+?(\w+)=", word)) and not isinstance(config[match[1]], dict):
-            raise ConfigError(unknown_key("train", match[1], []))
     if hydra.mode is not RunMode.MULTIRUN:
         return _run(config, Path(hydra.run.dir))
     from tactileforge.cli._job import run_job
@@ -139,11 +134,14 @@ def _of_run(folder: str) -> dict[str, Any]:
 
 def _finish(config: Any) -> Any:
     from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
 
     from tactileforge.cli.compose import finish
 
-    typed = HydraConfig.get().overrides.task if HydraConfig.initialized() else ()
-    return finish(config, typed)
+    if not HydraConfig.initialized():
+        return finish(config)
+    hydra = HydraConfig.get()
+    return finish(config, hydra.overrides.task, sweeps=hydra.mode is RunMode.MULTIRUN)
 
 
 COMMANDS = {"": Command(run=_train, yaml="train", prepare=_prepare, finish=_finish)}

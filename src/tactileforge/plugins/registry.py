@@ -16,7 +16,7 @@ from typing import Any, get_type_hints
 from tactileforge.contracts import CONTEXT
 from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name, unknown
 from tactileforge.plugins import moves
-from tactileforge.plugins.distributions import package_of
+from tactileforge.plugins.distributions import how_to_get
 from tactileforge.util import strict
 
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
@@ -132,9 +132,9 @@ def load(kind: str, name: str) -> Any:
     entries = _entries(kind).get(name, [])
     if not entries:
         is_typo = nearest_name(name, names(kind)) != "."
-        package = package_of(kind, name)
-        fix = f"Install the package that provides it{package and f': pip install {package}'}"
-        fix = "" if is_typo and not package else fix
+        got = how_to_get(kind, name)
+        fix = "" if is_typo else "Install the package that provides it"
+        fix = f"It {got}" if got else fix
         raise PluginError(unknown(kind.removesuffix("s"), name, names(kind), fix))
     if len(entries) > 1:
         claims = " and ".join(_describe(kind, entry) for entry in entries)

@@ -224,6 +224,7 @@ COMMANDS = {
         keys=_Bench,
         groups={"suite": "sim", "pretrain": "none"},
         groups_last=True,
+        open="runner",
         writes=lambda keys: keys.out or "runs/bench",
         into=True,
         cache=True,
