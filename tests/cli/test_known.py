@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from tactileforge import cli
+from tactileforge.cli._compose import compose
 from tactileforge.cli._known import message
-from tactileforge.cli.compose import compose
 from tactileforge.errors import ConfigError
 
 

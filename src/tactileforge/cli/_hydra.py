@@ -11,13 +11,13 @@ from typing import Any
 from hydra.errors import HydraException
 from omegaconf import DictConfig
 
+from tactileforge.cli._command import Command, Result
+from tactileforge.cli._compose import without_layouts
 from tactileforge.cli._options import own_places, places_of
 from tactileforge.cli._quote import quoted
 from tactileforge.cli._slips import told
 from tactileforge.cli._sweep import JOB, stopped_sweep
 from tactileforge.cli._words import Words
-from tactileforge.cli.command import Command, Result
-from tactileforge.cli.compose import without_layouts
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.util.processes import end_with_parent
 
@@ -34,7 +34,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
     import hydra
     from hydra.core.hydra_config import HydraConfig
 
-    from tactileforge.cli.compose import register
+    from tactileforge.cli._compose import register
 
     register()
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra raises its errors, reported here
@@ -119,7 +119,7 @@ def _check_flags(name: str, words: Words) -> None:
             f"-m and {shows} do not go together: leave -m out, and give the values of one job"
         )
     if shows and name == "train":
-        from tactileforge.cli.compose import SearchPath, check_presets, composed
+        from tactileforge.cli._compose import SearchPath, check_presets, composed
 
         overrides, SearchPath.also = own_places(words.overrides, words.flags)
         try:

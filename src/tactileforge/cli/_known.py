@@ -25,7 +25,7 @@ from tactileforge.plugins import registry
 from tactileforge.plugins.registry import GROUPS
 
 if TYPE_CHECKING:
-    from tactileforge.cli.command import Command
+    from tactileforge.cli._command import Command
 
 #: Keys of a node beside the options of its plugin, by group.
 _BESIDE = {"objective": frozenset({"weight"})}

@@ -11,10 +11,10 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
+from tactileforge.cli._command import Command
 from tactileforge.cli._known import dotted_keys, message
 from tactileforge.cli._options import options, own_places, yaml_groups
 from tactileforge.cli._words import Words
-from tactileforge.cli.command import Command
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.plugins.distributions import how_to_get
 from tactileforge.plugins.registry import GROUPS
@@ -186,7 +186,7 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
         overrides: The typed ``key=value`` words.
         own: Further places of options, see `_options.own_places`.
     """
-    from tactileforge.cli.compose import composed
+    from tactileforge.cli._compose import composed
 
     # keys depend on the chosen options alone; other words may be the ones that fail
     chosen = []

@@ -65,7 +65,7 @@ class Command:
 
     def declare(self, verb: str) -> str:
         """Registers the configuration with Hydra and returns its name."""
-        from tactileforge.cli.compose import declare
+        from tactileforge.cli._compose import declare
 
         name = self.name(verb)
         if not self.yaml:
@@ -75,7 +75,7 @@ class Command:
 
     def compose(self, verb: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
         """Configuration of the command as plain data; see `compose.composed`."""
-        from tactileforge.cli.compose import composed
+        from tactileforge.cli._compose import composed
 
         return self.completed(composed(self.declare(verb), overrides), overrides)
 
@@ -89,8 +89,8 @@ class Command:
         Raises:
             ConfigError: Nothing reads a key, or a required one has no value.
         """
+        from tactileforge.cli._compose import plain
         from tactileforge.cli._known import check_command
-        from tactileforge.cli.compose import plain
 
         if not self.yaml:
             check_command(self, config, typed)
