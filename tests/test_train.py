@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tactileforge import train
+from tactileforge.api import train
 from tactileforge.cli._compose import compose
 from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import read_metrics

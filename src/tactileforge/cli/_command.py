@@ -11,8 +11,9 @@ from typing import Any
 from tactileforge.util import strict
 from tactileforge.util.files import check_cache, check_writable
 
-#: Result of a command: its exit status, the number that a sweep minimises, or nothing.
-Result = int | float | None
+#: Result of a command: its exit status, the number that a sweep minimises, nothing, or an object
+#: for Python (`pages.Shown`), whose ``status`` is the exit status.
+Result = Any
 
 
 @dataclass(frozen=True, kw_only=True)

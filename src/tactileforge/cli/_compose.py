@@ -123,7 +123,7 @@ class SearchPath(SearchPathPlugin):
 
 def node_of(group: str, name: str) -> dict[str, Any]:
     """The configuration node of an installed plugin in a group: name, weight, defaults."""
-    defaults = registry.parameters(registry.get(GROUPS[group], name))
+    defaults = registry.options(GROUPS[group], name)
     shared: dict[str, Any] = {"weight": 1.0} if group == "objective" else {}
     if group == "optim":
         from tactileforge.training.optim import COMMON  # imports torch

@@ -59,7 +59,8 @@ def run(verb: str, command: Command, words: Words) -> Result:
             with told(verb, command, words, lambda: False):
                 given = command.completed(config, HydraConfig.get().overrides.task)
                 results.append(command.start(given))
-            return results[-1]
+            # a sweep keeps numbers, and an object for Python is none
+            return results[-1] if isinstance(results[-1], int | float) else None
         except TactileForgeError as error:
             _forget(HydraConfig.get())
             if not alone:

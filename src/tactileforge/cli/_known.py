@@ -122,6 +122,8 @@ def message(key: str, known: Iterable[str], fix: str = "") -> str:
         parent = parent.rpartition(".")[0]
     beside = [option for option in known if option.rpartition(".")[0] == parent]
     near = nearest_name(key, beside)
+    if parent and fix and not beside:  # as data.layouts, whose keys are those of tactileforge.yaml
+        return f"unknown key {key!r}: {parent} is empty here{fix}"
     # the same last word elsewhere: lr and optimizer.lr are optim.lr
     alike = [option for option in known if re.search(rf"(^|[._]){re.escape(last)}$", option)]
     if alike and "." in key:  # of many such keys, the one whose place is alike

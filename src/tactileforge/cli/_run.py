@@ -79,4 +79,5 @@ def _quoted(value: Any) -> str:
 
 
 def _status(result: Result) -> int:
-    return result if isinstance(result, int) else 0
+    status = getattr(result, "status", result)
+    return status if isinstance(status, int) else 0

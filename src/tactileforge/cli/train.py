@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,12 +40,7 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
     from tactileforge.runs.folder import LAST
 
     if config.get("resume"):
-        run = _of_run(config["resume"])
-        given = {word.partition("=")[0] for word in HydraConfig.get().overrides.task}
-        for path in given.intersection(_ANEW):
-            group, key = path.split(".")
-            run[group] = {**run[group], key: config[group][key]}
-        config = run
+        config = resumed(config, HydraConfig.get().overrides.task)
     elif config.get("init"):
         _check_encoder(str(config["init"]))
     try:
@@ -66,6 +62,21 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
         if not sweeps:
             raise
         return float("nan")
+
+
+def resumed(config: dict[str, Any], typed: Sequence[str]) -> dict[str, Any]:
+    """Configuration of the run in ``resume``, with what a resumed run may change.
+
+    Args:
+        config: Composed configuration.
+        typed: ``key=value`` words of the user.
+    """
+    run = _of_run(config["resume"])
+    given = {word.partition("=")[0] for word in typed}
+    for path in given.intersection(_ANEW):
+        group, key = path.split(".")
+        run[group] = {**run[group], key: config[group][key]}
+    return run
 
 
 def _check_encoder(init: str) -> None:

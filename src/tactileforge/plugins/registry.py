@@ -13,10 +13,10 @@ from importlib.metadata import EntryPoint, entry_points
 from inspect import Parameter, signature
 from typing import Any, get_type_hints
 
-from tactileforge.contracts import CONTEXT
 from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name, unknown
 from tactileforge.plugins import moves
 from tactileforge.plugins.distributions import how_to_get
+from tactileforge.plugins.source_options import read_options
 from tactileforge.util import strict
 
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
@@ -155,6 +155,8 @@ def parameters(plugin: type[Any]) -> dict[str, Any]:
     Parameters in `contracts.CONTEXT` are left out; one without a default maps to
     `inspect.Parameter.empty`.
     """
+    from tactileforge.contracts import CONTEXT  # imports numpy, which listing does without
+
     return {
         parameter.name: parameter.default
         for parameter in signature(plugin).parameters.values()
@@ -163,8 +165,25 @@ def parameters(plugin: type[Any]) -> dict[str, Any]:
     }
 
 
+def options(kind: str, name: str) -> dict[str, Any]:
+    """The configuration of an installed plugin, as `parameters`; imports it only if it has to.
+
+    Raises:
+        PluginError: Not installed (names the nearest), claimed twice (names both), or broken.
+    """
+    entries = _entries(kind).get(name, [])
+    found = read_options(entries[0].value) if len(entries) == 1 else None
+    if found is None:
+        return parameters(get(kind, name))
+    from tactileforge.contracts import CONTEXT
+
+    return {key: default for key, default in found.items() if key not in CONTEXT}
+
+
 def context(plugin: type[Any]) -> frozenset[str]:
     """The constructor parameters of a plugin filled in by the framework."""
+    from tactileforge.contracts import CONTEXT
+
     return CONTEXT & set(signature(plugin).parameters)
 
 
