@@ -79,6 +79,8 @@ def test_a_key_in_a_recipe_of_ones_own(capsys):
         err = capsys.readouterr().err
         assert said in err
         assert err.count("\n") == 1
+        assert cli.run([*words, "--cfg", "job"]) == 1
+        assert said in capsys.readouterr().err
     assert not [*Path("runs").rglob("*.yaml")], "no run was started"
 
 

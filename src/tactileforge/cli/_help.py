@@ -110,12 +110,12 @@ def _block(rows: str) -> list[str]:
 
 def plugin_keys(group: str, name: str, indent: str = "  ") -> list[str]:
     """Keys of a plugin as YAML, each with its meaning and default."""
-    plugin = registry.get(registry.GROUPS[group], name)
-    said = strict.arguments(plugin)
+    kind = registry.GROUPS[group]
+    said = registry.meanings(kind, name)
     lines = []
     if group == "objective":
         lines = [f"{indent}# Largest weight; a curriculum begins with 0.", f"{indent}weight: 1.0"]
-    for key, default in registry.parameters(plugin).items():
+    for key, default in registry.options(kind, name).items():
         value = strict.TO_GIVE if default is Parameter.empty else strict.written(default)
         lines += [*strict.comment(said.get(key, ""), indent), f"{indent}{key}: {value}"]
     return lines

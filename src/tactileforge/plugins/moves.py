@@ -11,7 +11,7 @@ from importlib.resources import files
 from inspect import getsource
 from typing import Any
 
-from tactileforge import contracts, errors
+from tactileforge import errors
 from tactileforge.errors import PluginError, TactileForgeError
 from tactileforge.plugins.distributions import how_to_get, install_command, is_ours
 
@@ -56,6 +56,8 @@ def homes() -> dict[str, str]:
         text = stub.read_text("utf-8") if package.is_dir() and stub.is_file() else ""
         for name in re.findall(r"^from .* import \w+ as (\w+)$", text, re.M):
             found.setdefault(name, f"tactileforge.{package.name}")
+    from tactileforge import contracts  # imports numpy
+
     found |= dict.fromkeys(contracts.__all__, "tactileforge.contracts")
     public = [
         name

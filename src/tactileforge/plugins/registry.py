@@ -16,7 +16,7 @@ from typing import Any, get_type_hints
 from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name, unknown
 from tactileforge.plugins import moves
 from tactileforge.plugins.distributions import how_to_get
-from tactileforge.plugins.source_options import read_options
+from tactileforge.plugins.source_options import read_docstrings, read_options
 from tactileforge.util import strict
 
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
@@ -178,6 +178,19 @@ def options(kind: str, name: str) -> dict[str, Any]:
     from tactileforge.contracts import CONTEXT
 
     return {key: default for key, default in found.items() if key not in CONTEXT}
+
+
+def meanings(kind: str, name: str) -> dict[str, str]:
+    """Descriptions of the options of an installed plugin; imports it only if it has to.
+
+    Raises:
+        PluginError: As of `options`.
+    """
+    known, entries = options(kind, name), _entries(kind).get(name, [])
+    found: dict[str, str] = {}
+    for text in read_docstrings(entries[0].value) if len(entries) == 1 else ():
+        found |= strict.rows_of(text)
+    return found if known.keys() <= found.keys() else strict.arguments(get(kind, name))
 
 
 def context(plugin: type[Any]) -> frozenset[str]:

@@ -1,7 +1,8 @@
 """Options of a plugin from its source text, so that help and composing import no torch.
 
-Only what is plain is read: a class at the top of its module with an ``__init__`` of its own, whose
-defaults are literals or names of literals. All else gives None, and the plugin is imported.
+Only what is plain is read: a class at the top of its module whose ``__init__``, its own or that of
+its first base, has literals as defaults, or names of literals. All else gives None, and the plugin
+is imported.
 """
 
 from __future__ import annotations
@@ -54,9 +55,13 @@ def read_options(target: str) -> dict[str, Any] | None:
         return None
     methods = {node.name: node for node in kinds[0].body if isinstance(node, ast.FunctionDef)}
     made = methods.get("__init__")
+    if made is None and "__new__" not in methods and len(kinds[0].bases) == 1:
+        base = ast.unparse(kinds[0].bases[0])
+        if base == "nn.Module" and "nn" in _imported(tree):
+            return {}
+        return read_options(_imported(tree).get(base, f"{name}:{base}"))
     if made is None or made.decorator_list or "__new__" in methods or made.args.posonlyargs:
         return None
-    constants = _constants(tree)
     given = made.args
     first = len(given.args) - len(given.defaults)
     pairs: list[tuple[ast.arg, ast.expr | None]] = [
@@ -67,9 +72,25 @@ def read_options(target: str) -> dict[str, Any] | None:
     found = {}
     for arg, default in pairs:
         try:
-            found[arg.arg] = Parameter.empty if default is None else _value(default, constants)
-        except (ValueError, KeyError, TypeError):
+            found[arg.arg] = Parameter.empty if default is None else _value(default, tree)
+        except (ValueError, KeyError, TypeError, ZeroDivisionError):
             return None
+    return found
+
+
+def read_docstrings(target: str) -> list[str]:
+    """Docstrings of ``module:Class``, of its ``__init__``, and of its first bases, nearest last."""
+    name, _, wanted = target.partition(":")
+    tree = _module(name)
+    found: list[str] = []
+    for node in tree.body if tree else ():
+        if isinstance(node, ast.ClassDef) and node.name == wanted:
+            base = ast.unparse(node.bases[0]) if node.bases else ""
+            if tree and base.isidentifier():
+                found += read_docstrings(_imported(tree).get(base, f"{name}:{base}"))
+            found.append(ast.get_docstring(node) or "")
+            made = [one for one in node.body if isinstance(one, ast.FunctionDef)]
+            found += [ast.get_docstring(one) or "" for one in made if one.name == "__init__"]
     return found
 
 
@@ -89,7 +110,37 @@ def _constants(tree: ast.Module) -> dict[str, ast.expr]:
     return {name: value for name, value in found.items() if name not in twice}
 
 
-def _value(node: ast.expr, constants: dict[str, ast.expr]) -> Any:
-    if isinstance(node, ast.Name):
-        return ast.literal_eval(constants[node.id])
-    return ast.literal_eval(node)
+def _imported(tree: ast.Module) -> dict[str, str]:
+    """``module:name`` of each name that a module imports at its top from another."""
+    return {
+        item.asname or item.name: f"{node.module}:{item.name}"
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom) and node.module and not node.level
+        for item in node.names
+    }
+
+
+def _value(node: ast.expr, tree: ast.Module) -> Any:
+    """Value of a literal, of a quotient of literals, or of a name of one.
+
+    Raises:
+        ValueError, KeyError: It is none of these.
+    """
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
+        return _value(node.left, tree) / _value(node.right, tree)
+    if isinstance(node, ast.Dict) and all(node.keys):
+        keys = [_value(key, tree) for key in node.keys if key is not None]
+        return dict(zip(keys, (_value(value, tree) for value in node.values), strict=True))
+    if isinstance(node, ast.List | ast.Tuple):
+        items = [_value(item, tree) for item in node.elts]
+        return items if isinstance(node, ast.List) else tuple(items)
+    if not isinstance(node, ast.Name):
+        return ast.literal_eval(node)
+    constants = _constants(tree)
+    if node.id in constants:
+        return _value(constants[node.id], tree)
+    module, _, name = _imported(tree)[node.id].partition(":")
+    home = _module(module)
+    if home is None:
+        raise KeyError(node.id)
+    return _value(ast.Name(name), home)
