@@ -121,13 +121,14 @@ def _check_flags(name: str, words: Words) -> None:
         )
     if shows and name == "train":
         from tactileforge.cli._compose import SearchPath, check_presets, composed
-        from tactileforge.cli._known import check_training
+        from tactileforge.cli._known import check_plugins, check_training
 
         overrides, SearchPath.also = own_places(words.overrides, words.flags)
         try:
             config = composed(name, overrides)
             check_presets(config)
             check_training(config, overrides)
+            check_plugins(config)
         except HydraException:
             return  # reported when Hydra shows the configuration
         finally:

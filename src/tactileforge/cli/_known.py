@@ -227,7 +227,7 @@ def _check_plugin(group: str, name: str, node: Any) -> None:
     if not isinstance(node, DictConfig) or not (chosen := node.get("name")):
         return
     try:
-        own = registry.parameters(registry.get(GROUPS[group], str(chosen)))
+        own = registry.options(GROUPS[group], str(chosen))
     except PluginError:
         return  # reported when it is built
     known = {"name", *own, *_BESIDE.get(group, ())}
