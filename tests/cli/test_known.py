@@ -37,6 +37,7 @@ def _elsewhere(tmp_path, monkeypatch):
         ("+head.pixel.wdth=2", "did you mean 'head.pixel.width'?"),
         ("+text_encoder.wdth=2", "did you mean 'text_encoder.width'?"),
         ("+image_encoder.dept=2", "did you mean 'image_encoder.depth'?"),
+        ("+callbacks.early_stopping.patience=3", "callbacks=[early_stopping] chooses it"),
         ("objective.surface.weight=2", "nothing reads objective.surface.weight: objective 'surf"),
         ("++head.jepa.width=2", "nothing reads head.jepa.width: objective 'jepa' is not chosen"),
     ],

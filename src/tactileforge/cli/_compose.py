@@ -32,7 +32,7 @@ from omegaconf.errors import InterpolationToMissingValueError
 from tactileforge.cli import _known
 from tactileforge.cli._options import MULTI
 from tactileforge.errors import ConfigError, PluginError, unknown
-from tactileforge.plugins import registry
+from tactileforge.plugins import local, registry
 from tactileforge.plugins.distributions import conf_packages, how_to_get
 from tactileforge.plugins.registry import GROUPS
 
@@ -62,7 +62,10 @@ class PluginSource(ConfigSource):
         with the nearest name.
         """
         group, _, name = config_path.removesuffix(".yaml").rpartition("/")
-        return group in MULTI or (group in GROUPS and name in registry.names(GROUPS[group]))
+        if group not in GROUPS and (found := _local_path(config_path)):
+            group, name = found
+        known = group in GROUPS and (name in registry.names(GROUPS[group]) or local.is_local(name))
+        return group in MULTI or known
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
         """The options of a group, from metadata."""
@@ -75,6 +78,8 @@ class PluginSource(ConfigSource):
     def load_config(self, config_path: str) -> ConfigResult:
         """Imports one plugin and gives its defaults."""
         group, _, name = config_path.removesuffix(".yaml").rpartition("/")
+        if found := _local_path(config_path):
+            group, name = found[0], local.allow(found[1])  # what is typed may be imported
         try:
             node = node_of(group, name)
         except PluginError as error:
@@ -83,8 +88,18 @@ class PluginSource(ConfigSource):
             provider=self.provider,
             path=f"{self.scheme()}://{config_path}",
             config=OmegaConf.create(node),
-            header={"package": f"{group}.{name}" if group in MULTI else None},
+            header={"package": f"{group}.{_key(name)}" if group in MULTI else None},
         )
+
+
+def _local_path(config_path: str) -> tuple[str, str] | None:
+    """Group and local name of a path such as ``encoder/./net.py:Tiny``; None for other paths."""
+    group, _, name = config_path.removesuffix(".yaml").partition("/")
+    return (group, name) if group in GROUPS and local.is_local(name) else None
+
+
+def _key(name: str) -> str:
+    return local.key_of(name) if local.is_local(name) else name
 
 
 class SearchPath(SearchPathPlugin):
@@ -336,6 +351,10 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
         PluginError: A plugin is not installed.
     """
     check_presets(config)
+    OmegaConf.set_struct(config, False)
+    for group in registry.GROUPS:
+        _allow_local(group, config)
+    OmegaConf.set_struct(config, True)
     chosen = _chosen("objective", config)
     if not chosen:
         raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")
@@ -356,9 +375,7 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
     config.head = {
         # without a chosen one its own, with the options that a scale or a + gives it
         key: heads.get(key)
-        or OmegaConf.merge(
-            node_of("head", registry.get("objectives", node["name"]).head), options.get(key) or {}
-        )
+        or OmegaConf.merge(node_of("head", _head_of(node["name"])), options.get(key) or {})
         for key, node in chosen.items()
     }
     config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
@@ -368,13 +385,46 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
     return config
 
 
+def _allow_local(group: str, config: DictConfig) -> None:
+    """Allows the local names of a group, typed or in a YAML of the user's, with their defaults.
+
+    ``_target_: my_module.Contrast``, as Hydra has it, is ``name: my_module:Contrast``.
+    """
+    given = config.get(group)
+    if not isinstance(given, DictConfig):
+        return
+    nodes = given.values() if group in MULTI else [given]
+    for node in nodes:
+        if not isinstance(node, DictConfig):
+            continue
+        if target := node.pop("_target_", None):
+            node["name"] = local.as_local(str(target))
+        name = node.get("name")
+        if isinstance(name, str) and local.is_local(name):
+            for key, value in node_of(group, local.allow(name)).items():
+                if key not in node:
+                    node[key] = value
+
+
+def _head_of(objective: str) -> str:
+    """Name of the head of an objective, which may give its class; that is typed with it."""
+    head = registry.get("objectives", objective).head
+    if isinstance(head, str):
+        return head
+    place = objective.rpartition(":")[0]
+    own = registry.get("objectives", objective).__module__ == head.__module__ and place
+    return local.allow(f"{place if own else head.__module__}:{head.__qualname__}")
+
+
 #: Encoders whose options are set by recipes and scales.
 _SIZED = ("tactile_vit", "plain_vit")
 
 
 def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
     """Removes options of our own encoders from an encoder without such options."""
-    if encoder["name"] in _SIZED or encoder["name"] not in registry.names("encoders"):
+    name = encoder["name"]
+    is_known = name in registry.names("encoders") or local.is_local(name)
+    if name in _SIZED or not is_known:
         return
     own = registry.parameters(registry.get("encoders", encoder["name"]))
     known = {key for name in _SIZED for key in node_of("encoder", name)}

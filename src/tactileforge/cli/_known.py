@@ -224,8 +224,8 @@ def _check_below(where: str, node: Any, known: Any, config: DictConfig) -> None:
 
 def _check_plugin(group: str, name: str, node: Any) -> None:
     """Checks the options of a chosen plugin against its constructor."""
-    if not isinstance(node, DictConfig) or not (chosen := node.get("name")):
-        return
+    if not isinstance(node, DictConfig) or "_target_" in node or not (chosen := node.get("name")):
+        return  # of a class that Hydra makes, its own constructor checks them
     try:
         own = registry.options(GROUPS[group], str(chosen))
     except PluginError:
@@ -240,6 +240,13 @@ def _check_plugin(group: str, name: str, node: Any) -> None:
 
 def _check_chosen(config: DictConfig, typed: Sequence[str]) -> None:
     """Refuses typed options of objectives that are not chosen, which would be left out."""
+    for key, node in _items(config.get("callbacks")):
+        options = dict(_items(node))
+        if options and not {"name", "_target_"} & options.keys():
+            raise ConfigError(
+                f"nothing reads {_leaf(f'callbacks.{key}', node)}: callback {key!r} is not chosen; "
+                f"callbacks=[{key}] chooses it"
+            )
     objectives = {key for key, node in _items(config.get("objective")) if _is_chosen(node)}
     heads = {key for key, node in _items(config.get("head")) if _is_chosen(node)}
     places = {"objective": objectives, "head": objectives | heads}

@@ -14,7 +14,7 @@ from inspect import Parameter, signature
 from typing import Any, get_type_hints
 
 from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name, unknown
-from tactileforge.plugins import moves
+from tactileforge.plugins import local, moves
 from tactileforge.plugins.distributions import how_to_get
 from tactileforge.plugins.source_options import read_docstrings, read_options
 from tactileforge.util import strict
@@ -25,7 +25,7 @@ MODULES = ("verbs",)
 #: Kinds without a conformance suite: publishers of ``live``, schedules of the learning rate and
 #: runners of suites of ``bench`` (a function each), trackers of ``data pack``, and packages of YAML
 #: options.
-OTHERS = ("publishers", "schedules", "runners", "importers", "trackers", "conf")
+OTHERS = ("publishers", "schedules", "runners", "importers", "trackers", "callbacks", "conf")
 
 #: Kind of plugin behind the options of each group of a configuration.
 GROUPS = {
@@ -40,6 +40,7 @@ GROUPS = {
     "text_encoder": "encoders",
     "image_encoder": "encoders",
     "optim": "optimizers",
+    "callbacks": "callbacks",
 }
 
 
@@ -83,7 +84,7 @@ def names(kind: str) -> list[str]:
         >>> "align" in names("objectives")
         True
     """
-    return list(_entries(kind))
+    return sorted({*_entries(kind), *local.registered(kind)})
 
 
 def list_plugins() -> list[PluginInfo]:
@@ -129,7 +130,12 @@ def load(kind: str, name: str) -> Any:
     Raises:
         PluginError: Not installed (names the nearest), claimed twice (names both), or broken.
     """
+    own = local.registered(kind)
+    if name in own:
+        return own[name]
     entries = _entries(kind).get(name, [])
+    if not entries and local.is_local(name):
+        return _conforming(kind, name, local.resolve(name, f"{kind.removesuffix('s')}"))
     if not entries:
         is_typo = nearest_name(name, names(kind)) != "."
         got = how_to_get(kind, name)
@@ -147,6 +153,58 @@ def load(kind: str, name: str) -> Any:
         raise PluginError(
             f"{_describe(kind, entries[0])} cannot be loaded: {why}{hint and f'; {hint}'}"
         ) from error
+
+
+#: Least members of a class of each kind; the conformance suite checks the rest.
+_MEMBERS = {
+    "sensors": ("read",),
+    "datasets": ("recordings",),
+    "encoders": ("forward",),
+    "heads": ("forward",),
+    "objectives": ("forward",),
+    "callbacks": ("on_train_start",),
+}
+
+
+def _conforming(kind: str, name: str, plugin: Any) -> Any:
+    """A local class, if it has the members of its kind.
+
+    Raises:
+        PluginError: It is not a class, or lacks a member.
+    """
+    what = f"{kind.removesuffix('s')} {name!r}"
+    if kind in _MEMBERS and not isinstance(plugin, type):
+        raise PluginError(f"{what} is {type(plugin).__name__}: give a class")
+    if missing := [one for one in _MEMBERS.get(kind, ()) if not hasattr(plugin, one)]:
+        raise PluginError(
+            f"{what} has no {', '.join(missing)}: see docs/contracts.md for what "
+            f"{kind.removesuffix('s')}s have"
+        )
+    return plugin
+
+
+def register(kind: str, name: str, plugin: Any) -> None:
+    """Makes a class a plugin of this process, by a name.
+
+    Args:
+        kind: Kind of plugin, as in ``objectives``.
+        name: Name to type, in snake_case; or the local name in a file of weights, as in
+            ``net:Tiny``, so that `tactileforge.load` finds its class.
+        plugin: The class.
+
+    Raises:
+        PluginError: An unknown kind, a name that is taken, or a class without the members of its
+            kind.
+
+    Example:
+        >>> from tactileforge.objectives import Pixel
+        >>> register("objectives", "my_pixel", Pixel)
+        >>> "my_pixel" in names("objectives")
+        True
+    """
+    if name in _entries(kind):
+        raise PluginError(f"{kind}: {name!r} is the name of an installed plugin; give another")
+    local.register(kind, name, _conforming(kind, name, plugin))
 
 
 def parameters(plugin: type[Any]) -> dict[str, Any]:
@@ -172,7 +230,8 @@ def options(kind: str, name: str) -> dict[str, Any]:
         PluginError: Not installed (names the nearest), claimed twice (names both), or broken.
     """
     entries = _entries(kind).get(name, [])
-    found = read_options(entries[0].value) if len(entries) == 1 else None
+    plain = len(entries) == 1 and name not in local.registered(kind)
+    found = read_options(entries[0].value) if plain else None
     if found is None:
         return parameters(get(kind, name))
     from tactileforge.contracts import CONTEXT
@@ -188,7 +247,8 @@ def meanings(kind: str, name: str) -> dict[str, str]:
     """
     known, entries = options(kind, name), _entries(kind).get(name, [])
     found: dict[str, str] = {}
-    for text in read_docstrings(entries[0].value) if len(entries) == 1 else ():
+    plain = len(entries) == 1 and name not in local.registered(kind)
+    for text in read_docstrings(entries[0].value) if plain else ():
         found |= strict.rows_of(text)
     return found if known.keys() <= found.keys() else strict.arguments(get(kind, name))
 
