@@ -59,6 +59,8 @@ def faults(folder: Path, wheel: Path, versions: dict[str, str]) -> list[str]:
         found.append(f"is {about['Name']} {about['Version']}, not {project['name']}")
     for kind, target in entries:
         module = target.partition(":")[0].strip().replace(".", "/")
+        if not any(one.startswith(f"{module.partition('/')[0]}/") for one in names):
+            continue  # of a dependency, as Lightning's callbacks
         if not {f"{module}.py", f"{module}/__init__.py"} & names:
             found.append(f"{kind} {target}: not in the wheel")
     for need in about.get_all("Requires-Dist") or []:
