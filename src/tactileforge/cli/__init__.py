@@ -124,9 +124,7 @@ def dispatch(verb: str, rest: Sequence[str]) -> int:
         TactileForgeError: Something is wrong; says the fix.
     """
     from tactileforge.cli import _run
-    from tactileforge.plugins import local
 
-    rest = local.allow_typed(rest)
     known = commands(verb)
     action = ""
     if "" not in known:

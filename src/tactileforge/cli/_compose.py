@@ -26,7 +26,7 @@ from hydra.errors import ConfigCompositionException, MissingConfigException
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from hydra.version import VersionBase
-from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
 from omegaconf.errors import InterpolationToMissingValueError
 
 from tactileforge.cli import _known
@@ -61,11 +61,10 @@ class PluginSource(ConfigSource):
         A group of several options accepts any name, so that an unknown one gets an error of ours,
         with the nearest name.
         """
-        group, _, name = config_path.removesuffix(".yaml").rpartition("/")
-        if group not in GROUPS and (found := _local_path(config_path)):
-            group, name = found
-        known = group in GROUPS and (name in registry.names(GROUPS[group]) or local.is_local(name))
-        return group in MULTI or known
+        group, name = _parted(config_path)
+        if group in GROUPS and local.is_local(name):
+            return True
+        return group in MULTI or (group in GROUPS and name in registry.names(GROUPS[group]))
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
         """The options of a group, from metadata."""
@@ -77,10 +76,10 @@ class PluginSource(ConfigSource):
 
     def load_config(self, config_path: str) -> ConfigResult:
         """Imports one plugin and gives its defaults."""
-        group, _, name = config_path.removesuffix(".yaml").rpartition("/")
-        if found := _local_path(config_path):
-            group, name = found[0], local.allow(found[1])  # what is typed may be imported
+        group, name = _parted(config_path)
         try:
+            if local.is_local(name):  # in the words, or the YAML, of the user
+                registry.adopt(GROUPS[group], name, group)
             node = node_of(group, name)
         except PluginError as error:
             raise ConfigCompositionException(str(error)) from error
@@ -88,18 +87,14 @@ class PluginSource(ConfigSource):
             provider=self.provider,
             path=f"{self.scheme()}://{config_path}",
             config=OmegaConf.create(node),
-            header={"package": f"{group}.{_key(name)}" if group in MULTI else None},
+            header={"package": f"{group}.{local.key_of(name)}" if group in MULTI else None},
         )
 
 
-def _local_path(config_path: str) -> tuple[str, str] | None:
-    """Group and local name of a path such as ``encoder/./net.py:Tiny``; None for other paths."""
-    group, _, name = config_path.removesuffix(".yaml").partition("/")
-    return (group, name) if group in GROUPS and local.is_local(name) else None
-
-
-def _key(name: str) -> str:
-    return local.key_of(name) if local.is_local(name) else name
+def _parted(config_path: str) -> tuple[str, str]:
+    """Group and option of a path; an option of the user's own may be the path of a file."""
+    group, _, name = config_path.partition("/")
+    return group, name.removesuffix(".yaml")
 
 
 class SearchPath(SearchPathPlugin):
@@ -313,8 +308,48 @@ def plain(config: DictConfig) -> dict[str, Any]:
         missing = re.findall(r"[Mm]issing mandatory value: (\S+)", str(error))
     if missing:
         raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
+    adopt(config)
     out: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     return out
+
+
+#: Keys whose value names a plugin, wherever they are, and its kind.
+_NAMED = {"schedule": "schedules", "curve": "curves"}
+
+
+def adopt(config: DictConfig) -> None:
+    """Imports the names of the user's own in a composed configuration: ``name: my_module:Contrast``.
+
+    ``_target_: my_module.Contrast`` is the same, as Hydra's users know it. The configuration is
+    what the user typed, and his YAML; that of a run or a model is never given to this function.
+
+    Args:
+        config: Composed configuration; a ``_target_`` in it becomes a ``name``.
+
+    Raises:
+        PluginError: A name cannot be imported, or is something else; one line with the place.
+    """
+    with open_dict(config):
+        for group in config:
+            node = None if OmegaConf.is_missing(config, group) else config._get_node(group)
+            if isinstance(node, DictConfig) and not node._is_none():
+                _adopt(node, str(group), GROUPS.get(str(group), ""))
+
+
+def _adopt(node: DictConfig, place: str, kind: str) -> None:
+    if kind and "_target_" in node:
+        module, _, name = str(node.pop("_target_")).rpartition(".")
+        node["name"] = f"{module}:{name}"
+    for key in node:
+        inner = node._get_node(key)
+        if isinstance(inner, DictConfig):
+            if not inner._is_none():
+                _adopt(inner, f"{place}.{key}", kind)
+            continue
+        wanted = kind if key == "name" else _NAMED.get(str(key), "")
+        value = inner._value() if inner is not None and hasattr(inner, "_value") else None
+        if wanted and local.is_local(value):
+            registry.adopt(wanted, value, f"{place}.{key}".removesuffix(".name"))
 
 
 def check_presets(config: DictConfig) -> None:
@@ -351,10 +386,7 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
         PluginError: A plugin is not installed.
     """
     check_presets(config)
-    OmegaConf.set_struct(config, False)
-    for group in registry.GROUPS:
-        _allow_local(group, config)
-    OmegaConf.set_struct(config, True)
+    adopt(config)
     chosen = _chosen("objective", config)
     if not chosen:
         raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")
@@ -375,7 +407,7 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
     config.head = {
         # without a chosen one its own, with the options that a scale or a + gives it
         key: heads.get(key)
-        or OmegaConf.merge(node_of("head", _head_of(node["name"])), options.get(key) or {})
+        or OmegaConf.merge(node_of("head", registry.head_of(node["name"])), options.get(key) or {})
         for key, node in chosen.items()
     }
     config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
@@ -385,37 +417,6 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
     return config
 
 
-def _allow_local(group: str, config: DictConfig) -> None:
-    """Allows the local names of a group, typed or in a YAML of the user's, with their defaults.
-
-    ``_target_: my_module.Contrast``, as Hydra has it, is ``name: my_module:Contrast``.
-    """
-    given = config.get(group)
-    if not isinstance(given, DictConfig):
-        return
-    nodes = given.values() if group in MULTI else [given]
-    for node in nodes:
-        if not isinstance(node, DictConfig):
-            continue
-        if target := node.pop("_target_", None):
-            node["name"] = local.as_local(str(target))
-        name = node.get("name")
-        if isinstance(name, str) and local.is_local(name):
-            for key, value in node_of(group, local.allow(name)).items():
-                if key not in node:
-                    node[key] = value
-
-
-def _head_of(objective: str) -> str:
-    """Name of the head of an objective, which may give its class; that is typed with it."""
-    head = registry.get("objectives", objective).head
-    if isinstance(head, str):
-        return head
-    place = objective.rpartition(":")[0]
-    own = registry.get("objectives", objective).__module__ == head.__module__ and place
-    return local.allow(f"{place if own else head.__module__}:{head.__qualname__}")
-
-
 #: Encoders whose options are set by recipes and scales.
 _SIZED = ("tactile_vit", "plain_vit")
 
@@ -423,8 +424,8 @@ _SIZED = ("tactile_vit", "plain_vit")
 def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
     """Removes options of our own encoders from an encoder without such options."""
     name = encoder["name"]
-    is_known = name in registry.names("encoders") or local.is_local(name)
-    if name in _SIZED or not is_known:
+    known_name = name in registry.names("encoders") or local.is_local(name)
+    if name in _SIZED or not known_name:
         return
     own = registry.parameters(registry.get("encoders", encoder["name"]))
     known = {key for name in _SIZED for key in node_of("encoder", name)}

@@ -13,8 +13,7 @@ from torch import nn
 
 from tactileforge.contracts import OptimizerPlugin
 from tactileforge.errors import ConfigError, check_names, unknown
-from tactileforge.plugins import registry
-from tactileforge.plugins.local import is_local
+from tactileforge.plugins import local, registry
 from tactileforge.util import strict
 
 #: Factor of the learning rate, given the step, the steps of the warm-up, and those of the run.
@@ -45,10 +44,8 @@ class OptimOptions:
             raise ConfigError(f"optim.clip={self.clip}: give a norm above 0, or null to clip none")
         if not 0 < self.layer_decay <= 1:
             raise ConfigError(f"optim.layer_decay={self.layer_decay}: give above 0, up to 1")
-        is_own = is_local(self.schedule)
-        if is_own:
-            registry.load("schedules", self.schedule)
-        elif self.schedule not in registry.names("schedules"):
+        own = local.is_local(self.schedule)
+        if not own and self.schedule not in registry.names("schedules"):
             raise ConfigError(unknown("optim.schedule", self.schedule, registry.names("schedules")))
 
 
