@@ -25,18 +25,18 @@ from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException, MissingConfigException
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
+from hydra.version import VersionBase
 from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
 from omegaconf.errors import InterpolationToMissingValueError
 
+from tactileforge.cli import _known
+from tactileforge.cli._options import MULTI
 from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.plugins import local, registry
-from tactileforge.plugins.distributions import conf_packages, package_of
+from tactileforge.plugins.distributions import conf_packages, how_to_get
 from tactileforge.plugins.registry import GROUPS
 
 log = logging.getLogger(__name__)
-
-#: Groups that hold several options at once, each under its own name.
-MULTI = {"head", "objective", "sensor", "callbacks"}
 
 
 class PluginSource(ConfigSource):
@@ -100,6 +100,9 @@ def _parted(config_path: str) -> tuple[str, str]:
 class SearchPath(SearchPathPlugin):
     """Hydra's search path: conf/, then zoo/, then the YAML of packages, then bare plugins.
 
+    Hydra finds it in `hydra_plugins.tactileforge_searchpath`, so every application with Hydra has
+    our groups, behind its own.
+
     Attributes:
         also: Places named on the command line, if Hydra itself does not add them.
     """
@@ -119,6 +122,9 @@ class SearchPath(SearchPathPlugin):
             ]
         for place in dict.fromkeys(places):
             search_path.append("command-line", place)
+        conf = "pkg://tactileforge.conf"
+        if all(element.path != conf for element in search_path.get_path()):  # another application
+            search_path.append("tactileforge", conf)
         search_path.append("tactileforge-zoo", "pkg://tactileforge.zoo")
         for package in conf_packages():
             search_path.append(package, f"pkg://{package}")
@@ -127,7 +133,7 @@ class SearchPath(SearchPathPlugin):
 
 def node_of(group: str, name: str) -> dict[str, Any]:
     """The configuration node of an installed plugin in a group: name, weight, defaults."""
-    defaults = registry.parameters(registry.get(GROUPS[group], name))
+    defaults = registry.options(GROUPS[group], name)
     shared: dict[str, Any] = {"weight": 1.0} if group == "objective" else {}
     if group == "optim":
         from tactileforge.training.optim import COMMON  # imports torch
@@ -141,7 +147,10 @@ def node_of(group: str, name: str) -> dict[str, Any]:
 
 
 def register() -> None:
-    """Makes plugins known to Hydra in this process; safe to call twice."""
+    """Makes plugins known to Hydra in this process; safe to call twice.
+
+    Hydra finds them by itself where the package is installed, and not where it runs from sources.
+    """
     Plugins.instance().register(PluginSource)
     Plugins.instance().register(SearchPath)
 
@@ -216,11 +225,29 @@ def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
     Raises:
         HydraException: An override does not fit.
     """
-    register()
-    if GlobalHydra.instance().is_initialized():
-        GlobalHydra.instance().clear()
-    with initialize_config_module("tactileforge.conf", version_base="1.3"):
+    with initialized():
         return hydra_compose(name, without_layouts(overrides))
+
+
+@contextmanager
+def initialized() -> Iterator[None]:
+    """Initialises Hydra with our configurations; afterwards the caller's Hydra is as it was."""
+    register()
+    kept, base = GlobalHydra.instance(), VersionBase.instance().getbase()
+    GlobalHydra.set_instance(_fresh())  # Hydra refuses to initialise a second time
+    try:
+        with initialize_config_module("tactileforge.conf", version_base="1.3"):
+            yield
+    finally:
+        GlobalHydra.set_instance(kept)
+        VersionBase.instance().version_base = base
+
+
+def _fresh() -> GlobalHydra:
+    """A GlobalHydra that is not the singleton of the process."""
+    fresh: GlobalHydra = object.__new__(GlobalHydra)
+    fresh.hydra = None
+    return fresh
 
 
 @contextmanager
@@ -230,12 +257,9 @@ def _package_named() -> Iterator[None]:
         yield
     except MissingConfigException as error:
         group, _, chosen = (error.missing_cfg_file or "").rpartition("/")
-        package = package_of(GROUPS.get(group, group), chosen)
-        if not package:
+        if not (fix := how_to_get(GROUPS.get(group, group), chosen)):
             raise
-        raise PluginError(
-            f"{group}={chosen} comes with {package}: pip install {package}"
-        ) from error
+        raise PluginError(f"{group}={chosen} {fix}") from error
 
 
 def without_layouts(overrides: Sequence[str]) -> list[str]:
@@ -342,7 +366,7 @@ def check_presets(config: DictConfig) -> None:
             )
 
 
-def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
+def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) -> DictConfig:
     """Completes a composed configuration: one head for each objective, no more, no fewer.
 
     An objective set to null (``objective.diff=null``) is not chosen. Curriculum rows of objectives
@@ -353,9 +377,12 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     Args:
         config: Composed configuration; it is changed.
         typed: Overrides typed by the user, ``key=value``; the options they set are never left out.
+        sweeps: Whether the configuration is that of a job of a sweep, whose words may be about
+            objectives that other jobs choose.
 
     Raises:
-        ConfigError: No objective is chosen, or a curriculum row does not belong to an objective.
+        ConfigError: No objective is chosen, a curriculum row does not belong to an objective, or
+            nothing reads a key.
         PluginError: A plugin is not installed.
     """
     check_presets(config)
@@ -368,6 +395,7 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     if not config.get("curriculum"):
         config.curriculum = OmegaConf.create({}, flags={"struct": False})
     rows: Mapping[str, Any] = config.curriculum.get("objective") or {}
+    _known.check_training(config, () if sweeps else typed)
     # checked before rows are left out below, where a misspelt one would vanish without a word
     for key in rows:
         if key not in chosen and key not in registry.names("objectives"):
@@ -385,6 +413,7 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
     _leave_out(config.encoder, typed)
     OmegaConf.set_struct(config, True)
+    _known.check_plugins(config)
     return config
 
 

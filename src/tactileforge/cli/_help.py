@@ -8,7 +8,7 @@ from inspect import Parameter
 from textwrap import wrap
 
 from tactileforge.cli._command import Command
-from tactileforge.cli._options import options, yaml_groups, yaml_options, yaml_text
+from tactileforge.cli._options import MULTI, options, yaml_groups, yaml_options, yaml_text
 from tactileforge.cli._verbs import builtin, commands
 from tactileforge.plugins import local, registry
 from tactileforge.plugins.distributions import is_ours
@@ -19,8 +19,6 @@ _FLAGS = """\
 --config-dir DIR  options of your own, as DIR/GROUP/NAME.yaml
 GROUP=NAME --help  the keys of that option too; all of them: docs/keys.md"""
 
-#: Groups that hold several options at once (`compose.MULTI`, which imports Hydra).
-MULTI = {"head", "objective", "sensor"}
 #: Groups whose first YAML lists all keys with their meanings.
 _WHOLE = ("trainer", "optim", "batch")
 
@@ -115,12 +113,12 @@ def _block(rows: str) -> list[str]:
 
 def plugin_keys(group: str, name: str, indent: str = "  ") -> list[str]:
     """Keys of a plugin as YAML, each with its meaning and default."""
-    plugin = registry.get(registry.GROUPS[group], name)
-    said = strict.arguments(plugin)
+    kind = registry.GROUPS[group]
+    said = registry.meanings(kind, name)
     lines = []
     if group == "objective":
         lines = [f"{indent}# Largest weight; a curriculum begins with 0.", f"{indent}weight: 1.0"]
-    for key, default in registry.parameters(plugin).items():
+    for key, default in registry.options(kind, name).items():
         value = strict.TO_GIVE if default is Parameter.empty else strict.written(default)
         lines += [*strict.comment(said.get(key, ""), indent), f"{indent}{key}: {value}"]
     return lines

@@ -48,16 +48,17 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
     words.overrides += [f"{key}={_quoted(value)}" for key, value in given.items()]
     words.overrides = command.prepare(words.overrides)
     from tactileforge.cli import _hydra
+    from tactileforge.cli._slips import told
 
     if words.explain:
         from tactileforge.cli._explain import explain
 
-        with _hydra.told(verb, command, words):
+        with told(verb, command, words):
             print(explain(command.declare(verb), words.explain, words.overrides, words.flags))
         return 0
     if command.yaml or words.asks_hydra:
         return _status(_hydra.run(verb, command, words))
-    with _hydra.told(verb, command, words):
+    with told(verb, command, words):
         config = command.compose(verb, words.overrides)
     return _status(command.start(config))
 
@@ -92,4 +93,5 @@ def _quoted(value: Any) -> str:
 
 
 def _status(result: Result) -> int:
-    return result if isinstance(result, int) else 0
+    status = getattr(result, "status", result)
+    return status if isinstance(status, int) else 0

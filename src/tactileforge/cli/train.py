@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +19,10 @@ def _train(_: None, config: dict[str, Any]) -> float:
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
-    from tactileforge.cli._hydra import unknown_key
     from tactileforge.runs.folder import LAST
 
     hydra = HydraConfig.get()
     words = list(hydra.overrides.task)
-    for word in words:
-        # +key=value for a key that nothing reads: a typo, or its group is missing
-        if (match := re.match(r"\+\+?(\w+)=", word)) and not isinstance(config[match[1]], dict):
-            raise ConfigError(unknown_key("train", match[1], []))
     if hydra.mode is not RunMode.MULTIRUN:
         return _run(config, Path(hydra.run.dir))
     from tactileforge.cli._job import run_job
@@ -45,15 +41,7 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
     from tactileforge.runs.folder import LAST
 
     if config.get("resume"):
-        run = _of_run(config["resume"])
-        for path, root in _moved.items():
-            _set(run, path, root)
-        words = HydraConfig.get().overrides.task
-        given = {word.lstrip("+").partition("=")[0] for word in words}
-        for path in given.intersection(_ANEW):
-            group, key = path.split(".")
-            run[group] = {**run[group], key: config[group][key]}
-        config = run
+        config = resumed(config, HydraConfig.get().overrides.task)
     elif config.get("init"):
         _check_encoder(str(config["init"]))
     try:
@@ -76,6 +64,23 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
         if not sweeps:
             raise
         return float("nan")
+
+
+def resumed(config: dict[str, Any], typed: Sequence[str]) -> dict[str, Any]:
+    """Configuration of the run in ``resume``, with what a resumed run may change.
+
+    Args:
+        config: Composed configuration.
+        typed: ``key=value`` words of the user.
+    """
+    run = _of_run(config["resume"])
+    for path, root in _moved.items():
+        _set(run, path, root)
+    given = {word.lstrip("+").partition("=")[0] for word in typed}
+    for path in given.intersection(_ANEW):
+        group, key = path.split(".")
+        run[group] = {**run[group], key: config[group][key]}
+    return run
 
 
 def _own_names(node: Any) -> list[str]:
@@ -179,11 +184,14 @@ def _of_run(folder: str) -> dict[str, Any]:
 
 def _finish(config: Any) -> Any:
     from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
 
     from tactileforge.cli._compose import finish
 
-    typed = HydraConfig.get().overrides.task if HydraConfig.initialized() else ()
-    return finish(config, typed)
+    if not HydraConfig.initialized():
+        return finish(config)
+    hydra = HydraConfig.get()
+    return finish(config, hydra.overrides.task, sweeps=hydra.mode is RunMode.MULTIRUN)
 
 
 COMMANDS = {"": Command(run=_train, yaml="train", prepare=_prepare, finish=_finish)}

@@ -16,7 +16,7 @@ from tactileforge.encoders.absent import AbsentTower
 from tactileforge.errors import DataError, PluginError, TactileForgeError
 from tactileforge.hub.header import Header
 from tactileforge.plugins import local, registry
-from tactileforge.plugins.distributions import package_of
+from tactileforge.plugins.distributions import install_command, package_of
 
 #: Arguments that name files or places on a network.
 _PLACES = frozenset({"path", "root", "file", "folder", "url", "repo", "port"})
@@ -37,7 +37,7 @@ def check_plugin(path: Path, header: Header) -> None:
         package = f"tactileforge-{name}"
     raise PluginError(
         f"{path} needs the encoder {name!r} of {package} {header.package_version}: "
-        f"pip install {package}"
+        f"{install_command(package)}"
     )
 
 

@@ -15,10 +15,10 @@ from importlib.metadata import EntryPoint, entry_points
 from inspect import Parameter, signature
 from typing import Any, get_type_hints
 
-from tactileforge.contracts import CONTEXT
 from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name, unknown
 from tactileforge.plugins import local, moves
-from tactileforge.plugins.distributions import package_of
+from tactileforge.plugins.distributions import how_to_get
+from tactileforge.plugins.source_options import read_docstrings, read_options
 from tactileforge.util import strict
 
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
@@ -269,9 +269,9 @@ def load(kind: str, name: str) -> Any:
     entries = _entries(kind).get(name, [])
     if not entries:
         is_typo = nearest_name(name, names(kind)) != "."
-        package = package_of(kind, name)
-        fix = f"Install the package that provides it{package and f': pip install {package}'}"
-        fix = "" if is_typo and not package else fix
+        got = how_to_get(kind, name)
+        fix = "" if is_typo else "Install the package that provides it"
+        fix = f"It {got}" if got else fix
         raise PluginError(unknown(kind.removesuffix("s"), name, names(kind), fix))
     if len(entries) > 1:
         claims = " and ".join(_describe(kind, entry) for entry in entries)
@@ -307,6 +307,8 @@ def parameters(plugin: type[Any]) -> dict[str, Any]:
     Parameters in `contracts.CONTEXT` are left out; one without a default maps to
     `inspect.Parameter.empty`.
     """
+    from tactileforge.contracts import CONTEXT  # imports numpy, which listing does without
+
     if not isinstance(plugin, type) and not inspect.isroutine(plugin):
         return {}  # a finished instance
     return {
@@ -317,8 +319,40 @@ def parameters(plugin: type[Any]) -> dict[str, Any]:
     }
 
 
+def options(kind: str, name: str) -> dict[str, Any]:
+    """The configuration of an installed plugin, as `parameters`; imports it only if it has to.
+
+    Raises:
+        PluginError: Not installed (names the nearest), claimed twice (names both), or broken.
+    """
+    entries = _entries(kind).get(name, [])
+    plain = len(entries) == 1 and (kind, name) not in _registered
+    found = read_options(entries[0].value) if plain else None
+    if found is None:
+        return parameters(get(kind, name))
+    from tactileforge.contracts import CONTEXT
+
+    return {key: default for key, default in found.items() if key not in CONTEXT}
+
+
+def meanings(kind: str, name: str) -> dict[str, str]:
+    """Descriptions of the options of an installed plugin; imports it only if it has to.
+
+    Raises:
+        PluginError: As of `options`.
+    """
+    known, entries = options(kind, name), _entries(kind).get(name, [])
+    found: dict[str, str] = {}
+    plain = len(entries) == 1 and (kind, name) not in _registered
+    for text in read_docstrings(entries[0].value) if plain else ():
+        found |= strict.rows_of(text)
+    return found if known.keys() <= found.keys() else strict.arguments(get(kind, name))
+
+
 def context(plugin: type[Any]) -> frozenset[str]:
     """The constructor parameters of a plugin filled in by the framework."""
+    from tactileforge.contracts import CONTEXT
+
     if not isinstance(plugin, type) and not inspect.isroutine(plugin):
         return frozenset()
     return CONTEXT & set(signature(plugin).parameters)

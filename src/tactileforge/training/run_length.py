@@ -8,7 +8,6 @@ from typing import Any
 
 from tactileforge.errors import ConfigError
 from tactileforge.training import curriculum
-from tactileforge.util.distributed import count_processes
 
 log = logging.getLogger(__name__)
 
@@ -34,6 +33,8 @@ def change_run(plain: dict[str, Any], before: Mapping[str, Any], state: Mapping[
     Raises:
         ConfigError: More than length and machine has changed, or the run is already as long.
     """
+    from tactileforge.util.distributed import count_processes  # imports torch; help reads `LENGTHS`
+
     changed = {
         key: value for key, value in plain["trainer"].items() if value != before["trainer"].get(key)
     }

@@ -8,6 +8,7 @@ from typing import Any
 
 from tactileforge.cli import Command, hydra_value, unquoted
 from tactileforge.errors import ConfigError, home_path
+from tactileforge.pages import Shown
 from tactileforge.plugins import build, dump_yaml, write_text
 
 
@@ -26,16 +27,18 @@ class _Inspect:
     recordings: int = 400
 
 
-def _inspect(keys: _Inspect, config: dict[str, Any]) -> None:
+def _inspect(keys: _Inspect, config: dict[str, Any]) -> Shown:
     """Writes a page about a data set, to look at before training."""
     from tactileforge.datasets import LAYOUT_FILE
     from tactileforge_inspect.write import inspect
 
     node, out = config["data"], Path(keys.out)
-    print(inspect(build("datasets", node, "data"), node["name"], out, keys.recordings))
+    found = inspect(build("datasets", node, "data"), node["name"], out, keys.recordings)
+    print(found)
+    shown = Shown(out, out, value=found)
     print(f"page: {keys.out}")
     if not keys.path:
-        return
+        return shown
     # the options of the guess are kept: as a layout file, or as an option of the group ``data``
     kept = out.with_suffix(".yaml")
     layouts = node.get("layouts") if node["name"] == "recordings" else None
@@ -44,6 +47,7 @@ def _inspect(keys: _Inspect, config: dict[str, Any]) -> None:
         print(f"layout: {kept}; correct it, and keep it as {Path(keys.path) / LAYOUT_FILE}")
     elif node["name"] != "recordings":
         print(f"options: {kept}; keep it as DIR/data/NAME.yaml, for --config-dir DIR data=NAME")
+    return shown
 
 
 def _guess(words: list[str]) -> list[str]:
