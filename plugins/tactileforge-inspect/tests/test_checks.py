@@ -16,10 +16,10 @@ from tactileforge_inspect.checks import (
 from tactileforge_inspect.findings import InspectionFindings, Suspect
 from tactileforge_inspect.frame_stats import frame_stats
 
+from tactileforge.checks.doubts import Suspicion, check_labels
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.labels.align import Lag, estimate_lag
-from tactileforge.data.labels.doubts import Suspicion, check_labels
 
 Touch = Callable[..., Recording]
 

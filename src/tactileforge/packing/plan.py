@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from tactileforge.checks.doubts import Doubts
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.frames.stamp import stamp_of
-from tactileforge.data.labels.doubts import Doubts
 from tactileforge.data.labels.plausible import impossible
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import sort_recordings

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tactileforge.data.frames.untared import NO_CONTACT, untared
+from tactileforge.checks.doubts import RANGE, TINY, Suspicion
+from tactileforge.checks.untared import NO_CONTACT, untared
 from tactileforge.data.labels.align import GAP, Lag
-from tactileforge.data.labels.doubts import RANGE, TINY, Suspicion
 from tactileforge.pages.page import percent
 from tactileforge.plugin import Recording, estimate_lag
 from tactileforge_inspect.findings import Reason

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tactileforge.checks.untared import NO_CONTACT
 from tactileforge.data.frames.small import ELSEWHERE, SIMILAR
-from tactileforge.data.frames.untared import NO_CONTACT
 from tactileforge_inspect.frame_stats import FrameStats
 
 

@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.checks.frozen import digest_of, frozen_time
 from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.pixel_contract import checked_chunks
 from tactileforge.data.frames.small import shrink, strongest
 from tactileforge.pages import images
 from tactileforge.plugin import DataError, Recording
-from tactileforge_inspect.frozen import digest_of, frozen_time
 
 #: Frames of a recording to decode, and frames of a strip.
 FRAMES = 24

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from markupsafe import Markup
 
+from tactileforge.checks.doubts import FIXES
 from tactileforge.contracts import LABELS
-from tactileforge.data.labels.doubts import FIXES
 from tactileforge.pages.images import captioned, figure, image
 from tactileforge.pages.page import (
     SPLIT_WORDS,

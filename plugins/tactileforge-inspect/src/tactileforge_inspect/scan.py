@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tactileforge.checks.doubts import Doubts, Suspicion, check_labels
+from tactileforge.checks.resting import Resting, odd_pictures
 from tactileforge.data.labels.align import Lag
-from tactileforge.data.labels.doubts import Doubts, Suspicion, check_labels
 from tactileforge.plugin import DataError, DataNotFoundError, Dataset
 from tactileforge.util.bars import Bar
 from tactileforge_inspect import duplicates
@@ -27,7 +28,6 @@ from tactileforge_inspect.counters import (
 )
 from tactileforge_inspect.findings import InspectionFindings, Suspect
 from tactileforge_inspect.frame_stats import FrameStats, evenly, frame_stats
-from tactileforge_inspect.resting import Resting, odd_pictures
 
 SPLITS = ("train", "val")
 #: Suspicious recordings to keep for each reason, recordings shown as strips, and recordings to read

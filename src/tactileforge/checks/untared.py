@@ -7,10 +7,10 @@ from contextlib import suppress
 
 import numpy as np
 
+from tactileforge.checks.doubts import Doubts, Suspicion
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.small import shrink, strongest
-from tactileforge.data.labels.doubts import Doubts, Suspicion
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.specs.published import spec
 

@@ -7,10 +7,10 @@ import pytest
 from tactileforge_inspect.checks import check_pixels
 from tactileforge_inspect.frame_stats import frame_stats
 
+from tactileforge.checks.log_doubts import log_doubts
+from tactileforge.checks.untared import untared
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data.batches.log_doubts import log_doubts
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.data.frames.untared import untared
 
 COUNT = 30
 

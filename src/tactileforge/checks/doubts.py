@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactileforge.checks.force_axes import ForceAxes
+from tactileforge.checks.force_runs import FRAMES, away, between, stuck
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.labels.align import GAP
-from tactileforge.data.labels.force_axes import ForceAxes
-from tactileforge.data.labels.force_runs import FRAMES, away, between, stuck
 from tactileforge.errors import ConfigError
 from tactileforge.specs.published import spec
 

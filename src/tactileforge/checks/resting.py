@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, spec
+from tactileforge.errors import ConfigError
 from tactileforge.sensors.resting_colours import (
     COLOURED,
     agreement,
@@ -21,6 +21,7 @@ from tactileforge.sensors.resting_colours import (
     known_colours,
     turn_of,
 )
+from tactileforge.specs.published import spec
 
 #: Largest number of recordings to compare a set with, and of keys named in a line.
 _COMPARED, _NAMED = 64, 8

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tactileforge.checks.log_doubts import Examination
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.frames.lazy import ArrayFrames
@@ -43,6 +44,7 @@ class Made:
 def lines(caplog: pytest.LogCaptureFixture, dataset: Made, frames: int = 4) -> list[str]:
     caplog.clear()
     data = TouchData(dataset, frames, (16, 16), 4, match=0, workers=0)
+    data.examiner = Examination()
     with caplog.at_level(logging.INFO):
         data.setup()
         data.check({"force": frozenset({"force"})})
@@ -87,6 +89,7 @@ def test_what_the_reader_has_noticed(caplog: pytest.LogCaptureFixture) -> None:
 
 def test_one_class_is_said_where_it_is_learnt(caplog: pytest.LogCaptureFixture) -> None:
     data = TouchData(Made(), 4, (16, 16), 4, match=0, workers=0)
+    data.examiner = Examination()
     data.setup()
     data.check({"action": frozenset({"action"})})
     (record,) = caplog.records

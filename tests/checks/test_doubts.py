@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from tactileforge_inspect.checks import REASONS
 
+from tactileforge.checks.doubts import FIXES, Doubts, check_labels
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.data.labels.doubts import FIXES, Doubts, check_labels
 
 
 def touch(number: int = 0, size: int = 16, count: int = 20, **fields: Any) -> Recording:

@@ -1,0 +1,1 @@
+"""Checks of touch data: rules with a code, a reason and a fix, run wherever data enters."""
