@@ -51,6 +51,11 @@ FIXES = {
     "or give forces on times of their own (time:), which are interpolated",
     "tiny_pictures": "give the pictures as they were taken",
     "views_elsewhere": "give the views times on the clock of the frames",
+    "zero_force": "leave the cells empty where nothing was measured, or restore the missing part",
+    "repeated_frames": "clips show each moment several times; every: in the layout keeps one each",
+    "odd_first_frames": "the camera had not settled: name frames without contact after these",
+    "background_changed": "is it the background of another unit or day? background: {first: 3} or "
+    "{median: true} takes one from the recording",
 }
 
 

@@ -19,7 +19,7 @@ from tactileforge.plugins import moves
 from tactileforge.plugins.distributions import package_of
 from tactileforge.util import strict
 
-KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
+KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers", "checks")
 #: Kinds whose entry points name a module: verbs of the command line.
 MODULES = ("verbs",)
 #: Kinds without a conformance suite: publishers of ``live``, schedules of the learning rate and

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 SWAPPED, SWAPPED_BY = 0.5, 0.2
 #: The same for a quarter turn: a GelSight Mini looks similar on its side (0.7, and 0.9 upright).
 TURNED, TURNED_BY = 0.7, 0.1
+#: Smallest lead of a mirrored picture over all that are turned alone.
+MIRRORED_BY = 0.2
 #: Smallest lead of another order than RGB and BGR over the colours as they are, for `TURNED`.
 _OTHER_ORDER = 0.3
 #: Sensors with coloured lights.
@@ -131,6 +133,25 @@ def turn_of(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> int | 
     best, second = fits[order[0]], fits[order[1]]
     is_sure = best >= TURNED and best - second >= TURNED_BY
     return int(90 * order[0]) if is_sure else None
+
+
+def mirror_of(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> str:
+    """Axis along which a picture is mirrored, ``x`` or ``y``; "" for none, or if unsure.
+
+    Args:
+        grid: `colour_grid` with the channels in the order of the reference.
+        reference: `colour_grid` of an upright picture, not mirrored.
+
+    Example:
+        >>> digit = known_colours("digit")
+        >>> mirror_of(digit[:, ::-1], digit), mirror_of(digit[::-1], digit), mirror_of(digit, digit)
+        ('x', 'y', '')
+    """
+    as_is = max(agreement(np.rot90(grid, -n), reference) for n in range(4))
+    across, along = (agreement(one, reference) for one in (grid[:, ::-1], grid[::-1]))
+    best = max(across, along)
+    is_sure = best >= TURNED and best - as_is >= MIRRORED_BY and abs(across - along) >= TURNED_BY
+    return ("x" if across > along else "y") if is_sure else ""
 
 
 def is_grey(picture: NDArray[Any]) -> bool:
