@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tactileforge_inspect.checks import REASONS
+from tactileforge_inspect.reasons import REASONS
 
 from tactileforge.checks.doubts import FIXES, Doubts, check_labels
 from tactileforge.contracts import Recording

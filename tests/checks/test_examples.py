@@ -28,7 +28,7 @@ def test_codes_are_given_once_and_say_what_they_are() -> None:
     assert len(set(CODES.values())) == len(CODES)
     for check in checks.values():
         assert check.level in LEVELS
-        assert check.title and check.why and check.fix and check.needs
+        assert all((check.title, check.why, check.fix, check.needs))
 
 
 def test_right_touches_are_passed_in_silence() -> None:

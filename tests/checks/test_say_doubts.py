@@ -58,7 +58,7 @@ def test_sane_data_is_trained_on_in_silence(caplog: pytest.LogCaptureFixture) ->
 
 def test_units_of_force(caplog: pytest.LogCaptureFixture) -> None:
     (line,) = lines(caplog, Made(newton=800))
-    assert line.startswith("data: force out of range in 6 of 6 recordings (made/train0: 800 N")
+    assert line.startswith("data: TF201 force out of range in 6 of 6 recordings (made/train0: 800")
 
 
 def test_forces_of_zero_are_said_where_force_is_learnt(caplog: pytest.LogCaptureFixture) -> None:

@@ -5,18 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tactileforge_inspect.checks import (
-    LAG,
-    REASONS,
-    check_lag,
-    check_pixels,
-    is_sure,
-    lag_of,
-)
 from tactileforge_inspect.findings import InspectionFindings, Suspect
 from tactileforge_inspect.frame_stats import frame_stats
+from tactileforge_inspect.reasons import OF_FRAMES, OF_LABELS, REASONS
 
 from tactileforge.checks.doubts import Suspicion, check_labels
+from tactileforge.checks.lag import LAG, check_lag, is_sure, lag_of
+from tactileforge.checks.run import CheckRun
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.labels.align import Lag, estimate_lag
@@ -26,7 +21,9 @@ Touch = Callable[..., Recording]
 
 def flags(recording: Recording) -> dict[str, Suspicion]:
     """All findings, by reason."""
-    raised = [*check_labels(recording), *check_pixels(recording, frame_stats(recording))]
+    run = CheckRun([*OF_LABELS, *OF_FRAMES])
+    raised = [Suspicion(one.name, one.value, one.words) for one in run.look(recording)]
+    assert run.unreadable == []
     lag = lag_of(recording)
     raised += check_lag(recording, lag) if lag else []
     assert len({flag.reason for flag in raised}) == len(raised)

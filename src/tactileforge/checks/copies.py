@@ -22,7 +22,7 @@ class Pictured(Protocol):
 
     @property
     def signature(self) -> NDArray[np.int16]:
-        """Grey frames for comparison, int16 (n, h, w)."""
+        """Tiny frames for comparison, int16 (n, h, w, 3)."""
         ...
 
     @property

@@ -9,8 +9,8 @@ from itertools import chain
 
 import numpy as np
 
+from tactileforge.checks.doors import caption_lines, copy_lines, frame_lines
 from tactileforge.checks.doubts import Doubts
-from tactileforge.checks.untared import add_untared
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.frames.cut import frame_period, is_slow
@@ -40,8 +40,9 @@ def log_doubts(
     doubts = Doubts()
     for recording in chain(train, val):
         doubts.add(recording)
-    add_untared(doubts, [*train, *val])
-    for line in (*getattr(dataset, "notes", ()), *doubts.of_each()):
+    has_layout = hasattr(type(dataset), "layouts")
+    seen = frame_lines(train, val, has_layout)
+    for line in (*getattr(dataset, "notes", ()), *doubts.of_each(), *seen):
         log.warning("data: %s", line)
     span = (frames - 1) * spacing
     # stills are shown as clips on purpose
@@ -79,6 +80,9 @@ class Examination:
     def look(self, data: TouchData, train: Sequence[Recording], val: Sequence[Recording]) -> None:
         """Log doubts about recordings."""
         self._doubts = log_doubts(data.dataset, train, val, data.spacing, data.frames)
+        mirrors = () if data.augment is None else data.augment.moved_sides
+        for line in (*copy_lines(train, val), *caption_lines([*train, *val], mirrors)):
+            log.warning("data: %s", line)
 
     def of_labels(self, labels: AbstractSet[str]) -> None:
         """Log doubts about the set as a whole, for labels that are learned."""

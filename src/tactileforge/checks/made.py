@@ -33,7 +33,7 @@ def resting(seed: int = 0, height: int = HEIGHT, width: int = WIDTH) -> NDArray[
 
 
 def press(count: int = COUNT) -> NDArray[np.float64]:
-    """Depth of one press over time, 0 to 1, float64 (count,); at rest in its first and last tenth."""
+    """Depth of one press over time, 0 to 1, float64 (count,); at rest at both ends."""
     at = np.linspace(-0.125, 1.125, count)
     return np.where((at > 0) & (at < 1), np.sin(np.pi * np.clip(at, 0, 1)) ** 2, 0.0)
 

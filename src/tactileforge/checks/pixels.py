@@ -11,16 +11,21 @@ from tactileforge.checks.sample import FrameSample
 from tactileforge.checks.untared import NO_CONTACT, untared
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.small import shrink
+from tactileforge.sensors.light import LightCheck
 
 #: Change of half of the image of another background, grey levels. Touch is local: real videos with
 #: a fitting background stay below 2, and below 0.5 in the air.
 NEW_GROUND = 6.0
+#: The same of any cause: a large object that covers the gel changes it by up to 14.
+NEW_STILL = 20.0
 #: Largest share of saturated pixels. Real sensors without overexposure stay below 0.04.
 SATURATED = 0.05
 #: Longest run of identical frames, s; the noise of a live sensor makes any two frames differ.
 FROZEN = 1.0
 #: Frames from the start in which a camera may still settle.
 _SETTLE = 60
+#: Change of half of the image beyond that of any contact, grey levels.
+_OTHER = 30.0
 
 
 def check_pixels(recording: Recording, seen: FrameSample) -> Iterator[Suspicion]:
@@ -35,8 +40,11 @@ def check_pixels(recording: Recording, seen: FrameSample) -> Iterator[Suspicion]
             yield Suspicion(
                 "never_in_contact", seen.contact, f"differs by {seen.contact:.2g} grey levels"
             )
-        if seen.ground > NEW_GROUND:
-            yield ground_suspicion(recording, seen)
+        if odd := odd_first_frames(recording, seen):
+            yield odd
+        elif _has_changed(seen):
+            words = f"half of the image differs by {seen.ground:.2g} grey levels"
+            yield Suspicion("background_changed", seen.ground, words)
     if found := untared(recording):
         yield found
     if seen.saturated > SATURATED:
@@ -46,27 +54,44 @@ def check_pixels(recording: Recording, seen: FrameSample) -> Iterator[Suspicion]
         yield Suspicion("frozen", seen.frozen, f"the same image for {seen.frozen:.3g} s")
 
 
-def ground_suspicion(recording: Recording, seen: FrameSample) -> Suspicion:
-    """Tell odd first frames, as of a camera that has just opened, from another background.
+def _has_changed(seen: FrameSample) -> bool:
+    """Whether a background is of another light, unit or day: no touch changes so much of it."""
+    if seen.ground <= NEW_GROUND or seen.background is None:
+        return False
+    if seen.ground > NEW_STILL or len(seen.rows) == 1:
+        return seen.ground > NEW_STILL
+    still, frame = seen.background, seen.frames[int(seen.change.argmin())]
+    return LightCheck(still.round().astype(np.uint8))(frame.round().astype(np.uint8))
+
+
+def odd_first_frames(recording: Recording, seen: FrameSample) -> Suspicion | None:
+    """Find a background of first frames that are another picture, as of a camera just opened.
 
     Args:
         recording: The recording.
-        seen: Some of its frames, none of which is like the background.
+        seen: Some of its frames.
     """
-    words = f"half of the image differs by {seen.ground:.2g} grey levels"
-    if not seen.own or min(seen.own) > 0 or len(recording.frames) <= max(seen.own) + 1:
-        return Suspicion("background_changed", seen.ground, words)
+    if not seen.own or min(seen.own) > 0 or seen.others <= NEW_GROUND:
+        return None
     start = settled(recording, seen)
     if start is None:
-        return Suspicion("background_changed", seen.ground, words)
+        return None
+    frames = recording.frames.read([start])
+    # a flat object covers the gel and changes half of it, too, but not the light at all borders
+    rest = recording.no_contact
+    assert rest is not None  # it has rows of its own
+    still = np.rint(np.median(rest.read(range(len(rest))), axis=0))
+    is_other = seen.others > _OTHER or LightCheck(still.astype(np.uint8))(frames[0])
+    if not is_other:
+        return None
     count = len(seen.own)
     stop = min(start + count, len(recording.frames))
     what = f"the first {count} frames are" if count > 1 else "the first frame is"
     words = (
-        f"{what} another picture than all others, by {seen.ground:.2g} grey levels in half of it: "
+        f"{what} another picture than all others, by {seen.others:.2g} grey levels in half of it: "
         f"the gel is settled from frame {start}, so background: {{frames: [{start}, {stop}]}}"
     )
-    return Suspicion("odd_first_frames", seen.ground, words)
+    return Suspicion("odd_first_frames", seen.others, words)
 
 
 def settled(recording: Recording, seen: FrameSample) -> int | None:

@@ -17,7 +17,9 @@ _MOVES = 0.05
 #: Smallest number of frames of the camera in a stretch, and of repeated ones.
 _LEAST, _REPEATS = 8, 4
 #: Smallest share of repeated frames, and of the regular runs among all.
-_SHARE, _REGULAR = 0.1, 0.9
+_SHARE, _REGULAR = 0.15, 0.9
+#: Largest spread of the frames of the camera around an even rhythm, stored frames.
+_UNEVEN = 2.5
 #: Longest run of copies: more is a camera that stood still.
 _LONGEST = 12
 
@@ -43,7 +45,7 @@ def repeated(changes: NDArray[np.float64], rate: float) -> Suspicion | None:
         return None
     share = 1 - len(runs) / float(runs.sum())
     low = int(np.floor(runs.mean()))
-    # sampling at another rate stores each frame so many times, or once more
+    # sampling at another rate stores each frame so many times, or once more, in an even rhythm
     is_regular = np.isin(runs, (low, low + 1)).mean() >= _REGULAR and _is_even(runs)
     if share < _SHARE or not is_regular:
         return None
@@ -75,10 +77,9 @@ def _longest_without(runs: NDArray[np.int64], most: int) -> NDArray[np.int64]:
 
 
 def _is_even(runs: NDArray[np.int64]) -> bool:
-    """Whether copies are spread evenly, as by sampling, and not together, as of a gel at rest."""
-    halves = np.array_split(runs, 2)
-    shares = [1 - len(half) / float(half.sum()) for half in halves]
-    return max(shares) <= 2 * min(shares) + 0.05
+    """Whether copies come in an even rhythm, as by sampling, and not at random or together."""
+    at = np.cumsum(runs) - runs.mean() * np.arange(1, len(runs) + 1)
+    return float(np.ptp(at)) <= _UNEVEN
 
 
 def _share(share: float) -> str:

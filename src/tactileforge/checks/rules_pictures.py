@@ -44,7 +44,7 @@ class NeverInContact(PixelCheck):
     """A recording in the air."""
 
     reason = "never_in_contact"
-    code, level = CODES[reason], "warning"
+    code, level = CODES[reason], "note"
     title = "Never in contact"
     why = (
         f"In no frame that was looked at does the strongest 1 % of the image differ by "
@@ -68,8 +68,8 @@ class BackgroundChanged(PixelCheck):
     title = "The background has changed"
     why = (
         f"Even in the frame of least change, half of the image differs by {NEW_GROUND:g} grey "
-        "levels or more: the light or exposure is another one, or the background is that of "
-        "another sensor. Stills, and flat objects that cover the gel, can look like that too."
+        "levels or more (of a still, by 20): the light or exposure is another one, or the background "
+        "is that of another sensor. Flat objects that cover the gel can look like that, too."
     )
     fix = FIXES[reason]
     unit = "grey levels"
@@ -118,7 +118,7 @@ class Saturated(PixelCheck):
     """Pixels at 0 or 255."""
 
     reason = "saturated"
-    code, level = CODES[reason], "warning"
+    code, level = CODES[reason], "note"
     title = "Saturated"
     why = (
         f"In the worst frame, more than {100 * SATURATED:g} % of the pixels have a channel at 0 or "

@@ -17,6 +17,8 @@ from tactileforge.contracts import Recording
 
 #: Recordings whose pictures are compared with each other: 12 kB each.
 _COMPARED = 4000
+#: Smallest imprint of copies, grey levels, and its ratio to their difference.
+_CLEAR, _LEAD = 12.0, 4.0
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,7 @@ class _Kept:
     signature: NDArray[np.int16]
     contact: float
     shape: tuple[int, int]
+    imprint: float
 
 
 class _Copies(Check):
@@ -43,16 +46,22 @@ class _Copies(Check):
         """See `Check.look`."""
         if len(self._kept) < _COMPARED:
             one = seen.sample
-            given = one.digest, one.signature, one.contact, one.shape
+            given = one.digest, one.signature, one.contact, one.shape, one.imprint
             self._kept.append(_Kept(seen.key, seen.split, *given))
         return ()
+
+    def _near(self) -> Iterator[tuple[_Kept, _Kept, float]]:
+        """Near copies with an imprint far clearer than their difference: faint ones look alike."""
+        for i, j, level in similar_pairs(self._kept):
+            one, other = self._kept[i], self._kept[j]
+            if min(one.imprint, other.imprint) >= max(_CLEAR, _LEAD * level):
+                yield one, other, level
 
     def _pairs(self) -> Iterator[tuple[_Kept, _Kept, float]]:
         for group in identical_groups(self._kept):
             for other in group[1:]:
                 yield self._kept[group[0]], self._kept[other], 0.0
-        for i, j, level in similar_pairs(self._kept):
-            yield self._kept[i], self._kept[j], level
+        yield from self._near()
 
 
 class CopiesAcrossSplits(_Copies):
@@ -105,7 +114,7 @@ class SamePixels(_Copies):
 class NearlyTheSame(_Copies):
     """Recordings that differ as one does from itself encoded again."""
 
-    code, level = CODES["nearly_the_same"], "warning"
+    code, level = CODES["nearly_the_same"], "note"
     title = "Nearly the same recording twice"
     why = (
         "Small pictures at the same places in time differ by less than encoding again does: one "
@@ -117,8 +126,7 @@ class NearlyTheSame(_Copies):
 
     def end(self) -> Iterable[Finding]:
         """See `Check.end`."""
-        for i, j, level in similar_pairs(self._kept):
-            one, other = self._kept[i], self._kept[j]
+        for one, other, level in self._near():
             yield self.found(one.key, f"differs from {other.key} by {level:.1f} grey levels", level)
 
     @staticmethod

@@ -15,7 +15,7 @@ from tactileforge.contracts import Frames, FrameSubset, Recording
 from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.pixel_contract import checked_chunks
-from tactileforge.data.frames.small import shrink, strongest
+from tactileforge.data.frames.small import ELSEWHERE, shrink, strongest
 from tactileforge.data.frames.turned import TurnedFrames
 from tactileforge.errors import DataError
 
@@ -49,11 +49,13 @@ class FrameSample:
         change: float64 (n,), mean difference of each frame.
         contact: Smoothed difference of the strongest 1 % of the image in the frame of largest
             change.
-        ground: Median difference in the frame of smallest change, but for those of the background.
+        ground: Median difference in the frame of smallest change.
+        others: The same of the frames that are not the background.
         saturated: Share of pixels with a channel at 0 or 255, in the worst frame.
         frozen: Longest run of identical frames around those decoded, s.
         digest: Hash of the pixels of all decoded frames.
-        signature: int16 (8, 24, 32), grey frames for comparison.
+        signature: int16 (8, 24, 32, 3), tiny frames for comparison.
+        imprint: Difference of the tiny frames from the picture at rest, in all but 0.5 % of them.
     """
 
     rows: NDArray[np.int64]
@@ -65,10 +67,12 @@ class FrameSample:
     change: NDArray[np.float64]
     contact: float
     ground: float
+    others: float
     saturated: float
     frozen: float
     digest: bytes
     signature: NDArray[np.int16]
+    imprint: float
 
 
 def sample_of(recording: Recording) -> FrameSample:
@@ -103,7 +107,10 @@ def sample_of(recording: Recording) -> FrameSample:
     own = own_rows(recording)
     # a frame of the background is like it even where that is another picture altogether
     others = [i for i, row in enumerate(rows.tolist()) if row not in own] or [*range(len(rows))]
-    most, least = int(change.argmax()), min(others, key=lambda i: float(change[i]))
+    most, least = int(change.argmax()), int(change.argmin())
+    least_of_others = min(others, key=lambda i: float(change[i]))
+    signature = _signature(frames[evenly(len(rows), SIGNED)])
+    imprint = np.quantile(np.abs(signature - _signature(still[None])[:1]), 1 - ELSEWHERE)
     return FrameSample(
         rows=rows,
         shape=recording.frames.shape,
@@ -116,10 +123,12 @@ def sample_of(recording: Recording) -> FrameSample:
         # shows no contact if any does
         contact=strongest(frames[most] - still),
         ground=float(np.median(away[least])),
+        others=float(np.median(away[least_of_others])),
         saturated=saturated,
         frozen=frozen_time(recording, rows.tolist(), digests),
         digest=hashlib.blake2b(b"".join(digests), digest_size=16).digest(),
-        signature=_signature(frames[evenly(len(rows), SIGNED)]),
+        signature=signature,
+        imprint=float(imprint),
     )
 
 
@@ -209,8 +218,9 @@ def evenly(length: int, count: int) -> NDArray[np.int64]:
 
 def _signature(frames: NDArray[np.float32]) -> NDArray[np.int16]:
     size = _SIGNATURE[::-1]
-    grey = [cv2.resize(frame.mean(-1), size, interpolation=cv2.INTER_AREA) for frame in frames]
+    # in colours: lights of three sides cancel in their mean, and faint imprints with them
+    small = [cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in frames]
     # always as many, some of them twice in a short recording: signatures are compared one by one
-    rows = np.linspace(0, len(grey) - 1, SIGNED).round().astype(int)
-    out: NDArray[np.int16] = np.round(grey).astype(np.int16)[rows]
+    rows = np.linspace(0, len(small) - 1, SIGNED).round().astype(int)
+    out: NDArray[np.int16] = np.round(small).astype(np.int16)[rows]
     return out

@@ -30,6 +30,7 @@ from tactileforge.hub.video import Times, cut_clips, open_video
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.streaming.contact import ContactOptions, SlipOptions
 from tactileforge.sensors.streaming.touch_stream import TouchStream
+from tactileforge.util.threads import usable_after_fork
 
 if TYPE_CHECKING:
     from tactileforge.hub.classify import Classes, ClassHead
@@ -84,6 +85,8 @@ class Model(nn.Module):
         self.projected: int = encoder.projected
         if hasattr(encoder, "unknown_sensor"):
             encoder.unknown_sensor = "error"  # the policy is an argument of `encode`
+        # encoding in workers that are forked is a usual pattern, as of a DataLoader
+        usable_after_fork()
         # checked first: a move that fails would leave a part of the weights behind
         self.to(check_device(device)).eval()
 

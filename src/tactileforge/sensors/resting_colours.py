@@ -27,6 +27,8 @@ _OTHER_ORDER = 0.3
 COLOURED = frozenset({"digit", "gelsight", "gelsight_mini", "gelslim"})
 #: Largest spread of the channels of a grey picture, and smallest of a coloured one; grey levels.
 _GREY, _COLOURS = 1.5, 6.0
+#: Largest level of a black picture.
+_BLACK = 8.0
 
 #: Means over public units (10 DIGITs, 9 GelSight Minis), upright, in hundredths: rows of red, green
 #: and blue, each less their mean.
@@ -160,8 +162,10 @@ def is_grey(picture: NDArray[Any]) -> bool:
     Args:
         picture: Picture, (H, W, 3), grey levels of 255.
     """
-    spread = picture.astype(np.float32)
-    return float(np.quantile(spread.max(-1) - spread.min(-1), 0.999)) <= _GREY
+    levels = picture.astype(np.float32)
+    # a black picture has lost its colours, too, but for another reason
+    is_lit = float(np.quantile(levels, 0.99)) > _BLACK
+    return is_lit and float(np.quantile(levels.max(-1) - levels.min(-1), 0.999)) <= _GREY
 
 
 def has_colours(grid: NDArray[np.float64]) -> bool:

@@ -33,7 +33,7 @@ class FrameStats:
         saturated: Share of pixels with a channel at 0 or 255, in the worst frame.
         frozen: Longest run of identical frames around those decoded, s.
         digest: Hash of the pixels of all decoded frames.
-        signature: int16 (STRIP, 24, 32), grey frames for comparison.
+        signature: int16 (STRIP, 24, 32, 3), tiny frames for comparison.
         frame: uint8 (h, w, 3), small frame of largest change.
         difference: uint8 (h, w, 3), amplified difference of that frame from the background, around
             mid-grey; None without background.

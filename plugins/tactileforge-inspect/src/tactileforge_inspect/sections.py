@@ -8,6 +8,8 @@ from collections.abc import Sequence
 
 from markupsafe import Markup
 
+from tactileforge.checks.lag import LAG_CORRELATION, LAG_PROMINENCE, is_sure
+from tactileforge.checks.sample import evenly
 from tactileforge.contracts import LABELS
 from tactileforge.data.frames.crop import size_text
 from tactileforge.data.shards.summary import counted
@@ -31,10 +33,8 @@ from tactileforge.pages.page import (
 )
 from tactileforge.plugin import ACTIONS
 from tactileforge_inspect import charts
-from tactileforge_inspect.checks import LAG_CORRELATION, LAG_PROMINENCE, is_sure
 from tactileforge_inspect.counters import source_rows
 from tactileforge_inspect.findings import Total
-from tactileforge_inspect.frame_stats import evenly
 from tactileforge_inspect.scan import Scan, ScannedRecording
 
 AXES = ("x", "y", "z")
