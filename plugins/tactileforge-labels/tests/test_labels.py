@@ -459,7 +459,7 @@ def test_a_row_edited_by_another_program_is_a_conflict(session):
     edited = file.read_text().replace("\n5,0.166667,,,0", "\n5,0.166667,1,1,1")
     file.write_text(edited)
     mine = {"states": [[0, 3, "contact"]], "bad": [[7, 9]], "revision": 1}
-    with pytest.raises(ConflictError, match="another program has changed .*reload. Your marks"):
+    with pytest.raises(ConflictError, match=r"another program has changed .*reload\. Your marks"):
         session.write(0, mine)
     assert file.read_text() == edited, "what was edited stays"
     kept = read_marks(file.with_name(f"{file.name}.conflict"), COUNT)

@@ -12,9 +12,13 @@ from tactileforge.contracts import Frame, Recording, SensorSpec
 Level: TypeAlias = Literal["error", "warning", "note"]
 
 #: What a check may need, from cheap to dear. ``labels``, ``times`` and ``forces`` decode nothing;
-#: ``frames`` decodes a few frames of a recording; ``several`` compares decoded recordings; a
-#: ``stream`` comes frame by frame.
-NEEDS = ("labels", "times", "forces", "captions", "frames", "several", "set", "stream")
+#: ``captions`` are asked about where clips are mirrored. ``frames`` decodes a few frames of a
+#: recording, ``all frames`` up to a thousand; ``several`` compares decoded recordings, ``set`` all
+#: of them; a ``stream`` comes frame by frame.
+NEEDS = (
+    *("labels", "times", "forces", "captions", "frames", "all frames", "several", "set"),
+    "stream",
+)
 LEVELS: tuple[Level, ...] = ("error", "warning", "note")
 
 

@@ -88,7 +88,7 @@ def odd_first_frames(recording: Recording, seen: FrameSample) -> Suspicion | Non
     stop = min(start + count, len(recording.frames))
     what = f"the first {count} frames are" if count > 1 else "the first frame is"
     words = (
-        f"{what} another picture than all others, by {seen.others:.2g} grey levels in half of it: "
+        f"{what} another picture than all others, by {seen.others:.0f} grey levels in half of it: "
         f"the gel is settled from frame {start}, so background: {{frames: [{start}, {stop}]}}"
     )
     return Suspicion("odd_first_frames", seen.others, words)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactileforge.errors import ConfigError
 from tactileforge.sensors.resting_colours import (
     COLOURED,
+    MIRRORED_BY,
     TURNED,
     agreement,
     colour_grid,
@@ -21,6 +22,7 @@ from tactileforge.sensors.resting_colours import (
     is_grey,
     is_swapped,
     known_colours,
+    mirror_leads,
     mirror_of,
     turn_of,
 )
@@ -147,7 +149,7 @@ def _mirrored(rows: list[int], sensor: str, seen: Sequence[Resting]) -> dict[int
             axes = [mirror_of(grid, reference) for grid in (seen[i].grid, seen[i].grid[..., ::-1])]
             if axis := axes[0] or axes[1]:
                 found[i] = axis
-        return found
+        return found | _like_the_others(rows, found, seen, reference)
     for i in rows[:_COMPARED]:
         axes = {j: mirror_of(seen[j].grid, seen[i].grid) for j in rows}
         odd = {j: axis for j, axis in axes.items() if axis}
@@ -155,6 +157,26 @@ def _mirrored(rows: list[int], sensor: str, seen: Sequence[Resting]) -> dict[int
         if odd and len(odd) < len(same) and 2 * (len(odd) + len(same)) > len(rows):
             return odd
     return {}
+
+
+def _like_the_others(
+    rows: list[int],
+    found: Mapping[int, str],
+    seen: Sequence[Resting],
+    reference: NDArray[np.float64],
+) -> dict[int, str]:
+    """Unclear pictures of a set of which all clear ones are mirrored along one axis.
+
+    The lights of some units are nearly the same in a mirror; a whole set was recorded alike.
+    """
+    axes = set(found.values())
+    if len(axes) != 1:
+        return {}
+    axis = next(iter(axes))
+    leads = {i: mirror_leads(seen[i].grid, reference) for i in rows if i not in found}
+    if any(max(lead.values()) <= -MIRRORED_BY for lead in leads.values()):
+        return {}  # some stand as they should
+    return {i: axis for i, lead in leads.items() if lead[axis] > -MIRRORED_BY}
 
 
 def _fix(key: str, effect: str, has_layout: bool) -> str:

@@ -68,8 +68,8 @@ class BackgroundChanged(PixelCheck):
     title = "The background has changed"
     why = (
         f"Even in the frame of least change, half of the image differs by {NEW_GROUND:g} grey "
-        "levels or more (of a still, by 20): the light or exposure is another one, or the background "
-        "is that of another sensor. Flat objects that cover the gel can look like that, too."
+        "levels or more (of a still, by 20): the light or exposure is another one, or the "
+        "background is that of another sensor. Flat objects that cover the gel can look like that."
     )
     fix = FIXES[reason]
     unit = "grey levels"

@@ -57,10 +57,11 @@ class RepeatedFrames(Check):
 
     def look(self, seen: Seen) -> Iterable[Finding]:
         """See `Check.look`."""
-        period = seen.recording.period
-        if period <= 0 or not seen.is_picture:
+        times = seen.recording.times
+        if len(times) < 2 or not times[-1] > times[0] or not seen.is_picture:
             return
-        found = repeated(seen.steps, 1 / period)
+        # of all frames: files round the times of single ones to milliseconds
+        found = repeated(seen.steps, (len(times) - 1) / float(times[-1] - times[0]))
         if found is not None:
             keys = {"every": every(found.value)}
             fix = f"every: {keys['every']:g} in the layout keeps one of each"

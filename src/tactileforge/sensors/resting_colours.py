@@ -149,11 +149,26 @@ def mirror_of(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> str:
         >>> mirror_of(digit[:, ::-1], digit), mirror_of(digit[::-1], digit), mirror_of(digit, digit)
         ('x', 'y', '')
     """
+    leads = mirror_leads(grid, reference)
+    best = max(leads, key=lambda axis: leads[axis])
+    across, along = (agreement(one, reference) for one in (grid[:, ::-1], grid[::-1]))
+    is_clear = max(across, along) >= TURNED and abs(across - along) >= TURNED_BY
+    return best if is_clear and leads[best] >= MIRRORED_BY else ""
+
+
+def mirror_leads(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> dict[str, float]:
+    """Lead of a mirrored picture over all that are turned alone, by the axis of the mirror.
+
+    Args:
+        grid: `colour_grid` with the channels in the order of the reference.
+        reference: `colour_grid` of an upright picture, not mirrored.
+
+    Returns:
+        Differences of agreements, for ``x`` and ``y``; below 0 for a picture without a mirror.
+    """
     as_is = max(agreement(np.rot90(grid, -n), reference) for n in range(4))
     across, along = (agreement(one, reference) for one in (grid[:, ::-1], grid[::-1]))
-    best = max(across, along)
-    is_sure = best >= TURNED and best - as_is >= MIRRORED_BY and abs(across - along) >= TURNED_BY
-    return ("x" if across > along else "y") if is_sure else ""
+    return {"x": across - as_is, "y": along - as_is}
 
 
 def is_grey(picture: NDArray[Any]) -> bool:
