@@ -13,7 +13,7 @@ import cv2
 import pytest
 
 from tactileforge import cli
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.errors import PluginError
 from tactileforge.hub import cards
 from tactileforge.hub.file_checks import check_plugin
@@ -221,7 +221,7 @@ def test_without_the_package_of_export_its_check_is_skipped():
 def test_our_packages_bring_what_is_said_of_them():
     for package, kinds in distributions._OURS.items():
         folder = ROOT / "plugins" / package
-        entries = project(folder)["entry-points"]
+        entries = project(folder).get("entry-points", {})
         places = list(entries.get("tactileforge.conf", {}).values())
         yamls = {
             f"{path.parent.name}/{path.stem}"
@@ -254,7 +254,7 @@ def site(tmp_path_factory):
 def known(installed, monkeypatch):
     """Their entry points, as if they were installed: quicker than pip."""
     for folder in PACKAGES:
-        entries = project(folder)["entry-points"]["tactileforge.sensors"]
+        entries = project(folder).get("entry-points", {})["tactileforge.sensors"]
         lines = [f"{name} = {target}" for name, target in entries.items()]
         monkeypatch.syspath_prepend(folder / "src")
         installed(folder.name, "\n".join(["[tactileforge.sensors]", *lines]), {})

@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from tactileforge.checks.catalogue import catalogue
 from tactileforge.checks.check import LEVELS, findings_of
 from tactileforge.checks.codes import CODES
+from tactileforge.checks.listing import catalogue
 from tactileforge.checks.made import touch
 from tactileforge.checks.run import CheckRun
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 
-from tactileforge.checks.catalogue import catalogue
 from tactileforge.checks.check import Finding
 from tactileforge.checks.codes import CODES
+from tactileforge.checks.listing import catalogue
 from tactileforge.checks.rules_names import CaptionsOfSides
-from tactileforge.checks.run import DECODING, LOOKED, CheckRun, lines_of
+from tactileforge.checks.run import CHECKED_AT_ENTRY, DECODING, CheckRun, lines_of
 from tactileforge.checks.seen import Seen
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.leaks import find_copies
@@ -38,12 +38,13 @@ def frame_lines(
     """One line for each check of frames with findings, from a few recordings.
 
     Args:
-        train: Training recordings; `LOOKED` of all are decoded, at 24 frames and a stretch of 64.
+        train: Training recordings; `CHECKED_AT_ENTRY` of all are decoded, at 24 frames and a
+            stretch of 64.
         val: Held-out recordings.
         has_layout: Whether a layout describes them.
     """
     both = [*((one, "train") for one in train), *((one, "val") for one in val)]
-    places = spread_rows(len(both), LOOKED)
+    places = spread_rows(len(both), CHECKED_AT_ENTRY)
     run = CheckRun(entry_checks())
     found: list[Finding] = []
     for place in places:

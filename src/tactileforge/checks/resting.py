@@ -15,7 +15,7 @@ from tactileforge.sensors.resting_colours import (
     COLOURED,
     MIRRORED_BY,
     TURNED,
-    agreement,
+    colour_agreement,
     colour_grid,
     has_colours,
     has_other_order,
@@ -120,7 +120,7 @@ def _turned(
         odd = [i for i in rows if i in turns and turns[i] == turn]
         fix = _fix(f"rotate: {turn or '90 or 270'}", "puts it upright", has_layout)
         words = f"lying on its side ({fix})"
-        keys = {"rotate": turn} if turn else {}
+        keys: dict[str, Any] = {"rotate": turn} if turn else {}
         yield _odd("on_its_side", odd, rows, seen, f"look as if {words}", words, keys)
     other: list[int] = []
     if reference is not None:
@@ -146,14 +146,14 @@ def _mirrored(rows: list[int], sensor: str, seen: Sequence[Resting]) -> dict[int
         found = {}
         for i in rows:
             # with red and blue swapped as well, as one recorder may get both wrong
-            axes = [mirror_of(grid, reference) for grid in (seen[i].grid, seen[i].grid[..., ::-1])]
-            if axis := axes[0] or axes[1]:
+            as_is, swapped = seen[i].grid, seen[i].grid[..., ::-1]
+            if axis := mirror_of(as_is, reference) or mirror_of(swapped, reference):
                 found[i] = axis
         return found | _like_the_others(rows, found, seen, reference)
     for i in rows[:_COMPARED]:
         axes = {j: mirror_of(seen[j].grid, seen[i].grid) for j in rows}
         odd = {j: axis for j, axis in axes.items() if axis}
-        same = [j for j in rows if agreement(seen[i].grid, seen[j].grid) >= TURNED]
+        same = [j for j in rows if colour_agreement(seen[i].grid, seen[j].grid) >= TURNED]
         if odd and len(odd) < len(same) and 2 * (len(odd) + len(same)) > len(rows):
             return odd
     return {}
@@ -211,7 +211,7 @@ def _upside_down(
     sides: tuple[list[int], list[int]] = [], []
     for i in standing:
         grid = seen[i].grid
-        fits = agreement(grid, known), agreement(grid[::-1, ::-1], known)
+        fits = colour_agreement(grid, known), colour_agreement(grid[::-1, ::-1], known)
         if max(fits) >= _SURE and abs(fits[0] - fits[1]) >= _SURER:
             sides[fits[1] > fits[0]].append(i)
     if all(sides):
@@ -265,9 +265,9 @@ def _is_transposed(one: Resting) -> bool:
 def _is_swapped(one: Resting, reference: NDArray[np.float64]) -> bool:
     """Whether red and blue are swapped, by the known colours of the sensor, in any orientation."""
     turns = [np.rot90(one.grid, -quarter) for quarter in range(4)]
-    as_is = max(agreement(grid, reference) for grid in turns)
-    best = max(turns, key=lambda grid: agreement(grid[..., ::-1], reference))
-    return is_swapped(best, reference) and agreement(best[..., ::-1], reference) > as_is
+    as_is = max(colour_agreement(grid, reference) for grid in turns)
+    best = max(turns, key=lambda grid: colour_agreement(grid[..., ::-1], reference))
+    return is_swapped(best, reference) and colour_agreement(best[..., ::-1], reference) > as_is
 
 
 def _swapped_here(rows: list[int], seen: Sequence[Resting]) -> list[int]:
@@ -277,7 +277,9 @@ def _swapped_here(rows: list[int], seen: Sequence[Resting]) -> list[int]:
     ]
     for swapped, i in sides:
         same = [
-            j for j in rows if j not in swapped and agreement(seen[i].grid, seen[j].grid) >= 0.5
+            j
+            for j in rows
+            if j not in swapped and colour_agreement(seen[i].grid, seen[j].grid) >= 0.5
         ]
         if swapped and 2 * (len(swapped) + len(same)) > len(rows):
             return swapped if len(swapped) <= len(same) else same

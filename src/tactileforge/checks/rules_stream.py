@@ -177,5 +177,5 @@ class StuckForces(Check):
         film = np.zeros((0, 0, 3), np.uint8)
         rows = np.arange(600)
         good = [Frame(array=film, time=i / 100, raw=noise[i]) for i in rows]
-        bad = [Frame(array=film, time=i / 100, raw=noise[min(i, 100)]) for i in rows]
+        bad = [Frame(array=film, time=i / 100, raw=noise[min(int(i), 100)]) for i in rows]
         return Examples(good, bad, sensor)

@@ -17,7 +17,7 @@ from tactileforge.checks.repeats import every, repeated
 from tactileforge.checks.rules import LabelCheck, PixelCheck, one_bad, right_force, with_force
 from tactileforge.checks.seen import Seen
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.data.labels.align import GAP
+from tactileforge.data.labels.align import LARGEST_GAP
 
 #: Share of steps far shorter than usual from which frames count as stored twice.
 _PAIRED = 0.3
@@ -30,8 +30,8 @@ class GapsInTime(LabelCheck):
     code, level, needs = CODES[reason], "warning", frozenset({"times"})
     title = "Gaps in time"
     why = (
-        f"A step of more than {GAP:g} usual ones, or times that do not increase. No clip is cut "
-        "across a gap."
+        f"A step of more than {LARGEST_GAP:g} usual ones, or times that do not increase. No clip "
+        "is cut across a gap."
     )
     fix = "record without gaps, or cut the recording there"
     unit = "usual steps"

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
-from tactileforge.checks.catalogue import built, chosen
-from tactileforge.checks.check import Check, Finding
+from tactileforge.checks.check import Finding
+from tactileforge.checks.listing import built, catalogue, chosen
 from tactileforge.checks.sample import FrameSample
 from tactileforge.checks.seen import Seen
 from tactileforge.contracts import Recording
@@ -17,7 +17,7 @@ DECODING = frozenset({"frames", "all frames"})
 #: Needs that a run over recordings cannot meet, or is not asked to.
 _ELSEWHERE = frozenset({"stream", "captions"})
 #: Recordings whose frames are looked at where data enters a run; of all others, labels alone.
-LOOKED = 8
+CHECKED_AT_ENTRY = 8
 
 
 class CheckRun:
@@ -83,27 +83,27 @@ class CheckRun:
 
 
 def check_recordings(
-    recordings: Iterable[tuple[Recording, str]] | Sequence[Recording],
+    recordings: Sequence[Recording],
     run: CheckRun | None = None,
     looked: int | None = None,
     has_layout: bool = True,
-) -> Iterator[Finding]:
-    """Yield findings on recordings, then on the set as a whole.
+) -> list[Finding]:
+    """Check recordings, and then the set as a whole.
 
     Args:
-        recordings: Recordings, alone or with their splits.
+        recordings: The recordings.
         run: Checks to run; None for all but those of streams.
-        looked: Number of recordings whose frames are decoded, spread over a list; None for all.
+        looked: Number of recordings whose frames are decoded, spread over all; None for all.
         has_layout: Whether a layout describes them.
     """
     run = run or CheckRun()
-    given = recordings if looked is None else list(recordings)
-    places = None if looked is None else set(spread_rows(len(list(given)), looked))
-    for place, one in enumerate(given):
-        recording, split = (one, "train") if isinstance(one, Recording) else one
-        decode = places is None or place in places
-        yield from run.look(recording, split, has_layout, decode)
-    yield from run.end()
+    places = set(spread_rows(len(recordings), len(recordings) if looked is None else looked))
+    found = [
+        one
+        for place, recording in enumerate(recordings)
+        for one in run.look(recording, "train", has_layout, place in places)
+    ]
+    return [*found, *run.end()]
 
 
 def lines_of(findings: Iterable[Finding], total: int) -> list[str]:
@@ -129,8 +129,6 @@ def lines_of(findings: Iterable[Finding], total: int) -> list[str]:
 
 
 def _sign(one: Finding) -> int:
-    from tactileforge.checks.catalogue import catalogue
-
     known = catalogue().get(one.name)
     return 1 if known is None else known.worst
 
@@ -138,6 +136,3 @@ def _sign(one: Finding) -> int:
 def severe(findings: Iterable[Finding]) -> list[Finding]:
     """Findings of the level ``error``."""
     return [one for one in findings if one.level == "error"]
-
-
-__all__ = ["DECODING", "LOOKED", "Check", "CheckRun", "check_recordings", "lines_of", "severe"]

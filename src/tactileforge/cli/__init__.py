@@ -3,7 +3,8 @@
 The first line of such a file is its line of ``tactileforge --help``; its ``COMMANDS`` are the
 commands of the verb, by action (``pack`` of ``data pack``; "" for a verb without actions).
 Installed packages add further verbs. Files with a leading ``_`` are shared by verbs: `_verbs` finds
-verbs, `_command` defines a command, `_run` runs it, `_words` parses the command line.
+verbs, `_command` defines a command, `_compose` composes configurations, `_run` runs a command and
+`_words` parses the command line.
 """
 
 from __future__ import annotations
@@ -16,10 +17,13 @@ from typing import TYPE_CHECKING
 
 from tactileforge.cli._verbs import commands, verbs
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
+from tactileforge.util import lazy
 from tactileforge.util.signals import interrupted_by_signals
 
 if TYPE_CHECKING:
     from tactileforge.cli._verbs import Actions
+
+__getattr__, __dir__, __all__ = lazy.attach(__name__)
 
 #: End of ``tactileforge --help``.
 _EXAMPLES = """\

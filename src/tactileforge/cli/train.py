@@ -140,7 +140,7 @@ def _of_run(folder: str) -> dict[str, Any]:
 def _finish(config: Any) -> Any:
     from hydra.core.hydra_config import HydraConfig
 
-    from tactileforge.cli.compose import finish
+    from tactileforge.cli._compose import finish
 
     typed = HydraConfig.get().overrides.task if HydraConfig.initialized() else ()
     return finish(config, typed)

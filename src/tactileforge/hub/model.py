@@ -35,7 +35,7 @@ from tactileforge.util.threads import usable_after_fork
 if TYPE_CHECKING:
     from tactileforge.hub.classify import Classes, ClassHead
     from tactileforge.hub.words import TextEncoder, WordMatches
-    from tactileforge.sensors.calibration.file import Axis, Calibration
+    from tactileforge.sensors.calibration.file import Calibration, ForceAxis
 
 
 class Model(nn.Module):
@@ -629,7 +629,7 @@ class Model(nn.Module):
             forces.warn_of_missing("force_inputs", inputs["z"].isnan(), forces.LIGHT)
         return inputs
 
-    def axes_of(self, calibration: Calibration, names: Sequence[str]) -> Mapping[str, Axis]:
+    def axes_of(self, calibration: Calibration, names: Sequence[str]) -> Mapping[str, ForceAxis]:
         """The fits of a calibration, if it was made for this model.
 
         Args:

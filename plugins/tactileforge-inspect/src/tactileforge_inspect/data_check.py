@@ -8,11 +8,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tactileforge.checks.check import Finding
-from tactileforge.checks.run import CheckRun
-from tactileforge.plugin import Command, ConfigError, DataError, Dataset, build, write_text
-from tactileforge.util.bars import Bar
-from tactileforge.util.untrusted import load_json
+from tactileforge.checks import CheckRun, Finding
+from tactileforge.cli import Command
+from tactileforge.contracts import Dataset
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.plugins import Bar, build, load_json, write_text
 from tactileforge_inspect.fix import fix_layouts
 from tactileforge_inspect.guess import guess_words
 from tactileforge_inspect.scan import has_layout

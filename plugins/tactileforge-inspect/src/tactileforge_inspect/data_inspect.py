@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import Command, build, write_text
-from tactileforge.util.untrusted import dump_yaml
+from tactileforge.cli import Command
+from tactileforge.plugins import build, dump_yaml, write_text
 from tactileforge_inspect.guess import guess_words
 
 
@@ -28,7 +28,7 @@ class _Inspect:
 
 def _inspect(keys: _Inspect, config: dict[str, Any]) -> None:
     """Writes a page about a data set, to look at before training."""
-    from tactileforge.datasets.recordings import LAYOUT_FILE
+    from tactileforge.datasets import LAYOUT_FILE
     from tactileforge_inspect.write import inspect
 
     node, out = config["data"], Path(keys.out)

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tactileforge.checks.check import Finding
-from tactileforge.datasets.recordings import LAYOUT_FILE
-from tactileforge.plugin import ConfigError, Dataset, load_yaml, write_text
-from tactileforge.util.untrusted import dump_yaml
+from tactileforge.checks import Finding
+from tactileforge.contracts import Dataset
+from tactileforge.datasets import LAYOUT_FILE
+from tactileforge.errors import ConfigError
+from tactileforge.plugins import dump_yaml, load_yaml, write_text
 
 
 def fix_layouts(dataset: Dataset, findings: Sequence[Finding]) -> dict[str, dict[str, Any]]:

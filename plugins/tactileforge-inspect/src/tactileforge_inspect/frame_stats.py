@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.checks.sample import FrameSample, evenly, sample_of
-from tactileforge.pages import images
-from tactileforge.plugin import Recording
+from tactileforge.checks import FrameSample, evenly, sample_of
+from tactileforge.contracts import Recording
+from tactileforge.pages import amplified_difference
 
 #: Frames of a strip.
 STRIP = 8
@@ -102,4 +102,4 @@ def amplify(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Show a difference as an image around mid-grey; the strongest 0.5 % is clipped."""
     # at least 8 levels to full scale: the noise of a recording without contact stays grey
     gain = 127 / max(float(np.quantile(np.abs(difference), 0.995)), 8.0)
-    return images.difference(difference, gain)
+    return amplified_difference(difference, gain)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from tactileforge.cli._quote import hydra_value, unquoted
-from tactileforge.plugin import ConfigError, home_path
+from tactileforge.cli import hydra_value, unquoted
+from tactileforge.errors import ConfigError, home_path
 
 
 def guess_words(words: list[str]) -> list[str]:
     """Replaces the word of a path by the options of the best guess; later words change these."""
-    from tactileforge.datasets.recognise import recognise
+    from tactileforge.datasets import recognise
 
     path = next((word.partition("=")[2] for word in words if word.startswith("path=")), None)
     if path is None or path in ("null", "None"):

@@ -6,18 +6,19 @@ from collections.abc import Iterator, Sequence
 
 from markupsafe import Markup
 
-from tactileforge.checks.codes import CODES
-from tactileforge.checks.lag import is_sure
+from tactileforge.checks import CODES, is_sure
 from tactileforge.contracts import LABELS
-from tactileforge.pages.images import captioned, figure, image
-from tactileforge.pages.page import (
+from tactileforge.pages import (
     SPLIT_WORDS,
     Section,
+    captioned,
     cards,
     details,
     duration,
     facts,
+    figure,
     heading,
+    image,
     items,
     paragraph,
     table,

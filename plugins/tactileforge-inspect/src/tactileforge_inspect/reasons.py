@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tactileforge.checks.catalogue import catalogue
+from tactileforge.checks import catalogue
 from tactileforge_inspect.findings import Reason
 
 #: Checks by name, in the order of the page; docs/checks.md explains each.

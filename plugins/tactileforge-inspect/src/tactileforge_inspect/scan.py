@@ -8,15 +8,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactileforge.checks.copies import identical_groups, similar_pairs
-from tactileforge.checks.doubts import Doubts, Suspicion
-from tactileforge.checks.lag import check_lag, lag_of
-from tactileforge.checks.resting import Resting, odd_pictures
-from tactileforge.checks.run import CheckRun
-from tactileforge.checks.sample import evenly, sample_of
-from tactileforge.data.labels.align import Lag
-from tactileforge.plugin import DataError, DataNotFoundError, Dataset
-from tactileforge.util.bars import Bar
+from tactileforge.checks import (
+    CheckRun,
+    Doubts,
+    Resting,
+    Suspicion,
+    check_lag,
+    evenly,
+    identical_groups,
+    lag_of,
+    odd_pictures,
+    sample_of,
+    similar_pairs,
+)
+from tactileforge.contracts import Dataset
+from tactileforge.data import Lag
+from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.plugins import Bar
 from tactileforge_inspect.counters import (
     Counters,
     RecordingSample,

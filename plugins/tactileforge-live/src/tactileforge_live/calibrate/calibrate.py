@@ -9,11 +9,20 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.checks.run import LOOKED, CheckRun, lines_of, severe
-from tactileforge.data.frames.cut import spread_rows
-from tactileforge.plugin import ConfigError, DataError, Recording, check_names, spec
-from tactileforge.sensors.calibration import features
-from tactileforge.sensors.calibration.file import AXES, Calibration, ForceModel, Light
+from tactileforge.checks import CHECKED_AT_ENTRY, CheckRun, check_recordings, lines_of, severe
+from tactileforge.contracts import Recording
+from tactileforge.errors import ConfigError, DataError, check_names
+from tactileforge.sensors import (
+    FORCE_AXES,
+    WITH_MODEL,
+    BackgroundLight,
+    Calibration,
+    ForceModel,
+    ForceReader,
+    frame_chunks,
+    median_background,
+)
+from tactileforge.specs import spec
 from tactileforge_live.calibrate.fit import AxisFit
 from tactileforge_live.calibrate.force import fit_forces
 from tactileforge_live.calibrate.light import estimate_light, light_drift, punch_mm_per_pixel
@@ -49,7 +58,7 @@ class CalibrateOptions:
     device: str | None = None
     unit: str | None = None
     fit: str = "auto"
-    axes: Sequence[str] = AXES
+    axes: Sequence[str] = FORCE_AXES
     max_lag: float = 0.0
     punch_mm: float | None = None
     mm_per_pixel: float | None = None
@@ -57,7 +66,7 @@ class CalibrateOptions:
     checks: bool = True
 
     def __post_init__(self) -> None:
-        check_names("axis", self.axes, AXES)
+        check_names("axis", self.axes, FORCE_AXES)
         if not self.axes:
             raise ConfigError("axes=[]: give some of x, y, z")
         if not 0 <= self.max_lag <= 1:
@@ -93,7 +102,7 @@ def calibrate(
     recordings: Iterable[Recording],
     options: CalibrateOptions,
     reference: Calibration | None = None,
-    model: features.ForceReader | None = None,
+    model: ForceReader | None = None,
 ) -> CalibrationResult:
     """Calibrates one unit.
 
@@ -123,7 +132,7 @@ def calibrate(
     force: ForceModel | None = None
     fits: dict[str, AxisFit] = {}
     if kind != "none":
-        wanted = [name for name in AXES if name in options.axes]
+        wanted = [name for name in FORCE_AXES if name in options.axes]
         force, fits = fit_forces(chosen, kind, wanted, options.max_lag, notes, model)
     calibration = Calibration(
         sensor=first.sensor,
@@ -148,16 +157,9 @@ def checked_forces(chosen: Sequence[Recording], options: CalibrateOptions) -> li
         DataError: The labels are wrong, and ``checks`` is True; says how, and what puts it right.
     """
     presses = [recording for recording in chosen if recording.force is not None]
-    run = CheckRun(FORCE_CHECKS)
-    places = spread_rows(len(presses), LOOKED)
-    found = [
-        one
-        for place, press in enumerate(presses)
-        for one in run.look(press, decode=place in places)
-    ]
-    found += run.end()
+    found = check_recordings(presses, CheckRun(FORCE_CHECKS), CHECKED_AT_ENTRY)
     # an axis that is not fitted may be wrong, or all 0
-    wanted = set(options.axes) == set(AXES) or "z" in options.axes
+    wanted = set(options.axes) == set(FORCE_AXES) or "z" in options.axes
     found = [one for one in found if wanted or one.name not in ("pulling_force", "axes_exchanged")]
     lines = lines_of(found, len(presses))
     wrong = lines_of(severe(found), len(presses))
@@ -173,9 +175,9 @@ def _kind(
     first: Recording,
     chosen: Sequence[Recording],
     options: CalibrateOptions,
-    model: features.ForceReader | None,
+    model: ForceReader | None,
 ) -> str:
-    if (options.fit in features.WITH_MODEL) > (model is not None):
+    if (options.fit in WITH_MODEL) > (model is not None):
         raise ConfigError(f"fit={options.fit} needs a model: give model=NAME")
     if options.fit != "auto":
         return options.fit
@@ -188,13 +190,11 @@ def _kind(
 
 def _light(
     chosen: Sequence[Recording], reference: Calibration | None, notes: list[str]
-) -> tuple[Light | None, NDArray[np.uint8] | None]:
+) -> tuple[BackgroundLight | None, NDArray[np.uint8] | None]:
     if spec(chosen[0].sensor).kind == "array":
         return None, None
     stills = [
-        features.median_background(recording)
-        for recording in chosen
-        if recording.no_contact is not None
+        median_background(recording) for recording in chosen if recording.no_contact is not None
     ]
     if not stills:
         notes.append("no recording has a frame without contact: the light is not calibrated")
@@ -218,8 +218,8 @@ def _scale(chosen: Sequence[Recording], options: CalibrateOptions) -> tuple[floa
         punched = [recording for recording in chosen if recording.object == "punch"] or chosen
         scales = [
             punch_mm_per_pixel(
-                (frame for part in features.chunks(press.frames) for frame in part),
-                features.median_background(press),
+                (frame for part in frame_chunks(press.frames) for frame in part),
+                median_background(press),
                 options.punch_mm,
                 press.key,
             )
