@@ -1,5 +1,6 @@
 """Doubts about labels without pixels, once for each kind."""
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -34,7 +35,9 @@ def said(*recordings: Recording) -> list[str]:
     doubts = Doubts()
     for recording in recordings:
         doubts.add(recording)
-    return [*doubts.of_each(), *doubts.of_all()]
+    lines = [*doubts.of_each(), *doubts.of_all()]
+    assert all(re.match(r"TF\d{3} ", line) for line in lines), "each with its code"
+    return [line[6:] for line in lines]
 
 
 def test_sane_recordings_raise_no_doubt() -> None:

@@ -7,7 +7,7 @@ import pytest
 from tactileforge.checks.check import LEVELS, findings_of
 from tactileforge.checks.codes import CODES
 from tactileforge.checks.listing import catalogue
-from tactileforge.checks.made import touch
+from tactileforge.checks.made import made_touch
 from tactileforge.checks.run import CheckRun
 
 
@@ -33,6 +33,13 @@ def test_codes_are_given_once_and_say_what_they_are() -> None:
 
 def test_right_touches_are_passed_in_silence() -> None:
     run = CheckRun()
-    found = [one for seed in range(4) for one in run.look(touch(seed), "train")]
+    found = [one for seed in range(4) for one in run.look(made_touch(seed), "train")]
     assert [str(one) for one in [*found, *run.end()]] == []
     assert run.unreadable == []
+
+
+def test_the_page_of_codes_is_that_of_the_checks() -> None:
+    from checks_page import PAGE, page
+
+    assert PAGE.read_text() == page(), "run: python benchmarks/checks_page.py"
+    assert all(f"\n### {code}\n" in PAGE.read_text() for code in CODES.values())

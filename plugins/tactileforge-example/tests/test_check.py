@@ -2,8 +2,7 @@
 
 from tactileforge_example.check import WORN, WornGel
 
-from tactileforge.checks.made import touch
-from tactileforge.checks.seen import Seen
+from tactileforge.checks import Seen, made_touch
 from tactileforge.testing import check
 
 
@@ -12,6 +11,6 @@ def test_conformance() -> None:
 
 
 def test_the_limit() -> None:
-    assert not list(WornGel().look(Seen(touch(labels={"presses": WORN}))))
-    (found,) = WornGel().look(Seen(touch(labels={"presses": WORN + 1})))
+    assert not list(WornGel().look(Seen(made_touch(labels={"presses": WORN}))))
+    (found,) = WornGel().look(Seen(made_touch(labels={"presses": WORN + 1})))
     assert "10001 presses" in found.words

@@ -24,7 +24,7 @@ from tactileforge.checks.lag import is_sure as is_sure
 from tactileforge.checks.lag import lag_of as lag_of
 from tactileforge.checks.listing import catalogue as catalogue
 from tactileforge.checks.listing import chosen as chosen
-from tactileforge.checks.made import touch as touch
+from tactileforge.checks.made import made_touch as made_touch
 from tactileforge.checks.names import is_blank as is_blank
 from tactileforge.checks.names import plain_name as plain_name
 from tactileforge.checks.pixels import check_pixels as check_pixels

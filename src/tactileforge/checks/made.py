@@ -64,7 +64,7 @@ def pictures(
     return out
 
 
-def touch(
+def made_touch(
     seed: int = 0,
     edit: Callable[[NDArray[np.uint8]], Any] | None = None,
     still: NDArray[np.float64] | None = None,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tactileforge.checks.check import Check, Examples, Finding
 from tactileforge.checks.doubts import FIXES
-from tactileforge.checks.made import touch
+from tactileforge.checks.made import made_touch
 from tactileforge.checks.pixels import check_pixels
 from tactileforge.checks.seen import Seen
 from tactileforge.contracts import Recording
@@ -56,17 +56,17 @@ class PixelCheck(Check):
 
 def one_bad(bad: Recording) -> Examples:
     """A touch without a fault, and one with it."""
-    return Examples([touch()], [bad])
+    return Examples([made_touch()], [bad])
 
 
 def with_force(force: NDArray[np.floating]) -> Examples:
     """A touch with right forces, and the same with others."""
-    return one_bad(touch(force=np.asarray(force, np.float32)))
+    return one_bad(made_touch(force=np.asarray(force, np.float32)))
 
 
 def right_force() -> NDArray[np.float32]:
     """Forces of a drawn touch, (T, 3), N."""
-    force = touch().force
+    force = made_touch().force
     assert force is not None
     return force
 

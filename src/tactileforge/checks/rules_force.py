@@ -11,7 +11,7 @@ from tactileforge.checks.codes import CODES
 from tactileforge.checks.doubts import FIXES, RANGE
 from tactileforge.checks.force_axes import ForceAxes
 from tactileforge.checks.force_runs import FRAMES
-from tactileforge.checks.made import COUNT, NEWTON, press, touch
+from tactileforge.checks.made import COUNT, NEWTON, made_touch, press
 from tactileforge.checks.rules import LabelCheck, PixelCheck, right_force, with_force
 from tactileforge.checks.seen import Seen
 from tactileforge.checks.zero_force import zero_where_pressed
@@ -244,10 +244,10 @@ class FaintForce(Check):
     @staticmethod
     def examples() -> Examples:
         """Kilograms in place of newtons, and kN."""
-        weak = touch(force=np.asarray(right_force() / 2 / 9.80665, np.float32))
-        faint = touch(depth=0.02 * press(), force=right_force() * np.float32(0.02))
+        weak = made_touch(force=np.asarray(right_force() / 2 / 9.80665, np.float32))
+        faint = made_touch(depth=0.02 * press(), force=right_force() * np.float32(0.02))
         assert NEWTON == 6
-        return Examples([touch(), faint], [weak])
+        return Examples([made_touch(), faint], [weak])
 
 
 class ImpossibleLabels(Check):

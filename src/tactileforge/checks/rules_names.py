@@ -9,7 +9,7 @@ import numpy as np
 
 from tactileforge.checks.check import Check, Examples, Finding
 from tactileforge.checks.codes import CODES
-from tactileforge.checks.made import touch
+from tactileforge.checks.made import made_touch
 from tactileforge.checks.names import is_blank, plain_name
 from tactileforge.checks.seen import Seen
 from tactileforge.checks.sides import side_of
@@ -55,8 +55,8 @@ class SpelledAlike(Check):
     def examples() -> Examples:
         """A number as text, and as a number."""
         return Examples(
-            [touch(0, object="1"), touch(1, object="10")],
-            [touch(0, object="1"), touch(1, object="1.0")],
+            [made_touch(0, object="1"), made_touch(1, object="10")],
+            [made_touch(0, object="1"), made_touch(1, object="1.0")],
         )
 
 
@@ -98,7 +98,7 @@ class OneClass(Check):
     @staticmethod
     def examples() -> Examples:
         """Every touch is of one cup."""
-        return Examples([touch(0), touch(1)], [touch(0), touch(2)])
+        return Examples([made_touch(0), made_touch(1)], [made_touch(0), made_touch(2)])
 
 
 class BlankNames(Check):
@@ -118,7 +118,7 @@ class BlankNames(Check):
     @staticmethod
     def examples() -> Examples:
         """An empty cell that was read as nan."""
-        return Examples([touch(object=None)], [touch(object="nan")])
+        return Examples([made_touch(object=None)], [made_touch(object="nan")])
 
 
 class RepeatedKeys(Check):
@@ -142,7 +142,9 @@ class RepeatedKeys(Check):
     @staticmethod
     def examples() -> Examples:
         """One key for two touches."""
-        return Examples([touch(0), touch(1)], [touch(0), touch(1, key="made/0")])
+        return Examples(
+            [made_touch(0), made_touch(1)], [made_touch(0), made_touch(1, key="made/0")]
+        )
 
 
 class CaptionsOfSides(Check):
@@ -192,6 +194,9 @@ class CaptionsOfSides(Check):
     @staticmethod
     def examples() -> Examples:
         """A slide to the left in words, and as an action."""
-        good = [touch(text="the ball is {action}"), touch(1, text="what is left of a cup")]
-        kept = touch(2, text="press the left button", labels={"upright": "true"})
-        return Examples([*good, kept], [touch(text="the ball slides left")])
+        good = [
+            made_touch(text="the ball is {action}"),
+            made_touch(1, text="what is left of a cup"),
+        ]
+        kept = made_touch(2, text="press the left button", labels={"upright": "true"})
+        return Examples([*good, kept], [made_touch(text="the ball slides left")])

@@ -10,7 +10,7 @@ import numpy as np
 from tactileforge.checks.check import Check, Examples, Finding
 from tactileforge.checks.codes import CODES
 from tactileforge.checks.doubts import FIXES, TINY
-from tactileforge.checks.made import COUNT, press, resting, touch
+from tactileforge.checks.made import COUNT, made_touch, press, resting
 from tactileforge.checks.pixels import NEW_GROUND, SATURATED
 from tactileforge.checks.resting import Resting, odd_pictures
 from tactileforge.checks.rules import LabelCheck, PixelCheck, one_bad
@@ -37,7 +37,7 @@ class NoBackground(LabelCheck):
     @staticmethod
     def examples() -> Examples:
         """None is given."""
-        return one_bad(touch(no_contact=None))
+        return one_bad(made_touch(no_contact=None))
 
 
 class NeverInContact(PixelCheck):
@@ -57,7 +57,7 @@ class NeverInContact(PixelCheck):
     @staticmethod
     def examples() -> Examples:
         """Nothing touches."""
-        return one_bad(touch(depth=np.zeros(COUNT)))
+        return one_bad(made_touch(depth=np.zeros(COUNT)))
 
 
 class BackgroundChanged(PixelCheck):
@@ -77,7 +77,9 @@ class BackgroundChanged(PixelCheck):
     @staticmethod
     def examples() -> Examples:
         """The background of another unit."""
-        return one_bad(touch(edit=lambda frames: np.add(frames, 20, out=frames, casting="unsafe")))
+        return one_bad(
+            made_touch(edit=lambda frames: np.add(frames, 20, out=frames, casting="unsafe"))
+        )
 
 
 class OddFirstFrames(PixelCheck):
@@ -108,10 +110,10 @@ class OddFirstFrames(PixelCheck):
 
 def _first(light: float, count: int = 3) -> Recording:
     """A touch whose first frames, with a share of their light, are the background."""
-    frames = touch().frames.read(range(COUNT))
+    frames = made_touch().frames.read(range(COUNT))
     frames[:count] = (frames[:count] * light).astype(np.uint8)
     film = ArrayFrames(frames)
-    return touch(frames=film, no_contact=FrameSubset(film, range(count)))
+    return made_touch(frames=film, no_contact=FrameSubset(film, range(count)))
 
 
 class Saturated(PixelCheck):
@@ -129,7 +131,7 @@ class Saturated(PixelCheck):
     @staticmethod
     def examples() -> Examples:
         """A bar of light across the picture."""
-        return one_bad(touch(edit=lambda frames: frames[:, 10:20].fill(255)))
+        return one_bad(made_touch(edit=lambda frames: frames[:, 10:20].fill(255)))
 
 
 class _RestingCheck(Check):
@@ -178,7 +180,7 @@ class ColoursSwapped(_RestingCheck):
     @staticmethod
     def examples() -> Examples:
         """A recorder that writes blue first."""
-        return one_bad(touch(still=resting()[..., ::-1]))
+        return one_bad(made_touch(still=resting()[..., ::-1]))
 
 
 class OnItsSide(_RestingCheck):
@@ -196,7 +198,7 @@ class OnItsSide(_RestingCheck):
     @staticmethod
     def examples() -> Examples:
         """A quarter turn."""
-        return one_bad(touch(still=np.rot90(resting())))
+        return one_bad(made_touch(still=np.rot90(resting())))
 
 
 class Mirrored(_RestingCheck):
@@ -215,7 +217,7 @@ class Mirrored(_RestingCheck):
     @staticmethod
     def examples() -> Examples:
         """Left and right are exchanged."""
-        return one_bad(touch(still=resting()[:, ::-1]))
+        return one_bad(made_touch(still=resting()[:, ::-1]))
 
 
 class GreyPictures(_RestingCheck):
@@ -238,7 +240,7 @@ class GreyPictures(_RestingCheck):
             frames[:] = frames.mean(-1, keepdims=True)
 
         still = ArrayFrames(np.repeat(resting().mean(-1)[None, ..., None], 3, -1).astype(np.uint8))
-        return one_bad(touch(edit=grey, no_contact=still))
+        return one_bad(made_touch(edit=grey, no_contact=still))
 
 
 class TinyPictures(LabelCheck):
@@ -258,6 +260,6 @@ class TinyPictures(LabelCheck):
     @staticmethod
     def examples() -> Examples:
         """Pictures of 4 x 3 pixels."""
-        small = touch(depth=press()).frames.read(range(COUNT))[:, ::20, ::20]
+        small = made_touch(depth=press()).frames.read(range(COUNT))[:, ::20, ::20]
         film = ArrayFrames(np.ascontiguousarray(small))
-        return one_bad(touch(frames=film, no_contact=FrameSubset(film, [0, 1, 2])))
+        return one_bad(made_touch(frames=film, no_contact=FrameSubset(film, [0, 1, 2])))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tactileforge.checks.check import Check, Examples, Finding
 from tactileforge.checks.codes import CODES
 from tactileforge.checks.copies import identical_groups, similar_pairs
-from tactileforge.checks.made import touch
+from tactileforge.checks.made import made_touch
 from tactileforge.checks.seen import Seen
 from tactileforge.contracts import Recording
 
@@ -88,7 +88,7 @@ class CopiesAcrossSplits(_Copies):
     @staticmethod
     def examples() -> Examples:
         """A touch and its copy, which was encoded again."""
-        return Examples([touch(0), touch(1)], [touch(0), _copy()])
+        return Examples([made_touch(0), made_touch(1)], [made_touch(0), _copy()])
 
 
 class SamePixels(_Copies):
@@ -108,7 +108,9 @@ class SamePixels(_Copies):
     @staticmethod
     def examples() -> Examples:
         """A file under two names."""
-        return Examples([touch(0), touch(1)], [touch(0), touch(0, key="made/again")])
+        return Examples(
+            [made_touch(0), made_touch(1)], [made_touch(0), made_touch(0, key="made/again")]
+        )
 
 
 class NearlyTheSame(_Copies):
@@ -132,7 +134,7 @@ class NearlyTheSame(_Copies):
     @staticmethod
     def examples() -> Examples:
         """A touch that was encoded again."""
-        return Examples([touch(0), touch(1)], [touch(0), _copy()])
+        return Examples([made_touch(0), made_touch(1)], [made_touch(0), _copy()])
 
 
 def _copy() -> Recording:
@@ -141,4 +143,4 @@ def _copy() -> Recording:
     def noisy(frames: NDArray[np.uint8]) -> None:
         frames += np.random.default_rng(9).integers(0, 2, frames.shape, np.uint8)
 
-    return touch(0, edit=noisy, key="made/copy")
+    return made_touch(0, edit=noisy, key="made/copy")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tactileforge.checks.check import Check, Examples, Watch
 from tactileforge.checks.codes import CODES
-from tactileforge.checks.made import COUNT, FPS, press, resting, touch
+from tactileforge.checks.made import COUNT, FPS, made_touch, press, resting
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.sensors.clock_lag import ClockLag
 from tactileforge.sensors.health import FROZEN_AFTER, TROUBLES, Health, exposure_trouble
@@ -32,7 +32,7 @@ class _Say:
 
 
 def _film(edit: Callable[[NDArray[np.uint8]], object] | None = None) -> list[Frame]:
-    frames = touch(edit=edit).frames.read(range(COUNT))
+    frames = made_touch(edit=edit).frames.read(range(COUNT))
     return [Frame(array=frame, time=i / FPS) for i, frame in enumerate(frames)]
 
 

@@ -11,7 +11,7 @@ from tactileforge.checks.clocks import repeated_times
 from tactileforge.checks.codes import CODES
 from tactileforge.checks.doubts import FIXES
 from tactileforge.checks.lag import LAG, LAG_FRAMES, check_lag, lag_of
-from tactileforge.checks.made import COUNT, FPS, press, touch
+from tactileforge.checks.made import COUNT, FPS, made_touch, press
 from tactileforge.checks.pixels import FROZEN
 from tactileforge.checks.repeats import every, repeated
 from tactileforge.checks.rules import LabelCheck, PixelCheck, one_bad, right_force, with_force
@@ -39,7 +39,7 @@ class GapsInTime(LabelCheck):
     @staticmethod
     def examples() -> Examples:
         """A second is missing in the middle."""
-        return one_bad(touch(times=np.arange(COUNT) / FPS + (np.arange(COUNT) >= 50)))
+        return one_bad(made_touch(times=np.arange(COUNT) / FPS + (np.arange(COUNT) >= 50)))
 
 
 class RepeatedFrames(Check):
@@ -70,9 +70,9 @@ class RepeatedFrames(Check):
     @staticmethod
     def examples() -> Examples:
         """A camera of 18 frames a second, stored as 30."""
-        once = touch(depth=press(54)).frames.read(range(54))
+        once = made_touch(depth=press(54)).frames.read(range(54))
         rows = np.arange(COUNT) * 54 // COUNT
-        return one_bad(touch(frames=ArrayFrames(once[rows])))
+        return one_bad(made_touch(frames=ArrayFrames(once[rows])))
 
 
 class Frozen(PixelCheck):
@@ -91,7 +91,9 @@ class Frozen(PixelCheck):
     @staticmethod
     def examples() -> Examples:
         """The camera stops in the middle."""
-        return one_bad(touch(edit=lambda frames: frames.__setitem__(slice(31, 75), frames[30])))
+        return one_bad(
+            made_touch(edit=lambda frames: frames.__setitem__(slice(31, 75), frames[30]))
+        )
 
 
 class LagOfImages(Check):
@@ -117,9 +119,9 @@ class LagOfImages(Check):
     def examples() -> Examples:
         """Forces a third of a second early."""
         depth = np.concatenate([press(45), 0.6 * press(45)])
-        good = touch(depth=depth)
+        good = made_touch(depth=depth)
         assert good.force is not None
-        return Examples([good], [touch(depth=depth, force=np.roll(good.force, -10, axis=0))])
+        return Examples([good], [made_touch(depth=depth, force=np.roll(good.force, -10, axis=0))])
 
 
 class ForcesApart(LabelCheck):
@@ -178,8 +180,8 @@ class ViewsElsewhere(LabelCheck):
         """Views of an hour later."""
         views = ArrayFrames(np.full((2, 8, 8, 3), 90, np.uint8))
         return Examples(
-            [touch(image=views, image_times=np.array([0.5, 2.0]))],
-            [touch(image=views, image_times=np.array([3600.0, 3602.0]))],
+            [made_touch(image=views, image_times=np.array([0.5, 2.0]))],
+            [made_touch(image=views, image_times=np.array([3600.0, 3602.0]))],
         )
 
 
@@ -206,4 +208,4 @@ class PairedTimes(Check):
     def examples() -> Examples:
         """Two recorders, a tenth of a millisecond apart."""
         numbers = np.arange(COUNT)
-        return one_bad(touch(times=numbers // 2 * 2 / FPS + numbers % 2 * 1e-4))
+        return one_bad(made_touch(times=numbers // 2 * 2 / FPS + numbers % 2 * 1e-4))

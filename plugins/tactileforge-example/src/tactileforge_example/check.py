@@ -4,9 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from tactileforge.checks.check import Check, Examples, Finding
-from tactileforge.checks.made import touch
-from tactileforge.checks.seen import Seen
+from tactileforge.checks import Check, Examples, Finding, Seen, made_touch
 
 #: Number of presses, as the label ``presses`` counts them, after which a gel is worn.
 WORN = 10_000
@@ -32,4 +30,6 @@ class WornGel(Check):
     @staticmethod
     def examples() -> Examples:
         """A new gel, and an old one."""
-        return Examples([touch(labels={"presses": 20})], [touch(labels={"presses": 20_000})])
+        return Examples(
+            [made_touch(labels={"presses": 20})], [made_touch(labels={"presses": 20_000})]
+        )
