@@ -104,7 +104,7 @@ def test_one_class_alone() -> None:
     doubts = Doubts()
     for one in same:
         doubts.add(one)
-    assert doubts.of_all({"action"}) == [actions], "of what is learnt alone"
+    assert doubts.of_all({"action"}) == [f"TF402 {actions}"], "of what is learnt alone"
 
 
 def test_pictures_without_a_shape() -> None:

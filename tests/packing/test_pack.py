@@ -284,5 +284,5 @@ def test_doubts_about_labels_are_said_once(
     notes = [line for line in capsys.readouterr().err.split("\n") if line.startswith("note: ")]
     assert len(notes) == 1
     assert notes[0].startswith(
-        "note: TF201 force out of range in 3 of 3 recordings (t0: 800 N along z"
+        "note: TF201 force out of range in 3 of 3 recordings (t0: 800 N along"
     )

@@ -8,6 +8,7 @@ from tactileforge.checks.clocks import repeated_times as repeated_times
 from tactileforge.checks.codes import CODES as CODES
 from tactileforge.checks.copies import identical_groups as identical_groups
 from tactileforge.checks.copies import similar_pairs as similar_pairs
+from tactileforge.checks.doors import background_lines as background_lines
 from tactileforge.checks.doors import caption_lines as caption_lines
 from tactileforge.checks.doors import copy_lines as copy_lines
 from tactileforge.checks.doors import frame_lines as frame_lines
@@ -42,4 +43,3 @@ from tactileforge.checks.sample import evenly as evenly
 from tactileforge.checks.sample import sample_of as sample_of
 from tactileforge.checks.seen import Seen as Seen
 from tactileforge.checks.untared import NO_CONTACT as NO_CONTACT
-from tactileforge.checks.untared import untared as untared

@@ -48,7 +48,7 @@ def check_pixels(recording: Recording, seen: FrameSample) -> Iterator[Suspicion]
     if found := untared(recording):
         yield found
     if seen.saturated > SATURATED:
-        share = f"{100 * seen.saturated:.3g} %"
+        share = f"{100 * seen.saturated:.0f} %"
         yield Suspicion("saturated", seen.saturated, f"{share} of the pixels")
     if seen.frozen > FROZEN:
         yield Suspicion("frozen", seen.frozen, f"the same image for {seen.frozen:.3g} s")

@@ -19,7 +19,7 @@ _LEAST, _REPEATS = 8, 4
 #: Smallest share of repeated frames, and of the regular runs among all.
 _SHARE, _REGULAR = 0.15, 0.9
 #: Largest spread of the frames of the camera around an even rhythm, stored frames.
-_UNEVEN = 2.5
+_UNEVEN = 1.6
 #: Longest run of copies: more is a camera that stood still.
 _LONGEST = 12
 

@@ -144,6 +144,8 @@ def _mirrored(rows: list[int], sensor: str, seen: Sequence[Resting]) -> dict[int
     reference = known_colours(sensor)
     if reference is not None:
         found = {}
+        # channels in yet another order may look like a mirror
+        rows = [i for i in rows if not has_other_order(seen[i].grid, reference)]
         for i in rows:
             # with red and blue swapped as well, as one recorder may get both wrong
             as_is, swapped = seen[i].grid, seen[i].grid[..., ::-1]

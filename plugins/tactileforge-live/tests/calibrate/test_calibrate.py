@@ -397,12 +397,12 @@ def test_the_command_writes_no_calibration_of_wrong_forces(
     root = tmp_path / "shards"
     root.mkdir()
     shown = [replace(press, force=press.force * np.float32(factor)) for press in presses()]
-    shards.write(root / "train-000000.tar", shown)
+    shard(root / "train-000000.tar", shown)
     out = tmp_path / "unit.yaml"
     words = ["calibrate", "data=shards", f"data.root={root}", f"out={out}", "axes=[z]"]
-    assert cli.main(words) == (0 if factor > 0 else 1)
+    assert cli.run(words) == (0 if factor > 0 else 1)
     assert out.exists() == (factor > 0)
     if factor < 0:
         assert "TF202" in capsys.readouterr().err
-        assert cli.main([*words, "checks=false"]) == 0
+        assert cli.run([*words, "checks=false"]) == 0
         assert out.exists()

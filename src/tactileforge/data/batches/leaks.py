@@ -144,7 +144,7 @@ class _Look:
 
     Attributes:
         digest: Hash of the first and last frame.
-        small: int16 (n, h, w), small grey frames in between; None if they show no touch.
+        small: int16 (n, h, w, 3), small frames in between; None if they show no touch.
     """
 
     digest: bytes
@@ -183,5 +183,6 @@ def _look(one: Recording) -> _Look | None:
 
 
 def _small(pictures: Sequence[NDArray[np.uint8]] | NDArray[np.uint8]) -> NDArray[np.int16]:
-    small = [cv2.resize(one, _SMALL, interpolation=cv2.INTER_AREA).mean(-1) for one in pictures]
+    # in colours: lights of three sides cancel in their mean, and faint imprints with them
+    small = [cv2.resize(one, _SMALL, interpolation=cv2.INTER_AREA) for one in pictures]
     return np.round(small).astype(np.int16)
