@@ -27,7 +27,7 @@ a background of another day. Each has a code. They run where data enters: all of
 every recording, those of pictures there on eight recordings, and those of running sensors in
 `record` and `live`.
 
-<!-- no-run: needs recordings -->
+<!-- no-run: needs a public set -->
 ```bash
 tactileforge data check touches             # prints findings, exits with 1 where there are some
 tactileforge data check touches 'select=[TF2]' json=true
