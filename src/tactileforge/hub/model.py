@@ -24,12 +24,14 @@ from tactileforge.hub.force_reader import ForceReader
 from tactileforge.hub.forces import ModelReadings
 from tactileforge.hub.header import Header
 from tactileforge.hub.inputs import Images, squash_images
+from tactileforge.hub.picture_checks import PictureChecks
 from tactileforge.hub.sensor_rows import Policy
 from tactileforge.hub.taps import Tap, check_tap
 from tactileforge.hub.video import Times, cut_clips, open_video
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.streaming.contact import ContactOptions, SlipOptions
 from tactileforge.sensors.streaming.touch_stream import TouchStream
+from tactileforge.util.threads import usable_after_fork
 
 if TYPE_CHECKING:
     from tactileforge.hub.classify import Classes, ClassHead
@@ -77,6 +79,7 @@ class Model(nn.Module):
     ) -> None:
         super().__init__()
         self.encoder = encoder
+        self._picture_checks = PictureChecks()
         self.header = header
         self.card = card
         self.heads = nn.ModuleDict(dict(heads or {}))
@@ -84,6 +87,8 @@ class Model(nn.Module):
         self.projected: int = encoder.projected
         if hasattr(encoder, "unknown_sensor"):
             encoder.unknown_sensor = "error"  # the policy is an argument of `encode`
+        # encoding in workers that are forked is a usual pattern, as of a DataLoader
+        usable_after_fork()
         # checked first: a move that fails would leave a part of the weights behind
         self.to(check_device(device)).eval()
 
@@ -168,6 +173,7 @@ class Model(nn.Module):
         groups: Sequence[str] | Literal["all"] | None = None,
         unknown_sensor: Policy = "error",
         batch_size: int = 32,
+        checks: bool = True,
     ) -> Tensor:
         """Encodes each clip as one vector; warns of changed light without touch.
 
@@ -186,6 +192,8 @@ class Model(nn.Module):
                 linear probe; of imported weights the projected vector of their authors.
             unknown_sensor: ``error``, or ``universal`` to take the universal tokens, and warn.
             batch_size: Clips that are computed at once.
+            checks: Whether to warn, once a background, of one that is mirrored, on its side or of
+                other colours for its sensor.
 
         Returns:
             float32 (n,), or (B, n) for a batch, on the model's device: n is ``vector_size``, or
@@ -195,6 +203,8 @@ class Model(nn.Module):
             DataError: Frames or background are not what the model takes; says both.
             ConfigError: No background, no such sensor or group, or a batch size below 1.
         """
+        if checks:
+            self._picture_checks(background, sensor)
         clips = frames, background, sensor, unknown_sensor, batch_size
         if groups is None and self.reading == "projected":
             return self._clips.tapped("projected", *clips)
@@ -332,6 +342,7 @@ class Model(nn.Module):
         sensor: str | Sequence[str] | None = None,
         *,
         calibration: Calibration | str | Path | None = None,
+        checks: bool = True,
     ) -> Tensor:
         """The force of the object on the gel in frames 2..T of each clip.
 
@@ -346,6 +357,7 @@ class Model(nn.Module):
             sensor: Name of the sensor, as in `encode`; the universal tokens do not fit forces.
             calibration: Calibration of this unit, or its file, fitted to this model (``tactileforge
                 calibrate model=...``); an axis that it leaves out stays the model's estimate.
+            checks: Whether to warn of the background, as in `encode`.
 
         Returns:
             float32 (T - 1, 3), or (B, T - 1, 3) for a batch, N; axes as in `contracts`; NaN in the
@@ -361,6 +373,8 @@ class Model(nn.Module):
                 f"{self!r} has no force head: pack a run whose objectives include force "
                 "(tactileforge zoo pack RUN)"
             )
+        if checks:
+            self._picture_checks(background, sensor)
         force = self.readings(frames, background, sensor, calibration=calibration).force
         if force is None:
             known = self.header.heads["force"].get("scale", {})

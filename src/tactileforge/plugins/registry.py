@@ -21,7 +21,7 @@ from tactileforge.plugins.distributions import how_to_get
 from tactileforge.plugins.source_options import read_docstrings, read_options
 from tactileforge.util import strict
 
-KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
+KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers", "checks")
 #: Kinds whose entry points name a module: verbs of the command line.
 MODULES = ("verbs",)
 #: Kinds without a conformance suite: publishers of ``live``, schedules of the learning rate and

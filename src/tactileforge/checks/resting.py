@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError
-from tactileforge.sensors import (
+from tactileforge.sensors.resting_colours import (
     COLOURED,
+    MIRRORED_BY,
+    TURNED,
     colour_agreement,
     colour_grid,
     has_colours,
@@ -19,9 +22,11 @@ from tactileforge.sensors import (
     is_grey,
     is_swapped,
     known_colours,
+    mirror_leads,
+    mirror_of,
     turn_of,
 )
-from tactileforge.specs import spec
+from tactileforge.specs.published import spec
 
 #: Largest number of recordings to compare a set with, and of keys named in a line.
 _COMPARED, _NAMED = 64, 8
@@ -63,12 +68,14 @@ class OddGroup:
         rows: Numbers of the recordings.
         words: Appearance of each.
         line: Line on all of them, for messages.
+        keys: Keys of a layout that put them right, with their values.
     """
 
     reason: str
     rows: tuple[int, ...]
     words: str
     line: str
+    keys: Mapping[str, Any] = field(default_factory=dict)
 
 
 def odd_pictures(seen: Sequence[Resting], has_layout: bool = True) -> Iterator[OddGroup]:
@@ -81,36 +88,97 @@ def odd_pictures(seen: Sequence[Resting], has_layout: bool = True) -> Iterator[O
     for sensor in sorted({one.sensor for one in seen}):
         # sensor by sensor: their lights differ, so only pictures of one type can be compared
         rows = [i for i, one in enumerate(seen) if one.sensor == sensor]
-        if sensor in COLOURED and (grey := [i for i in rows if is_grey(seen[i].still)]):
+        grey = [i for i in rows if is_grey(seen[i].still)]
+        if grey and (sensor in COLOURED or 2 * len(grey) < len(rows)):
             words = "grey, where the sensor is lit in colours"
             yield _odd("grey_pictures", grey, rows, seen, f"are {words}", words)
         coloured = [i for i in rows if has_colours(seen[i].grid)]
-        found = {i: _turn(seen[i], sensor) for i in coloured}
-        reference = known_colours(sensor)
-        if reference is not None:
-            standing = [i for i in rows if found.get(i) in (0, 180)]
-            yield from _upside_down(rows, standing, reference, seen)
-        turns: dict[int, int | None] = {i: turn for i, turn in found.items() if turn in (90, 270)}
-        turns |= dict.fromkeys(_on_their_side([i for i in rows if i not in turns], seen), None)
-        for turn in sorted(set(turns.values()), key=str):
-            odd = [i for i in rows if i in turns and turns[i] == turn]
-            fix = _fix(f"rotate: {turn or '90 or 270'}", "puts it upright", has_layout)
-            words = f"lying on its side ({fix})"
-            yield _odd("on_its_side", odd, rows, seen, f"look as if {words}", words)
-        other: list[int] = []
-        if reference is not None:
-            other = [i for i in coloured if has_other_order(seen[i].grid, reference)]
-        if other:
-            words = "as if their channels were neither RGB nor BGR (write them as RGB)"
-            yield _odd("colours_swapped", other, rows, seen, f"look {words}", words)
-        if reference is not None:
-            swapped = [i for i in coloured if i not in other and _is_swapped(seen[i], reference)]
-        else:  # not those on their side, whose lights are elsewhere
-            swapped = _swapped_here([i for i in coloured if i not in turns], seen)
-        if swapped:
-            fix = _fix("channels: bgr", "puts them right", has_layout)
-            words = f"as if red and blue were swapped ({fix})"
-            yield _odd("colours_swapped", swapped, rows, seen, f"look {words}", words)
+        mirrors = _mirrored(coloured, sensor, seen)
+        for axis in ("x", "y"):
+            if odd := [i for i in rows if mirrors.get(i) == axis]:
+                sides = "left and right" if axis == "x" else "top and bottom"
+                fix = _fix(f"mirror: {axis}", "puts them right", has_layout)
+                words = f"mirrored, {sides} exchanged ({fix})"
+                yield _odd("mirrored", odd, rows, seen, f"look {words}", words, {"mirror": axis})
+        coloured = [i for i in coloured if i not in mirrors]
+        upright = [i for i in rows if i not in mirrors]
+        yield from _turned(upright, coloured, sensor, seen, has_layout)
+
+
+def _turned(
+    rows: list[int], coloured: list[int], sensor: str, seen: Sequence[Resting], has_layout: bool
+) -> Iterator[OddGroup]:
+    """Turned pictures, and those with other channels, among recordings that are not mirrored."""
+    found = {i: _turn(seen[i], sensor) for i in coloured}
+    reference = known_colours(sensor)
+    if reference is not None:
+        standing = [i for i in rows if found.get(i) in (0, 180)]
+        yield from _upside_down(rows, standing, reference, seen)
+    turns: dict[int, int | None] = {i: turn for i, turn in found.items() if turn in (90, 270)}
+    turns |= dict.fromkeys(_on_their_side([i for i in rows if i not in turns], seen), None)
+    for turn in sorted(set(turns.values()), key=str):
+        odd = [i for i in rows if i in turns and turns[i] == turn]
+        fix = _fix(f"rotate: {turn or '90 or 270'}", "puts it upright", has_layout)
+        words = f"lying on its side ({fix})"
+        keys: dict[str, Any] = {"rotate": turn} if turn else {}
+        yield _odd("on_its_side", odd, rows, seen, f"look as if {words}", words, keys)
+    other: list[int] = []
+    if reference is not None:
+        other = [i for i in coloured if has_other_order(seen[i].grid, reference)]
+    if other:
+        words = "as if their channels were neither RGB nor BGR (write them as RGB)"
+        yield _odd("colours_swapped", other, rows, seen, f"look {words}", words)
+    if reference is not None:
+        swapped = [i for i in coloured if i not in other and _is_swapped(seen[i], reference)]
+    else:  # not those on their side, whose lights are elsewhere
+        swapped = _swapped_here([i for i in coloured if i not in turns], seen)
+    if swapped:
+        fix = _fix("channels: bgr", "puts them right", has_layout)
+        words = f"as if red and blue were swapped ({fix})"
+        keys = {"channels": "bgr"}
+        yield _odd("colours_swapped", swapped, rows, seen, f"look {words}", words, keys)
+
+
+def _mirrored(rows: list[int], sensor: str, seen: Sequence[Resting]) -> dict[int, str]:
+    """Axis of the mirror of each mirrored picture, by the sensor or by most other recordings."""
+    reference = known_colours(sensor)
+    if reference is not None:
+        found = {}
+        # channels in yet another order may look like a mirror
+        rows = [i for i in rows if not has_other_order(seen[i].grid, reference)]
+        for i in rows:
+            # with red and blue swapped as well, as one recorder may get both wrong
+            as_is, swapped = seen[i].grid, seen[i].grid[..., ::-1]
+            if axis := mirror_of(as_is, reference) or mirror_of(swapped, reference):
+                found[i] = axis
+        return found | _like_the_others(rows, found, seen, reference)
+    for i in rows[:_COMPARED]:
+        axes = {j: mirror_of(seen[j].grid, seen[i].grid) for j in rows}
+        odd = {j: axis for j, axis in axes.items() if axis}
+        same = [j for j in rows if colour_agreement(seen[i].grid, seen[j].grid) >= TURNED]
+        if odd and len(odd) < len(same) and 2 * (len(odd) + len(same)) > len(rows):
+            return odd
+    return {}
+
+
+def _like_the_others(
+    rows: list[int],
+    found: Mapping[int, str],
+    seen: Sequence[Resting],
+    reference: NDArray[np.float64],
+) -> dict[int, str]:
+    """Unclear pictures of a set of which all clear ones are mirrored along one axis.
+
+    The lights of some units are nearly the same in a mirror; a whole set was recorded alike.
+    """
+    axes = set(found.values())
+    if len(axes) != 1:
+        return {}
+    axis = next(iter(axes))
+    leads = {i: mirror_leads(seen[i].grid, reference) for i in rows if i not in found}
+    if any(max(lead.values()) <= -MIRRORED_BY for lead in leads.values()):
+        return {}  # some stand as they should
+    return {i: axis for i, lead in leads.items() if lead[axis] > -MIRRORED_BY}
 
 
 def _fix(key: str, effect: str, has_layout: bool) -> str:
@@ -120,13 +188,19 @@ def _fix(key: str, effect: str, has_layout: bool) -> str:
 
 
 def _odd(
-    reason: str, odd: list[int], of: list[int], seen: Sequence[Resting], what: str, words: str
+    reason: str,
+    odd: list[int],
+    of: list[int],
+    seen: Sequence[Resting],
+    what: str,
+    words: str,
+    keys: Mapping[str, Any] | None = None,
 ) -> OddGroup:
     names = [seen[i].key for i in odd]
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     listed = f"{', '.join(names[:_NAMED])}{more}"
     line = f"{seen[odd[0]].sensor}: {len(odd)} of {len(of)} {what}: {listed}"
-    return OddGroup(reason, tuple(odd), words, line)
+    return OddGroup(reason, tuple(odd), words, line, keys or {})
 
 
 def _upside_down(
@@ -144,7 +218,8 @@ def _upside_down(
             sides[fits[1] > fits[0]].append(i)
     if all(sides):
         words = "upside down beside the others (rotate: 180 in the layout turns them)"
-        yield _odd("on_its_side", min(sides, key=len), rows, seen, f"are {words}", words)
+        keys = {"rotate": 180}
+        yield _odd("on_its_side", min(sides, key=len), rows, seen, f"are {words}", words, keys)
 
 
 def _turn(one: Resting, sensor: str) -> int | None:

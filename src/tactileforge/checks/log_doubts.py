@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 from itertools import chain
 
 import numpy as np
 
+from tactileforge.checks.doors import caption_lines, copy_lines, frame_lines
+from tactileforge.checks.doubts import Doubts
 from tactileforge.contracts import Dataset, Recording
+from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.frames.cut import frame_period, is_slow
-from tactileforge.data.frames.untared import add_untared
-from tactileforge.data.labels.doubts import Doubts
 
 log = logging.getLogger(__name__)
 
@@ -38,8 +40,9 @@ def log_doubts(
     doubts = Doubts()
     for recording in chain(train, val):
         doubts.add(recording)
-    add_untared(doubts, [*train, *val])
-    for line in (*getattr(dataset, "notes", ()), *doubts.of_each()):
+    has_layout = hasattr(type(dataset), "layouts")
+    seen = frame_lines(train, val, has_layout)
+    for line in (*getattr(dataset, "notes", ()), *doubts.of_each(), *seen):
         log.warning("data: %s", line)
     span = (frames - 1) * spacing
     # stills are shown as clips on purpose
@@ -66,3 +69,22 @@ def log_doubts(
             *(usual / spacing, 1 / spacing, usual),
         )
     return doubts
+
+
+class Examination:
+    """Doubts about a set, logged before it is trained on; see `TouchData.examiner`."""
+
+    def __init__(self) -> None:
+        self._doubts = Doubts()
+
+    def look(self, data: TouchData, train: Sequence[Recording], val: Sequence[Recording]) -> None:
+        """Log doubts about recordings."""
+        self._doubts = log_doubts(data.dataset, train, val, data.spacing, data.frames)
+        mirrors = () if data.augment is None else data.augment.moved_sides
+        for line in (*copy_lines(train, val), *caption_lines([*train, *val], mirrors)):
+            log.warning("data: %s", line)
+
+    def of_labels(self, labels: AbstractSet[str]) -> None:
+        """Log doubts about the set as a whole, for labels that are learned."""
+        for line in self._doubts.of_all(labels):
+            log.warning(line)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
 
+from tactileforge.checks.doubts import Suspicion
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.small import shrink, strongest
-from tactileforge.data.labels.doubts import Doubts, Suspicion
-from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.errors import ConfigError
 from tactileforge.specs.published import spec
 
 #: Smallest offset, as a share of the scale of its axis; fainter touches may not show in pictures.
@@ -19,8 +17,6 @@ _OFFSET = 0.05
 #: Largest difference from the background of a picture without contact, grey levels: noise of real
 #: videos reaches 1.8, and the faintest touches begin at 2.5.
 NO_CONTACT = 2.0
-#: Recordings of a set that are looked at before training.
-_LOOKED = 8
 
 
 def untared(recording: Recording) -> Suspicion | None:
@@ -60,17 +56,3 @@ def untared(recording: Recording) -> Suspicion | None:
     row = min(resting, key=lambda row: float(level[row]))
     values = ", ".join(f"{axis:.2g}" for axis in np.nan_to_num(force[known[row]]))
     return Suspicion("untared_force", float(level[row]), f"({values}) N where nothing touches")
-
-
-def add_untared(doubts: Doubts, recordings: Sequence[Recording]) -> None:
-    """Look at some recordings of a set.
-
-    Args:
-        doubts: Doubts about the set, which are added to.
-        recordings: Recordings of the set.
-    """
-    able = [one for one in recordings if one.force is not None and one.no_contact is not None]
-    for place in spread_rows(len(able), _LOOKED):
-        with suppress(TactileForgeError, OSError):  # told where it is read
-            if found := untared(able[place]):
-                doubts.flag(able[place], found)

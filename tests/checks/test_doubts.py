@@ -1,15 +1,16 @@
 """Doubts about labels without pixels, once for each kind."""
 
+import re
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from tactileforge_inspect.checks import REASONS
+from tactileforge_inspect.reasons import REASONS
 
+from tactileforge.checks.doubts import FIXES, Doubts, check_labels
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.data.labels.doubts import FIXES, Doubts, check_labels
 
 
 def touch(number: int = 0, size: int = 16, count: int = 20, **fields: Any) -> Recording:
@@ -34,7 +35,9 @@ def said(*recordings: Recording) -> list[str]:
     doubts = Doubts()
     for recording in recordings:
         doubts.add(recording)
-    return [*doubts.of_each(), *doubts.of_all()]
+    lines = [*doubts.of_each(), *doubts.of_all()]
+    assert all(re.match(r"TF\d{3} ", line) for line in lines), "each with its code"
+    return [line[6:] for line in lines]
 
 
 def test_sane_recordings_raise_no_doubt() -> None:
@@ -101,7 +104,7 @@ def test_one_class_alone() -> None:
     doubts = Doubts()
     for one in same:
         doubts.add(one)
-    assert doubts.of_all({"action"}) == [actions], "of what is learnt alone"
+    assert doubts.of_all({"action"}) == [f"TF402 {actions}"], "of what is learnt alone"
 
 
 def test_pictures_without_a_shape() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactileforge.data.labels.force_runs import away, stuck
+from tactileforge.checks.force_runs import away, stuck
 
 TIMES = np.arange(600) / 30
 

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactileforge.checks.codes import CODES
+from tactileforge.checks.force_axes import ForceAxes
+from tactileforge.checks.force_runs import FRAMES, away, between, stuck
+from tactileforge.checks.names import plain_name
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.labels.align import LARGEST_GAP
-from tactileforge.data.labels.force_axes import ForceAxes
-from tactileforge.data.labels.force_runs import FRAMES, away, between, stuck
 from tactileforge.errors import ConfigError
 from tactileforge.specs.published import spec
 
@@ -51,6 +53,11 @@ FIXES = {
     "or give forces on times of their own (time:), which are interpolated",
     "tiny_pictures": "give the pictures as they were taken",
     "views_elsewhere": "give the views times on the clock of the frames",
+    "zero_force": "leave the cells empty where nothing was measured, or restore the missing part",
+    "repeated_frames": "clips show each moment several times; every: in the layout keeps one each",
+    "odd_first_frames": "the camera had not settled: name frames without contact after these",
+    "background_changed": "is it the background of another unit or day? background: {first: 3} or "
+    "{median: true} takes one from the recording",
 }
 
 
@@ -133,7 +140,7 @@ class Doubts:
         seen: dict[str, set[str]] = {"object": set(), "action": set()}
         if recording.object is not None:
             seen["object"] = {recording.object}
-            plain = " ".join(recording.object.replace("_", " ").casefold().split())
+            plain = plain_name(recording.object)
             other = self._spellings.get(plain, recording.object)
             if len(self._spellings) < _SPELLED:
                 self._spellings[plain] = other
@@ -150,8 +157,8 @@ class Doubts:
     def of_each(self) -> list[str]:
         """One line for each reason of `FIXES`, with the worst recording."""
         return [
-            f"{reason.replace('_', ' ')} in {count} of {self.total} recordings ({words}); "
-            f"{FIXES[reason]}"
+            f"{CODES[reason]} {reason.replace('_', ' ')} in {count} of {self.total} recordings "
+            f"({words}); {FIXES[reason]}"
             for reason, (_, count, words) in self._worst.items()
         ]
 
@@ -171,29 +178,33 @@ class Doubts:
             values = ", ".join(f"{axis:g}" for axis in low[known])
             what = "are all 0 N" if not low[known].any() else f"are all the same ({values} N)"
             out.append(
-                f"the forces of all {self._force_frames} frames {what}: was the sensor of force "
-                "connected, and are its columns the right ones?"
+                f"{CODES['constant_force']} the forces of all {self._force_frames} frames {what}: "
+                "was the sensor of force connected, and are its columns the right ones?"
             )
         if "force" in labels and self._force_frames >= FRAMES and 0 < self._strongest < _FAINT:
             out.append(
-                f"the largest force is {self._felt}, less than a hundredth of the scale of its "
-                "sensor: is it kN? force_unit: kN of a layout converts"
+                f"{CODES['faint_force']} the largest force is {self._felt}, less than a hundredth "
+                "of the scale of its sensor: is it kN? force_unit: kN of a layout converts"
             )
         axis = self._axes.pressing()
         if "force" in labels and axis and "axes_exchanged" not in self._worst:
             fix = FIXES["axes_exchanged"]
-            out.append(f"forces of all recordings are largest along {axis}, with one sign; {fix}")
+            code = CODES["axes_exchanged"]
+            out.append(
+                f"{code} forces of all recordings are largest along {axis}, with one sign; {fix}"
+            )
         if "object" in labels and self._alike is not None:
             one, other = self._alike
             out.append(
-                f"objects {one!r} and {other!r} differ in their spelling alone, and count as two: "
-                "spell them alike, if they are one"
+                f"{CODES['spelled_alike']} objects {one!r} and {other!r} differ in their spelling "
+                "alone, and count as two: spell them alike, if they are one"
             )
         for label, names in self._objects.items():
             if label in labels and len(names) == 1 and self._named[label] > 1:
                 out.append(
-                    f"one {label} alone ({next(iter(names))}) in {self._named[label]} recordings: "
-                    f"nothing that tells one {label} from another can be learnt"
+                    f"{CODES['one_class']} one {label} alone ({next(iter(names))}) in "
+                    f"{self._named[label]} recordings: nothing that tells one {label} from another "
+                    "can be learnt"
                 )
         return out
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactileforge.data.labels.force_axes import ForceAxes
+from tactileforge.checks.force_axes import ForceAxes
 
 RNG = np.random.default_rng(0)
 

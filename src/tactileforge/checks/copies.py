@@ -1,16 +1,42 @@
-"""Exact and near duplicates among recordings."""
+"""Exact and near copies among recordings."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tactileforge.data import ELSEWHERE, NO_CONTACT, SIMILAR
-from tactileforge_inspect.frame_stats import FrameStats
+from tactileforge.checks.untared import NO_CONTACT
+from tactileforge.data.frames.small import ELSEWHERE, SIMILAR
 
 
-def identical_groups(looks: Sequence[FrameStats]) -> list[list[int]]:
+class Pictured(Protocol):
+    """What is compared of a recording; see `sample.FrameSample`."""
+
+    @property
+    def digest(self) -> bytes:
+        """Hash of the pixels of all decoded frames."""
+        ...
+
+    @property
+    def signature(self) -> NDArray[np.int16]:
+        """Tiny frames for comparison, int16 (n, h, w, 3)."""
+        ...
+
+    @property
+    def contact(self) -> float:
+        """Difference of the strongest 1 % of the image, grey levels."""
+        ...
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of a frame, pixels."""
+        ...
+
+
+def identical_groups(looks: Sequence[Pictured]) -> list[list[int]]:
     """Groups of recordings with identical pixels in the decoded frames."""
     groups: dict[bytes, list[int]] = {}
     for i, seen in enumerate(looks):
@@ -18,7 +44,7 @@ def identical_groups(looks: Sequence[FrameStats]) -> list[list[int]]:
     return [group for group in groups.values() if len(group) > 1]
 
 
-def similar_pairs(looks: Sequence[FrameStats]) -> list[tuple[int, int, float]]:
+def similar_pairs(looks: Sequence[Pictured]) -> list[tuple[int, int, float]]:
     """Pairs of nearly identical recordings, compared at the same shares of their time.
 
     Recordings without contact look alike, and are left out.

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tactileforge_inspect.checks import check_pixels
-from tactileforge_inspect.frame_stats import frame_stats
 
+from tactileforge.checks.log_doubts import log_doubts
+from tactileforge.checks.pixels import check_pixels
+from tactileforge.checks.sample import sample_of
+from tactileforge.checks.untared import untared
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data.batches.log_doubts import log_doubts
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.data.frames.untared import untared
 
 COUNT = 30
 
@@ -39,7 +39,7 @@ def test_an_offset_is_told(offset: tuple[float, float, float]) -> None:
     values = ", ".join(f"{axis:.2g}" for axis in offset)
     assert found.words == f"({values}) N where nothing touches"
     touch = press(offset)
-    assert found in list(check_pixels(touch, frame_stats(touch))), "and so says inspect"
+    assert found in list(check_pixels(touch, sample_of(touch))), "and so says inspect"
 
 
 def test_what_is_tared_is_not_told() -> None:
@@ -60,4 +60,4 @@ def test_what_is_tared_is_not_told() -> None:
 def test_training_says_it(caplog: pytest.LogCaptureFixture) -> None:
     log_doubts(object(), [press((0, 0, 2)), press((0, 0, 3))], [press()], 0.04, 4)
     (line,) = [line for line in caplog.messages if "untared" in line]
-    assert line.startswith("data: untared force in 2 of 3 recordings (a/0: (0, 0, 3) N where")
+    assert line.startswith("data: TF205 untared force in 2 of 3 recordings (a/0: (0, 0, 3) N where")

@@ -2,14 +2,18 @@
 
 import logging
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tactileforge.checks.log_doubts import Examination
+from tactileforge.checks.made import made_touch, resting
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.data.labels.augment import Augment
 
 
 class Made:
@@ -43,6 +47,7 @@ class Made:
 def lines(caplog: pytest.LogCaptureFixture, dataset: Made, frames: int = 4) -> list[str]:
     caplog.clear()
     data = TouchData(dataset, frames, (16, 16), 4, match=0, workers=0)
+    data.examiner = Examination()
     with caplog.at_level(logging.INFO):
         data.setup()
         data.check({"force": frozenset({"force"})})
@@ -56,7 +61,7 @@ def test_sane_data_is_trained_on_in_silence(caplog: pytest.LogCaptureFixture) ->
 
 def test_units_of_force(caplog: pytest.LogCaptureFixture) -> None:
     (line,) = lines(caplog, Made(newton=800))
-    assert line.startswith("data: force out of range in 6 of 6 recordings (made/train0: 800 N")
+    assert line.startswith("data: TF201 force out of range in 6 of 6 recordings (made/train0: 800")
 
 
 def test_forces_of_zero_are_said_where_force_is_learnt(caplog: pytest.LogCaptureFixture) -> None:
@@ -87,7 +92,49 @@ def test_what_the_reader_has_noticed(caplog: pytest.LogCaptureFixture) -> None:
 
 def test_one_class_is_said_where_it_is_learnt(caplog: pytest.LogCaptureFixture) -> None:
     data = TouchData(Made(), 4, (16, 16), 4, match=0, workers=0)
+    data.examiner = Examination()
     data.setup()
     data.check({"action": frozenset({"action"})})
     (record,) = caplog.records
     assert "one action alone (" in record.getMessage()
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "told"),
+    [
+        ("the ball slides left", {}, True),
+        ("the ball slides left", {"horizontal": 0.0}, False),
+        ("the ball moves down", {"horizontal": 0.0}, True),
+        ("the ball moves down", {"vertical": 0.0}, False),
+        ("the ball slides left", {"horizontal": 0.0, "vertical": 0.0, "rotate": 180.0}, True),
+        ("the ball {action}", {}, False),
+    ],
+)
+def test_captions_of_sides_where_clips_are_mirrored(
+    text: str, options: dict[str, float], told: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Told(Made):
+        def recordings(self, split: str) -> Iterator[Recording]:
+            return (replace(one, text=text) for one in super().recordings(split))
+
+    data = TouchData(Told(), 4, (16, 16), 4, match=0, workers=0, augment=Augment(**options))
+    data.examiner = Examination()
+    data.setup()
+    lines = [line for line in caplog.messages if "TF405" in line]
+    assert bool(lines) == told
+    if told:
+        assert lines[0].startswith("data: TF405 6 of 6 captions hold words such as ")
+        assert "upright: true" in lines[0]
+
+
+def test_mirrored_pictures_and_copies_are_said(caplog: pytest.LogCaptureFixture) -> None:
+    class Odd(Made):
+        def recordings(self, split: str) -> Iterator[Recording]:
+            for seed in (0, 1) if split == "train" else (1,):
+                yield made_touch(seed, still=resting(seed)[:, ::-1], key=f"{split}/{seed}")
+
+    data = TouchData(Odd(), 4, (16, 16), 4, match=0, workers=0)
+    data.examiner = Examination()
+    data.setup()
+    assert any(line.startswith("data: TF308 mirrored in 3 of 3") for line in caplog.messages)
+    assert any("TF501 1 held-out recordings are copies" in line for line in caplog.messages)
