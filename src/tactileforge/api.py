@@ -155,7 +155,10 @@ def _build(
     found = {"facts": dict(data.train.facts), "columns": plain_sizes(data.columns)}
     config = {**plain, **found, "encoder": encoder}
     check_facts(config)
-    module = TouchModule.from_config(config, data.summary("train").labels, data.augment)
+    # a resumed run has its weights in the checkpoint: none are read or fetched
+    first = registry.without_start("encoders", encoder) if resume else encoder
+    built = {**config, "encoder": first}
+    module = TouchModule.from_config(built, data.summary("train").labels, data.augment)
     lost, coverage = SkippedRecordings(data.allowed), LabelCoverage(module)
     lost.skip(data.skipped)
     data.observers += [coverage.observe, lost.observe]
@@ -201,7 +204,11 @@ def _report(run: _Run) -> None:
     whole = run.module
     if isinstance(whole.trainer.strategy, Sharded):
         # this process has a share of the weights; all of them are in the checkpoint
-        whole = TouchModule.from_config(run.config, run.data.summary("train").labels)
+        config = {
+            **run.config,
+            "encoder": registry.without_start("encoders", run.config["encoder"]),
+        }
+        whole = TouchModule.from_config(config, run.data.summary("train").labels)
         whole.load_state_dict(read_checkpoint(run.folder)["state_dict"])
     loggers = run.trainer.loggers
     with collected_drawings(wanted=len(loggers) > 1) as drawings:

@@ -309,6 +309,7 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
         PluginError: A plugin is not installed.
     """
     check_presets(config)
+    _name_networks(config, typed)
     chosen = _chosen("objective", config)
     if not chosen:
         raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")
@@ -337,6 +338,22 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     _leave_out(config.encoder, typed)
     OmegaConf.set_struct(config, True)
     return config
+
+
+def _name_networks(config: DictConfig, typed: Sequence[str]) -> None:
+    """Takes ``encoder=timm encoder.name=X`` as the network X of the plugin timm.
+
+    The key ``name`` is the plugin's own. A class whose networks have names says in ``named_by``
+    which option gives them.
+    """
+    words = dict(word.lstrip("+").partition("=")[::2] for word in typed)
+    for group in ("encoder", "image_encoder"):
+        plugin, network = words.get(group, ""), words.get(f"{group}.name")
+        if network is None or plugin not in registry.names("encoders"):
+            continue
+        option = getattr(registry.get("encoders", plugin), "named_by", None)
+        if option is not None:
+            config[group].update({"name": plugin, option: network})
 
 
 #: Encoders whose options are set by recipes and scales.

@@ -168,6 +168,22 @@ def context(plugin: type[Any]) -> frozenset[str]:
     return CONTEXT & set(signature(plugin).parameters)
 
 
+def without_start(kind: str, config: Mapping[str, Any]) -> dict[str, Any]:
+    """A plugin's configuration without the options of its first weights.
+
+    The class names them in ``starting_options``: files of weights, or whether to fetch some. They
+    are of no use to a plugin whose weights come from a checkpoint, and a downloaded file must not
+    cause a download.
+
+    Args:
+        kind: One of `KINDS`.
+        config: ``{"name": ..., **arguments}``; one whose plugin is not installed stays as it is.
+    """
+    name = str(config.get("name"))
+    options = getattr(get(kind, name), "starting_options", ()) if name in names(kind) else ()
+    return {key: value for key, value in config.items() if key not in options}
+
+
 def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any) -> Any:
     """Builds a plugin from its configuration: ``name`` and constructor arguments.
 

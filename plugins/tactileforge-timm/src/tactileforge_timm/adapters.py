@@ -1,4 +1,4 @@
-"""LoRA by peft: a large network stays as it is, and small matrices beside its layers are trained."""
+"""LoRA by peft: a large network stays as it is, and small matrices beside its layers train."""
 
 from __future__ import annotations
 

@@ -205,9 +205,9 @@ class TimmEncoder(Backbone):
         else:
             tokens = self.layout.tokens(self.network.forward_features(pictures))
             if each is not None:
-                head, places = tokens.split([self.prefix, tokens.shape[1] - self.prefix], 1)
+                head, places = tokens[:, : self.prefix], tokens[:, self.prefix :]
                 tokens = torch.cat([head, patches_at(places[:, None], each)[:, 0]], 1)
-        return self._joined(tokens.unflatten(0, (len(patches), self.frames)))
+        return self._joined(tokens.view(len(patches), self.frames, *tokens.shape[1:]))
 
     def _of_tokens(self, pictures: Tensor, sensor: Tensor, kept: Tensor | None) -> Tensor:
         """Tokens of a transformer: hidden patches are left out, those of the sensor added."""
@@ -241,9 +241,9 @@ class TimmEncoder(Backbone):
     def pool_tokens(self, tokens: Tensor) -> Tensor:
         """The network's vector of all tokens but those of the sensor, projected: (B, projected)."""
         own = torch.cat([tokens[:, : self.layout.prefix], tokens[:, self.prefix :]], 1)
-        frames = own.unflatten(2, (self.beside, -1)).transpose(1, 2).flatten(0, 1)
+        frames = own.reshape(*own.shape[:2], self.beside, -1).transpose(1, 2).flatten(0, 1)
         vector = self.layout.vector(self.network, frames)
-        out: Tensor = self.linear(vector.unflatten(0, (-1, self.beside)).flatten(1))
+        out: Tensor = self.linear(vector.reshape(len(tokens), -1))
         return out
 
     def state_for(self, after: TimmEncoder) -> dict[str, Tensor]:

@@ -38,7 +38,7 @@ class Layout:
         self.head_width = int(getattr(network, "head_hidden_size", self.width))
         self.prefix = int(getattr(network, "num_prefix_tokens", 0))
         self.kind: Literal["sequence", "first", "last"] = "first"
-        if hasattr(network, "num_prefix_tokens") or hasattr(network, "stem") and _mixes(network):
+        if hasattr(network, "num_prefix_tokens") or type(network).__name__ == "MlpMixer":
             self.kind = "sequence"
         elif str(getattr(network, "output_fmt", "")).endswith("NHWC"):
             self.kind = "last"
@@ -104,13 +104,8 @@ class PlaceHeads(nn.Module):
 
     def forward(self, tokens: Tensor) -> Tensor:
         """Projects tokens (B, L, C) to (B, L, head_width)."""
-        places = tokens.flatten(0, 1).unsqueeze(1)
-        return self._layout.vector(self._network[0], places).unflatten(0, tokens.shape[:2])
-
-
-def _mixes(network: nn.Module) -> bool:
-    """Whether a network mixes tokens without attention, as MLP-Mixer does."""
-    return type(network).__name__ == "MlpMixer"
+        found = self._layout.vector(self._network[0], tokens.flatten(0, 1).unsqueeze(1))
+        return found.view(*tokens.shape[:2], -1)
 
 
 def _stride(network: Any, model: str) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
@@ -141,10 +142,11 @@ def load_weights(network: Any, path: Path) -> None:
     own = network.state_dict()
     # a classifier of the file has no place here
     given = {key: x for key, x in state.items() if key in own or not _is_classifier(network, key)}
+    shared = own.keys() & given.keys()
     wrong = {
         "missing": own.keys() - given.keys(),
         "unexpected": given.keys() - own.keys(),
-        "of another shape": {k for k in own.keys() & given.keys() if own[k].shape != given[k].shape},
+        "of another shape": {key for key in shared if own[key].shape != given[key].shape},
     }
     if any(wrong.values()):
         lines = [
@@ -199,7 +201,9 @@ def read_weights(path: Path) -> dict[str, Tensor]:
         if start[8:9] == b"{":
             found: Any = load_file(path)
         else:
-            found = torch.load(path, map_location="cpu", weights_only=True)
+            with warnings.catch_warnings():  # of pickles that no torch wrote: refused below
+                warnings.simplefilter("ignore")
+                found = torch.load(path, map_location="cpu", weights_only=True)
     except pickle.UnpicklingError as error:
         raise DataError(
             f"{path}: holds more than weights, and is not read; save its state_dict as safetensors"

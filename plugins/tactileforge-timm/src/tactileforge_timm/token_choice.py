@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any
 
 import torch
@@ -59,11 +60,11 @@ def choose_tokens(network: Any, prefix: int, extra: int) -> TokenChoice:
         prefix: Its tokens before the patches.
         extra: Number of tokens that will be added.
     """
-    tells_kept = not hasattr(network, "pos_drop") or type(network).__name__ == "Eva"
-    network.patch_drop = TokenChoice(prefix, tells_kept)
+    tells_kept = isinstance(network, import_module("timm.models").Eva)
+    network.patch_drop = choice = TokenChoice(prefix, tells_kept)
     if tells_kept:
         for part in network.blocks.modules():
             # tokens before the patches have no place, and are not turned
             if hasattr(part, "num_prefix_tokens"):
                 part.num_prefix_tokens += extra
-    return network.patch_drop
+    return choice

@@ -73,8 +73,8 @@ class TimmTower(nn.Module):
 
     def maps(self, images: Tensor) -> list[Tensor]:
         """The last map of images (B, 3, h, w) from 0 to 255: one (B, C, rows, columns)."""
-        places = self._tokens(images)[:, self.layout.prefix :]
-        return [places.mT.unflatten(2, self.layout.grid)]
+        places = self._tokens(images)[:, self.layout.prefix :].mT
+        return [places.reshape(*places.shape[:2], *self.layout.grid)]
 
     def _tokens(self, images: Tensor) -> Tensor:
         # a graph through frozen weights would only take memory

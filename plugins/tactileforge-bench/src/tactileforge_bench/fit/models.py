@@ -17,6 +17,7 @@ from tactileforge.plugin import ConfigError, home_path, unknown
 from tactileforge.plugins import registry
 from tactileforge.runs.folder import read_config
 from tactileforge.util.files import sha256
+from tactileforge.util.licences import NO_LICENCE
 from tactileforge_bench.fit.baselines import BASELINES
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
 
@@ -54,7 +55,8 @@ def model_entry(
     """Resolves a model by its word.
 
     Args:
-        word: A name of the zoo, ``file:PATH``, ``run:FOLDER``, ``untrained:WORD`` (new random
+        word: A name of the zoo, ``file:PATH``, ``run:FOLDER``, ``timm:NAME`` or another encoder
+            plugin and the name of its network (see `named_network`), ``untrained:WORD`` (new random
             weights in the shape of another model, or of a recipe), or one of
             `baselines.BASELINES`.
         composed: Overrides with which a recipe is composed for ``untrained:RECIPE``.
@@ -102,9 +104,17 @@ def model_entry(
         path = home_path(word.removeprefix("file:"))
         read_header(path)
         return ModelEntry(name=word, title=path.stem, open=[lambda: _of_file(word, path, device)])
+    if network := named_network(word):
+        with torch.device("meta"):  # a wrong name is an error now, weights are read later
+            registry.build("encoders", network)
+        return ModelEntry(
+            name=word,
+            title=word.partition(":")[2],
+            open=[lambda: FrozenEncoder(word, *built_network(network), device=device)],
+        )
     if word.partition(".")[0] not in cards.card_names() and "/" not in word:
         known = [*BASELINES, *(name for name, _, row in cards.list_cards() if row)]
-        fix = "Also file:PATH, run:FOLDER, and untrained: before one of these or of a recipe"
+        fix = "Also file:PATH, run:FOLDER, timm:NETWORK, and untrained: before one of these or of a recipe"
         raise ConfigError(unknown("model", word, known, fix))
     card, weight = cards.find_card(word)
     return ModelEntry(
@@ -115,10 +125,41 @@ def model_entry(
     )
 
 
+def named_network(word: str) -> dict[str, Any] | None:
+    """Configuration of a network of an encoder plugin, ``timm:resnet18``; None for another word.
+
+    Its weights are those that the plugin has for the name; ``timm:resnet18:FILE`` reads them from a
+    file.
+    """
+    plugin, _, rest = word.partition(":")
+    if not rest or plugin not in registry.names("encoders"):
+        return None
+    option = getattr(registry.get("encoders", plugin), "named_by", None)
+    if option is None:
+        return None
+    network, _, path = rest.partition(":")
+    start: dict[str, Any] = {"path": path} if path else {"pretrained": True}
+    return {"name": plugin, option: network, **start}
+
+
+def built_network(node: Mapping[str, Any]) -> tuple[Any, Header]:
+    """A network of `named_network` with its weights, and a header for it."""
+    encoder = registry.build("encoders", node)
+    header = files.make_header(
+        encoder,
+        node,
+        licence=NO_LICENCE,
+        spacing=getattr(encoder, "spacing", 0.0) if encoder.frames > 1 else 0.0,
+    )
+    return encoder.requires_grad_(False).eval(), header
+
+
 def _check_shape(of: str, composed: Sequence[str]) -> None:
     """Check the word behind ``untrained:``: of a model, or of a recipe."""
     if of.startswith(("run:", "file:")):
         model_entry(of)
+    elif named_network(of):
+        return
     elif "." in of:
         cards.find_card(of)
     else:
@@ -162,6 +203,8 @@ def header_of(word: str, composed: Sequence[str] = ()) -> Header:
     """Header of a model; for a recipe without weights, of the encoder that it would train."""
     if word.startswith(("run:", "file:")):
         return model_entry(word).open[0]().header
+    if node := named_network(word):
+        return built_network(registry.without_start("encoders", node))[1]
     name, _, tag = word.partition(".")
     if tag and store.is_available(*cards.find_card(word)):
         return model_entry(word).open[0]().header
