@@ -10,12 +10,12 @@ import torch
 from omegaconf import OmegaConf
 from torch import Tensor, nn
 
-from tactileforge.cli.compose import compose
+from tactileforge import compose
 from tactileforge.contracts import Batch
+from tactileforge.encoders import VIT_SIZES
 from tactileforge.encoders.compiled import compile_blocks
-from tactileforge.encoders.transformer import SIZES
 from tactileforge.testing import batch as make_batch
-from tactileforge.training.module import TouchModule
+from tactileforge.training import TouchModule
 
 #: Decoder of each of our two heads: width, heads.
 DECODER = (512, 8)
@@ -98,7 +98,7 @@ def _ours(case: Case) -> Subject:
 def _videomae(case: Case) -> Subject:
     from transformers import VideoMAEConfig, VideoMAEForPreTraining
 
-    width, depth, heads = SIZES[case.size]
+    width, depth, heads = VIT_SIZES[case.size]
     decoder, decoder_heads = DECODER
     module = VideoMAEForPreTraining(
         VideoMAEConfig(
@@ -151,7 +151,7 @@ def step_flops(case: Case) -> int:
     """
     if case.subject == "all five":
         return 0
-    width, depth, _ = SIZES[case.size]
+    width, depth, _ = VIT_SIZES[case.size]
     decoder, layers = DECODER[0], case.layers
     count, slots = (case.image // PATCH) ** 2, case.frames // TUBE
     pixels = 3 * TUBE * PATCH**2

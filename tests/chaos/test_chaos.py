@@ -65,7 +65,12 @@ from tactileforge.runs.checkpoint_file import RESUMED, read_checkpoint, read_own
 from tactileforge.runs.folder import LAST
 from tactileforge.sensors import capture as capture_module
 from tactileforge.sensors.background import Background
-from tactileforge.sensors.calibration.file import Axis, Calibration, ForceModel, load_calibration
+from tactileforge.sensors.calibration.file import (
+    Calibration,
+    ForceAxis,
+    ForceModel,
+    load_calibration,
+)
 from tactileforge.sensors.capture import Capture
 from tactileforge.sensors.frame_contract import bad_values
 from tactileforge.sensors.opening import within
@@ -118,7 +123,7 @@ def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def content(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.glob("*.tar"))} | {
-        "index": (folder / index.NAME).read_bytes()
+        "index": (folder / index.INDEX_FILE).read_bytes()
     }
 
 
@@ -141,11 +146,11 @@ def written(folder: Path, packed: Path) -> dict[str, tuple[Path, Callable[[Path]
     checkpoints.AtomicCheckpointIO("a").save_checkpoint(state, folder / LAST)
     run_folder.write_config(folder, {"optim": {"lr": 1e-3}, "data": {"root": "x"}, "seed": 0})
     first = min(packed.glob("*.tar"))
-    for path in (first, packed / index.NAME):
+    for path in (first, packed / index.INDEX_FILE):
         (folder / path.name).write_bytes(path.read_bytes())
     entry = next(
         e
-        for rows in index.parse_index((packed / index.NAME).read_bytes(), "x").splits.values()
+        for rows in index.parse_index((packed / index.INDEX_FILE).read_bytes(), "x").splits.values()
         for e in rows
         if e.file == first.name
     )
@@ -159,7 +164,10 @@ def written(folder: Path, packed: Path) -> dict[str, tuple[Path, Callable[[Path]
         "config.yaml": (folder / "config.yaml", lambda path: run_folder.read_config(path.parent)),
         "model": (_model(folder), lambda path: open_encoder(path)[1]),
         "calibration": (_calibration(folder), load_calibration),
-        "index.json": (folder / index.NAME, lambda path: index.parse_index(path.read_bytes(), "x")),
+        "index.json": (
+            folder / index.INDEX_FILE,
+            lambda path: index.parse_index(path.read_bytes(), "x"),
+        ),
         "shard, with its index": (
             folder / first.name,
             lambda path: ShardFolder(str(path.parent), path).get(
@@ -179,7 +187,7 @@ def _model(folder: Path) -> Path:
 
 
 def _calibration(folder: Path) -> Path:
-    axis = Axis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    axis = ForceAxis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])
     path = folder / "digit.yaml"
     Calibration(sensor="digit", force=ForceModel("pictures", 0.0, {"z": axis})).save(path)
     return path
@@ -317,9 +325,9 @@ def test_signals_to_the_group_of_a_run(number: signal.Signals, tmp_path: Path) -
 
 def test_leftovers_of_killed_writers(tmp_path: Path, packed: Path) -> None:
     """Killed between the writing of its part and the renaming; the next write takes it away."""
-    axis = Axis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    axis = ForceAxis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])
     calibration = Calibration(sensor="digit", force=ForceModel("pictures", 0.0, {"z": axis}))
-    rows = index.parse_index((packed / index.NAME).read_bytes(), "x").splits
+    rows = index.parse_index((packed / index.INDEX_FILE).read_bytes(), "x").splits
     state = {"state_dict": {"w": torch.zeros(9)}}
     one = demonstrated.packed(next(iter(Shards(str(packed)).recordings("train"))))
     writers: dict[str, Callable[[Path], object]] = {
@@ -381,7 +389,7 @@ def test_kills_while_touch_is_recorded(tmp_path: Path) -> None:
         sensors = {"left": RECORDABLE.Numbered(1)}
         killed(partial(record, given, sensors, say=lambda _: None), float(rng.uniform(0.8, 1.6)))
         data = Shards(str(out))
-        if (out / index.NAME).exists():
+        if (out / index.INDEX_FILE).exists():
             kept += sum(
                 len(one.frames.read(range(len(one.frames)))) for one in data.recordings("train")
             )
@@ -448,7 +456,7 @@ def parsers(folder: Path, packed: Path) -> dict[str, tuple[bytes, Callable[[Path
         "shard": (tar, lambda path: list(shards.read_shard(path))),
         "raw values": (tar, read_raw),
         "index": (
-            (packed / index.NAME).read_bytes(),
+            (packed / index.INDEX_FILE).read_bytes(),
             lambda p: index.parse_index(p.read_bytes(), "x"),
         ),
         "checkpoint": (whole.getvalue(), read_checkpoint),
@@ -557,7 +565,7 @@ def test_numbers_that_are_not_finite(tmp_path: Path) -> None:
 
 def _calibrated(folder: Path, value: float) -> None:
     path = folder / "odd.yaml"
-    axis = Axis(value, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    axis = ForceAxis(value, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])
     Calibration(sensor="digit", force=ForceModel("pictures", 0.0, {"z": axis})).save(path)
     load_calibration(path)
 

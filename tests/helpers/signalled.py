@@ -7,7 +7,7 @@ import sys
 import time
 from multiprocessing.synchronize import Event
 
-from tactileforge.util.signals import held, leave_to_parent
+from tactileforge.util.signals import leave_to_parent, signals_held
 
 
 def read(number: signal.Signals, ready: Event) -> None:
@@ -23,7 +23,7 @@ def main(method: str, number: str) -> None:
     context = multiprocessing.get_context(method)
     ready = context.Event()
     args = signal.Signals(int(number)), ready
-    with held():
+    with signals_held():
         worker = context.Process(target=read, args=args, daemon=True)
         worker.start()
     ready.wait()

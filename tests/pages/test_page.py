@@ -67,7 +67,7 @@ def test_text_is_escaped_in_every_piece(made: Markup) -> None:
 
 def test_a_page_escapes_its_titles_and_keeps_its_markup() -> None:
     sections = [page.Section("first", HOSTILE, page.paragraph("in <markup>"))]
-    text = page.page(HOSTILE, page.facts({"key": "value"}), sections)
+    text = page.html_page(HOSTILE, page.facts({"key": "value"}), sections)
     assert text.count("&lt;img src=x onerror=") == 4  # title, heading, contents, section
     assert "<img" not in text
     assert "<p>in &lt;markup&gt;</p>" in text
@@ -96,7 +96,7 @@ def test_an_image_is_the_same_from_bytes_and_from_a_tensor() -> None:
 
 def test_a_difference_lies_around_mid_grey_and_is_clipped() -> None:
     change = np.array([[[0.0, 1.0, -1.0], [0.3, 100.0, -100.0]]])
-    assert images.difference(change, 4.0).tolist() == [[[128, 132, 124], [129, 255, 0]]]
+    assert images.amplified_difference(change, 4.0).tolist() == [[[128, 132, 124], [129, 255, 0]]]
 
 
 @pytest.mark.slow

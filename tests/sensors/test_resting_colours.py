@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactileforge.sensors.resting_colours import (
-    agreement,
+    colour_agreement,
     colour_grid,
     has_colours,
     is_grey,
@@ -56,5 +56,5 @@ def test_a_picture_that_tells_nothing_is_neither() -> None:
     assert not is_grey(lit("digit", 0))
     assert has_colours(colour_grid(lit("digit", 0)))
     assert not has_colours(colour_grid(grey))
-    assert agreement(known, known) == pytest.approx(1)
+    assert colour_agreement(known, known) == pytest.approx(1)
     assert known_colours("gelslim") is None

@@ -5,7 +5,7 @@ from tactileforge_datasets.official_splits import (
     TOUCHD_PRETRAIN,
 )
 
-from tactileforge.reading.official import ALL, OfficialSplit
+from tactileforge.reading.official import ALL_FOR_TRAINING, OfficialSplit
 
 
 def test_sides() -> None:
@@ -20,7 +20,7 @@ def test_sides() -> None:
     assert rest.side({}) == "train"
     some = OfficialSplit("b", "", "object", train=frozenset({"mug"}))
     assert [some.side({"object": name}) for name in ("mug", "cup")] == ["train", None]
-    assert ALL.side({"object": "cup"}) == "train"
+    assert ALL_FOR_TRAINING.side({"object": "cup"}) == "train"
 
 
 def test_no_value_is_on_two_sides() -> None:

@@ -12,8 +12,7 @@ from safetensors.torch import save_file
 from tactileforge_bench.fit.models import model_entry
 
 import tactileforge
-from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge import compose, train
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.hub import pack
 from tactileforge.runs.checkpoint_file import read_checkpoint

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.cli import _options, _verbs
-from tactileforge.cli._command import Command
+from tactileforge.cli.command import Command
 from tactileforge.errors import ConfigError, PluginError, SensorError, check_names, command, unknown
 from tactileforge.plugins import registry
-from tactileforge.util.files import new_part, write_text, writing
+from tactileforge.util.files import disk_errors_named, new_part, write_text
 
 #: Kinds of plugins as they are typed, in the singular.
 _KINDS = [kind.removesuffix("s") for kind in (*registry.KINDS, *registry.MODULES)]
@@ -228,7 +228,7 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
     longest_first = sorted(words, key=len, reverse=True)
     pattern = re.compile("|".join(map(re.escape, longest_first)))
     source = files("tactileforge.example") / "tactileforge-example"
-    with writing(folder), new_part(folder) as part:
+    with disk_errors_named(folder), new_part(folder) as part:
         for path in _paths(kind):
             text = _sections_of(kind, source.joinpath(path).read_text("utf-8"))
             target = part / pattern.sub(lambda match: words[match[0]], path)

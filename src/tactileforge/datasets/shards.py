@@ -76,7 +76,7 @@ class Shards(Drawn):
             return None
         loose = [*sorted(root.glob("train-*.tar")), *sorted(root.glob("val-*.tar"))]
         try:
-            index.parse_index((root / index.NAME).read_bytes(), str(root))
+            index.parse_index((root / index.INDEX_FILE).read_bytes(), str(root))
         except (OSError, DataError):
             if not loose or is_foreign(loose[0]):
                 return None
@@ -97,15 +97,17 @@ class Shards(Drawn):
                 another program.
         """
         folder = self.folder
-        if folder.remote or (folder.path / index.NAME).exists():
-            return index.parse_index(folder.text(index.NAME), f"{self.root}/{index.NAME}")
+        if folder.remote or (folder.path / index.INDEX_FILE).exists():
+            return index.parse_index(
+                folder.text(index.INDEX_FILE), f"{self.root}/{index.INDEX_FILE}"
+            )
         if not any(folder.path.glob("train-*.tar")):
             for path in sorted(folder.path.glob("*.tar"))[:1]:
                 check_foreign(path)
             pack = command("data", "pack", "data=NAME", f"out={self.root}")
             raise DataNotFoundError(
-                f"{folder.path}: neither {index.NAME} nor train-*.tar here; set data.root to a "
-                f"folder of shards, or make one: {pack}"
+                f"{folder.path}: neither {index.INDEX_FILE} nor train-*.tar here; set data.root to "
+                f"a folder of shards, or make one: {pack}"
             )
         return None
 

@@ -16,7 +16,7 @@ from tactileforge.errors import ConfigError, check_names
 
 Group = Literal["summary", "photographs", "difference", "statistics"]
 #: Names of all groups, in the order of their concatenation.
-GROUPS: tuple[str, ...] = get_args(Group)
+FEATURE_GROUPS: tuple[str, ...] = get_args(Group)
 #: Rows and columns of the cells averaged by `low_pass_difference`.
 LOW_PASS = 8
 #: Rows and columns of resized images for `picture_statistics`.

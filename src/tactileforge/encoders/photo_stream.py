@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from tactileforge.contracts import NEUTRAL_BACKGROUND
 from tactileforge.encoders.backbone import patches_at
 from tactileforge.encoders.efficientnet_lite import Lite0, on_grid, usual_deviation
-from tactileforge.encoders.preprocess import GAIN, Preprocess
+from tactileforge.encoders.preprocess import DIFFERENCE_GAIN, Preprocess
 from tactileforge.errors import ConfigError
 
 
@@ -92,7 +92,9 @@ class PhotoStream(nn.Module):
         cells = (len(patches), slots, rows, columns, 3, self.patch, self.patch)
         tubes = patches.view(*patches.shape[:3], 3, self.tube, self.patch, self.patch)
         # back to grey levels: the network has a normalisation of its own
-        x = GAIN * (tubes[:, :, :, :, -1] * self.pixels.std + self.pixels.mean - self.grey)
+        x = DIFFERENCE_GAIN * (
+            tubes[:, :, :, :, -1] * self.pixels.std + self.pixels.mean - self.grey
+        )
         if kept is not None:
             shown = x.new_zeros(len(x), rows * columns).scatter(1, kept, 1.0)
             x = x * shown[:, None, :, None, None, None]

@@ -46,7 +46,7 @@ AS_THEY_ARE: dict[str, Any] = {
 }
 
 #: Amplification of differences for a model of photographs.
-GAIN = 1.5
+DIFFERENCE_GAIN = 1.5
 
 FITS = ("squash", "cover", "portrait", "pad", "letterbox")
 FILTERS = ("bilinear", "bicubic")
@@ -198,7 +198,9 @@ def _centre(x: Tensor, height: int, width: int) -> Tensor:
     return x[..., top : top + height, left : left + width]
 
 
-def difference_picture(frame: Tensor, background: Tensor, gain: float | Tensor = GAIN) -> Tensor:
+def difference_picture(
+    frame: Tensor, background: Tensor, gain: float | Tensor = DIFFERENCE_GAIN
+) -> Tensor:
     """Change from the background, as a picture for a model of photographs.
 
     Args:

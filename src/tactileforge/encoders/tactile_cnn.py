@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from tactileforge.encoders.convolutional import ConvBackbone
 from tactileforge.encoders.efficientnet_lite import Lite0, on_grid, usual_deviation
-from tactileforge.encoders.preprocess import GAIN
+from tactileforge.encoders.preprocess import DIFFERENCE_GAIN
 from tactileforge.errors import ConfigError
 
 #: The change from the background, around 0, amplified as for the network of photographs.
@@ -18,7 +18,7 @@ DIFFERENCE: dict[str, Any] = {
     "fit": "squash",
     "filter": "bilinear",
     "mean": (130 / 255,) * 3,
-    "std": (1 / GAIN,) * 3,
+    "std": (1 / DIFFERENCE_GAIN,) * 3,
 }
 
 

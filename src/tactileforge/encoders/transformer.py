@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 #: Width, depth and heads of each size: ViT's and DeiT's, but tiny has half of DeiT's 12 blocks.
-SIZES = {
+VIT_SIZES = {
     "tiny": (192, 6, 3),
     "small": (384, 12, 6),
     "base": (768, 12, 12),
@@ -222,6 +222,6 @@ def size_preset(size: str) -> tuple[int, int, int]:
     Raises:
         ValueError: The size is unknown; the message lists the known ones.
     """
-    if size not in SIZES:
-        raise ValueError(f"unknown size {size!r}: choose one of {', '.join(SIZES)}")
-    return SIZES[size]
+    if size not in VIT_SIZES:
+        raise ValueError(f"unknown size {size!r}: choose one of {', '.join(VIT_SIZES)}")
+    return VIT_SIZES[size]

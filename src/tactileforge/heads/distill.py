@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from tactileforge.contracts import Batch, Encoder, TrainingClips, Views
-from tactileforge.encoders.preprocess import GAIN, difference_picture
+from tactileforge.encoders.preprocess import DIFFERENCE_GAIN, difference_picture
 
 #: Number of clips for the statistics of the teacher's features before training, and per batch.
 _MEASURED, _AT_ONCE = 256, 32
@@ -55,7 +55,7 @@ class DistillHead(nn.Module):
     mean: Tensor
     deviation: Tensor
 
-    def __init__(self, encoder: Encoder, teacher: nn.Module, gain: float = GAIN) -> None:
+    def __init__(self, encoder: Encoder, teacher: nn.Module, gain: float = DIFFERENCE_GAIN) -> None:
         super().__init__()
         self.teacher: Any = teacher.requires_grad_(False)
         self.gain = gain

@@ -21,7 +21,7 @@ from tactileforge.util.files import new_part
 from tactileforge.util.untrusted import load_json
 
 #: Version of the file, and the key of its metadata.
-FORMAT = 2
+CLASS_FORMAT = 2
 _KEY = "tactileforge_classes"
 #: Most classes, and most numbers of a vector, that a file may have.
 _MOST_CLASSES, _WIDEST = 10_000, 65_536
@@ -131,8 +131,8 @@ def _facts(text: str | None) -> ClassFacts:
     if text is None:
         raise ConfigError("it does not name classes")
     facts = strict.build(ClassFacts, "the head", strict.mapping("the head", load_json(text)))
-    if facts.format != FORMAT:
-        raise ConfigError(f"format {facts.format}; this tactileforge reads {FORMAT}")
+    if facts.format != CLASS_FORMAT:
+        raise ConfigError(f"format {facts.format}; this tactileforge reads {CLASS_FORMAT}")
     if not 2 <= len(facts.names) <= _MOST_CLASSES:
         raise ConfigError(f"{len(facts.names)} classes")
     return facts

@@ -17,7 +17,7 @@ from tactileforge.hub.file_checks import build, check_nodes, check_plugin, tower
 from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 from tactileforge.plugins import registry
-from tactileforge.util.files import new_part, sync, writing
+from tactileforge.util.files import disk_errors_named, new_part, sync
 
 DTYPES = {"float32": torch.float32, "float16": torch.float16}
 
@@ -114,7 +114,7 @@ def save_checkpoint(
         state[name] = kept.clone(memory_format=torch.contiguous_format)
     path = Path(path)
     metadata = replace(header, dtype=dtype).metadata(has_place=True)
-    with writing(path), new_part(path) as part:
+    with disk_errors_named(path), new_part(path) as part:
         part.touch()
         mode = part.stat().st_mode  # what the umask gives; safetensors makes files of its own
         save_file(state, part, metadata=metadata)

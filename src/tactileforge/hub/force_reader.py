@@ -13,7 +13,7 @@ from tactileforge.hub.clip_encoder import ClipEncoder
 from tactileforge.hub.inputs import ClipInputs
 
 if TYPE_CHECKING:
-    from tactileforge.sensors.calibration.file import Axis
+    from tactileforge.sensors.calibration.file import ForceAxis
 
 
 class ForceReader:
@@ -37,7 +37,7 @@ class ForceReader:
         clips: ClipInputs,
         rows: Tensor,
         scale: Tensor,
-        axes: Mapping[str, Axis] | None,
+        axes: Mapping[str, ForceAxis] | None,
         compare_light: bool,
     ) -> tuple[Tensor, Tensor]:
         """Vectors and forces of clips, from one pass of the encoder.

@@ -20,7 +20,7 @@ from tactileforge.hub.inputs import ClipInputs, uses_background
 from tactileforge.sensors.light import changed_light
 
 if TYPE_CHECKING:
-    from tactileforge.sensors.calibration.file import Axis, Calibration
+    from tactileforge.sensors.calibration.file import Calibration, ForceAxis
 
 #: Why a frame gets no estimate, and what helps.
 LIGHT = "the light has changed since the background was taken"
@@ -52,7 +52,9 @@ def opened_calibration(given: Calibration | str | Path | None) -> Calibration | 
     return given
 
 
-def fitted_axes(calibration: Calibration, names: Sequence[str], model: str) -> Mapping[str, Axis]:
+def fitted_axes(
+    calibration: Calibration, names: Sequence[str], model: str
+) -> Mapping[str, ForceAxis]:
     """The fits of a calibration, if it was made for a model; see `Model.axes_of`.
 
     Args:
@@ -213,11 +215,11 @@ def picture_columns(clips: Tensor, backgrounds: Tensor, like: Tensor) -> dict[st
     return {name: column.view(-1, count).to(like.device) for name, column in columns.items()}
 
 
-def reads_pictures(axes: Mapping[str, Axis]) -> bool:
+def reads_pictures(axes: Mapping[str, ForceAxis]) -> bool:
     """Whether some axis is fitted to inputs from pictures, see `picture_columns`."""
-    from tactileforge.sensors.calibration.pictures import PICTURES
+    from tactileforge.sensors.calibration.pictures import PICTURE_FEATURES
 
-    return any(name in PICTURES for axis in axes.values() for name in axis.weights)
+    return any(name in PICTURE_FEATURES for axis in axes.values() for name in axis.weights)
 
 
 def fingerprint(parts: Iterable[nn.Module]) -> str:
@@ -230,7 +232,9 @@ def fingerprint(parts: Iterable[nn.Module]) -> str:
     return digest.hexdigest()[:16]
 
 
-def to_newton(readings: Mapping[str, Tensor], axes: Mapping[str, Axis] | None = None) -> Tensor:
+def to_newton(
+    readings: Mapping[str, Tensor], axes: Mapping[str, ForceAxis] | None = None
+) -> Tensor:
     """Forces (B, T - 1, 3), N; an axis without a calibration keeps the head's output.
 
     Args:

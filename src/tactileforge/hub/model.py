@@ -34,7 +34,7 @@ from tactileforge.sensors.streaming.touch_stream import TouchStream
 if TYPE_CHECKING:
     from tactileforge.hub.classify import Classes, ClassHead
     from tactileforge.hub.words import TextEncoder, WordMatches
-    from tactileforge.sensors.calibration.file import Axis, Calibration
+    from tactileforge.sensors.calibration.file import Calibration, ForceAxis
 
 
 class Model(nn.Module):
@@ -626,7 +626,7 @@ class Model(nn.Module):
             forces.warn_of_missing("force_inputs", inputs["z"].isnan(), forces.LIGHT)
         return inputs
 
-    def axes_of(self, calibration: Calibration, names: Sequence[str]) -> Mapping[str, Axis]:
+    def axes_of(self, calibration: Calibration, names: Sequence[str]) -> Mapping[str, ForceAxis]:
         """The fits of a calibration, if it was made for this model.
 
         Args:

@@ -19,7 +19,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, full
 from tactileforge.hub import cards
 from tactileforge.hub.cards import Card, Weight
 from tactileforge.util import downloads, strict
-from tactileforge.util.files import cache_folder, new_part, sha256, writing
+from tactileforge.util.files import cache_folder, disk_errors_named, new_part, sha256
 from tactileforge.util.untrusted import load_json
 
 #: Seconds for which an import stays after another took its place.
@@ -132,7 +132,7 @@ def keep_import(card: Card, weight: Weight, part: Path, source: str, source_sha2
         source=source,
         source_sha256=source_sha256,
     )
-    with writing(target):
+    with disk_errors_named(target):
         part.replace(target)
         # after the file: a record never names one that is not there
         with new_part(_record(card, weight)) as record:
@@ -185,7 +185,7 @@ def _download(card: Card, weight: Weight, target: Path) -> None:
     name = f"{card.name}.{weight.tag}"
     other = f"what {weight.url} serves is not what the card names; nothing was kept"
     url, headers = _address(name, weight.url)
-    with writing(target), new_part(target) as part:
+    with disk_errors_named(target), new_part(target) as part:
         try:
             _fetch(name, url, headers, weight.bytes, part)
         except downloads.TooMuch as error:

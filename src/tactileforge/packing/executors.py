@@ -21,7 +21,7 @@ import cv2
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.packing.work import ShardJob, ShardNote, make_shard, packed_job, run_packed
 from tactileforge.util.processes import process_count
-from tactileforge.util.signals import held, leave_to_parent
+from tactileforge.util.signals import leave_to_parent, signals_held
 
 #: Callback with the number of a job and the number of its finished frames.
 Tick: TypeAlias = Callable[[int, int], None]
@@ -79,7 +79,7 @@ def _local(jobs: Sequence[ShardJob], count: int, tick: Tick) -> Made:
                 content = packed_job(waiting[0])
                 worker, job = idle.pop(), waiting.popleft()
                 # the first job of a pool starts its process, and a signal meanwhile would end it
-                with held():
+                with signals_held():
                     busy[worker.submit(_work, content)] = worker, job
             for future in wait(busy, _LOOK, FIRST_COMPLETED).done:
                 worker, job = busy.pop(future)

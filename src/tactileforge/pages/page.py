@@ -30,7 +30,7 @@ class Section:
     body: Markup
 
 
-def page(title: str, top: Markup, sections: Sequence[Section]) -> str:
+def html_page(title: str, top: Markup, sections: Sequence[Section]) -> str:
     """The whole page.
 
     Args:

@@ -29,7 +29,7 @@ _MOST_FILES = 50_000
 #: that between images in another order. Takes of a sensor have .1 to .4, still touches about 1.
 _COMPARED, _SMOOTH = 24, 0.6
 #: Frames per second where nothing tells them: the usual rate of the cameras in such sensors.
-FPS = 30
+ASSUMED_FPS = 30
 #: Smallest share of files or names in a table, for the table to be about them.
 _ABOUT = 0.8
 _BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
@@ -107,8 +107,8 @@ def _frames(root: Path, media: Sequence[Path], doubts: list[str]) -> dict[str, A
     layout: dict[str, Any] = {"images": pattern, "each": "sequence"}
     if name_times([path.stem for path in largest], None).times is not None:
         return layout | {"times": "names"}
-    doubts.append(f"fps: {FPS} is assumed, names tell no times")
-    return layout | {"fps": FPS}
+    doubts.append(f"fps: {ASSUMED_FPS} is assumed, names tell no times")
+    return layout | {"fps": ASSUMED_FPS}
 
 
 def _follow_each_other(images: Sequence[Path]) -> bool:

@@ -104,7 +104,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         ConfigError: A value is invalid; names the layout, the key and the valid values.
     """
     where = f"layout {name!r}"
-    keys = build(LayoutKeys, where, given(mapping(where, config)))
+    keys = build(LayoutKeys, where, without_nulls(mapping(where, config)))
     globs, each = _files(keys, where)
     sensor, crops = _sensors(keys, where)
     force = _force(keys.force, f"{where}: force")
@@ -142,7 +142,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         action=action,
         tracks=keys.tracks,
         object=keys.object,
-        text=several(keys.text),
+        text=as_texts(keys.text),
         image=keys.image,
         source=keys.source,
         licence=keys.licence,
@@ -152,16 +152,16 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
     )
 
 
-def given(values: Mapping[str, Any]) -> dict[str, Any]:
+def without_nulls(values: Mapping[str, Any]) -> dict[str, Any]:
     """Drops nulls, at any depth of mappings."""
     return {
-        key: given(value) if isinstance(value, Mapping) else value
+        key: without_nulls(value) if isinstance(value, Mapping) else value
         for key, value in values.items()
         if value is not None
     }
 
 
-def several(value: str | Sequence[str]) -> tuple[str, ...]:
+def as_texts(value: str | Sequence[str]) -> tuple[str, ...]:
     """One or more texts, as several."""
     return (value,) if isinstance(value, str) else tuple(value)
 
@@ -204,7 +204,7 @@ def _files(keys: LayoutKeys, where: str) -> tuple[tuple[str, ...], str]:
     if (keys.videos is None) == (keys.images is None):
         raise ConfigError(f'{where}: give one of videos: "*.mp4" and images: "*.png"')
     if keys.videos is not None:
-        return several(keys.videos), "video"
+        return as_texts(keys.videos), "video"
     if keys.each is None:
         raise ConfigError(
             f"{where}: each is missing; give each: touch (one image, one touch) or each: sequence "
@@ -212,7 +212,7 @@ def _files(keys: LayoutKeys, where: str) -> tuple[tuple[str, ...], str]:
         )
     if keys.each not in ("touch", "sequence"):
         raise ConfigError(f"{where}: {unknown('each', keys.each, ('touch', 'sequence'))}")
-    return several(keys.images or ()), keys.each
+    return as_texts(keys.images or ()), keys.each
 
 
 def _sensors(keys: LayoutKeys, where: str) -> tuple[str | None, dict[str, Tile]]:

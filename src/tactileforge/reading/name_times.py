@@ -16,7 +16,7 @@ from math import gcd
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.frames.video_clock import FASTEST
+from tactileforge.data.frames.video_clock import FASTEST_RATE
 from tactileforge.data.labels.clock import UNITS, date_unit
 
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
@@ -40,7 +40,7 @@ _CLOSE = 0.3
 #: Ratio of the rate of dated names to fps from which the two contradict each other.
 _APART = 1.5
 #: Plausible range of a tactile camera's frames per second.
-_RATES = 1.0, FASTEST
+_RATES = 1.0, FASTEST_RATE
 #: Largest median step of a frame counter; below it, gaps count as dropped frames.
 _DROPPED = 10
 #: Nanoseconds of a day.

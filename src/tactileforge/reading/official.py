@@ -42,4 +42,4 @@ class OfficialSplit:
         return "train" if self.train is None or value in self.train else None
 
 
-ALL = OfficialSplit("all", "everything is for training")
+ALL_FOR_TRAINING = OfficialSplit("all", "everything is for training")

@@ -23,7 +23,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_
 from tactileforge.reading.drawn import Drawn
 from tactileforge.reading.layout_keys import MEDIAN_FRAMES
 from tactileforge.reading.notes import add_once
-from tactileforge.reading.official import ALL, OfficialSplit
+from tactileforge.reading.official import ALL_FOR_TRAINING, OfficialSplit
 from tactileforge.reading.splits import is_held_out
 from tactileforge.specs.published import spec
 
@@ -83,7 +83,7 @@ class PublishedDataset(Drawn, ABC):
     citation: ClassVar[str]
     url: ClassVar[str]
     tree: ClassVar[str]
-    splits: tuple[OfficialSplit, ...] = (ALL,)
+    splits: tuple[OfficialSplit, ...] = (ALL_FOR_TRAINING,)
     provides: frozenset[str] = frozenset()
     marks: ClassVar[tuple[str, ...]] = ()
     certainty: ClassVar[float] = 0.5
@@ -297,7 +297,7 @@ def still_background(path: Path, frames: Frames) -> ImageFrames | None:
 
     Example:
         >>> import numpy as np
-        >>> from tactileforge.plugin import ArrayFrames
+        >>> from tactileforge.data import ArrayFrames
         >>> still_background(Path("no.png"), ArrayFrames(np.zeros((1, 8, 8, 3), np.uint8))) is None
         True
     """

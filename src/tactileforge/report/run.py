@@ -10,7 +10,7 @@ from tactileforge.data.batches.columns import plain_sizes
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import Curve, read_metrics
-from tactileforge.pages.page import Section, page
+from tactileforge.pages.page import Section, html_page
 from tactileforge.report import captions, embedding, forces, sections, summary
 from tactileforge.report.findings import RunFindings, run_findings
 from tactileforge.runs import folder as run_folder
@@ -93,7 +93,7 @@ def write_report(
     report = folder / "report.html"
     what = "Heads on a frozen touch encoder" if config.get("freeze") else "Touch encoder"
     title = f"{what}, trained with {', '.join(weights)}"
-    write_text(report, page(title, top, parts))
+    write_text(report, html_page(title, top, parts))
     return report
 
 

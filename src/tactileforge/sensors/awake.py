@@ -91,4 +91,4 @@ class AwakeClock:
 
 
 #: Clock of this process.
-CLOCK = AwakeClock()
+AWAKE_CLOCK = AwakeClock()

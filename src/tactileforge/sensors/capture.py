@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
-from tactileforge.sensors.awake import CLOCK
+from tactileforge.sensors.awake import AWAKE_CLOCK
 from tactileforge.sensors.clock_lag import ClockLag
 from tactileforge.sensors.frame_contract import BAD_VALUES, bad_values, check_frame
 from tactileforge.sensors.health import Health
@@ -92,7 +92,7 @@ class Capture:
         self.is_lost = False
         self.latest = -math.inf
         self.cause = ""
-        self._good = self._opened = CLOCK.now()  # last good frame, and last open()
+        self._good = self._opened = AWAKE_CLOCK.now()  # last good frame, and last open()
         self._lost: float | None = None  # time of the loss; None while frames come
         self._call: tuple[str, float] | None = None  # call of the driver that has not returned
         self._recent: deque[float] = deque(maxlen=_RATE_OVER)
@@ -101,8 +101,8 @@ class Capture:
 
     def start(self) -> None:
         """Start the thread."""
-        CLOCK.start()
-        self._good = self._opened = CLOCK.now()
+        AWAKE_CLOCK.start()
+        self._good = self._opened = AWAKE_CLOCK.now()
         self._thread.start()
 
     def stop(self) -> None:
@@ -128,7 +128,7 @@ class Capture:
         span = times[-1] - times[0] if len(times) > 1 else 0.0
         if span <= 0 or self.is_lost:
             return 0.0
-        quiet = CLOCK.now() - self._good
+        quiet = AWAKE_CLOCK.now() - self._good
         is_late = not self.is_done and quiet > 3 * span / (len(times) - 1)
         return (len(times) - 1) / (span + quiet * is_late)
 
@@ -155,7 +155,7 @@ class Capture:
             return
         if not self._thread.is_alive():
             self.error = SensorError(f"{self.name}: the thread that reads it has ended")
-        elif call is not None and (took := CLOCK.now() - call[1]) > self.silence:
+        elif call is not None and (took := AWAKE_CLOCK.now() - call[1]) > self.silence:
             self.counts.stalled += not self.is_lost
             self.is_lost = True
             if took > self.silence + self.reconnect:
@@ -166,7 +166,7 @@ class Capture:
 
     @contextmanager
     def _calls(self, what: str) -> Iterator[None]:
-        self._call = (what, CLOCK.now())
+        self._call = (what, AWAKE_CLOCK.now())
         try:
             yield
         finally:
@@ -214,7 +214,7 @@ class Capture:
 
     def _miss(self, cause: str) -> None:
         """Note a missing frame: after a while, reopens the sensor, and then gives up."""
-        now, self.cause = CLOCK.now(), cause
+        now, self.cause = AWAKE_CLOCK.now(), cause
         if now - self._good > self.silence + self.reconnect:
             raise SensorError(f"{cause} (for {now - self._good:.1f} s)")
         if now - max(self._good, self._opened) > self.silence:
@@ -225,11 +225,11 @@ class Capture:
         with self._calls("close"), suppress(Exception):  # a lost device may fail to close
             self.sensor.close()
         if self._lost is None:
-            self._lost = CLOCK.now()
+            self._lost = AWAKE_CLOCK.now()
         # packet sensors have a reopen() that keeps their zero; others are opened as at first
         reopen = getattr(self.sensor, "reopen", self.sensor.open)
         while not self._stop.wait(_RETRY):
-            if CLOCK.now() > self._lost + self.reconnect:
+            if AWAKE_CLOCK.now() > self._lost + self.reconnect:
                 raise SensorError(f"{cause} (it has not come back within {self.reconnect:g} s)")
             try:
                 with self._calls("open"):
@@ -239,12 +239,12 @@ class Capture:
             except Exception:  # any error of a driver may mean a device that is not back yet
                 continue
             self.counts.reopened += 1
-            self._opened = CLOCK.now()
+            self._opened = AWAKE_CLOCK.now()
             return
 
     def _accept(self, frame: Frame) -> None:
         # by the awake clock: after Ctrl-Z and fg, frames are old through no fault of the driver
-        behind = CLOCK.since(frame.time)
+        behind = AWAKE_CLOCK.since(frame.time)
         self.lag.add(frame.time, frame.time + behind)
         if not -_AHEAD < behind < _BEHIND:
             raise SensorError(
@@ -253,7 +253,7 @@ class Capture:
                 "needs realtime=true"
             )
         self.latest, self.cause = frame.time, ""
-        self._good = CLOCK.now()
+        self._good = AWAKE_CLOCK.now()
         self.is_lost, self._lost = False, None
         self._recent.append(frame.time)
         if self.health.look(frame) == "frozen":
@@ -265,7 +265,7 @@ class Capture:
         self.sink(frame)
 
 
-def check(captures: Sequence[Capture], at_end: bool = False) -> None:
+def check_captures(captures: Sequence[Capture], at_end: bool = False) -> None:
     """Check running captures.
 
     Args:

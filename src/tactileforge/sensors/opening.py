@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from tactileforge.contracts import Sensor
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError, unknown
 from tactileforge.plugins import registry
-from tactileforge.sensors.awake import CLOCK
+from tactileforge.sensors.awake import AWAKE_CLOCK
 
 #: Longest time for a driver to open a device, and to close it, s.
 _OPEN, _CLOSE = 30.0, 5.0
@@ -98,7 +98,7 @@ def open_sensor(name: str, sensor: Sensor) -> None:
         ConfigError: An option is missing or wrong.
 
     Example:
-        >>> from tactileforge.plugin import build
+        >>> from tactileforge.plugins import build
         >>> sensor = build("sensors", {"name": "sim", "size": 32, "realtime": False})
         >>> open_sensor("finger", sensor)
         >>> sensor.read().array.shape
@@ -126,7 +126,7 @@ def close_sensor(name: str, sensor: Sensor) -> None:
         SensorError: The driver fails, or does not return in time.
 
     Example:
-        >>> from tactileforge.plugin import build
+        >>> from tactileforge.plugins import build
         >>> close_sensor("finger", build("sensors", {"name": "sim_robot"}))
     """
     try:
@@ -178,10 +178,10 @@ def within(seconds: float, what: str, call: Callable[[], object]) -> None:
             ended.append(error)
 
     thread = threading.Thread(target=run, name=f"{_DRIVER}{what}", daemon=True)
-    CLOCK.start()
-    end = CLOCK.now() + seconds
+    AWAKE_CLOCK.start()
+    end = AWAKE_CLOCK.now() + seconds
     thread.start()
-    while thread.is_alive() and (left := end - CLOCK.now()) > 0:
+    while thread.is_alive() and (left := end - AWAKE_CLOCK.now()) > 0:
         thread.join(min(left, _LOOK))
     if not ended:
         raise SensorError(

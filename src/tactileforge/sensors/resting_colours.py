@@ -66,7 +66,7 @@ def known_colours(sensor: str) -> NDArray[np.float64] | None:
     return None if rows is None else np.array(rows, np.float64)
 
 
-def agreement(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+def colour_agreement(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     """Agreement of two colour grids, a cosine: 1 for equal, 0 for unrelated, -1 for opposite.
 
     Args:
@@ -89,7 +89,10 @@ def is_swapped(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> boo
         >>> is_swapped(digit[..., ::-1], digit), is_swapped(digit, digit)
         (True, False)
     """
-    as_is, put_right = agreement(grid, reference), agreement(grid[..., ::-1], reference)
+    as_is, put_right = (
+        colour_agreement(grid, reference),
+        colour_agreement(grid[..., ::-1], reference),
+    )
     return put_right >= SWAPPED and put_right - as_is >= SWAPPED_BY
 
 
@@ -106,7 +109,9 @@ def has_other_order(grid: NDArray[np.float64], reference: NDArray[np.float64]) -
         (True, False)
     """
     fits = {
-        order: max(agreement(np.rot90(grid[..., list(order)], -n), reference) for n in range(4))
+        order: max(
+            colour_agreement(np.rot90(grid[..., list(order)], -n), reference) for n in range(4)
+        )
         for order in permutations(range(3))
     }
     best = max(fits, key=lambda order: fits[order])
@@ -126,7 +131,7 @@ def turn_of(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> int | 
         >>> turn_of(np.rot90(digit), digit)  # it lies on its left side
         90
     """
-    fits = [agreement(np.rot90(grid, -quarter), reference) for quarter in range(4)]
+    fits = [colour_agreement(np.rot90(grid, -quarter), reference) for quarter in range(4)]
     order = np.argsort(fits)[::-1]
     best, second = fits[order[0]], fits[order[1]]
     is_sure = best >= TURNED and best - second >= TURNED_BY

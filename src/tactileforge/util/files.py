@@ -221,7 +221,7 @@ def check_cache(path: str | None = None) -> None:
 
 
 @contextmanager
-def writing(path: Path) -> Iterator[None]:
+def disk_errors_named(path: Path) -> Iterator[None]:
     """Turns disk errors into a one-line error with its fix.
 
     Args:
@@ -297,7 +297,7 @@ def refuse_shards(folder: Path) -> None:
         raise ConfigError(f"{folder} holds shards of something else; give another out=")
 
 
-def claim(path: Path, made: Mapping[str, Any], what: str) -> None:
+def claim_folder(path: Path, made: Mapping[str, Any], what: str) -> None:
     """Records the settings of a folder's content, or checks them against the record.
 
     Shards without a record count as made with other settings.

@@ -112,7 +112,7 @@ def stopped_by_signals() -> Iterator[threading.Event]:
 
 
 @contextmanager
-def held() -> Iterator[None]:
+def signals_held() -> Iterator[None]:
     """Blocks signals in this thread, and in processes started meanwhile.
 
     Such a process unblocks them by `leave_to_parent`: a signal during its start would end it, and

@@ -41,7 +41,7 @@ def packed(tmp_path: Path) -> Path:
     for number in range(3):
         picture = shards.encode_image(np.full((8, 8, 3), number, np.uint8), "png")
         about = {
-            "version": shards.VERSION,
+            "version": shards.SHARD_VERSION,
             "key": f"r{number}",
             "sensor": "digit",
             "times": [0.0, 0.1],

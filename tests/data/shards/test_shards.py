@@ -460,7 +460,7 @@ def test_a_size_that_is_none_ends_in_an_error(tmp_path: Path, size: bytes) -> No
             with pytest.raises(DataError, match=r"a\.tar"):
                 list(shards.read_shard(path))
             with pytest.raises(DataError, match=r"a\.tar"):
-                list(shards.members(path))
+                list(shards.shard_members(path))
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from tactileforge_bench.fit.baselines import (
 from tactileforge_bench.fit.models import baseline_encoder, model_entry
 
 from tactileforge.encoders.feature_groups import rings
-from tactileforge.encoders.preprocess import GAIN
+from tactileforge.encoders.preprocess import DIFFERENCE_GAIN
 
 
 def picture(seed: int = 0) -> torch.Tensor:
@@ -114,7 +114,9 @@ def test_imagenet_sees_the_change_from_the_background_alone() -> None:
     with torch.no_grad():
         tokens, vector = encoder(frames, background, torch.zeros(2))
         same, _ = encoder(still, background, torch.zeros(2))
-        maps = encoder.tower.maps(127.5 + GAIN * (frames[:, -1].float() - background.float()))
+        maps = encoder.tower.maps(
+            127.5 + DIFFERENCE_GAIN * (frames[:, -1].float() - background.float())
+        )
     assert tokens.shape == (2, 64, 472)
     assert vector.shape == (2, 1280)
     torch.testing.assert_close(same[0], same[1])

@@ -7,16 +7,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import (
-    DataError,
-    FrameSubset,
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.errors import DataError
+from tactileforge.plugins import load_json
+from tactileforge.reading import (
+    ALL_FOR_TRAINING,
+    NumberedImages,
     PublishedDataset,
-    Recording,
     RecordingItem,
-    load_json,
+    frame_times,
 )
-from tactileforge.reading.official import ALL
-from tactileforge.reading.published import NumberedImages, frame_times
 from tactileforge_datasets.official_splits import ANYTOUCH2_CLOTH, CLOTH_OFFICIAL
 
 _LISTS = {
@@ -50,7 +50,7 @@ class Cloth(PublishedDataset):
   cloth_metadata.json
   train_data.json, test_data.json          (those of AnyTouch 2 end in _new.json)
   Data/12/3/gelsight_frame/0001.png ...    (cloth, trial)"""
-    splits = (CLOTH_OFFICIAL, ANYTOUCH2_CLOTH, ALL)
+    splits = (CLOTH_OFFICIAL, ANYTOUCH2_CLOTH, ALL_FOR_TRAINING)
     provides = frozenset({"object"})
     marks = ("cloth_metadata.json", "Data/*/*/gelsight_frame")
     certainty = 1.0

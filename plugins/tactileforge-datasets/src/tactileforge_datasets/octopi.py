@@ -9,17 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tactileforge.data.frames.video_clock import video_times
-from tactileforge.plugin import (
-    DataError,
-    FrameSubset,
-    PublishedDataset,
-    Recording,
-    RecordingItem,
-    VideoFrames,
-    without_companions,
-)
-from tactileforge.reading.official import ALL
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data import VideoFrames, video_times, without_companions
+from tactileforge.errors import DataError
+from tactileforge.reading import ALL_FOR_TRAINING, PublishedDataset, RecordingItem
 from tactileforge_datasets.official_splits import OCTOPI_OFFICIAL
 
 _PREFIX = "physiclear_"
@@ -52,7 +45,7 @@ class Octopi(PublishedDataset):
     tree = """ROOT/
   utils/constants.py           (for ranks, and for the split octopi-official)
   dataset/aluminium_foil_0.mov ..."""
-    splits = (ALL, OCTOPI_OFFICIAL)
+    splits = (ALL_FOR_TRAINING, OCTOPI_OFFICIAL)
     provides = frozenset({"object", "text"})
     marks = ("dataset/*_[0-9]*.mov", "*_[0-9]*.mov")
     doubts = ("names of films are objects and numbers",)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from tactileforge.plugin import OfficialSplit
-from tactileforge.reading.official import ALL
+from tactileforge.reading import ALL_FOR_TRAINING, OfficialSplit
 
 
 def _named(*values: str | int) -> frozenset[str]:
@@ -119,8 +118,10 @@ POSE_OFFICIAL = OfficialSplit(
 
 #: Splits by sensor.
 FORCE_SPLITS = {
-    sensor: (_FORCE_OFFICIAL[sensor], _FORCE_PORT[sensor], ALL) for sensor in _FORCE_OFFICIAL
+    sensor: (_FORCE_OFFICIAL[sensor], _FORCE_PORT[sensor], ALL_FOR_TRAINING)
+    for sensor in _FORCE_OFFICIAL
 }
 SLIP_SPLITS = {
-    sensor: (_SLIP_OFFICIAL[sensor], _SLIP_PORT[sensor], ALL) for sensor in _SLIP_OFFICIAL
+    sensor: (_SLIP_OFFICIAL[sensor], _SLIP_PORT[sensor], ALL_FOR_TRAINING)
+    for sensor in _SLIP_OFFICIAL
 }

@@ -9,10 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.plugin import ImageFrames, PublishedDataset, Recording, RecordingItem
-from tactileforge.reading.files import read_rows, read_text
-from tactileforge.reading.official import ALL
-from tactileforge.reading.published import NumberedImages
+from tactileforge.contracts import Recording
+from tactileforge.data import ImageFrames
+from tactileforge.reading import (
+    ALL_FOR_TRAINING,
+    NumberedImages,
+    PublishedDataset,
+    RecordingItem,
+    read_rows,
+    read_text,
+)
 from tactileforge_datasets.official_splits import TVL_OFFICIAL
 
 
@@ -39,7 +45,7 @@ class Ssvtp(PublishedDataset):
   images_tac/image_12_tac.jpg ...
   images_rgb/image_12_rgb.jpg ...
   text/labels_12.txt ..."""
-    splits = (TVL_OFFICIAL, ALL)
+    splits = (TVL_OFFICIAL, ALL_FOR_TRAINING)
     provides = frozenset({"text", "image"})
     marks = ("images_tac/image_*_tac.jpg", "ssvtp/images_tac", "tvl_dataset/ssvtp/images_tac")
     certainty = 1.0

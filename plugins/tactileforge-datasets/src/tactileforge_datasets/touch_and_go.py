@@ -7,17 +7,19 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from tactileforge.plugin import (
-    DataError,
-    ImageFrames,
+from tactileforge.contracts import Recording
+from tactileforge.data import ImageFrames
+from tactileforge.errors import DataError
+from tactileforge.reading import (
+    ALL_FOR_TRAINING,
+    NumberedImages,
     PublishedDataset,
-    Recording,
     RecordingItem,
+    frame_times,
+    label_runs,
+    read_text,
     still_background,
 )
-from tactileforge.reading.files import read_text
-from tactileforge.reading.official import ALL
-from tactileforge.reading.published import NumberedImages, frame_times, label_runs
 from tactileforge_datasets.official_splits import (
     ANYTOUCH2_MATERIAL,
     ANYTOUCH2_ROUGH,
@@ -37,7 +39,7 @@ SOFT = ("leather", "synthetic fabric", "natural fabric", "paper", "grass")
 
 #: The lists of a split by side, below the root.
 _LISTS = {
-    ALL.name: {"train": "label.txt"},
+    ALL_FOR_TRAINING.name: {"train": "label.txt"},
     TAG_MATERIAL.name: {"train": "train.txt", "test": "test.txt"},
     TAG_ROUGH.name: {"train": "train_rough.txt", "test": "test_rough.txt"},
     ANYTOUCH2_MATERIAL.name: {"train": "train_bg.txt", "test": "test_bg.txt"},
@@ -82,7 +84,7 @@ class TouchAndGo(PublishedDataset):
   dataset/20220410_031604/
     gelsight_frame/0000000000.jpg ...
     video_frame/0000000000.jpg ..."""
-    splits = (ALL, TAG_MATERIAL, TAG_ROUGH, ANYTOUCH2_MATERIAL, ANYTOUCH2_ROUGH)
+    splits = (ALL_FOR_TRAINING, TAG_MATERIAL, TAG_ROUGH, ANYTOUCH2_MATERIAL, ANYTOUCH2_ROUGH)
     provides = frozenset({"text", "image"})
     marks = ("dataset/*/gelsight_frame", "Dataset/*/gelsight_frame")
     certainty = 1.0

@@ -9,18 +9,19 @@ from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
-from tactileforge.plugin import (
-    DataError,
-    ImageFrames,
+from tactileforge.contracts import Recording
+from tactileforge.data import ImageFrames
+from tactileforge.errors import DataError
+from tactileforge.plugins import load_json
+from tactileforge.reading import (
+    ALL_FOR_TRAINING,
     PublishedDataset,
-    Recording,
     RecordingItem,
-    load_json,
+    frame_times,
+    label_runs,
+    read_rows,
     still_background,
 )
-from tactileforge.reading.files import read_rows
-from tactileforge.reading.official import ALL
-from tactileforge.reading.published import frame_times, label_runs
 from tactileforge_datasets.official_splits import TVL_OFFICIAL
 
 
@@ -72,7 +73,7 @@ class Tvl(PublishedDataset):
   digit_background.png
   RECORDING/tactile/12-0.034.jpg ...
   RECORDING/vision/12-0.034.jpg ..."""
-    splits = (TVL_OFFICIAL, ALL)
+    splits = (TVL_OFFICIAL, ALL_FOR_TRAINING)
     provides = frozenset({"text", "image"})
     marks = ("hct/data1", "tvl_dataset/hct/data1", "data1/contact.json")
     certainty = 1.0

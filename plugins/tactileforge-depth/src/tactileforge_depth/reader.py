@@ -15,11 +15,15 @@ from torch import Tensor
 
 from tactileforge.contracts import Sensor, SensorSpec
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
-from tactileforge.sensors.health import TROUBLES
-from tactileforge.sensors.light import LightCheck
-from tactileforge.sensors.resting_colours import agreement, colour_grid, has_colours
-from tactileforge.sensors.swapped_colours import warn_of_swapped
-from tactileforge.specs.published import SIMULATED, pixel_spacing, simulation, spec
+from tactileforge.sensors import (
+    TROUBLES,
+    LightCheck,
+    colour_agreement,
+    colour_grid,
+    has_colours,
+    warn_of_swapped,
+)
+from tactileforge.specs import SIMULATED, pixel_spacing, simulation, spec
 from tactileforge_depth.features import BLURS, POWERS, exponents
 from tactileforge_depth.inverse import Surface, SurfaceReader
 from tactileforge_depth.lighting import (
@@ -152,7 +156,7 @@ class DepthReader:
             polynomial_background(one, *background.shape[:2]).movedim(0, -1).numpy()
             for one in self.calibration.backgrounds
         ]
-        fits = [agreement(seen, colour_grid(picture)) for picture in resting]
+        fits = [colour_agreement(seen, colour_grid(picture)) for picture in resting]
         # a grey background, as of a sensor with white light, has no colors to compare
         if has_colours(seen) and fits and max(fits) < _AGREES:
             warnings.warn(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
 from tactileforge_episodes.arrays import Container, Facts, is_sane
 from tactileforge_episodes.members import DAMAGED
 from tactileforge_episodes.packages import need

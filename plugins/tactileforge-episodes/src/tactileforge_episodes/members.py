@@ -14,7 +14,7 @@ from pathlib import Path
 from tokenize import TokenError
 from typing import IO, Protocol
 
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
 from tactileforge_episodes.slices import Handle, Slice
 
 #: Errors of damaged files, from the decoders of all formats.

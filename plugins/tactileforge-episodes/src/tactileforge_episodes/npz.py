@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
 from tactileforge_episodes.arrays import Container, Facts, is_sane
 from tactileforge_episodes.members import DAMAGED, stored_part
 from tactileforge_episodes.slices import Slice

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
 from tactileforge_episodes.arrays import Container
 from tactileforge_episodes.members import FolderMembers, Members, TarMembers, ZipMembers
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import load_json
+from tactileforge.plugins import load_json
 from tactileforge_episodes.arrays import Container, Facts, is_sane
 from tactileforge_episodes.codecs import blosc_of, check_blosc, check_codecs
 from tactileforge_episodes.members import Members

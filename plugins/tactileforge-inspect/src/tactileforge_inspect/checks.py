@@ -9,11 +9,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tactileforge.data.frames.untared import NO_CONTACT, untared
-from tactileforge.data.labels.align import GAP, Lag
-from tactileforge.data.labels.doubts import RANGE, TINY, Suspicion
-from tactileforge.pages.page import percent
-from tactileforge.plugin import Recording, estimate_lag
+from tactileforge.contracts import Recording
+from tactileforge.data import (
+    LARGEST_GAP,
+    NO_CONTACT,
+    RANGE,
+    TINY,
+    Lag,
+    Suspicion,
+    estimate_lag,
+    untared,
+)
+from tactileforge.pages import percent
 from tactileforge_inspect.findings import Reason
 from tactileforge_inspect.frame_stats import FrameStats, changes
 
@@ -91,8 +98,8 @@ REASONS = {
     ),
     "gaps_in_time": Reason(
         "Gaps in time",
-        f"A step of more than {GAP:g} usual ones, or times that do not increase. No clip is cut "
-        "across a gap.",
+        f"A step of more than {LARGEST_GAP:g} usual ones, or times that do not increase. No clip "
+        "is cut across a gap.",
         "usual steps",
     ),
     "force_out_of_range": Reason(

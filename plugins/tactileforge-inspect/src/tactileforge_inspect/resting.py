@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, spec
-from tactileforge.sensors.resting_colours import (
+from tactileforge.errors import ConfigError
+from tactileforge.sensors import (
     COLOURED,
-    agreement,
+    colour_agreement,
     colour_grid,
     has_colours,
     has_other_order,
@@ -21,6 +21,7 @@ from tactileforge.sensors.resting_colours import (
     known_colours,
     turn_of,
 )
+from tactileforge.specs import spec
 
 #: Largest number of recordings to compare a set with, and of keys named in a line.
 _COMPARED, _NAMED = 64, 8
@@ -138,7 +139,7 @@ def _upside_down(
     sides: tuple[list[int], list[int]] = [], []
     for i in standing:
         grid = seen[i].grid
-        fits = agreement(grid, known), agreement(grid[::-1, ::-1], known)
+        fits = colour_agreement(grid, known), colour_agreement(grid[::-1, ::-1], known)
         if max(fits) >= _SURE and abs(fits[0] - fits[1]) >= _SURER:
             sides[fits[1] > fits[0]].append(i)
     if all(sides):
@@ -191,9 +192,9 @@ def _is_transposed(one: Resting) -> bool:
 def _is_swapped(one: Resting, reference: NDArray[np.float64]) -> bool:
     """Whether red and blue are swapped, by the known colours of the sensor, in any orientation."""
     turns = [np.rot90(one.grid, -quarter) for quarter in range(4)]
-    as_is = max(agreement(grid, reference) for grid in turns)
-    best = max(turns, key=lambda grid: agreement(grid[..., ::-1], reference))
-    return is_swapped(best, reference) and agreement(best[..., ::-1], reference) > as_is
+    as_is = max(colour_agreement(grid, reference) for grid in turns)
+    best = max(turns, key=lambda grid: colour_agreement(grid[..., ::-1], reference))
+    return is_swapped(best, reference) and colour_agreement(best[..., ::-1], reference) > as_is
 
 
 def _swapped_here(rows: list[int], seen: Sequence[Resting]) -> list[int]:
@@ -203,7 +204,9 @@ def _swapped_here(rows: list[int], seen: Sequence[Resting]) -> list[int]:
     ]
     for swapped, i in sides:
         same = [
-            j for j in rows if j not in swapped and agreement(seen[i].grid, seen[j].grid) >= 0.5
+            j
+            for j in rows
+            if j not in swapped and colour_agreement(seen[i].grid, seen[j].grid) >= 0.5
         ]
         if swapped and 2 * (len(swapped) + len(same)) > len(rows):
             return swapped if len(swapped) <= len(same) else same

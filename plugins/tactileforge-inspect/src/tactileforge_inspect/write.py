@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactileforge.pages.page import page
-from tactileforge.plugin import ConfigError, Dataset, write_text
+from tactileforge.contracts import Dataset
+from tactileforge.errors import ConfigError
+from tactileforge.pages import html_page
+from tactileforge.plugins import write_text
 from tactileforge_inspect import issues, sections
 from tactileforge_inspect.findings import InspectionFindings
 from tactileforge_inspect.scan import scan_dataset
@@ -46,5 +48,5 @@ def inspect(
         issues.duplicates_section(contents),
         issues.suspicious_section(contents),
     ]
-    write_text(path, page(f"Data set {name}", issues.top_section(name, contents), parts))
+    write_text(path, html_page(f"Data set {name}", issues.top_section(name, contents), parts))
     return contents.findings

@@ -13,13 +13,18 @@ import numpy as np
 from tactileforge_depth.reader import depth_readers
 from tactileforge_markers.tracks import check_marker_sensors
 
-from tactileforge.plugin import ConfigError, Model, Sensor, SensorError, unknown
-from tactileforge.sensors.awake import CLOCK
-from tactileforge.sensors.background import Background
-from tactileforge.sensors.calibration.file import load_calibration
-from tactileforge.sensors.capture import check
-from tactileforge.sensors.low_latency_threads import low_latency_threads
-from tactileforge.sensors.opening import open_all, unit_of
+from tactileforge.contracts import Sensor
+from tactileforge.errors import ConfigError, SensorError, unknown
+from tactileforge.hub import Model
+from tactileforge.sensors import (
+    AWAKE_CLOCK,
+    Background,
+    check_captures,
+    load_calibration,
+    low_latency_threads,
+    open_all,
+    unit_of,
+)
 from tactileforge_live.publish import Publisher
 from tactileforge_live.sensor_stream import Reading, SensorStream, StreamOptions, read_background
 
@@ -173,17 +178,17 @@ class LiveSession:
         self._stack.close()
 
     def _wait_for_all(self) -> None:
-        end = CLOCK.now() + _PATIENCE
+        end = AWAKE_CLOCK.now() + _PATIENCE
         while silent := [f for f in self.fingers.values() if not f.stream.buffer.count]:
             self.check()
-            if CLOCK.now() > end or silent[0].capture.ended:
+            if AWAKE_CLOCK.now() > end or silent[0].capture.ended:
                 why = silent[0].capture.cause or "is it on?"
                 raise SensorError(f"{silent[0].name}: delivers no frames; {why}")
             time.sleep(0.01)
 
     def check(self) -> None:
         """Raises the error of the first failed sensor."""
-        check([finger.capture for finger in self.fingers.values()])
+        check_captures([finger.capture for finger in self.fingers.values()])
 
     def take_background(self) -> None:
         """Takes the background of every sensor, without contact meanwhile.
@@ -276,4 +281,4 @@ def run_session(
                     publisher.send(message)
             if tell is not None:
                 tell(view)
-    check([finger.capture for finger in view.fingers.values()], at_end=True)
+    check_captures([finger.capture for finger in view.fingers.values()], at_end=True)

@@ -328,12 +328,12 @@ def test_a_calibration_travels_with_recordings(tmp_path: Path) -> None:
 )
 def test_files_at_fault_are_named(old: str, new: str, message: str) -> None:
     errors = {"mean": 2.0, "change": 0.2}
-    axis = file.Axis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0], None, "change", errors)
+    axis = file.ForceAxis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0], None, "change", errors)
     left_out = {"y": {"mean": 0.3, "as it is": 0.1}}
     whole = file.Calibration(
         sensor="digit",
         unit="D1",
-        light=file.Light([1.0] * 3, [1.0] * 3, [[[1.0] * 3] * 4] * 3),
+        light=file.BackgroundLight([1.0] * 3, [1.0] * 3, [[[1.0] * 3] * 4] * 3),
         mm_per_pixel=0.5,
         size=[48, 64],
         force=file.ForceModel("pictures", 0.0, {"z": axis}, left_out=left_out),
@@ -350,7 +350,7 @@ def test_files_at_fault_are_named(old: str, new: str, message: str) -> None:
 
 @pytest.mark.slow
 def test_a_flipped_bit_of_a_calibration_is_named(tmp_path: Path) -> None:
-    axis = file.Axis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    axis = file.ForceAxis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])
     force = file.ForceModel("pictures", 0.0, {"z": axis})
     path = tmp_path / "d1.yaml"
     file.Calibration(sensor="digit", unit="D1", force=force).save(path)

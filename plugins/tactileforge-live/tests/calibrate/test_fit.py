@@ -11,7 +11,7 @@ from tactileforge_live.calibrate.page import calibration_page
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.sensors.calibration.pictures import PICTURES, picture_inputs
+from tactileforge.sensors.calibration.pictures import PICTURE_FEATURES, picture_inputs
 
 ROWS, COLUMNS = np.mgrid[-1:1:48j, -1:1:64j]
 REST = np.full((48, 64, 3), 90, np.uint8)
@@ -148,8 +148,8 @@ def test_picture_inputs_are_the_lowest_cosines_of_the_coarse_change() -> None:
     frame, rest = rng.integers(0, 256, (2, 48, 64, 3)).astype(np.uint8)
     shown, still = (torch.from_numpy(x)[None].movedim(-1, -3) for x in (frame, rest))
     inputs = picture_inputs(shown, still)
-    assert list(inputs) == list(PICTURES)
-    assert len(PICTURES) == 33
+    assert list(inputs) == list(PICTURE_FEATURES)
+    assert len(PICTURE_FEATURES) == 33
     change = frame.astype(np.float64) - rest
     cells = cv2.resize(change, (8, 8), interpolation=cv2.INTER_AREA)
     for color, name in enumerate(("red", "green", "blue")):

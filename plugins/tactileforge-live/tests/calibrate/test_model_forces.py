@@ -21,7 +21,12 @@ from tactileforge.errors import ConfigError
 from tactileforge.heads.force import ForceHead
 from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
-from tactileforge.sensors.calibration.file import Axis, Calibration, ForceModel, parse_calibration
+from tactileforge.sensors.calibration.file import (
+    Calibration,
+    ForceAxis,
+    ForceModel,
+    parse_calibration,
+)
 
 pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
 
@@ -114,7 +119,7 @@ def test_the_model_reads_a_calibration_to_pictures(model: Model, tmp_path: Path)
     """A force may follow from pictures, from the head, or from both; a file says which."""
     touch = touches(model, 1)[0]
     weights = {"x": {"change": 0.25}, "z": {"z": 2.0, "red_00": -0.5}}
-    axes = {key: Axis(0.1, value, 0.1, 0.9, [0.0, 5.0]) for key, value in weights.items()}
+    axes = {key: ForceAxis(0.1, value, 0.1, 0.9, [0.0, 5.0]) for key, value in weights.items()}
     force = ForceModel("both", 0.0, axes, model.fingerprint)
     calibration = Calibration(sensor="digit", unit="D1", force=force)
     calibration.save(tmp_path / "d1.yaml")

@@ -65,7 +65,7 @@ def names(folder):
 
 
 def listed(folder):
-    held = index.parse_index((folder / index.NAME).read_bytes(), "index")
+    held = index.parse_index((folder / index.INDEX_FILE).read_bytes(), "index")
     return sorted(entry.file for rows in held.splits.values() for entry in rows)
 
 
@@ -118,7 +118,7 @@ def test_takes_are_added_to_those_of_both_splits(tmp_path):
             write(store, take, 1)
             store.join(take)
     assert names(tmp_path) == ["train-000000.tar", "train-000002.tar", "val-000001.tar"]
-    held = index.parse_index((tmp_path / index.NAME).read_bytes(), "index")
+    held = index.parse_index((tmp_path / index.INDEX_FILE).read_bytes(), "index")
     assert [len(held.splits[split]) for split in ("train", "val")] == [2, 1]
 
 
@@ -164,7 +164,7 @@ def test_without_its_index_everything_whole_is_found_again(tmp_path):
         write(store)
         store.join(0)
         write(store, 1, 2)
-    (tmp_path / index.NAME).unlink()
+    (tmp_path / index.INDEX_FILE).unlink()
     (tmp_path / "train-000001.0002.tar").write_bytes(b"cut off")
     with TakeStore(tmp_path, "train") as store:
         assert any("train-000001.0002.tar is left out" in line for line in store.notes)
@@ -174,7 +174,7 @@ def test_without_its_index_everything_whole_is_found_again(tmp_path):
 def test_a_segment_that_cannot_be_written_leaves_the_others(tmp_path, monkeypatch):
     with TakeStore(tmp_path, "train") as store:
         write(store, segments=2)
-        before = (tmp_path / index.NAME).read_bytes()
+        before = (tmp_path / index.INDEX_FILE).read_bytes()
 
         def full(path):
             raise OSError(28, "No space left on device")
@@ -183,7 +183,7 @@ def test_a_segment_that_cannot_be_written_leaves_the_others(tmp_path, monkeypatc
             patch.setattr(module, "_sync", full)
             with pytest.raises(OSError, match="No space"):
                 store.write(0, 2, [packed(2), packed(2, "right")], raw(2))
-        assert (tmp_path / index.NAME).read_bytes() == before
+        assert (tmp_path / index.INDEX_FILE).read_bytes() == before
         assert len(names(tmp_path)) == 2
         assert not list((tmp_path / NOTES).glob("*.tar*"))
         store.write(0, 2, [packed(2), packed(2, "right")], raw(2))
@@ -214,7 +214,11 @@ def test_shards_of_others_are_left_alone(tmp_path, has_index):
         index.Index("sim", {"train": []}).save(tmp_path)
     with pytest.raises(ConfigError, match="give another out="):
         TakeStore(tmp_path, "train").__enter__()
-    assert json.loads((tmp_path / index.NAME).read_text())["name"] == "sim" if has_index else True
+    assert (
+        json.loads((tmp_path / index.INDEX_FILE).read_text())["name"] == "sim"
+        if has_index
+        else True
+    )
 
 
 def test_a_damaged_index_is_made_anew_and_a_damaged_take_stays_in_segments(tmp_path):
@@ -224,7 +228,7 @@ def test_a_damaged_index_is_made_anew_and_a_damaged_take_stays_in_segments(tmp_p
     content = bytearray(path.read_bytes())
     content[content.rfind(b"IHDR")] ^= 1  # in a picture, which is only read when it is joined
     path.write_bytes(content)
-    (tmp_path / index.NAME).write_text('{"version":')
+    (tmp_path / index.INDEX_FILE).write_text('{"version":')
     with TakeStore(tmp_path, "train") as store:
         said = " ".join(store.notes)
     assert "the index is made anew" in said

@@ -11,8 +11,8 @@ from typing import Any, TypeAlias
 import torch
 from torch import Tensor
 
-from tactileforge.encoders.transformer import SIZES
-from tactileforge.plugin import ConfigError
+from tactileforge.encoders import VIT_SIZES
+from tactileforge.errors import ConfigError
 
 State: TypeAlias = Mapping[str, Tensor]
 #: Sizes of a tensor; None for any size.
@@ -184,10 +184,10 @@ def size_of_width(width: int, what: str) -> str:
     Raises:
         ConfigError: No size has this width.
     """
-    for size, (known, _, _) in SIZES.items():
+    for size, (known, _, _) in VIT_SIZES.items():
         if known == width:
             return size
-    widths = ", ".join(str(known) for known, _, _ in SIZES.values())
+    widths = ", ".join(str(known) for known, _, _ in VIT_SIZES.values())
     raise ConfigError(f"{what}: tokens are {width} wide; published models have {widths}")
 
 

@@ -9,9 +9,7 @@ from typing import Any, ClassVar, Literal
 import torch
 from torch import Tensor, nn
 
-from tactileforge.encoders.backbone import Backbone, patches_at
-from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
-from tactileforge.encoders.transformer import init_weights
+from tactileforge.encoders import PUBLISHED_SENSORS, Backbone, init_weights, patches_at
 from tactileforge.errors import ConfigError, unknown
 from tactileforge_timm.adapters import add_lora
 from tactileforge_timm.features import Layout, PlaceHeads, own_pixels

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor, nn
 
-from tactileforge.encoders.preprocess import Preprocess
+from tactileforge.encoders import Preprocess
 from tactileforge_timm.encoder import pair_of
 from tactileforge_timm.features import Layout, own_pixels
 from tactileforge_timm.networks import create_network

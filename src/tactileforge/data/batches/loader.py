@@ -24,7 +24,7 @@ from tactileforge.contracts import Batch
 from tactileforge.data.batches.stream import BatchIndexSampler, Stream
 from tactileforge.errors import ConfigError
 from tactileforge.util.distributed import world
-from tactileforge.util.signals import held, leave_to_parent
+from tactileforge.util.signals import leave_to_parent, signals_held
 
 log = logging.getLogger(__name__)
 
@@ -73,7 +73,7 @@ class Loader(DataLoader[Batch]):
     def __iter__(self) -> Iterator[Batch]:  # type: ignore[override]
         """Batches, in order."""
         # readers start now: a signal meanwhile would end one of them, and with it the run
-        with held():
+        with signals_held():
             batches = super().__iter__()
         return self._timed(batches)
 

@@ -36,7 +36,7 @@ _AS_STORED = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 _PNG = b"\x89PNG"
 #: Bytes of a block of a tar file (POSIX ustar): a member is a header block and whole blocks of
 #: content.
-BLOCK = 512
+TAR_BLOCK = 512
 
 
 def encode_image(image: NDArray[np.uint8], codec: str = "jpg", quality: int | None = None) -> bytes:
@@ -172,11 +172,11 @@ class PackedFrames:
         size = int(self.sizes[i])
         file.seek(int(self.starts[i]))
         # the header too: it proves that the picture is the one that the JSON names
-        block = file.read(BLOCK + size)
+        block = file.read(TAR_BLOCK + size)
         member = f"{self.stem}.{member_name(self.group, i, self.codec)}"
         if block[:100].rstrip(b"\0") != member.encode():
             raise DataError(f"{self.path}: {member} of {self.name} is not there; pack it again")
-        picture = block[BLOCK:]
+        picture = block[TAR_BLOCK:]
         if len(picture) != size or zlib.crc32(picture) != int(self.crcs[i]):
             raise DataError(
                 f"{self.path}: {member} of {self.name} is damaged; download or pack it again"

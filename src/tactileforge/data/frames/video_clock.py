@@ -9,7 +9,7 @@ from tactileforge.data.frames.video import VideoFrames
 from tactileforge.errors import DataError
 
 #: Largest plausible rate of a tactile camera, frames a second.
-FASTEST = 300.0
+FASTEST_RATE = 300.0
 #: Smallest plausible rate, frames a second: one an hour.
 _SLOWEST = 1 / 3600
 #: Largest plausible ratio of the rates of header and time stamps.
@@ -32,7 +32,7 @@ def video_times(video: VideoFrames, fix: str) -> NDArray[np.float64]:
     if len(times) < 2:
         return times
     rate = 1 / max(float(np.median(np.diff(times))), 1e-9)
-    if not _SLOWEST <= rate <= FASTEST:
+    if not _SLOWEST <= rate <= FASTEST_RATE:
         raise DataError(
             f"{video.path}: by its time stamps, it has {rate:.4g} frames a second (its header says "
             f"{video.rate:.4g}), which no camera of touch has; {fix}"

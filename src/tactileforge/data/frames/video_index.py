@@ -41,7 +41,7 @@ _DEEP = 16
 
 #: Hint for images in place of a video.
 _IMAGES = (
-    "open images as frames: tactileforge.plugin.ImageFrames(sorted(Path(DIR)"
+    "open images as frames: tactileforge.data.ImageFrames(sorted(Path(DIR)"
     '.glob("*.png"))), and give their times'
 )
 #: Hint for a damaged video.
@@ -90,7 +90,7 @@ class VideoIndex:
         return i if is_there else None
 
 
-def inside(path: str, start: int, size: int) -> str:
+def video_inside(path: str, start: int, size: int) -> str:
     """Address of a video inside of another file, such as a tar, in place of a path.
 
     Args:

@@ -13,7 +13,7 @@ from tactileforge.errors import DataError
 _LEAST_SHARED = 8
 #: Smallest gap in time, as a multiple of the usual step: one lost frame makes a step of 2, and is
 #: none. No clip is cut across a gap, and nothing is interpolated.
-GAP = 2.5
+LARGEST_GAP = 2.5
 #: Smallest spread of a moving signal, as a share of its size; below it is rounding.
 _STILL = 1e-6
 
@@ -106,7 +106,7 @@ def estimate_lag(
         return _NO_LAG
     period = float(np.median(steps))
     # correlation needs one clock: a gap would be bridged by values that were never measured
-    stretches = np.split(np.arange(len(times)), np.flatnonzero(steps > GAP * period) + 1)
+    stretches = np.split(np.arange(len(times)), np.flatnonzero(steps > LARGEST_GAP * period) + 1)
     longest = max(stretches, key=len)
     times, force, change = times[longest], force[longest], change[longest]
     clock = np.arange(times[0], times[-1] + period / 2, period)
@@ -152,7 +152,7 @@ def resample(
     outside = (clock < times[0]) | (clock > times[-1])
     if len(steps):
         # a time of the clock that was measured keeps its value, also at the edge of a gap
-        outside |= (steps[after - 1] > GAP * np.median(steps)) & ~np.isin(clock, times)
+        outside |= (steps[after - 1] > LARGEST_GAP * np.median(steps)) & ~np.isin(clock, times)
     out[outside] = np.nan
     return out
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.data.labels.align import GAP
+from tactileforge.data.labels.align import LARGEST_GAP
 from tactileforge.data.labels.force_axes import ForceAxes
 from tactileforge.data.labels.force_runs import FRAMES, away, between, stuck
 from tactileforge.errors import ConfigError
@@ -207,8 +207,8 @@ def _times(recording: Recording) -> Iterator[Suspicion]:
     usual = float(np.median(steps)) if len(steps) else 1.0
     if len(steps) and (not np.isfinite(times).all() or steps.min() <= 0):
         yield Suspicion("gaps_in_time", float("inf"), "times do not increase")
-    elif len(steps) and steps.max() > GAP * usual:
-        gaps = int((steps > GAP * usual).sum())
+    elif len(steps) and steps.max() > LARGEST_GAP * usual:
+        gaps = int((steps > LARGEST_GAP * usual).sum())
         words = f"{gaps} gap{'s' * (gaps > 1)}, up to {steps.max():.3g} s (usual {usual:.3g} s)"
         yield Suspicion("gaps_in_time", float(steps.max() / usual), words)
 

@@ -16,7 +16,7 @@ from tactileforge.errors import DataError
 from tactileforge.util.untrusted import load_json
 
 #: Version of the layout; readers refuse other versions.
-VERSION = 3
+SHARD_VERSION = 3
 
 #: Types of tracks: numbers alone, as numpy would build objects and strings from a foreign file.
 _DTYPES = frozenset({"bool", *(f"{kind}{8 * n}" for kind in ("int", "uint") for n in (1, 2, 4, 8))})
@@ -33,7 +33,7 @@ def describe_recording(recording: Recording) -> dict[str, Any]:
         force = [None if row == [None] * 3 else row for row in rows]
     seen = recording.image_times
     return {
-        "version": VERSION,
+        "version": SHARD_VERSION,
         "key": recording.key,
         "sensor": recording.sensor,
         "times": recording.times.tolist(),
@@ -89,10 +89,10 @@ def parse_description(text: bytes, where: str) -> dict[str, Any]:
     except WRONG as error:
         raise DataError(f"{where}: no description of a recording ({error!r})") from error
     # before the checksum: of another version, a pack again is the fix, not a download
-    if version != VERSION:
+    if version != SHARD_VERSION:
         raise DataError(
-            f"{where}: shard version {version}, but this tactileforge reads {VERSION}; pack the "
-            "data again"
+            f"{where}: shard version {version}, but this tactileforge reads {SHARD_VERSION}; pack "
+            "the data again"
         )
     if stated != actual:
         raise DataError(

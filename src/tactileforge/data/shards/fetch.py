@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO
 from urllib.parse import unquote, urlparse
 
-from tactileforge.data.frames.image_codecs import BLOCK
+from tactileforge.data.frames.image_codecs import TAR_BLOCK
 from tactileforge.errors import DataError, home_path
 from tactileforge.util import downloads, files
 from tactileforge.util.files import new_part, sweep_parts
@@ -204,8 +204,8 @@ def _has_end(out: BinaryIO, path: Path) -> bool:
     out.flush()
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)
-        file.seek(max(0, size - 2 * BLOCK))
-        return file.read() == bytes(2 * BLOCK)
+        file.seek(max(0, size - 2 * TAR_BLOCK))
+        return file.read() == bytes(2 * TAR_BLOCK)
 
 
 def _state(path: Path, sha256: str) -> tuple[str, int, int, int, str]:

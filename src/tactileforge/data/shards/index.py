@@ -18,7 +18,7 @@ from tactileforge.util.files import sealed, sha256, unsealed, write_text
 from tactileforge.util.untrusted import load_json
 
 #: Name of the file.
-NAME = "index.json"
+INDEX_FILE = "index.json"
 #: Version of its layout; readers refuse other versions.
 VERSION = 4
 #: Names of shards: never a path, so that an index cannot point elsewhere.
@@ -121,7 +121,7 @@ class Index:
             "made": self.made,
             "statistics": self.statistics,
         }
-        write_text(folder / NAME, sealed(text))
+        write_text(folder / INDEX_FILE, sealed(text))
 
 
 def parse_index(text: str | bytes, where: str) -> Index:

@@ -24,9 +24,9 @@ import numpy as np
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.image_codecs import (
-    BLOCK,
     CODECS,
     GROUPS,
+    TAR_BLOCK,
     PackedFrames,
     check_upright,
     encode_image,
@@ -34,7 +34,7 @@ from tactileforge.data.frames.image_codecs import (
     member_name,
 )
 from tactileforge.data.shards.description import (
-    VERSION,
+    SHARD_VERSION,
     WRONG,
     build_recording,
     checksum,
@@ -50,7 +50,7 @@ log = logging.getLogger(__name__)
 
 __all__ = [
     "CODECS",
-    "VERSION",
+    "SHARD_VERSION",
     "Packed",
     "PackedFrames",
     "describe_recording",
@@ -172,7 +172,7 @@ def _scan(file: BinaryIO, path: Path, bad: Callable[[DataError], None]) -> Itera
         if member is None:
             break
         name, length = member
-        start, place = place + BLOCK, place + BLOCK + _padded(length)
+        start, place = place + TAR_BLOCK, place + TAR_BLOCK + _padded(length)
         pictures = place
         if not _JSON.fullmatch(name):  # an image, after a damaged description
             if ".." in name or name.startswith("/"):
@@ -198,15 +198,15 @@ def _scan(file: BinaryIO, path: Path, bad: Callable[[DataError], None]) -> Itera
         yield recording
     if not found:
         check_foreign(path)
-    if place + BLOCK > size:  # a whole tar ends with two blocks of zeros (POSIX ustar)
+    if place + TAR_BLOCK > size:  # a whole tar ends with two blocks of zeros (POSIX ustar)
         bad(DataError(f"{path}: cut off at byte {size}; download or pack it again"))
 
 
 def _member(file: BinaryIO, path: Path, place: int) -> tuple[str, int] | None:
     """Name and size of the member at a position; None at the end."""
     file.seek(place)
-    block = file.read(BLOCK)
-    if len(block) < BLOCK or not block.strip(b"\0"):
+    block = file.read(TAR_BLOCK)
+    if len(block) < TAR_BLOCK or not block.strip(b"\0"):
         return None
     try:
         info = tarfile.TarInfo.frombuf(block, "utf-8", "surrogateescape")
@@ -240,7 +240,7 @@ def keep_whole(paths: Iterable[Path]) -> list[str]:
     return [path.name for path in damaged]
 
 
-def members(path: Path) -> Iterator[tuple[str, bytes]]:
+def shard_members(path: Path) -> Iterator[tuple[str, bytes]]:
     """Yield the names and contents of the members of a tar file.
 
     Raises:
@@ -250,14 +250,14 @@ def members(path: Path) -> Iterator[tuple[str, bytes]]:
         place, size = 0, os.fstat(file.fileno()).st_size
         while (member := _member(file, path, place)) is not None:
             name, length = member
-            if place + BLOCK + length > size:
+            if place + TAR_BLOCK + length > size:
                 raise DataError(f"{path}: cut off at byte {size}; download or pack it again")
             yield name, file.read(length)
-            place += BLOCK + _padded(length)
+            place += TAR_BLOCK + _padded(length)
 
 
 def _padded(size: int) -> int:
-    return -(-size // BLOCK) * BLOCK
+    return -(-size // TAR_BLOCK) * TAR_BLOCK
 
 
 def _recording(path: Path, stem: str, about: Any, place: int) -> tuple[Recording, int]:
@@ -276,7 +276,7 @@ def _recording(path: Path, stem: str, about: Any, place: int) -> tuple[Recording
                 raise ValueError(f"{group}: {len(sizes)} sizes, {len(crcs)} checksums")
             if sizes.min() < 0 or sizes.max() > _MAX_PICTURE:
                 raise ValueError(f"{group}: a picture of {sizes.min()} or {sizes.max()} bytes")
-            ends = place + np.cumsum(BLOCK + -(-sizes // BLOCK) * BLOCK)
+            ends = place + np.cumsum(TAR_BLOCK + -(-sizes // TAR_BLOCK) * TAR_BLOCK)
             starts = np.concatenate([[place], ends[:-1]])
             place = int(ends[-1])
             height, width = map(int, table["shape"])

@@ -71,11 +71,11 @@ def force_features(
     if kind in WITH_MODEL and model is not None:
         return _joined(_read_by(model, recording))
     if kind == "taxels":
-        return _joined(_taxels(part) for part in chunks(recording.frames))
+        return _joined(_taxels(part) for part in frame_chunks(recording.frames))
     if kind != "pictures":
         return _track(recording, kind)
     rest = median_background(recording).round().astype(np.uint8)
-    return _joined(_pictures(part, rest) for part in chunks(recording.frames))
+    return _joined(_pictures(part, rest) for part in frame_chunks(recording.frames))
 
 
 def median_background(recording: Recording) -> NDArray[np.float32]:
@@ -93,7 +93,7 @@ def median_background(recording: Recording) -> NDArray[np.float32]:
     return still.astype(np.float32)
 
 
-def chunks(frames: Frames) -> Iterator[NDArray[np.uint8]]:
+def frame_chunks(frames: Frames) -> Iterator[NDArray[np.uint8]]:
     """Yields frames of a recording, uint8 (n, H, W, 3), a few at a time."""
     for start in range(0, len(frames), _CHUNK):
         rows = range(start, min(start + _CHUNK, len(frames)))

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 VERSION = 2
 #: Label of a recording with the text of its unit's calibration.
 LABEL = "calibration"
-AXES = ("x", "y", "z")
+FORCE_AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
-class Light:
+class BackgroundLight:
     """Background of the unit: its mean colour and white balance.
 
     Attributes:
@@ -43,7 +43,7 @@ class Light:
 
 
 @dataclass(frozen=True)
-class Axis:
+class ForceAxis:
     """One axis of the force: an offset, and the weight of each feature.
 
     Attributes:
@@ -93,7 +93,7 @@ class ForceModel:
 
     of: str
     lag: float
-    axes: dict[str, Axis]
+    axes: dict[str, ForceAxis]
     model: str = ""
     left_out: dict[str, dict[str, float]] = field(default_factory=dict)
 
@@ -120,7 +120,7 @@ class Calibration:
     sensor: str
     unit: str = ""
     made: str = ""
-    light: Light | None = None
+    light: BackgroundLight | None = None
     mm_per_pixel: float | None = None
     size: list[int] = field(default_factory=list)
     force: ForceModel | None = None
@@ -176,7 +176,7 @@ class Calibration:
             raise ConfigError(f"the forces of {self.title} were fitted to a model: give that model")
         features = force_features(recording, self.force.of, model)
         out = np.full((len(recording.frames), 3), np.nan, np.float32)
-        for column, name in enumerate(AXES):
+        for column, name in enumerate(FORCE_AXES):
             if name in self.force.axes:
                 out[:, column] = self.force.axes[name](features)
         return out
@@ -278,7 +278,7 @@ def _check(calibration: Calibration, where: str) -> None:
         _check_force(calibration.force, f"{where}: force")
 
 
-def _check_light(light: Light, where: str) -> None:
+def _check_light(light: BackgroundLight, where: str) -> None:
     colour, balance = light.colour, light.balance
     for key, values in (("colour", colour), ("balance", balance)):
         if len(values) != 3:
@@ -299,8 +299,8 @@ def _check_force(force: ForceModel, where: str) -> None:
         numbers |= {f"left_out.{name}.{key}": error for key, error in errors.items()}
     for name, axis in force.axes.items():
         place = f"axes.{name}"
-        if name not in AXES:
-            raise ConfigError(unknown(f"key of {where}.axes", name, AXES))
+        if name not in FORCE_AXES:
+            raise ConfigError(unknown(f"key of {where}.axes", name, FORCE_AXES))
         if len(axis.span) != 2:
             raise ConfigError(f"{where}.{place}.span is {axis.span!r}, but must be 2 numbers")
         numbers |= {f"{place}.{key}": getattr(axis, key) for key in ("offset", "rmse", "r2")}

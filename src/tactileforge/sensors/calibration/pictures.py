@@ -15,10 +15,10 @@ _ORDERS = 4
 _COLOURS = ("red", "green", "blue")
 _PAIRS = [(i, j) for i in range(_ORDERS) for j in range(_ORDERS) if i + j < _ORDERS]
 #: Mean change, its first moments across and down, and the coarse shape of each color's change.
-CHANGE, MOMENTS = "change", ("change_x", "change_y")
-SHAPE = tuple(f"{color}_{i}{j}" for color in _COLOURS for i, j in _PAIRS)
+CHANGE_FEATURE, MOMENT_FEATURES = "change", ("change_x", "change_y")
+SHAPE_FEATURES = tuple(f"{color}_{i}{j}" for color in _COLOURS for i, j in _PAIRS)
 #: Names of all inputs from pictures.
-PICTURES = (CHANGE, *MOMENTS, *SHAPE)
+PICTURE_FEATURES = (CHANGE_FEATURE, *MOMENT_FEATURES, *SHAPE_FEATURES)
 
 
 def picture_inputs(frames: Tensor, background: Tensor) -> dict[str, Tensor]:
@@ -62,4 +62,4 @@ def picture_inputs(frames: Tensor, background: Tensor) -> dict[str, Tensor]:
     columns = [change.mean((1, 2)), (change * across).mean((1, 2))]
     columns.append((change * down[:, None]).mean((1, 2)))
     columns += [shape[:, color, i, j] for color in range(3) for i, j in _PAIRS]
-    return dict(zip(PICTURES, columns, strict=True))
+    return dict(zip(PICTURE_FEATURES, columns, strict=True))

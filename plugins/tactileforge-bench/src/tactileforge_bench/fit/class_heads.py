@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactileforge.hub.classify import FORMAT, ClassFacts, ClassHead, encoder_hash
-from tactileforge.hub.inputs import uses_background
+from tactileforge.hub import CLASS_FORMAT, ClassFacts, ClassHead, encoder_hash, uses_background
 from tactileforge_bench.fit.baselines import BASELINES
 from tactileforge_bench.fit.evaluate import ProbeResult
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
@@ -36,7 +35,7 @@ def keep_class_head(
     penalty, layers = result.layer
     layer = layers[name].float().cpu()
     facts = ClassFacts(
-        format=FORMAT,
+        format=CLASS_FORMAT,
         task=prepared.task.name,
         names=list(part.names),
         encoder=encoder_hash(subject.encoder),

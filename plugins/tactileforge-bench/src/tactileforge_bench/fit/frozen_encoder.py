@@ -10,16 +10,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from tactileforge.encoders.feature_groups import (
-    GROUPS,
-    encode_trained,
-    free_groups,
-    group_sizes,
-)
-from tactileforge.hub.forces import fingerprint
-from tactileforge.hub.header import Header
-from tactileforge.hub.words import Language, language_of
-from tactileforge.plugin import Batch, ConfigError
+from tactileforge.contracts import Batch
+from tactileforge.encoders import FEATURE_GROUPS, encode_trained, free_groups, group_sizes
+from tactileforge.errors import ConfigError
+from tactileforge.hub import Header, Language, fingerprint, language_of
 from tactileforge_bench.fit import trained_on
 from tactileforge_bench.fit.baselines import BASELINES
 from tactileforge_bench.fit.probes.base import Probe
@@ -218,7 +212,7 @@ class FrozenEncoder:
             tokens, projected = self.encoder(frames, background, rows)
             return {"tokens": tokens, "projected": projected}
         tokens, projected, trained = encode_trained(self.encoder, frames, background, rows)
-        all_groups = trained | free_groups(frames, background, GROUPS)
+        all_groups = trained | free_groups(frames, background, FEATURE_GROUPS)
         joint = torch.cat([values.float() for values in all_groups.values()], 1)
         return {
             "tokens": tokens,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from tactileforge.encoders.efficientnet_lite import EfficientNetLite, on_grid
-from tactileforge.encoders.preprocess import GAIN, difference_picture
+from tactileforge.encoders import DIFFERENCE_GAIN, EfficientNetLite, difference_picture, on_grid
 from tactileforge_bench.fit.baseline import Baseline
 
 _SIZE, _PATCH = 128, 16
@@ -27,7 +26,7 @@ class ImageNetFeatures(Baseline):
         super().__init__(_SIZE, _PATCH)
         self.tower = EfficientNetLite(image_size=_SIZE)
         # in the state, by which features are kept for the next run
-        self.register_buffer("gain", torch.tensor(GAIN))
+        self.register_buffer("gain", torch.tensor(DIFFERENCE_GAIN))
         self.gain: Tensor
         self.projected = self.tower.width
         self.width = sum(self.tower.channels)

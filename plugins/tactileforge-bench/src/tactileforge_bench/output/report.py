@@ -9,8 +9,16 @@ from typing import Any
 
 from markupsafe import Markup
 
-from tactileforge.pages.page import Section, details, facts, page, paragraph, preformatted, verdict
-from tactileforge.pages.templating import joined
+from tactileforge.pages import (
+    Section,
+    details,
+    facts,
+    html_page,
+    joined,
+    paragraph,
+    preformatted,
+    verdict,
+)
 from tactileforge_bench.output import comparison_tables, published, setting_tables
 from tactileforge_bench.output.grid import ColumnHead, Table, TableEntry
 from tactileforge_bench.output.pictures import draw_figures
@@ -62,7 +70,7 @@ def bench_page(
     if theirs:
         parts.append(Section("theirs", "Published", theirs))
     parts.append(_about(results))
-    return page(f"Touch encoders compared: {results.suite}", _top(results, scores), parts)
+    return html_page(f"Touch encoders compared: {results.suite}", _top(results, scores), parts)
 
 
 def _top(results: Results, scores: Scores) -> Markup:

@@ -9,11 +9,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tactileforge.data.frames.video_clock import FASTEST
-from tactileforge.data.labels.clock import UNITS
-from tactileforge.data.shards.foreign import is_foreign
-from tactileforge.plugin import NEWTONS, Blob, DataError, Guess, TactileForgeError, named_unit
-from tactileforge.reading.guessed_layout import FPS, guess_sensor
+from tactileforge.contracts import Guess
+from tactileforge.data import FASTEST_RATE, NEWTONS, UNITS, Blob, is_foreign, named_unit
+from tactileforge.errors import DataError, TactileForgeError
+from tactileforge.reading import ASSUMED_FPS, guess_sensor
 from tactileforge_datasets.samples.members import read_members
 from tactileforge_datasets.samples.opened import shown
 from tactileforge_datasets.samples.places import (
@@ -122,8 +121,8 @@ def _frames(
     numbered = [m for part in stills if (m := _NUMBERED.fullmatch(part))]
     if len(numbered) > 1:
         one = numbered[0]
-        doubts.append(f"fps: {FPS} is assumed, names tell no times")
-        return {"frames": f"{one['start']}{{frame}}.{one['kind']}", "fps": FPS}
+        doubts.append(f"fps: {ASSUMED_FPS} is assumed, names tell no times")
+        return {"frames": f"{one['start']}{{frame}}.{one['kind']}", "fps": ASSUMED_FPS}
     if len(stills) > 1:
         doubts.append(f"frames: {stills[0]} is taken for the touch, beside {', '.join(stills[1:])}")
     if stills:
@@ -144,8 +143,8 @@ def _arrays(
         if dtype == "uint8" and len(shape) in (3, 4) and shape[-1] == 3:
             if len(shape) == 3:
                 return {"frames": part} | _clips(samples, doubts)
-            doubts.append(f"fps: {FPS} is assumed")
-            return {"frames": part, "fps": FPS}
+            doubts.append(f"fps: {ASSUMED_FPS} is assumed")
+            return {"frames": part, "fps": ASSUMED_FPS}
     return {}
 
 
@@ -162,9 +161,9 @@ def _clips(samples: Mapping[str, dict[str, Blob]], doubts: list[str]) -> dict[st
             folders = "".join(f"{{folder_{chr(97 + i)}}}/" for i in range(depth))
             doubts.append(
                 f"key: samples that differ in the number behind {sign!r} are taken for frames of a "
-                f"clip, {FPS} a second without times"
+                f"clip, {ASSUMED_FPS} a second without times"
             )
-            return {"key": f"{folders}{{clip}}{sign}{{frame}}", "fps": FPS}
+            return {"key": f"{folders}{{clip}}{sign}{{frame}}", "fps": ASSUMED_FPS}
     doubts.append("frames: each sample is taken for a touch of its own")
     return {}
 
@@ -226,7 +225,7 @@ def _times(
         read += [float(one) for one in found.reshape(-1)[:2]]
     step = read[1] - read[0] if len(read) > 1 else 0.0
     # units are a factor of 1000 apart, the slowest and fastest camera 300: one fits at most
-    fits = [unit for unit, one in UNITS.items() if 1 / FASTEST <= step * one <= _SLOWEST]
+    fits = [unit for unit, one in UNITS.items() if 1 / FASTEST_RATE <= step * one <= _SLOWEST]
     doubts.append(f"times: taken for {fits[0] if fits else 's'}")
     return {"times": {"values": place, **({"unit": fits[0]} if fits and fits[0] != "s" else {})}}
 

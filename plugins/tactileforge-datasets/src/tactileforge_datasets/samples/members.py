@@ -9,8 +9,8 @@ from functools import lru_cache
 from io import FileIO
 from pathlib import Path
 
-from tactileforge.data.frames.image_codecs import BLOCK
-from tactileforge.plugin import Blob, DataError
+from tactileforge.data import TAR_BLOCK, Blob
+from tactileforge.errors import DataError
 
 #: Starts of compressed files, and the programs that unpack them.
 _PACKED = {b"\x1f\x8b": "gunzip", b"BZh": "bunzip2", b"\xfd7zXZ": "unxz", b"(\xb5/\xfd": "unzstd"}
@@ -78,16 +78,16 @@ def _members(file: FileIO) -> Iterator[tuple[str, int, int]]:
     """
     end = file.seek(0, 2)
     place, long_name, said = 0, "", dict[str, str]()
-    while place + BLOCK <= end:
+    while place + TAR_BLOCK <= end:
         file.seek(place)
-        header = file.read(BLOCK)
+        header = file.read(TAR_BLOCK)
         if not header.strip(b"\0"):
             return
         size, kind = _checked(header, place), header[156:157]
-        start = place + BLOCK
+        start = place + TAR_BLOCK
         if kind not in b"xL":
             size = int(said["size"]) if said.get("size", "").isdecimal() else size
-        place = start + -(-size // BLOCK) * BLOCK
+        place = start + -(-size // TAR_BLOCK) * TAR_BLOCK
         if place < start or start + size > end:
             raise tarfile.ReadError(f"it ends within {_name(header)!r}")
         if kind in b"xL":

@@ -16,9 +16,10 @@ from tactileforge_depth.lighting import OpticalCalibration, load_optics
 from tactileforge_depth.presses import Presses, find_circle
 from torch import Tensor
 
-from tactileforge.plugin import ConfigError, DataError, Recording, spec
-from tactileforge.sensors.calibration.features import chunks, median_background
-from tactileforge.specs.published import simulation
+from tactileforge.contracts import Recording
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.sensors import frame_chunks, median_background
+from tactileforge.specs import simulation, spec
 from tactileforge_live.calibrate.depth_options import DepthOptions
 from tactileforge_live.calibrate.unit import recordings_of_unit
 
@@ -174,7 +175,7 @@ def _presses(chosen: Sequence[Recording], options: DepthOptions, notes: list[str
 
 def _deepest(recording: Recording, rest: NDArray[np.float32]) -> NDArray[np.uint8]:
     """The frame with the largest change from the background."""
-    frames = (frame for part in chunks(recording.frames) for frame in part)
+    frames = (frame for part in frame_chunks(recording.frames) for frame in part)
     deepest: NDArray[np.uint8] = max(frames, key=lambda frame: float(np.abs(frame - rest).mean()))
     if float(np.abs(deepest - rest).max()) < _LEAST:
         raise DataError(f"{recording.key}: no frame shows contact; leave the recording out")

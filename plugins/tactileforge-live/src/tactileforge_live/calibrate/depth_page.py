@@ -9,15 +9,18 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 from tactileforge_depth.reader import depth_image
 
-from tactileforge.pages.figures import INK, draw_points, drawing, svg
-from tactileforge.pages.images import figure
-from tactileforge.pages.page import (
+from tactileforge.pages import (
+    INK,
     Section,
+    draw_points,
+    drawing,
+    figure,
+    html_page,
     number,
-    page,
     panel,
     panels,
     paragraph,
+    svg,
     table,
     verdict,
 )
@@ -37,7 +40,7 @@ def depth_page(result: DepthCalibration) -> str:
     )
     top = paragraph(about, soft=True) + verdict(("bad", note) for note in result.notes)
     title = f"Depth calibration of {result.sensor}"
-    return page(title, top, [_errors(result), _pictures(result)])
+    return html_page(title, top, [_errors(result), _pictures(result)])
 
 
 def depth_table(result: DepthCalibration) -> list[tuple[str, str, str, str]]:

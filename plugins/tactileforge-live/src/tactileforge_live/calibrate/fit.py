@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
-from tactileforge.sensors.calibration.file import AXES, Axis
+from tactileforge.errors import DataError
+from tactileforge.sensors import FORCE_AXES, ForceAxis
 from tactileforge_live.calibrate.judged import Frames, short
 
 #: Number of blocks of time, held out in turn, and fewest of them to choose a penalty.
@@ -66,7 +66,7 @@ class AxisFit:
         before: Force of the uncalibrated model, float64 (N,), newton; None without a model.
     """
 
-    axis: Axis | None
+    axis: ForceAxis | None
     errors: dict[str, float]
     measured: NDArray[np.float64]
     predicted: NDArray[np.float64]
@@ -97,7 +97,7 @@ def hardly_pressed(forces: NDArray[np.floating]) -> list[str]:
     known = [column[np.isfinite(column)] for column in forces.T]
     ranges = [float(np.ptp(column)) if len(column) else 0.0 for column in known]
     least = max(LEAST_RANGE, _LEAST_SHARE * max(ranges))
-    return [name for name, size in zip(AXES, ranges, strict=True) if size < least]
+    return [name for name, size in zip(FORCE_AXES, ranges, strict=True) if size < least]
 
 
 def fit_axis(
@@ -223,10 +223,10 @@ def _axis(
     predicted: NDArray[np.float64],
     errors: dict[str, float],
     raw: str | None,
-) -> Axis:
+) -> ForceAxis:
     names = candidate.inputs
     offset, weights = _chosen(candidate, known.columns(names), known.force, known.fold)
-    return Axis(
+    return ForceAxis(
         offset=short(offset),
         weights={name: short(weight) for name, weight in zip(names, weights, strict=True)},
         rmse=known.rmse(predicted),

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
-from tactileforge.sensors.calibration.file import Light
+from tactileforge.errors import DataError
+from tactileforge.sensors import BackgroundLight
 
 #: Change of a pixel that counts as contact, grey levels.
 _LEAST = 3.0
@@ -20,8 +20,8 @@ _STEP = 0.5
 
 
 def estimate_light(
-    backgrounds: Sequence[NDArray[np.float32]], reference: Light | None = None
-) -> Light:
+    backgrounds: Sequence[NDArray[np.float32]], reference: BackgroundLight | None = None
+) -> BackgroundLight:
     """Estimates the light of a unit.
 
     Args:
@@ -40,14 +40,14 @@ def estimate_light(
         )
     wanted = colour.mean() if reference is None else np.array(reference.colour)
     coarse = cv2.resize(still, _GRID[::-1], interpolation=cv2.INTER_AREA)
-    return Light(
+    return BackgroundLight(
         colour=np.round(colour, 2).tolist(),
         balance=np.round(wanted / colour, 4).tolist(),
         grid=np.round(coarse, 1).tolist(),
     )
 
 
-def light_drift(now: NDArray[np.float32], then: Light) -> float:
+def light_drift(now: NDArray[np.float32], then: BackgroundLight) -> float:
     """Largest difference of a background to a calibration, over 3 x 4 parts, grey levels.
 
     Args:

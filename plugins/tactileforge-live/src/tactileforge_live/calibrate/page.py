@@ -7,21 +7,23 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup
 
-from tactileforge.pages.figures import INK, draw_points, drawing, svg
-from tactileforge.pages.forces import agreement_figure
-from tactileforge.pages.images import figure
-from tactileforge.pages.page import (
+from tactileforge.pages import (
+    INK,
     Section,
+    agreement_figure,
+    draw_points,
+    drawing,
+    figure,
+    html_page,
     number,
-    page,
     panel,
     panels,
     paragraph,
+    svg,
     table,
     verdict,
 )
-from tactileforge.sensors.calibration.file import AXES, ForceModel
-from tactileforge.sensors.calibration.pictures import PICTURES, SHAPE
+from tactileforge.sensors import FORCE_AXES, PICTURE_FEATURES, SHAPE_FEATURES, ForceModel
 from tactileforge_live.calibrate.calibrate import CalibrationResult
 from tactileforge_live.calibrate.fit import AxisFit
 from tactileforge_live.calibrate.scale import SCALED
@@ -34,7 +36,7 @@ def calibration_page(result: CalibrationResult) -> str:
     top = paragraph(calibration.made, soft=True) + verdict(("bad", note) for note in result.notes)
     parts = [_force(result)] if calibration.force is not None else []
     parts += [_light(result)] if calibration.light is not None else []
-    return page(title, top, [*parts, _scale(result)])
+    return html_page(title, top, [*parts, _scale(result)])
 
 
 def _force(result: CalibrationResult) -> Section:
@@ -77,7 +79,7 @@ def _candidates(force: ForceModel) -> Markup:
             *(number(errors[axis][name]) if name in errors[axis] else "" for name in known),
             f"text|{force.axes[axis].chosen if axis in force.axes else 'left out'}",
         )
-        for axis in AXES
+        for axis in FORCE_AXES
         if axis in errors
     ]
     text = (
@@ -92,8 +94,8 @@ def _candidates(force: ForceModel) -> Markup:
 
 
 def _told(names: Sequence[str]) -> str:
-    hidden = [name for name in names if name not in (*AXES, *PICTURES)]
-    shape = [name for name in names if name in SHAPE]
+    hidden = [name for name in names if name not in (*FORCE_AXES, *PICTURE_FEATURES)]
+    shape = [name for name in names if name in SHAPE_FEATURES]
     shown = [name for name in names if name not in hidden and name not in shape]
     counts = {"numbers of the picture's shape": shape, "values of the head": hidden}
     return ", ".join([*shown, *(f"{len(some)} {what}" for what, some in counts.items() if some)])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.sensors.calibration.file import Axis
+from tactileforge.sensors import ForceAxis
 from tactileforge_live.calibrate.fit import BEFORE, LEAST_RANGE, TIE_BEFORE, AxisFit
 from tactileforge_live.calibrate.judged import Frames, short
 
@@ -51,7 +51,7 @@ def share_scale(source: AxisFit, axis: AxisFit, name: str, pressed: bool) -> Axi
     if scale <= 0 or (pressed and own.rmse(scaled) >= own.rmse(axis.before)):
         return None
     errors = axis.errors | {SCALED: own.rmse(scaled)}
-    found = Axis(
+    found = ForceAxis(
         offset=0.0,
         weights={name: scale},
         rmse=errors[SCALED],

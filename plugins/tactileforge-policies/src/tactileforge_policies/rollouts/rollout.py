@@ -8,10 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tactileforge.util.bars import Bar
-from tactileforge.util.files import claim
-from tactileforge.util.processes import process_count, run_share, spread
-from tactileforge.util.threads import one_thread
+from tactileforge.plugins import Bar, claim_folder, one_thread, process_count, run_share, spread
 from tactileforge_policies.rollouts.actors import SCRIPTED, fingerprint, make_actor
 from tactileforge_policies.rollouts.episode import Episode, play_episode
 from tactileforge_policies.rollouts.options import RolloutOptions, make_environment
@@ -59,7 +56,7 @@ def roll_out(options: RolloutOptions) -> Rollouts:
     make_actor(options.policy, env, options.cross_sensor)
     made["instruction"] = env.unwrapped.instruction
     env.close()
-    claim(folder / MADE, made, "rollouts")
+    claim_folder(folder / MADE, made, "rollouts")
     missing = [n for n in range(options.n) if not _path(folder, n).exists()]
     with Bar(total=options.n, initial=options.n - len(missing), unit="episode") as bar:
         bar.set_description(f"{options.word}, {Path(options.policy).name}")
