@@ -150,14 +150,14 @@ def _build(
     state: Mapping[str, Tensor] | None,
 ) -> tuple[_Run, str]:
     """Builds data, module and trainer; also returns the reason for the precision."""
-    data, encoder = build_data(plain, outline(plain["encoder"]))
+    # a resumed run has its weights in the checkpoint: none are read or fetched
+    own = registry.without_start if resume else lambda _, node: dict(node)
+    data, encoder = build_data(plain, outline(own("encoders", plain["encoder"])))
     assert data.train is not None  # set up by `build_data`
     found = {"facts": dict(data.train.facts), "columns": plain_sizes(data.columns)}
     config = {**plain, **found, "encoder": encoder}
     check_facts(config)
-    # a resumed run has its weights in the checkpoint: none are read or fetched
-    first = registry.without_start("encoders", encoder) if resume else encoder
-    built = {**config, "encoder": first}
+    built = {**config, "encoder": own("encoders", encoder)}
     module = TouchModule.from_config(built, data.summary("train").labels, data.augment)
     lost, coverage = SkippedRecordings(data.allowed), LabelCoverage(module)
     lost.skip(data.skipped)

@@ -144,6 +144,29 @@ def test_frames_are_joined_over_time(model):
     assert (made["concat"].width, made["concat"].projected) == (3 * single.width,) * 2
 
 
+@pytest.mark.parametrize(
+    ("model", "side"),
+    [("hiera_tiny_224", 224), ("efficientvit_m0", 256), ("swin_s3_tiny_224", 224)],
+)
+@torch.no_grad()
+def test_layouts_that_timm_does_not_declare_are_recognized(model, side):
+    encoder = TimmEncoder(model, frames=1).eval()
+    assert encoder.image_size == (side, side)
+    frames, still = clip(encoder)
+    got, vector = encoder(frames, still, DIGIT)
+    x = their_input(encoder.network, frames[0])
+    found = encoder.network.forward_features(x)
+    want = found.flatten(1, 2) if "swin" in model else as_tokens(found)
+    torch.testing.assert_close(got, want, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(vector, encoder.network(x), rtol=1e-4, atol=1e-5)
+
+
+def test_features_that_are_no_map_are_refused():
+    encoder = TimmEncoder("coat_tiny", frames=1).eval()
+    with pytest.raises(ConfigError, match="model=coat_tiny: its features have the shape list"):
+        encoder(*clip(encoder), DIGIT)
+
+
 def test_a_last_layer_gives_vectors_and_tokens_one_width():
     for model, join in (("test_vit", "concat"), ("mobilenetv3_small_050", "tokens")):
         encoder = TimmEncoder(model, frames=2, image_size=64, join=join, projected=7).eval()

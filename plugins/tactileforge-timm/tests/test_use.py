@@ -1,6 +1,7 @@
 """A network of timm trained, resumed, packed, loaded, benched, exported and distilled to."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -8,8 +9,9 @@ import numpy as np
 import pytest
 import timm
 import torch
-from safetensors.torch import save_file
+from safetensors.torch import load_file, save_file
 from tactileforge_bench.fit.models import model_entry
+from timm.data import resolve_model_data_config
 
 import tactileforge
 from tactileforge import compose, train
@@ -90,7 +92,7 @@ def test_a_packed_file_needs_no_other_file(packed, trained):
     node = model.header.encoder
     assert not {"path", "pretrained"} & node.keys()
     assert (node["model"], node["image_size"]) == ("test_vit", [64, 64])
-    assert node["pixels"]["mean"] == [0.5, 0.5, 0.5]
+    assert node["pixels"]["mean"] == list(resolve_model_data_config(model.encoder.network)["mean"])
     state = read_checkpoint(trained)["state_dict"]
     for key, value in model.encoder.state_dict().items():
         assert torch.equal(value, state[f"encoder.{key}"]), key
@@ -134,11 +136,14 @@ def test_a_downloaded_file_causes_no_download(packed, tmp_path, monkeypatch):
         ["encoder.model=test_resnet", "objective=[pixel,diff]", "encoder.join=mean"],
         ["encoder.model=test_vit", "encoder.lora=2", "objective=[pixel]"],
         [
+            *["encoder.model=test_vit", "objective=[force]", "freeze=true"],
+        ],
+        [
             *["encoder.model=test_vit", "objective=[distill]", "image_encoder=timm_image"],
             *["image_encoder.model=test_resnet", "image_encoder.image_size=64"],
         ],
     ],
-    ids=["convolutions", "lora", "distilled"],
+    ids=["convolutions", "lora", "frozen", "distilled"],
 )
 def test_training_changes_what_it_should(words, tmp_path):
     folder = run(tmp_path / "run", *words)
@@ -147,7 +152,7 @@ def test_training_changes_what_it_should(words, tmp_path):
     before = tactileforge.api.TouchModule.from_config(read_config(folder), {"image"}).state_dict()
     moved = {key for key, x in state.items() if not torch.equal(x, before[key])}
     of_network = {key for key in moved if key.startswith("encoder.network.")}
-    assert of_network
+    assert bool(of_network) is ("freeze=true" not in words)
     if "lora" in words[1]:
         assert all("lora_" in key for key in of_network)
     assert not {key for key in moved if ".teacher." in key}
@@ -159,7 +164,7 @@ def test_training_changes_what_it_should(words, tmp_path):
 def test_it_is_benched_by_its_name(weights, monkeypatch):
     frozen = model_entry(f"timm:test_vit:{weights}").open[0]()
     network = timm.create_model("test_vit", num_classes=10)
-    network.load_state_dict(__import__("safetensors.torch").torch.load_file(weights))
+    network.load_state_dict(load_file(weights))
     own = frozen.encoder.network.state_dict()
     assert all(torch.equal(own[k], x) for k, x in network.state_dict().items() if k in own)
     assert frozen.frames == frozen.encoder.frames
@@ -191,3 +196,19 @@ def test_it_is_exported(model, tmp_path):
     save_checkpoint(tmp_path / "model.safetensors", encoder, header)
     done = export(f"file:{tmp_path}/model.safetensors", tmp_path / "model.onnx", size=[48, 64])
     assert done.error < 1e-4
+
+
+def test_the_loop_of_the_page_runs(tmp_path, monkeypatch, capsys):
+    """Without a network: its weights are random here."""
+    page = Path(__file__).parents[3] / "docs/timm.md"
+    if not page.is_file():
+        pytest.skip("the tests run without the repository")
+    code = re.findall(r"^```python\n(.*?)^```$", page.read_text(), re.M | re.S)[0]
+    assert len(code.splitlines()) <= 20
+    make = timm.create_model
+    monkeypatch.setattr(
+        timm, "create_model", lambda name, **o: make(name, **{**o, "pretrained": False})
+    )
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, str(page), "exec"), {"__name__": "__main__"})
+    assert capsys.readouterr().out == "torch.Size([512])\n"

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from tactileforge.encoders import PUBLISHED_SENSORS, Backbone, init_weights, patches_at
 from tactileforge.errors import ConfigError, unknown
 from tactileforge_timm.adapters import add_lora
-from tactileforge_timm.features import Layout, PlaceHeads, own_pixels
+from tactileforge_timm.features import Layout, PlaceHeads, own_pixels, own_size
 from tactileforge_timm.networks import create_network, fix_norms, takes_tokens
 from tactileforge_timm.token_choice import choose_tokens
 
@@ -92,7 +92,7 @@ class TimmEncoder(Backbone):
         if frames < 1:
             raise ConfigError(f"encoder.frames={frames}: give 1 or more")
         network = create_network(model, pair_of(image_size), pretrained, path)
-        size = pair_of(image_size) or tuple(network.pretrained_cfg["input_size"][1:])
+        size = pair_of(image_size) or own_size(network, model)
         layout = Layout(network, model, size)
         pixels = own_pixels(network) | {key: x for key, x in pixels.items() if x is not None}
         beside = frames if join == "concat" else 1

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import torch
 from torch import Tensor, nn
 
 from tactileforge.errors import ConfigError
+
+Kind: TypeAlias = Literal["sequence", "first", "last"]
 
 
 class Layout:
@@ -37,7 +39,7 @@ class Layout:
         self.width = int(network.num_features)
         self.head_width = int(getattr(network, "head_hidden_size", self.width))
         self.prefix = int(getattr(network, "num_prefix_tokens", 0))
-        self.kind: Literal["sequence", "first", "last"] = "first"
+        self.kind: Kind = "first"
         if hasattr(network, "num_prefix_tokens") or type(network).__name__ == "MlpMixer":
             self.kind = "sequence"
         elif str(getattr(network, "output_fmt", "")).endswith("NHWC"):
@@ -54,18 +56,20 @@ class Layout:
             ConfigError: They are not of the declared layout.
         """
         rows, columns = self.grid
-        shapes = {
+        shapes: dict[Kind, tuple[int, ...]] = {
             "sequence": (self.prefix + rows * columns, self.width),
             "first": (self.width, rows, columns),
             "last": (rows, columns, self.width),
         }
         shape = tuple(found.shape[1:]) if isinstance(found, Tensor) else type(found).__name__
-        expected: Any = shapes[self.kind]
-        if shape != expected and not (hidden and self.kind == "sequence"):
-            raise ConfigError(
-                f"model={self.model}: its features have the shape {shape}, and a map of places "
-                f"would have {expected}; choose another model"
-            )
+        if shape != shapes[self.kind] and not (hidden and self.kind == "sequence"):
+            fits = [kind for kind, one in shapes.items() if one == shape and not self.prefix]
+            if not fits:
+                raise ConfigError(
+                    f"model={self.model}: its features have the shape {shape}, and a map of places "
+                    f"would have {shapes[self.kind]}; choose another model"
+                )
+            self.kind = fits[0]  # timm does not say which: known with the first features
         if self.kind == "sequence":
             return found
         return found.flatten(2).mT if self.kind == "first" else found.flatten(1, 2)
@@ -106,6 +110,24 @@ class PlaceHeads(nn.Module):
         """Projects tokens (B, L, C) to (B, L, head_width)."""
         found = self._layout.vector(self._network[0], tokens.flatten(0, 1).unsqueeze(1))
         return found.view(*tokens.shape[:2], -1)
+
+
+def own_size(network: Any, model: str) -> tuple[int, int]:
+    """Height and width that a network of timm was made for.
+
+    One that takes any size has the nearest that its stride divides.
+
+    Args:
+        network: The network.
+        model: Its name, for errors.
+    """
+    facts = network.pretrained_cfg
+    stride = _stride(network, model)
+    height, width = (
+        side if facts.get("fixed_input_size") else max(1, round(side / stride)) * stride
+        for side in facts["input_size"][1:]
+    )
+    return height, width
 
 
 def _stride(network: Any, model: str) -> int:

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from tactileforge.encoders import Preprocess
 from tactileforge_timm.encoder import pair_of
-from tactileforge_timm.features import Layout, own_pixels
+from tactileforge_timm.features import Layout, own_pixels, own_size
 from tactileforge_timm.networks import create_network
 
 log = logging.getLogger(__name__)
@@ -54,8 +54,7 @@ class TimmTower(nn.Module):
                 "true, or a file as image_encoder.path",
                 model,
             )
-        own = self.network.pretrained_cfg["input_size"][1:]
-        size = pair_of(image_size) or (own[0], own[1])
+        size = pair_of(image_size) or own_size(self.network, model)
         self.image_size, self.frozen = size, frozen
         self.layout = Layout(self.network, model, size)
         self.width = self.layout.head_width
