@@ -150,14 +150,12 @@ def _build(
     state: Mapping[str, Tensor] | None,
 ) -> tuple[_Run, str]:
     """Builds data, module and trainer; also returns the reason for the precision."""
-    # a resumed run has its weights in the checkpoint: none are read or fetched
-    own = registry.without_start if resume else lambda _, node: dict(node)
-    data, encoder = build_data(plain, outline(own("encoders", plain["encoder"])))
+    data, encoder = build_data(plain, outline(_first_node(plain["encoder"], resume)))
     assert data.train is not None  # set up by `build_data`
     found = {"facts": dict(data.train.facts), "columns": plain_sizes(data.columns)}
     config = {**plain, **found, "encoder": encoder}
     check_facts(config)
-    built = {**config, "encoder": own("encoders", encoder)}
+    built = {**config, "encoder": _first_node(encoder, resume)}
     module = TouchModule.from_config(built, data.summary("train").labels, data.augment)
     lost, coverage = SkippedRecordings(data.allowed), LabelCoverage(module)
     lost.skip(data.skipped)
@@ -186,6 +184,11 @@ def _build(
     return run, chosen.reason
 
 
+def _first_node(encoder: Mapping[str, Any], checkpoint: Path | None) -> dict[str, Any]:
+    """The encoder's node; where a checkpoint has its weights, no others are read or fetched."""
+    return registry.without_start("encoders", encoder) if checkpoint else dict(encoder)
+
+
 def _note(run: _Run, why: str, is_news: bool) -> None:
     """Writes the configuration of a new run, or of a resumed run with changes."""
     if run.resume and is_news and run.trainer.is_global_zero:
@@ -204,10 +207,7 @@ def _report(run: _Run) -> None:
     whole = run.module
     if isinstance(whole.trainer.strategy, Sharded):
         # this process has a share of the weights; all of them are in the checkpoint
-        config = {
-            **run.config,
-            "encoder": registry.without_start("encoders", run.config["encoder"]),
-        }
+        config = {**run.config, "encoder": _first_node(run.config["encoder"], run.folder)}
         whole = TouchModule.from_config(config, run.data.summary("train").labels)
         whole.load_state_dict(read_checkpoint(run.folder)["state_dict"])
     loggers = run.trainer.loggers
