@@ -223,7 +223,7 @@ def test_without_the_package_of_export_its_check_is_skipped():
 def test_our_packages_bring_what_is_said_of_them():
     for package, kinds in distributions._OURS.items():
         folder = ROOT / "plugins" / package
-        entries = project(folder)["entry-points"]
+        entries = project(folder).get("entry-points", {})
         places = list(entries.get("tactileforge.conf", {}).values())
         yamls = {
             f"{path.parent.name}/{path.stem}"
