@@ -106,7 +106,7 @@ def test_size_and_normalization_are_its_own():
     assert encoder.pixels.mean.flatten().tolist() == pytest.approx(list(facts["mean"]))
     assert encoder.pixels.std.flatten().tolist() == pytest.approx(list(facts["std"]))
     assert (encoder.pixels.filter, encoder.pixels.offset) == (facts["interpolation"], None)
-    other = TimmEncoder("test_vit", pixels={"offset": 130, "mean": None})
+    other = TimmEncoder("test_vit", preprocess={"offset": 130, "mean": None})
     assert other.pixels.offset == 130
     assert torch.equal(other.pixels.mean, encoder.pixels.mean)
 
@@ -146,7 +146,7 @@ def test_frames_are_joined_over_time(model):
 
 @pytest.mark.parametrize(
     ("model", "side"),
-    [("hiera_tiny_224", 224), ("efficientvit_m0", 256), ("swin_s3_tiny_224", 224)],
+    [("hiera_tiny_224", 224), ("selecsls42", 256), ("swin_s3_tiny_224", 224)],
 )
 @torch.no_grad()
 def test_layouts_that_timm_does_not_declare_are_recognized(model, side):
@@ -187,7 +187,7 @@ def test_a_last_layer_gives_vectors_and_tokens_one_width():
         ({"model": "test_vit", "frames": 0}, r"encoder\.frames=0"),
         ({"model": "test_vit", "sensor_tokens": 1, "sensors": {"x": 19}}, "raise sensor_rows"),
         ({"model": "test_vit", "lora": 2, "lora_layers": ["nope"]}, "no such layer; known: .*qkv"),
-        ({"model": "test_vit", "pixels": {"scale": 2}}, "scale"),
+        ({"model": "test_vit", "preprocess": {"scale": 2}}, "scale"),
     ],
 )
 def test_what_does_not_fit_is_an_error_of_a_line(options, said):
@@ -269,7 +269,7 @@ def test_a_copy_is_independent():
     "options",
     [
         {"model": "test_vit", "image_size": 32, "sensor_tokens": 2},
-        {"model": "test_resnet", "image_size": 32, "join": "mean"},
+        {"model": "test_resnet", "image_size": 64, "join": "mean"},
     ],
     ids=lambda options: options["model"],
 )

@@ -92,7 +92,9 @@ def test_a_packed_file_needs_no_other_file(packed, trained):
     node = model.header.encoder
     assert not {"path", "pretrained"} & node.keys()
     assert (node["model"], node["image_size"]) == ("test_vit", [64, 64])
-    assert node["pixels"]["mean"] == list(resolve_model_data_config(model.encoder.network)["mean"])
+    assert node["preprocess"]["mean"] == list(
+        resolve_model_data_config(model.encoder.network)["mean"]
+    )
     state = read_checkpoint(trained)["state_dict"]
     for key, value in model.encoder.state_dict().items():
         assert torch.equal(value, state[f"encoder.{key}"]), key
@@ -136,7 +138,7 @@ def test_a_downloaded_file_causes_no_download(packed, tmp_path, monkeypatch):
         ["encoder.model=test_resnet", "objective=[pixel,diff]", "encoder.join=mean"],
         ["encoder.model=test_vit", "encoder.lora=2", "objective=[pixel]"],
         [
-            *["encoder.model=test_vit", "objective=[force]", "freeze=true"],
+            *["encoder.model=test_vit", "objective=[force]", "freeze=true", "curriculum=constant"],
         ],
         [
             *["encoder.model=test_vit", "objective=[distill]", "image_encoder=timm_image"],

@@ -52,8 +52,9 @@ class TimmEncoder(Backbone):
         fixed_norms: Whether batch norms keep the statistics of their weights in training.
         lora: Rank of LoRA's matrices; the network is frozen beside them. 0 trains the network.
         lora_layers: Ends of the names of layers with LoRA; none for all linear ones.
-        pixels: Options of preprocessing, see `preprocess.Preprocess`; None in it is the network's
-            own. ``offset: 130`` subtracts the frame without contact.
+        preprocess: Options of preprocessing, see `Preprocess`; None in it is the network's own.
+            ``offset: 130`` subtracts the frame without contact. Not named ``pixels``, which recipes
+            set for encoders of ours.
 
     Raises:
         PluginError: timm or peft is not installed, or timm cannot be imported.
@@ -85,7 +86,7 @@ class TimmEncoder(Backbone):
         fixed_norms: bool = True,
         lora: int = 0,
         lora_layers: Sequence[str] = (),
-        pixels: Mapping[str, Any] = OWN,
+        preprocess: Mapping[str, Any] = OWN,
     ) -> None:
         if join not in JOINS:
             raise ConfigError(unknown("encoder.join", join, JOINS))
@@ -94,7 +95,7 @@ class TimmEncoder(Backbone):
         network = create_network(model, pair_of(image_size), pretrained, path)
         size = pair_of(image_size) or own_size(network, model)
         layout = Layout(network, model, size)
-        pixels = own_pixels(network) | {key: x for key, x in pixels.items() if x is not None}
+        pixels = own_pixels(network) | {key: x for key, x in preprocess.items() if x is not None}
         beside = frames if join == "concat" else 1
         super().__init__(
             layout.width * beside,
@@ -118,7 +119,7 @@ class TimmEncoder(Backbone):
         self.unknown_sensor = unknown_sensor
         self._add_projection(model, projected)
         #: Options to build it again from its own weights, whatever timm says of the model then.
-        self.settled = {"image_size": list(size), "pixels": dict(pixels)}
+        self.settled = {"image_size": list(size), "preprocess": pixels}
         # from the start: norms keep the statistics of their weights
         self.train(self.training)
 
