@@ -98,7 +98,7 @@ def test_a_packed_file_needs_no_other_file(packed, trained):
     state = read_checkpoint(trained)["state_dict"]
     for key, value in model.encoder.state_dict().items():
         assert torch.equal(value, state[f"encoder.{key}"]), key
-    frames = np.random.default_rng(0).integers(0, 256, (2, 64, 64, 3), dtype=np.uint8)
+    frames = np.random.default_rng(0).integers(0, 256, (4, 64, 64, 3), dtype=np.uint8)
     x = torch.from_numpy(frames).movedim(-1, 1)[None]
     want = model.encoder(x, x[:, 0], model.encoder.sensor_ids(["digit"]))[1]
     got = model.features(frames, sensor="digit", tap="projected")
