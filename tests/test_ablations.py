@@ -7,7 +7,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.plugins import registry
 
 ZOO = Path(__file__).parents[1] / "zoo" / "ablation"

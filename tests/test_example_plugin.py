@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.plugins import registry
 from tactileforge.specs.published import spec
 from tactileforge.testing import check

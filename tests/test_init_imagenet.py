@@ -8,7 +8,7 @@ import torch
 
 import tactileforge
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.errors import ConfigError, PluginError
 from tactileforge.hub import pack
 from tactileforge.hub.starting_point import imagenet_weights

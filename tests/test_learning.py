@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.pages.curves import read_metrics
 from tactileforge.training.module import TouchModule
 

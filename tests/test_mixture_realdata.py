@@ -8,7 +8,7 @@ import yaml
 from tactileforge_sim.dataset import Sim
 
 from tactileforge import cli
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.datasets.mixture import Mixture
 from tactileforge.datasets.recordings import Recordings

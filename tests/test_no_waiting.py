@@ -15,7 +15,7 @@ from omegaconf import OmegaConf
 from torch import Tensor, nn
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.data.labels.augment import build_augment
 from tactileforge.testing import batch as make_batch
 from tactileforge.training.module import TouchModule

@@ -13,7 +13,7 @@ import cv2
 import pytest
 
 from tactileforge import cli
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.errors import PluginError
 from tactileforge.hub import cards
 from tactileforge.hub.file_checks import check_plugin
@@ -256,7 +256,7 @@ def site(tmp_path_factory):
 def known(installed, monkeypatch):
     """Their entry points, as if they were installed: quicker than pip."""
     for folder in PACKAGES:
-        entries = project(folder)["entry-points"]["tactileforge.sensors"]
+        entries = project(folder).get("entry-points", {})["tactileforge.sensors"]
         lines = [f"{name} = {target}" for name, target in entries.items()]
         monkeypatch.syspath_prepend(folder / "src")
         installed(folder.name, "\n".join(["[tactileforge.sensors]", *lines]), {})

@@ -230,10 +230,10 @@ REFERENCE = ROOT / "docs/reference.md"
 HEAD = """\
 # Python API
 
-Public packages keep their names: import from them, one level deep
-(`from tactileforge.data import Clips`). Modules below them and `tactileforge.util` are private and may
-change with any release. A public name is removed one minor version after the release whose changelog says
-so; before 1.0, in the next one.
+Public packages keep their names: import from them, one level deep, as in
+`from tactileforge.data import Clips`. Modules below them and `tactileforge.util` are private and
+may change with any release. A public name is removed one minor version after the release whose
+changelog says so; before 1.0, in the next one.
 """
 
 

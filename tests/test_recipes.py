@@ -7,7 +7,7 @@ import torch
 from omegaconf import OmegaConf
 
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.errors import ConfigError
 from tactileforge.heads.jepa import JepaHead

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tactileforge import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import read_metrics
 from tactileforge.runs.folder import LAST

@@ -5,7 +5,7 @@ import pytest
 from hydra.errors import ConfigCompositionException
 from omegaconf import MissingMandatoryValue, OmegaConf
 
-from tactileforge.cli.compose import compose, composed, node_of
+from tactileforge.cli._compose import compose, composed, node_of
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
 from tactileforge.training.curriculum import from_config

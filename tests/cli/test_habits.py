@@ -20,10 +20,10 @@ from omegaconf import OmegaConf
 from tactileforge import cli
 from tactileforge.api import metric
 from tactileforge.cli._complete import complete
+from tactileforge.cli._compose import compose
 from tactileforge.cli._options import options, yaml_text
 from tactileforge.cli._sweep import SweepTable
 from tactileforge.cli._words import read
-from tactileforge.cli.compose import compose
 from tactileforge.errors import ConfigError
 
 SMALL = ["scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "data.size=32"]

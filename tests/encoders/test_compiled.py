@@ -10,7 +10,7 @@ from torch._dynamo.utils import counters
 from torch.utils.flop_counter import FlopCounterMode
 
 import tactileforge
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.contracts import Batch
 from tactileforge.encoders.compiled import compile_blocks
 from tactileforge.encoders.preprocess import Preprocess

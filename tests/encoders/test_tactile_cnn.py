@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.encoders.efficientnet_lite import EfficientNetLite, on_grid
 from tactileforge.encoders.preprocess import difference_picture
 from tactileforge.encoders.tactile_cnn import TactileCnn

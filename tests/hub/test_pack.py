@@ -11,7 +11,7 @@ import torch
 import tactileforge
 from tactileforge.api import train
 from tactileforge.cli import dispatch
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.hub import pack, runs
 from tactileforge.hub.header import read_header

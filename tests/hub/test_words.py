@@ -14,7 +14,7 @@ from torch.nn import functional as F
 
 import tactileforge
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.encoders.byte import ByteEncoder
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError, PluginError

@@ -12,7 +12,7 @@ from tactileforge_sim.dataset import Sim
 from torch import nn
 
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.batches.datamodule import TouchData

@@ -14,20 +14,20 @@ import torch
 from warm import Warm
 
 from tactileforge import cli
-from tactileforge.runs import folder as run_folder
-from tactileforge.runs.checkpoint_file import read_checkpoint, read_own, seal
-from tactileforge.cli.compose import compose
+from tactileforge.api import train
+from tactileforge.cli._compose import compose
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.shards.shards import Packed, describe_recording, encode_image, write_shard
 from tactileforge.errors import ConfigError, DataError, TactileForgeError
-from tactileforge.training.optim import build_optimizer
 from tactileforge.pages.curves import read_metrics
+from tactileforge.runs import folder as run_folder
+from tactileforge.runs.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.runs.folder import LAST
-from tactileforge.api import train
 from tactileforge.training import checkpoints
 from tactileforge.training.checkpoints import AtomicCheckpointIO
 from tactileforge.training.module import TouchModule
+from tactileforge.training.optim import build_optimizer
 from tactileforge.training.run_length import change_run
 
 SMALL = ["train", "scale=demo", "debug=steps", "encoder.image_size=32", "batch.workers=0"]

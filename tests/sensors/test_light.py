@@ -10,7 +10,7 @@ import torch
 from tactileforge_depth.reader import DepthReader
 
 import tactileforge
-from tactileforge.cli.compose import option
+from tactileforge.cli._compose import option
 from tactileforge.plugins.registry import build
 from tactileforge.sensors.light import LightCheck, changed_light
 from tactileforge.sensors.streaming.touch_stream import TouchStream

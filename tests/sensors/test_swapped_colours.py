@@ -8,7 +8,7 @@ import pytest
 from tactileforge_depth.reader import DepthReader
 
 import tactileforge
-from tactileforge.cli.compose import option
+from tactileforge.cli._compose import option
 from tactileforge.plugins.registry import build
 from tactileforge.sensors.streaming.touch_stream import TouchStream
 from tactileforge.sensors.swapped_colours import are_swapped

@@ -5,7 +5,7 @@ import pytest
 from lightning.pytorch.callbacks import ModelCheckpoint
 
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.runs.folder import BEST
 from tactileforge.training.checkpoints import Checkpoints, best_checkpoint
 

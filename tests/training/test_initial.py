@@ -8,7 +8,7 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.hub.cards import find_card, zoo_folder
 from tactileforge.hub.header import read_header
 from tactileforge.runs.checkpoint_file import left_out

@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 import torch
 
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.contracts import Batch
 from tactileforge.errors import ConfigError, PluginError
 from tactileforge.training import parts

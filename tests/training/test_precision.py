@@ -9,7 +9,7 @@ import torch
 from omegaconf import OmegaConf
 
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.runs import folder as run_folder
 from tactileforge.training import precision
 from tactileforge.training.assemble import build_data

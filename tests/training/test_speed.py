@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader, IterableDataset
 
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.data.batches.loader import Loader
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.report.speed import speed_fact, speed_verdict

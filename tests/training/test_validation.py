@@ -9,7 +9,7 @@ import torch
 from omegaconf import OmegaConf
 
 from tactileforge.api import metric, train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.errors import ConfigError
 from tactileforge.objectives.force import Force
 from tactileforge.training import progress

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 import tactileforge.api as training
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.util.threads import flushed
 
 

@@ -13,7 +13,7 @@ from tactileforge_sim.mechanics.touch import ContactState
 from tactileforge_sim.scene import POINTS, SPACING
 
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.contracts import ACTIONS
 from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import read_metrics

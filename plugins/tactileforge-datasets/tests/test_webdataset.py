@@ -17,7 +17,7 @@ from tactileforge_datasets import webdataset
 from tactileforge_datasets.webdataset import WebDataset
 
 from tactileforge import cli
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.frames.image_codecs import encode_image

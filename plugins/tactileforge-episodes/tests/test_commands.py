@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 from tactileforge_episodes.dataset import Episodes
 
 from tactileforge import cli
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.plugins.registry import build
 from tactileforge.testing import check
 

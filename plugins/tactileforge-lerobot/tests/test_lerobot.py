@@ -24,7 +24,7 @@ from tactileforge_lerobot.statistics import image_statistics, number_statistics
 from tactileforge_lerobot.write import write_dataset
 
 from tactileforge import cli
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.plugin import (
     ArrayFrames,
     ConfigError,

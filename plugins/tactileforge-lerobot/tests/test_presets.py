@@ -16,7 +16,7 @@ from tactileforge_lerobot.write import write_dataset
 from test_numeric import deep_set, signal
 
 from tactileforge import cli
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.plugin import DataError, is_held_out
 from tactileforge.plugins import registry
 

@@ -10,8 +10,8 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
+from tactileforge.cli._compose import SearchPath, check_presets, composed, register
 from tactileforge.cli._options import own_places
-from tactileforge.cli.compose import SearchPath, check_presets, composed, register
 from tactileforge.errors import ConfigError, unknown
 
 

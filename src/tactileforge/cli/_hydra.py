@@ -16,12 +16,12 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
+from tactileforge.cli._command import Command, Result
+from tactileforge.cli._compose import without_layouts
 from tactileforge.cli._options import options, own_places, places_of
 from tactileforge.cli._quote import quoted
 from tactileforge.cli._sweep import JOB, stopped_sweep
 from tactileforge.cli._words import Words
-from tactileforge.cli.command import Command, Result
-from tactileforge.cli.compose import without_layouts
 from tactileforge.errors import ConfigError, TactileForgeError, nearest_name, unknown
 from tactileforge.plugins.distributions import package_of
 from tactileforge.plugins.registry import GROUPS
@@ -45,7 +45,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
     import hydra
     from hydra.core.hydra_config import HydraConfig
 
-    from tactileforge.cli.compose import plain, register
+    from tactileforge.cli._compose import plain, register
 
     register()
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra raises its errors, reported here
@@ -130,7 +130,7 @@ def _check_flags(name: str, words: Words) -> None:
             f"-m and {shows} do not go together: leave -m out, and give the values of one job"
         )
     if shows and name == "train":
-        from tactileforge.cli.compose import SearchPath, check_presets, composed
+        from tactileforge.cli._compose import SearchPath, check_presets, composed
 
         overrides, SearchPath.also = own_places(words.overrides, words.flags)
         try:
@@ -266,7 +266,7 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
         overrides: The typed ``key=value`` words.
         own: Further places of options, see `_options.own_places`.
     """
-    from tactileforge.cli.compose import composed
+    from tactileforge.cli._compose import composed
 
     # keys depend on the chosen options alone; other words may be the ones that fail
     chosen = []

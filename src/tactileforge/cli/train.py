@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+from tactileforge.cli._command import Command
 from tactileforge.cli._quote import quoted, unquoted
-from tactileforge.cli.command import Command
 from tactileforge.errors import ConfigError, command
 from tactileforge.training.run_length import LENGTHS, MACHINE
 
@@ -140,7 +140,7 @@ def _of_run(folder: str) -> dict[str, Any]:
 def _finish(config: Any) -> Any:
     from hydra.core.hydra_config import HydraConfig
 
-    from tactileforge.cli.compose import finish
+    from tactileforge.cli._compose import finish
 
     typed = HydraConfig.get().overrides.task if HydraConfig.initialized() else ()
     return finish(config, typed)

@@ -7,6 +7,7 @@ import hashlib
 import json
 import logging
 import os
+import platform
 import re
 import shutil
 import time
@@ -170,7 +171,7 @@ def _remove(part: Path) -> None:
 
 def _node() -> str:
     """Name of this machine in the names of parts."""
-    return re.sub(r"\W", "", os.uname().nodename) or "machine"
+    return re.sub(r"\W", "", platform.node()) or "machine"
 
 
 def sync(path: Path) -> None:

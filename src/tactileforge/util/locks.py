@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
-from collections.abc import Iterator
+import platform
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
 from tactileforge.errors import ConfigError
+
+try:
+    import fcntl
+except ImportError:  # Windows, where filelock does the locking
+    fcntl = None  # type: ignore[assignment]
 
 #: Lock files held by this process. The system lets a process lock a file twice, and drops the lock
 #: as soon as the process closes any of its handles of that file.
@@ -22,7 +27,7 @@ def locked(path: Path, taken: str | None = None) -> Iterator[IO[str]]:
 
     It is a POSIX record lock, which forked workers do not inherit: the workers of a killed run
     outlive it for a moment without blocking its resumption. (``flock``, and with it ``filelock``,
-    is inherited by a fork.)
+    is inherited by a fork.) Without such locks, on Windows, it is one of ``filelock``.
 
     Args:
         path: The lock file; it and its folder are created.
@@ -39,7 +44,7 @@ def locked(path: Path, taken: str | None = None) -> Iterator[IO[str]]:
         raise ConfigError(words.replace("{holder}", f"{mine[0]}, this one"))
     with path.open("a+") as file:
         try:
-            fcntl.lockf(file, fcntl.LOCK_EX | (fcntl.LOCK_NB if taken else 0))
+            release = _take(file, path, not taken)
         except BlockingIOError as error:
             file.seek(0)
             holder = file.read().strip() or "unknown"
@@ -47,12 +52,13 @@ def locked(path: Path, taken: str | None = None) -> Iterator[IO[str]]:
         _HELD.add(mine)
         try:
             file.truncate(0)
-            file.write(f"{os.getpid()} on {os.uname().nodename}")
+            file.write(f"{os.getpid()} on {platform.node()}")
             file.flush()
             yield file
         finally:
             file.truncate(0)
             _HELD.discard(mine)
+            release()
 
 
 def is_locked(path: Path) -> bool:
@@ -61,9 +67,29 @@ def is_locked(path: Path) -> bool:
         return True
     try:
         with path.open("r+") as file:
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _take(file, path, waits=False)()
     except FileNotFoundError:
         return False
     except OSError:
         return True
     return False
+
+
+def _take(file: IO[str], path: Path, waits: bool) -> Callable[[], object]:
+    """Takes the lock of an open file, and returns a function that gives it back.
+
+    Raises:
+        BlockingIOError: Another process holds it, and ``waits`` is false.
+    """
+    if fcntl is not None:
+        fcntl.lockf(file, fcntl.LOCK_EX | (0 if waits else fcntl.LOCK_NB))
+        return lambda: None  # the end of the file handle gives it back
+    from filelock import FileLock, Timeout
+
+    # a file beside: on Windows, others could not read the holder in a locked one
+    lock = FileLock(f"{path}.held", timeout=-1 if waits else 0)
+    try:
+        lock.acquire()
+    except Timeout as error:
+        raise BlockingIOError(f"{path} is held") from error
+    return lock.release

@@ -14,8 +14,10 @@ from types import FrameType
 from typing import Any
 from weakref import WeakSet
 
-#: Signals that ask a program to end.
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: Signals that ask a program to end, as far as this system has them.
+ENDING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 #: Handlers that `handled` has set.
 _OURS: set[Any] = set()
 _MASKS = threading.local()
@@ -25,13 +27,25 @@ _STARTED: WeakSet[BaseProcess] = WeakSet()
 _kills_in = 0
 
 
+def _block() -> set[Any]:
+    """Blocks these signals in this thread; the signals blocked before. Windows blocks none."""
+    if not hasattr(signal, "pthread_sigmask"):
+        return set()
+    return set(signal.pthread_sigmask(signal.SIG_BLOCK, ENDING))
+
+
+def _block_only(numbers: set[Any]) -> None:
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_SETMASK, numbers)
+
+
 def _hold_signals() -> None:
     """Blocks signals during a fork, because the child would lose one sent to it meanwhile."""
-    _MASKS.before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+    _MASKS.before = _block()
 
 
 def _let_through() -> None:
-    signal.pthread_sigmask(signal.SIG_SETMASK, _MASKS.before)
+    _block_only(_MASKS.before)
 
 
 def _end_by_signals() -> None:
@@ -42,9 +56,10 @@ def _end_by_signals() -> None:
     _let_through()
 
 
-os.register_at_fork(
-    before=_hold_signals, after_in_parent=_let_through, after_in_child=_end_by_signals
-)
+if hasattr(os, "register_at_fork"):  # Windows starts its processes anew
+    os.register_at_fork(
+        before=_hold_signals, after_in_parent=_let_through, after_in_child=_end_by_signals
+    )
 
 
 @contextmanager
@@ -93,7 +108,7 @@ def interrupted_by_signals() -> Iterator[None]:
     def heard(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt(f"stopped by {signal.Signals(number).name}")
 
-    with handled(heard, (signal.SIGTERM, signal.SIGHUP)):
+    with handled(heard, [number for number in ENDING if number != signal.SIGINT]):
         yield
 
 
@@ -119,13 +134,13 @@ def signals_held() -> Iterator[None]:
     with it the run of its parent. The exit of this program kills those that are left.
     """
     others = set(active_children())
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+    before = _block()
     try:
         yield
     finally:
         _kill_at_exit()
         _STARTED.update(set(active_children()) - others)
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        _block_only(before)
 
 
 def leave_to_parent() -> None:
@@ -136,7 +151,8 @@ def leave_to_parent() -> None:
     """
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
 
 
 def _kill_at_exit() -> None:
@@ -149,7 +165,7 @@ def _kill_at_exit() -> None:
 
 def _end_started() -> None:
     # SIGTERM from the parent would not do: it is lost where one of another sender is still pending
-    if threading.current_thread() is threading.main_thread():
+    if threading.current_thread() is threading.main_thread() and hasattr(signal, "SIGCHLD"):
         # torch raises an error in the handler of this signal, for workers that it did not end
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     for process in list(_STARTED):

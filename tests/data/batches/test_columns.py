@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.contracts import Column, Recording
 from tactileforge.data.batches.clips import Clips, collate
 from tactileforge.data.batches.columns import declared_columns, measure_columns, plain_sizes

@@ -11,7 +11,7 @@ from tactileforge_bench.fit import pretrain
 from tactileforge_bench.fit.pretrain import PretrainJob, PretrainModel
 from tactileforge_bench.verbs.bench import COMMANDS
 
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.plugins import registry
 from tactileforge.util import processes

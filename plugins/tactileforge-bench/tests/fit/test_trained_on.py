@@ -9,7 +9,7 @@ import pytest
 from tactileforge_bench.fit.trained_on import seen, trained_on
 from videos import write_video
 
-from tactileforge.cli.compose import option
+from tactileforge.cli._compose import option
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.hub.header import Header
 from tactileforge.reading.splits import is_held_out

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 from demonstrated import demonstrations
 
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 
 #: A policy that trains in seconds: a random encoder of one block, and a narrow U-Net.
 SMALL = ["scale=demo", "init=null", "encoder.depth=1", "encoder.image_size=32"]

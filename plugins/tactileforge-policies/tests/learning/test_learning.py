@@ -13,7 +13,7 @@ from tactileforge_policies.heads.ranges import Ranges
 from tactileforge_policies.robot import Robot
 
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.runs.checkpoint_file import read_checkpoint
 from tactileforge.runs.folder import LAST, read_config

@@ -13,7 +13,7 @@ from tactileforge_policies.data.demonstrations import Demonstrations
 from tactileforge_policies.reference import GAIN_LABEL
 
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 from tactileforge.data.batches.clips import collate
 from tactileforge.encoders.views import views_of
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, TactileForgeError

@@ -4,7 +4,7 @@ import pytest
 from demonstrated import demonstrations
 
 from tactileforge.api import train
-from tactileforge.cli.compose import compose
+from tactileforge.cli._compose import compose
 
 
 @pytest.mark.slow

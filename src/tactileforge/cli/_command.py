@@ -63,7 +63,7 @@ class Command:
 
     def declare(self, verb: str) -> str:
         """Registers the configuration with Hydra and returns its name."""
-        from tactileforge.cli.compose import declare
+        from tactileforge.cli._compose import declare
 
         name = self.name(verb)
         if not self.yaml:
@@ -73,7 +73,7 @@ class Command:
 
     def compose(self, verb: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
         """Configuration of the command as plain data; see `compose.composed`."""
-        from tactileforge.cli.compose import composed, plain
+        from tactileforge.cli._compose import composed, plain
 
         config = composed(self.declare(verb), overrides)
         return plain(self.finish(config) if self.finish else config)

@@ -1,0 +1,72 @@
+"""Without what only POSIX systems have, everything is imported, and the first hour works."""
+
+import subprocess
+import sys
+
+import pytest
+
+#: Takes from a Linux what Windows does not have, once the libraries are imported: their builds for
+#: Linux rely on it.
+WITHOUT = """
+import os, signal, sys
+import cv2, h5py, hydra, lightning, matplotlib.pyplot, torch, torchmetrics, tqdm, webdataset
+for name in ("fcntl", "resource", "termios", "pty", "tty", "pwd", "grp"):
+    sys.modules[name] = None
+for name in ("sched_getaffinity", "register_at_fork", "fork", "forkpty", "killpg", "setsid"):
+    if hasattr(os, name):
+        delattr(os, name)
+for name in ("SIGHUP", "SIGUSR1", "SIGUSR2", "SIGCHLD", "pthread_sigmask", "SIGALRM"):
+    if hasattr(signal, name):
+        delattr(signal, name)
+"""
+
+IMPORTS = """
+import pkgutil, tactileforge
+from importlib import import_module
+names = [m.name for m in pkgutil.walk_packages(tactileforge.__path__, "tactileforge.")]
+names = [n for n in names if n != "tactileforge.__main__" and ".example" not in n]
+for name in names:
+    import_module(name)
+print(len(names))
+"""
+
+HOUR = """
+import numpy as np
+import tactileforge
+from tactileforge.cli import run
+model = tactileforge.load("anytouch2.tiny")
+rest = np.full((240, 320, 3), 110, np.uint8)
+assert model.encode(np.stack([rest] * 4), rest, "gelsight_mini").shape == (3840,)
+
+def done(*words):
+    assert run(list(words)) == 0, words
+
+sim = ["data=sim", "data.scenes=3", "data.val=1", "data.size=32", "data.cache=cache"]
+done("data", "pack", *sim, "out=packed", "pack.processes=1")
+done("data", "inspect", "data=shards", "data.root=packed", "out=page.html")
+shards = ["data=shards", "data.root=packed", "hydra.run.dir=run", "batch.workers=0"]
+done("train", "scale=demo", "debug=steps", "objective=[pixel]", "encoder.image_size=32", *shards)
+print("all done")
+"""
+
+
+def _run(code, folder):
+    return subprocess.run(
+        [sys.executable, "-c", WITHOUT + code], cwd=folder, capture_output=True, text=True
+    )
+
+
+@pytest.mark.slow
+def test_every_module_is_imported(tmp_path):
+    done = _run(IMPORTS, tmp_path)
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert int(done.stdout) > 250
+
+
+@pytest.mark.slow
+def test_load_encode_pack_inspect_and_train(tmp_path):
+    done = _run(HOUR, tmp_path)
+    assert done.returncode == 0, (done.stdout + done.stderr)[-3000:]
+    assert "all done" in done.stdout
+    assert (tmp_path / "page.html").exists()
+    assert (tmp_path / "run/report.html").exists()
