@@ -7,7 +7,7 @@ import torch
 from tactileforge_bench.fit.models import model_entry
 
 import tactileforge
-from tactileforge.cli.compose import compose
+from tactileforge import compose
 from tactileforge.errors import ConfigError
 from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.hub.header import read_header
