@@ -3,5 +3,6 @@ from tactileforge.cli._compose import compose as compose
 from tactileforge.hub.loading import list_models as list_models
 from tactileforge.hub.loading import load as load
 from tactileforge.plugins.registry import list_plugins as list_plugins
+from tactileforge.plugins.registry import register as register
 
 __version__: str

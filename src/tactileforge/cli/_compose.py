@@ -25,18 +25,18 @@ from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException, MissingConfigException
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
 from omegaconf.errors import InterpolationToMissingValueError
 
 from tactileforge.errors import ConfigError, PluginError, unknown
-from tactileforge.plugins import registry
+from tactileforge.plugins import local, registry
 from tactileforge.plugins.distributions import conf_packages, package_of
 from tactileforge.plugins.registry import GROUPS
 
 log = logging.getLogger(__name__)
 
 #: Groups that hold several options at once, each under its own name.
-MULTI = {"head", "objective", "sensor"}
+MULTI = {"head", "objective", "sensor", "callbacks"}
 
 
 class PluginSource(ConfigSource):
@@ -61,7 +61,9 @@ class PluginSource(ConfigSource):
         A group of several options accepts any name, so that an unknown one gets an error of ours,
         with the nearest name.
         """
-        group, _, name = config_path.removesuffix(".yaml").rpartition("/")
+        group, name = _parted(config_path)
+        if group in GROUPS and local.is_local(name):
+            return True
         return group in MULTI or (group in GROUPS and name in registry.names(GROUPS[group]))
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
@@ -74,8 +76,10 @@ class PluginSource(ConfigSource):
 
     def load_config(self, config_path: str) -> ConfigResult:
         """Imports one plugin and gives its defaults."""
-        group, _, name = config_path.removesuffix(".yaml").rpartition("/")
+        group, name = _parted(config_path)
         try:
+            if local.is_local(name):  # in the words, or the YAML, of the user
+                registry.adopt(GROUPS[group], name, group)
             node = node_of(group, name)
         except PluginError as error:
             raise ConfigCompositionException(str(error)) from error
@@ -83,8 +87,14 @@ class PluginSource(ConfigSource):
             provider=self.provider,
             path=f"{self.scheme()}://{config_path}",
             config=OmegaConf.create(node),
-            header={"package": f"{group}.{name}" if group in MULTI else None},
+            header={"package": f"{group}.{local.key_of(name)}" if group in MULTI else None},
         )
+
+
+def _parted(config_path: str) -> tuple[str, str]:
+    """Group and option of a path; an option of the user's own may be the path of a file."""
+    group, _, name = config_path.partition("/")
+    return group, name.removesuffix(".yaml")
 
 
 class SearchPath(SearchPathPlugin):
@@ -274,8 +284,48 @@ def plain(config: DictConfig) -> dict[str, Any]:
         missing = re.findall(r"[Mm]issing mandatory value: (\S+)", str(error))
     if missing:
         raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
+    adopt(config)
     out: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     return out
+
+
+#: Keys whose value names a plugin, wherever they are, and its kind.
+_NAMED = {"schedule": "schedules", "curve": "curves"}
+
+
+def adopt(config: DictConfig) -> None:
+    """Imports the names of the user's own in a composed configuration: ``name: my_module:Contrast``.
+
+    ``_target_: my_module.Contrast`` is the same, as Hydra's users know it. The configuration is
+    what the user typed, and his YAML; that of a run or a model is never given to this function.
+
+    Args:
+        config: Composed configuration; a ``_target_`` in it becomes a ``name``.
+
+    Raises:
+        PluginError: A name cannot be imported, or is something else; one line with the place.
+    """
+    with open_dict(config):
+        for group in config:
+            node = None if OmegaConf.is_missing(config, group) else config._get_node(group)
+            if isinstance(node, DictConfig) and not node._is_none():
+                _adopt(node, str(group), GROUPS.get(str(group), ""))
+
+
+def _adopt(node: DictConfig, place: str, kind: str) -> None:
+    if kind and "_target_" in node:
+        module, _, name = str(node.pop("_target_")).rpartition(".")
+        node["name"] = f"{module}:{name}"
+    for key in node:
+        inner = node._get_node(key)
+        if isinstance(inner, DictConfig):
+            if not inner._is_none():
+                _adopt(inner, f"{place}.{key}", kind)
+            continue
+        wanted = kind if key == "name" else _NAMED.get(str(key), "")
+        value = inner._value() if inner is not None and hasattr(inner, "_value") else None
+        if wanted and local.is_local(value):
+            registry.adopt(wanted, value, f"{place}.{key}".removesuffix(".name"))
 
 
 def check_presets(config: DictConfig) -> None:
@@ -310,6 +360,7 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     """
     check_presets(config)
     _name_networks(config, typed)
+    adopt(config)
     chosen = _chosen("objective", config)
     if not chosen:
         raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")
@@ -329,9 +380,7 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     config.head = {
         # without a chosen one its own, with the options that a scale or a + gives it
         key: heads.get(key)
-        or OmegaConf.merge(
-            node_of("head", registry.get("objectives", node["name"]).head), options.get(key) or {}
-        )
+        or OmegaConf.merge(node_of("head", registry.head_of(node["name"])), options.get(key) or {})
         for key, node in chosen.items()
     }
     config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
@@ -362,7 +411,9 @@ _SIZED = ("tactile_vit", "plain_vit")
 
 def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
     """Removes options of our own encoders from an encoder without such options."""
-    if encoder["name"] in _SIZED or encoder["name"] not in registry.names("encoders"):
+    name = encoder["name"]
+    known_name = name in registry.names("encoders") or local.is_local(name)
+    if name in _SIZED or not known_name:
         return
     own = registry.parameters(registry.get("encoders", encoder["name"]))
     known = {key for name in _SIZED for key in node_of("encoder", name)}

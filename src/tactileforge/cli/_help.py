@@ -10,7 +10,7 @@ from textwrap import wrap
 from tactileforge.cli._command import Command
 from tactileforge.cli._options import options, yaml_groups, yaml_options, yaml_text
 from tactileforge.cli._verbs import builtin, commands
-from tactileforge.plugins import registry
+from tactileforge.plugins import local, registry
 from tactileforge.plugins.distributions import is_ours
 from tactileforge.util import strict
 
@@ -58,8 +58,11 @@ def option_keys(group: str, chosen: str | None) -> list[str]:
         return []
     lines = []
     for name in filter(None, re.split(r"[\[\],\s]+", chosen)):  # one name, or [pixel,diff]
-        if name in registry.names(registry.GROUPS[group]):
-            place = f"{group}.{name}" if group in MULTI else group
+        own = local.is_local(name)
+        if own:
+            registry.adopt(registry.GROUPS[group], name, group)
+        if own or name in registry.names(registry.GROUPS[group]):
+            place = f"{group}.{local.key_of(name)}" if group in MULTI else group
             lines += [f"{place}:  # {name}", *plugin_keys(group, name), ""]
     return lines
 

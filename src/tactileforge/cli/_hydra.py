@@ -50,7 +50,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
     register()
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra raises its errors, reported here
     typed, launcher = sys.argv, os.getpid()
-    places = places_of(words.overrides, words.flags)
+    places = [*words.code, *places_of(words.overrides, words.flags)]
     results: list[Result] = []
     started: list[bool] = []
     # an error raised inside `task` would make Hydra print its own traceback, so it is kept here

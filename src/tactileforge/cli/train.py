@@ -9,6 +9,7 @@ from typing import Any
 from tactileforge.cli._command import Command
 from tactileforge.cli._quote import quoted, unquoted
 from tactileforge.errors import ConfigError, command
+from tactileforge.plugins.local import is_local
 from tactileforge.training.run_length import LENGTHS, MACHINE
 
 
@@ -63,7 +64,8 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
         if not kept:
             early = "" if "step" in said else " before the first step"
             said += f"{early}; nothing was saved"
-        again = command("train", f"resume={folder}") if kept else "the same command again"
+        own = [f"code={name}" for name in _own_names(config)]
+        again = command("train", f"resume={folder}", *own) if kept else "the same command again"
         raise KeyboardInterrupt(f"{said}; go on with: {again}") from stop
     try:
         return metric(module, config.get("optimized_metric"))
@@ -71,6 +73,15 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
         if not sweeps:
             raise
         return float("nan")
+
+
+def _own_names(node: Any) -> list[str]:
+    """Names of the user's own classes in a configuration: resuming has to type them again."""
+    if not isinstance(node, dict):
+        return []
+    inner = [name for value in node.values() for name in _own_names(value)]
+    own = [node[key] for key in ("name", "schedule", "curve") if is_local(node.get(key))]
+    return list(dict.fromkeys([*own, *inner]))
 
 
 def _check_encoder(init: str) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactileforge.errors import home_path
 from tactileforge.hub import cards, store
+from tactileforge.plugins import registry
 
 if TYPE_CHECKING:
     import torch
@@ -24,6 +25,7 @@ def load(
     dtype: Precision = "float32",
     frames: int | None = None,
     image_size: int | tuple[int, int] | None = None,
+    classes: Mapping[str, Any] | None = None,
 ) -> Model:
     """Loads a model of the zoo, a one-file checkpoint, or the last checkpoint of a run.
 
@@ -40,6 +42,8 @@ def load(
         frames: Another number of frames a clip than it was trained on, where its positions can be
             interpolated.
         image_size: Another height and width, or one number for both, likewise.
+        classes: Classes of one's own by the name in the file, such as ``my_module:Tiny``: what a
+            file names is never imported.
 
     Raises:
         ConfigError: Unknown name, type or device, a card without weights, or frames or a size that
@@ -54,6 +58,8 @@ def load(
         >>> load("anytouch2.tiny").encode(np.stack([rest] * 4), rest, "digit").shape
         torch.Size([3840])
     """
+    for own, given in (classes or {}).items():
+        registry.give(own, given)
     card = None
     if isinstance(name_or_file, Path):
         path = name_or_file

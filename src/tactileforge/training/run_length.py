@@ -14,8 +14,9 @@ log = logging.getLogger(__name__)
 
 #: Keys of ``trainer`` for the length of a run.
 LENGTHS = ("max_steps", "max_epochs")
-#: Keys of ``trainer`` for its machine: number of processes, kind of device, precision.
-MACHINE = ("devices", "num_nodes", "accelerator", "precision")
+#: Keys of ``trainer`` for its machine: number of processes, kind of device, precision,
+#: time that is left.
+MACHINE = ("devices", "num_nodes", "accelerator", "precision", "max_time")
 
 
 def change_run(plain: dict[str, Any], before: Mapping[str, Any], state: Mapping[str, Any]) -> bool:

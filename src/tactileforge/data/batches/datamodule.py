@@ -286,31 +286,56 @@ class TouchData(L.LightningDataModule):
             world=trainer.world_size if trainer else 1,
             accumulate=accumulate,
         )
+        if trainer is None:
+            loader = Loader.of(stream, BatchIndexSampler(len(stream)), self.workers)
+            loader.prepare = lambda batch, number: self.prepared(batch, number + 1, True)
+            return loader
         # a function: later epochs use the same loader, and begin at other steps
         position = lambda: trainer.global_step * accumulate if trainer else 0  # noqa: E731
         return Loader.of(stream, BatchIndexSampler(len(stream), position), self.workers)
 
-    def val_dataloader(self) -> Loader | list[Loader]:
-        """Held-out clips, in the same batches each time; [] without any."""
+    def val_stream(self) -> Stream:
+        """Batches of held-out clips, the same each time."""
         if self.val is None:
-            return []
+            raise DataError("nothing is held out")
         paired = bool(self.match) and bool(Pairs(*self.val.labels()))
         n_pairs = round(self.match * self.batch_size / 2) if paired else 0
         plain = self.batch_size - 2 * n_pairs
         length = max(1, len(self.val) // max(1, plain))
         track = FullSource(self.val, plain, [self.seed])
-        stream = Stream([track], n_pairs, self.seed, WorkerId(), length)
-        return Loader.of(stream, BatchIndexSampler(length), self.workers)
+        return Stream([track], n_pairs, self.seed, WorkerId(), length)
+
+    def val_dataloader(self) -> Loader | list[Loader]:
+        """Held-out clips, in the same batches each time; [] without any."""
+        if self.val is None:
+            return []
+        stream = self.val_stream()
+        loader = Loader.of(stream, BatchIndexSampler(len(stream)), self.workers)
+        if self.trainer is None:
+            loader.prepare = lambda batch, number: self.prepared(batch, number + 1, False)
+        return loader
 
     def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
         """Draw changes of clips on the host, with their labels; adds ``paired`` (bool)."""
-        assert self.trainer is not None
-        training = self.trainer.training
+        trainer = self.trainer
+        if trainer is None or "paired" in batch:  # a loop of one's own: the loader has done so
+            return batch
+        number = trainer.fit_loop.total_batch_idx + 1 if trainer.training else 0
+        return self.prepared(batch, number, trainer.training, trainer.global_rank)
+
+    def prepared(self, batch: Batch, number: int, training: bool, rank: int = 0) -> Batch:
+        """Batch with drawn changes of clips and labels, its captions, and ``paired`` (bool).
+
+        Args:
+            batch: Batch on the host, as a reader gives it.
+            number: Number of the batch in the run, from 1.
+            training: Whether it is for training, where changes are drawn.
+            rank: Rank of the process.
+        """
         if training:
-            number = self.trainer.fit_loop.total_batch_idx + 1
             # by the number of the batch, not by a running generator: a resumed run draws the same
             # flips as an undisturbed one
-            seed_step(self.seed, number, self.trainer.global_rank + 1)
+            seed_step(self.seed, number, rank + 1)
             if self.augment:
                 batch = self.augment.labels(batch, self._declared)
         fill_captions(batch)

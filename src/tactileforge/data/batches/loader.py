@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from itertools import count
 from multiprocessing import (
     current_process,
     get_all_start_methods,
@@ -42,9 +43,12 @@ class Loader(DataLoader[Batch]):
 
     Attributes:
         waited: Seconds spent waiting for batches so far.
+        prepare: Function of a batch and its number in the pass, for a loop without a trainer,
+            whose data module prepares batches itself; None with one.
     """
 
     waited = 0.0
+    prepare: Callable[[Batch, int], Batch] | None = None
 
     @classmethod
     def of(cls, stream: Stream, numbers: BatchIndexSampler, workers: int) -> Loader:
@@ -78,13 +82,13 @@ class Loader(DataLoader[Batch]):
         return self._timed(batches)
 
     def _timed(self, batches: Iterator[Batch]) -> Iterator[Batch]:
-        while True:
+        for number in count():
             start = time.perf_counter()
             batch = next(batches, None)
             self.waited += time.perf_counter() - start
             if batch is None:
                 return
-            yield batch
+            yield batch if self.prepare is None else self.prepare(batch, number)
 
     def state_dict(self) -> dict[str, Any]:
         """State of the batches: clips, seed, processes and workers, as plain data."""
