@@ -9,6 +9,7 @@ import copy
 import inspect
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -336,7 +337,10 @@ def without_start(kind: str, config: Mapping[str, Any]) -> dict[str, Any]:
         config: ``{"name": ..., **arguments}``; one whose plugin is not installed stays as it is.
     """
     name = str(config.get("name"))
-    options = getattr(get(kind, name), "starting_options", ()) if name in names(kind) else ()
+    options: tuple[str, ...] = ()
+    if name in names(kind) or local.is_local(name):
+        with suppress(PluginError):  # one of the user's own that was not given here
+            options = getattr(get(kind, name), "starting_options", ())
     return {key: value for key, value in config.items() if key not in options}
 
 
