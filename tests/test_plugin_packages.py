@@ -194,6 +194,8 @@ def test_without_the_package_of_published_encoders_an_import_names_it(capsys):
     ("kind", "name", "package"),
     [
         ("encoders", "vqgan", "tactileforge-published"),
+        ("encoders", "timm", "tactileforge-timm"),
+        ("encoders", "timm_image", "tactileforge-timm"),
         ("heads", "published_force", "tactileforge-published"),
         ("datasets", "octopi", "tactileforge-datasets"),
         ("datasets", "webdataset", "tactileforge-datasets"),
@@ -322,6 +324,43 @@ def test_their_own_tests_pass(site, run):
     assert done.returncode == 0, done.stdout
     assert " passed" in done.stdout
     assert "skipped" not in done.stdout
+
+
+#: What timm and its package need beside the environment of the core: no torch, nor what it brings.
+OF_TIMM = ("timm>=1.0.20", "torchvision", "peft>=0.17", "accelerate", "psutil")
+
+
+@pytest.fixture(scope="module")
+def timm_site(tmp_path_factory):
+    """The folder of timm's package installed with timm, beside the environment of the core."""
+    work = tmp_path_factory.mktemp("timm")
+    source = shutil.copytree(ROOT / "plugins/tactileforge-timm", work / "source")
+    install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-compile"]
+    install += ["--target", str(work / "site")]
+    # any torchvision does: its networks are not used, and tests declare operators that it misses
+    done = subprocess.run([*install, *OF_TIMM], capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"timm cannot be installed here: {done.stderr.strip().splitlines()[-1]}")
+    done = subprocess.run(
+        [*install, "--no-build-isolation", str(source)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return work / "site"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_the_tests_of_the_package_of_timm_pass(timm_site):
+    path = os.pathsep.join(filter(None, [str(timm_site), os.environ.get("PYTHONPATH", "")]))
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"],
+        cwd=ROOT / "plugins/tactileforge-timm",  # beside its page, whose code is run, too
+        env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1", "PYTEST_ADDOPTS": ""},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout
+    assert " passed" in done.stdout
 
 
 @pytest.mark.realdata

@@ -386,6 +386,7 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
         PluginError: A plugin is not installed.
     """
     check_presets(config)
+    _name_networks(config, typed)
     adopt(config)
     chosen = _chosen("objective", config)
     if not chosen:
@@ -415,6 +416,22 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
     OmegaConf.set_struct(config, True)
     _known.check_plugins(config)
     return config
+
+
+def _name_networks(config: DictConfig, typed: Sequence[str]) -> None:
+    """Takes ``encoder=timm encoder.name=X`` as the network X of the plugin timm.
+
+    The key ``name`` is the plugin's own. A class whose networks have names says in ``named_by``
+    which option gives them.
+    """
+    words = dict(word.lstrip("+").partition("=")[::2] for word in typed)
+    for group in ("encoder", "image_encoder"):
+        plugin, network = words.get(group, ""), words.get(f"{group}.name")
+        if network is None or plugin not in registry.names("encoders"):
+            continue
+        option = getattr(registry.get("encoders", plugin), "named_by", None)
+        if option is not None:
+            config[group].update({"name": plugin, option: network})
 
 
 #: Encoders whose options are set by recipes and scales.

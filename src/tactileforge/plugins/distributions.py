@@ -84,6 +84,7 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
         "sensors": ("sim", "sim_robot", "sim_wrench"),
         "verbs": ("sim",),
     },
+    "tactileforge-timm": {"encoders": ("timm", "timm_image")},
 }
 
 

@@ -9,6 +9,7 @@ import copy
 import inspect
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -356,6 +357,25 @@ def context(plugin: type[Any]) -> frozenset[str]:
     if not isinstance(plugin, type) and not inspect.isroutine(plugin):
         return frozenset()
     return CONTEXT & set(signature(plugin).parameters)
+
+
+def without_start(kind: str, config: Mapping[str, Any]) -> dict[str, Any]:
+    """A plugin's configuration without the options of its first weights.
+
+    The class names them in ``starting_options``: files of weights, or whether to fetch some. They
+    are of no use to a plugin whose weights come from a checkpoint, and a downloaded file must not
+    cause a download.
+
+    Args:
+        kind: One of `KINDS`.
+        config: ``{"name": ..., **arguments}``; one whose plugin is not installed stays as it is.
+    """
+    name = str(config.get("name"))
+    options: tuple[str, ...] = ()
+    if name in names(kind) or local.is_local(name):
+        with suppress(PluginError):  # one of the user's own that was not given here
+            options = getattr(get(kind, name), "starting_options", ())
+    return {key: value for key, value in config.items() if key not in options}
 
 
 def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any) -> Any:

@@ -48,9 +48,10 @@ class _Bench:
     """Keys of ``bench``.
 
     Attributes:
-        model: Names of the zoo, file:PATH, run:FOLDER, untrained:WORD (random weights in the shape
-            of one of these, of a recipe, or of a model that is trained here), or a baseline without
-            encoder: pixels, statistics, motion, hog, background, chance.
+        model: Names of the zoo, file:PATH, run:FOLDER, timm:NETWORK or timm:NETWORK:FILE (with
+            tactileforge-timm), untrained:WORD (random weights in the shape of one of these, of a
+            recipe, or of a model that is trained here), or a baseline without encoder: pixels,
+            statistics, motion, hog, background, chance.
         task: Names of tasks of the suites; None for all.
         seeds: Number of probes per cell; they take turns over the runs of a model trained several
             times.
