@@ -318,7 +318,7 @@ _NAMED = {"schedule": "schedules", "curve": "curves"}
 
 
 def adopt(config: DictConfig) -> None:
-    """Imports the names of the user's own in a composed configuration: ``name: my_module:Contrast``.
+    """Imports the user's own names in a composed configuration, as in ``name: my_module:Contrast``.
 
     ``_target_: my_module.Contrast`` is the same, as Hydra's users know it. The configuration is
     what the user typed, and his YAML; that of a run or a model is never given to this function.
@@ -340,15 +340,15 @@ def _adopt(node: DictConfig, place: str, kind: str) -> None:
     if kind and "_target_" in node:
         module, _, name = str(node.pop("_target_")).rpartition(".")
         node["name"] = f"{module}:{name}"
-    for key in node:
+    for key in map(str, node):
         inner = node._get_node(key)
         if isinstance(inner, DictConfig):
             if not inner._is_none():
                 _adopt(inner, f"{place}.{key}", kind)
             continue
-        wanted = kind if key == "name" else _NAMED.get(str(key), "")
+        wanted = kind if key == "name" else _NAMED.get(key, "")
         value = inner._value() if inner is not None and hasattr(inner, "_value") else None
-        if wanted and local.is_local(value):
+        if wanted and isinstance(value, str) and local.is_local(value):
             registry.adopt(wanted, value, f"{place}.{key}".removesuffix(".name"))
 
 

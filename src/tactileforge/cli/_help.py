@@ -80,10 +80,10 @@ def keys_page() -> str:
     for group in _WHOLE:
         option = next(iter(options(group)))
         lines += [f"### {group}={option}", "", *_block("\n".join(option_keys(group, option)))]
-    for kind in registry.KINDS:
-        if kind == "optimizers":
-            continue  # listed above, with the keys shared by all optimisers
-        group = next(key for key, value in registry.GROUPS.items() if value == kind)
+    for kind in (*registry.KINDS, "callbacks"):
+        group = next((key for key, value in registry.GROUPS.items() if value == kind), "")
+        if not group or kind == "optimizers":
+            continue  # these are listed above, with the keys shared by all optimisers
         place = f"{group}.NAME" if group in MULTI else group
         lines += [f"## {kind.capitalize()}", "", f"`{group}=NAME`, and `{place}.KEY=`.", ""]
         for plugin in ours:

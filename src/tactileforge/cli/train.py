@@ -166,8 +166,8 @@ def _prepare(overrides: list[str]) -> list[str]:
     if given:
         raise ConfigError(
             f"resume= goes on with the same run, so {' '.join(given)} cannot be given with it, but "
-            f"for its length (trainer.max_steps=), its machine ({', '.join(_ANEW[2:])}) and the new "
-            "place of the same data (data.root=); init= starts a new run from its weights"
+            f"for its length (trainer.max_steps=), its machine ({', '.join(_ANEW[2:])}) and the "
+            "new place of the same data (data.root=); init= starts a new run from its weights"
         )
     _of_run(folders[-1])  # fails for a folder without a run, before Hydra makes one
     words = [word for word in overrides if not word.startswith("resume=")]

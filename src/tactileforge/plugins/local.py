@@ -187,7 +187,8 @@ def _from_file(source: str, place: str) -> ModuleType:
     if name in sys.modules and path not in _files:  # imported by its name before
         return sys.modules[name]
     spec = spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None  # a .py file has both
+    assert spec is not None  # of a .py file
+    assert spec.loader is not None
     module = module_from_spec(spec)
     before = sys.modules.get(name)
     sys.modules[name] = module  # dataclasses and pickles look it up there

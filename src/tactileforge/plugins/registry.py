@@ -340,7 +340,7 @@ def meanings(kind: str, name: str) -> dict[str, str]:
     """Descriptions of the options of an installed plugin; imports it only if it has to.
 
     Raises:
-        PluginError: As of `options`.
+        PluginError: It is not installed, or is claimed twice.
     """
     known, entries = options(kind, name), _entries(kind).get(name, [])
     found: dict[str, str] = {}
