@@ -120,7 +120,7 @@ def test_a_run_is_saved_before_the_error_of_a_callback(tmp_path):
 )
 def test_a_slip_is_named_before_data_is_read(words, message, tmp_path):
     def run():
-        api.train(compose("anytouch2", [*WORDS, *words, "data.scenes=99999"]), tmp_path)
+        api.train(compose("anytouch2", [*WORDS, *words, "data=shards", "data.root=/nowhere"]), tmp_path)
 
     with pytest.raises((ConfigError, PluginError, HydraException), match=message):
         run()

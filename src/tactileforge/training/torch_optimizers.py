@@ -28,6 +28,8 @@ class TorchOptimizer:
 
     def __init__(self, **options: Any) -> None:
         self.options = options
+        # torch checks them: a slip is named before data is read
+        self.build([("weight", nn.Parameter(torch.zeros(1, 1)))], False)
 
     def build(
         self, parameters: Sequence[tuple[str, nn.Parameter]], fused: bool
