@@ -1,5 +1,6 @@
 from tactileforge.api import train as train
 from tactileforge.cli._compose import compose as compose
+from tactileforge.hub.creating import create as create
 from tactileforge.hub.loading import list_models as list_models
 from tactileforge.hub.loading import load as load
 from tactileforge.plugins.registry import list_plugins as list_plugins

@@ -23,7 +23,7 @@ from tactileforge.hub.inputs import (
     warn_of_swapped_clips,
 )
 from tactileforge.hub.sensor_rows import name_each, row_each, takes_any_sensor
-from tactileforge.hub.taps import Tap, check_tap, read_tap
+from tactileforge.hub.taps import Tap, check_tap, read_layers, read_tap
 
 
 class ClipEncoder:
@@ -126,6 +126,14 @@ class ClipEncoder:
         with torch.no_grad():
             out = torch.cat([self.read(tap, *batch).float() for batch in batches])
         return out[0] if single else out
+
+    def layered(self, layers: Sequence[int], clips: Clips) -> list[Tensor]:
+        """Outputs of blocks, as `Model.features` gives them with ``layers``."""
+        batches, single = self._batches(clips, 4)
+        with torch.no_grad():
+            done = [read_layers(self.encoder, layers, *self._moved(batch)) for batch in batches]
+        joint = [torch.cat(parts).float() for parts in zip(*done, strict=True)]
+        return [x[0] for x in joint] if single else joint
 
     def grouped(
         self, names: Sequence[str] | None, clips: Clips, stacklevel: int = 4

@@ -13,6 +13,7 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from tactileforge.errors import ConfigError, DataError
+from tactileforge.hub.allowance import Allowance
 from tactileforge.hub.file_checks import build, check_nodes, check_plugin, towers_of
 from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
@@ -161,7 +162,8 @@ def open_model(
     check_nodes(path, header)
     # so far by the header alone: nothing of the file was built
     node = dict(header.encoder)
-    with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
+    # the numbers drawn here are replaced
+    with torch.random.fork_rng(devices=[]), Allowance(path):
         encoder = build(path, "encoders", node)
     try:
         state = load_file(path)
@@ -186,7 +188,7 @@ def _open_heads(
     heads: dict[str, nn.Module] = {}
     for name, entry in header.heads.items():
         prefix = _of_head(name)
-        with torch.random.fork_rng(devices=[]):
+        with torch.random.fork_rng(devices=[]), Allowance(path):
             towers = towers_of(path, entry)
             head: nn.Module = build(path, "heads", entry["node"], encoder=encoder, **towers)
         own = {key.removeprefix(prefix): x for key, x in state.items() if key.startswith(prefix)}

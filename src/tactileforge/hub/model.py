@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from tactileforge.encoders.feature_groups import group_sizes
 from tactileforge.errors import ConfigError
-from tactileforge.hub import forces, head_reader
+from tactileforge.hub import forces, head_reader, saving
 from tactileforge.hub.cards import Card
 from tactileforge.hub.clip_encoder import ClipEncoder, check_device
 from tactileforge.hub.clips import Batched, Clips, Sensors, Still, Unknown, check_batch_size
@@ -56,6 +56,7 @@ class Model(nn.Module):
         frames: Frames of a clip, T.
         projected: Size of a projected token; `encode` gives vectors of ``vector_size``.
         heads: ``torch.nn.ModuleDict``; empty where the file has none.
+        loaded: Hashes of its parts as they were loaded; see `part_hashes`.
 
     Raises:
         ConfigError: There is no such device.
@@ -83,6 +84,7 @@ class Model(nn.Module):
             encoder.unknown_sensor = "error"  # the policy is an argument of `encode`
         # checked first: a move that fails would leave a part of the weights behind
         self.to(check_device(device)).eval()
+        self.loaded = self.part_hashes()
 
     @property
     def device(self) -> torch.device:
@@ -149,6 +151,47 @@ class Model(nn.Module):
         """The same of the encoder's weights alone; ties a head for classes to its encoder."""
         return self._encoder_hash or forces.fingerprint([self.encoder])
 
+    @property
+    def is_rounded(self) -> bool:
+        """Whether its weights were rounded when it was loaded: ``dtype`` of `load`."""
+        return bool(self._fingerprint)
+
+    def part_hashes(self) -> dict[str, str]:
+        """Hashes of the weights of ``encoder`` and of each ``head.NAME``."""
+        parts = {"encoder": self.encoder, **{f"head.{key}": x for key, x in self.heads.items()}}
+        return {key: forces.fingerprint([part]) for key, part in parts.items()}
+
+    def save(self, path: str | Path, **options: Any) -> Path:
+        """Writes the model as it is now to one file, which ``load(path)`` reads.
+
+        Weights that were trained since they were loaded, in a loop of yours too, have their lineage
+        in the header: from which weights they come, and what changed, by hashes.
+
+        Args:
+            path: The file.
+            **options: ``name``; ``licence``, where the weights have none; ``dtype``, ``float32`` or
+                ``float16``.
+
+        Raises:
+            ConfigError: Rounded weights, numbers that are not finite, or another licence than that
+                of the weights from which these come.
+        """
+        return saving.save_model(self, path, **options)
+
+    def save_pretrained(self, folder: str | Path, **options: Any) -> Path:
+        """Writes the file and a card to a folder, which ``load(folder)`` reads; see `save`."""
+        return saving.save_folder(self, folder, **options)
+
+    def push_to_hub(
+        self, repo: str, *, private: bool = False, message: str = "", **options: Any
+    ) -> str:
+        """Puts the file and a card into ``OWNER/NAME`` of the model hub, created if need be.
+
+        Returns the address of the commit; options and errors are those of `save`, and a
+        DataNotFoundError says what to do where the hub refuses.
+        """
+        return saving.push(self, repo, private=private, message=message, **options)
+
     def __repr__(self) -> str:
         size = sum(x.numel() for x in self.encoder.state_dict().values()) / 1e6  # int8 is a buffer
         return (
@@ -200,13 +243,19 @@ class Model(nn.Module):
         sensor: Sensors = None,
         *,
         tap: Tap = "tokens",
+        layers: Sequence[int] | None = None,
         **options: Unpack[Batched],
-    ) -> Tensor:
+    ) -> Any:
         """Features of clips at one of the encoder's taps, float32, with B in front for a batch.
 
-        Arguments and errors are those of `encode`; ``tap`` is one of `taps.Tap`.
+        Arguments and errors are those of `encode`; ``tap`` is one of `taps.Tap`. With ``layers``, a
+        list: the outputs of these blocks, (L, width), or (C, H, W) of a convolutional network; -1
+        is the last.
         """
-        return self.clips_reader.tapped(tap, Clips(frames, background, sensor, **options))
+        clips = Clips(frames, background, sensor, **options)
+        if layers is not None:
+            return self.clips_reader.layered(layers, clips)
+        return self.clips_reader.tapped(tap, clips)
 
     def groups(
         self,
