@@ -113,9 +113,9 @@ def _scaled(images: Any) -> Any:
     if isinstance(images, Tensor) and images.is_floating_point():
         low, high = (float(x) for x in images.detach().aminmax()) if images.numel() else (2.0, 2.0)
         return (255 * images.detach()).round().byte() if 0 <= low <= high <= 1 else images
-    if isinstance(images, np.ndarray) and np.issubdtype(images.dtype, np.floating) and images.size:
-        if 0 <= images.min() <= images.max() <= 1:
-            return np.rint(255 * images).astype(np.uint8)
+    floats = isinstance(images, np.ndarray) and np.issubdtype(images.dtype, np.floating)
+    if floats and images.size and 0 <= images.min() <= images.max() <= 1:
+        return np.rint(255 * images).astype(np.uint8)
     return images
 
 

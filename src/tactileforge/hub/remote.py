@@ -26,6 +26,7 @@ def client() -> Any:
     """
     try:
         import huggingface_hub
+        import huggingface_hub.errors
     except ImportError as error:
         raise ConfigError("the model hub needs: pip install huggingface_hub") from error
     return huggingface_hub

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -34,13 +35,13 @@ def save_model(
     return target
 
 
-def save_folder(model: Model, folder: str | Path, **options: Any) -> Path:
+def save_folder(model: Model, folder: str | Path, place: str = "FOLDER", **options: Any) -> Path:
     """Writes weights and card of a model into a folder; see `Model.save_pretrained`."""
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     save_model(model, target / WEIGHTS, **options)
     header = described(model, options.get("name", ""), options.get("licence", ""))
-    (target / CARD).write_text(card_text(model, header), "utf-8")
+    (target / CARD).write_text(card_text(model, header, place), "utf-8")
     return target
 
 
@@ -51,7 +52,7 @@ def push(
     from tactileforge.hub.remote import upload
 
     with TemporaryDirectory() as folder:
-        save_folder(model, folder, **options)
+        save_folder(model, folder, f"hf:{repo.removeprefix('hf:')}", **options)
         return upload(Path(folder), repo, private=private, message=message or "Weights and card")
 
 
@@ -96,7 +97,7 @@ def described(model: Model, name: str = "", licence: str = "") -> Header:
     return replace(header, source={**source, "lineage": lineage})
 
 
-def card_text(model: Model, header: Header) -> str:
+def card_text(model: Model, header: Header, place: str) -> str:
     """The card of a model: front matter as the model hub reads it, then what the header says."""
     lineage = header.source.get("lineage", {})
     known = header.licence != NO_LICENCE
@@ -122,7 +123,7 @@ def card_text(model: Model, header: Header) -> str:
     return (
         f"---\n{yaml.safe_dump(front, sort_keys=False)}---\n\n# {title}\n\n"
         f"An encoder of optical touch, written by tactileforge.\n\n| | |\n|---|---|\n{table}\n\n"
-        '```python\nimport tactileforge\n\nmodel = tactileforge.load("hf:OWNER/NAME")\n```\n'
+        f"```python\nimport tactileforge\n\nmodel = tactileforge.load({json.dumps(place)})\n```\n"
     )
 
 
