@@ -21,6 +21,7 @@ class HubServer:
         gated: Repositories whose terms have to be accepted.
         private: Repositories that are shown to those with the token ``secret``.
         asked: Method, path and ``Range`` of each request.
+        closed: Whether the server is away.
         cut: Bytes after which the next download is cut off; 0 for none.
     """
 
@@ -30,6 +31,7 @@ class HubServer:
         self.private: set[str] = set()
         self.asked: list[tuple[str, str, str]] = []
         self.cut = 0
+        self.closed = False
         self.server = ThreadingHTTPServer(("127.0.0.1", 0), _handler(self))
         self.url = f"http://127.0.0.1:{self.server.server_port}"
         # another host, as the hub's storage is
@@ -37,6 +39,7 @@ class HubServer:
         threading.Thread(target=self.server.serve_forever, daemon=True).start()
 
     def close(self) -> None:
+        self.closed = True
         self.server.shutdown()
         self.server.server_close()
 
@@ -49,6 +52,9 @@ def _handler(hub: HubServer) -> type[BaseHTTPRequestHandler]:
             pass
 
         def answer(self, status: int, body: bytes = b"", **headers: str) -> None:
+            if hub.closed:  # a connection that is kept alive outlives the server
+                self.close_connection = True
+                return
             self.send_response(status)
             for key, value in headers.items():
                 self.send_header(key.replace("_", "-"), value)

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -153,10 +154,15 @@ def test_published_weights_need_their_licence_and_come_from_their_authors(
         path.write_bytes(put)
         return path
 
-    monkeypatch.setattr(registry, "load", lambda kind, name: importer)
-    with pytest.raises(ConfigError, match='under CC-BY-NC-4.0.*accept="CC-BY-NC-4.0"'):
+    load = registry.load
+
+    def loaded(kind: str, name: str) -> Any:
+        return importer if kind == "importers" else load(kind, name)
+
+    monkeypatch.setattr(registry, "load", loaded)
+    with pytest.raises(ConfigError, match=r'under CC-BY-NC-4.0.*accept="CC-BY-NC-4.0"'):
         tactileforge.load("sparsh/ijepa-base")
-    with pytest.raises(ConfigError, match="accept='MIT'.*are under CC-BY-NC-4.0"):
+    with pytest.raises(ConfigError, match=r"accept='MIT'.*are under CC-BY-NC-4.0"):
         tactileforge.load("sparsh/ijepa-base", accept="MIT")
     with pytest.raises(DataNotFoundError, match="hf:facebook/sparsh-ijepa-base: no such repo"):
         tactileforge.load("sparsh/ijepa-base", accept="CC-BY-NC-4.0")
