@@ -1,4 +1,4 @@
-# make demo | make demo-policy | make bench-mini | make test-fast | make test | make lint | make docs
+# make install | make wheels | make demo | make demo-policy | make bench-mini | make test-fast | make test | make lint | make docs
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -8,7 +8,7 @@ PIP := $(BIN)/pip --disable-pip-version-check install --quiet --no-compile --con
 # packages of plugins/ that are tested beside the core, in one environment
 PACKAGES := arrays bench datasets depth episodes export inspect labels lerobot live markers policies published rosbags sim
 
-.PHONY: demo demo-policy bench-mini test tests test-fast lint style types docs clean
+.PHONY: install wheels demo demo-policy bench-mini test tests test-fast lint style types docs clean
 
 # fine-tunes the zoo's weights; from random weights, twice as long: make demo SCALE=demo
 SCALE ?= finetune
@@ -19,6 +19,13 @@ demo: $(VENV)/.installed
 	rm -rf runs/demo
 	$(BIN)/tactileforge train scale=$(SCALE) $(START) data.randomise=none data.indenters=bench hydra.run.dir=runs/demo
 	@echo "open runs/demo/report.html"
+
+# the core and all packages of plugins/ into .venv, but the camera of LeRobot, which needs LeRobot
+install: $(VENV)/.installed-all
+
+# all wheels into dist/, built and checked
+wheels: $(VENV)/.installed-dev
+	$(BIN)/python scripts/wheels.py dist
 
 # a scripted expert, a policy on a frozen touch encoder that imitates it, and its rollouts; another task: TASK=wipe
 TASK ?= chip
@@ -76,6 +83,10 @@ $(VENV)/.installed-policies: $(VENV)/.installed
 
 $(VENV)/.installed-dev: $(VENV)/.installed
 	$(PIP) --editable '.[dev]' $(foreach name,$(PACKAGES),--editable plugins/tactileforge-$(name))
+	touch $@
+
+$(VENV)/.installed-all: $(VENV)/.installed
+	$(PIP) --editable . $(foreach path,$(wildcard plugins/tactileforge-*),$(if $(findstring example,$(path)),,--editable $(path)))
 	touch $@
 
 clean:

@@ -3,7 +3,7 @@
 CPU seconds of a process of its own, the median of three, excluding other programs. Workers are not
 included. Wall seconds are reported beside them, for the machine's load at the time.
 
-Run: python startup.py
+Run: python startup.py [ROUNDS [starts]]; with ``starts`` without the training.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import Any
 
 ROUNDS = 3
 TRAIN = ("train", "scale=demo", "debug=none")
+WHAT = "CPU and wall seconds of a process from start to end, medians; and CPU over import torch"
 #: Code of the measured process: takes marks, and ends after the first step.
 CHILD = """
 import json, os, sys, time
@@ -38,7 +39,7 @@ def marked(owner, name, mark, ends=False):
         return out
     setattr(owner, name, wrapped)
 marked(train, "build_data", "configuration and data")
-marked(train, "_settle_precision", "model, and bf16 tried")
+marked(train.precision, "choose_precision", "model, and bf16 tried")
 marked(train.TouchModule, "optimizer_step", "trainer, readers, first step", ends=True)
 cli.run(sys.argv[1:])
 """
@@ -57,10 +58,24 @@ def train_once(folder: str) -> dict[str, float]:
     return marks | {"wall": time.perf_counter() - start}
 
 
-def help_once() -> dict[str, float]:
-    """CPU and wall seconds of ``train --help``."""
+#: Processes that start and end; each is divided by the import of torch.
+STARTS = {
+    "import torch": ["-c", "import torch"],
+    "import tactileforge": ["-c", "import tactileforge"],
+    "--help": ["-m", "tactileforge", "--help"],
+    "train --help": ["-m", "tactileforge", "train", "--help"],
+    "train --cfg job": ["-m", "tactileforge", "train", "--cfg", "job"],
+    "import torch, load": [
+        "-c",
+        "import torch, tactileforge; tactileforge.load('anytouch2.tiny')",
+    ],
+}
+
+
+def start_once(words: list[str]) -> dict[str, float]:
+    """CPU and wall seconds of a process of its own."""
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    command = [sys.executable, "-m", "tactileforge", "train", "--help"]
+    command = [sys.executable, *words]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
@@ -74,7 +89,16 @@ def medians(rows: list[dict[str, float]]) -> dict[str, float]:
 
 def main() -> None:
     rounds = int(sys.argv[1]) if len(sys.argv) > 1 else ROUNDS
-    help_s = medians([help_once() for _ in range(rounds)])
+    # in turns, so that all of them meet the same load
+    turns = [{name: start_once(words) for name, words in STARTS.items()} for _ in range(rounds)]
+    starts = {name: medians([turn[name] for turn in turns]) for name in STARTS}
+    unit = starts["import torch"]["cpu"]
+    ratios = {name: round(row["cpu"] / unit, 3) for name, row in starts.items()}
+    if "starts" in sys.argv:
+        from common import save
+
+        save("startup_ratios", {"what": WHAT, "starts": starts, "to import torch": ratios})
+        return
     with tempfile.TemporaryDirectory() as folder:
         rows = [train_once(f"{folder}/{n}") for n in range(rounds + 1)][1:]  # the first makes data
     total = medians(rows)
@@ -85,7 +109,8 @@ def main() -> None:
     }
     result: dict[str, Any] = {
         "what": "CPU seconds from the command to the end of the first step, scale=demo",
-        "train --help": help_s,
+        "starts": starts,
+        "to import torch": ratios,
         "first step, cpu s": marks[-1][1],
         "first step, wall s": wall,
         "load": os.getloadavg()[0],

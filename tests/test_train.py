@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tactileforge import train
+from tactileforge import api
 from tactileforge.cli._compose import compose
 from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import read_metrics
@@ -40,7 +40,7 @@ def test_a_number_of_the_encoder_changes_over_the_run(tmp_path: Path) -> None:
     words += ["data.scenes=3", "data.val=1", "data.size=32", "objective=[pixel]"]
     words += ["trainer.max_steps=4", "trainer.log_every_n_steps=1", "logger=csv"]
     words += ["+curriculum.values.encoder.mask_ratio={end: 0.5, low: 0.25, high: 0.75}"]
-    module = train.train(compose("anytouch2", words), tmp_path)
+    module = api.train(compose("anytouch2", words), tmp_path)
     assert module.encoder.mask_ratio == 0.75
     curve = read_metrics(tmp_path)["encoder.mask_ratio"]
     assert curve.values.tolist() == pytest.approx([0.25, 0.5, 0.75, 0.75])
@@ -59,4 +59,4 @@ def test_a_number_that_cannot_change_so_is_named(word: str, message: str, tmp_pa
     words += ["data.scenes=3", "data.val=1", "data.size=32", "objective=[pixel]"]
     words += ["trainer.max_steps=4", f"+curriculum.values.{word}={{low: 0.25, high: 1.5}}"]
     with pytest.raises(ConfigError, match=re.escape(message)):
-        train.train(compose("anytouch2", words), tmp_path)
+        api.train(compose("anytouch2", words), tmp_path)

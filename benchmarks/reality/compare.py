@@ -6,10 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from tactileforge_inspect.frame_stats import evenly
-
 from reality.profiles import Profile, distances, profile, ratio
 from reality.simulated import config, simulated, trial
+from tactileforge.checks.sample import evenly
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.plugins import Bar

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from tactileforge_inspect.frame_stats import evenly
 
 from reality import measures
 from reality.measures import Array
@@ -18,6 +17,7 @@ from reality.touches import (
     measure_touch,
     strongest_touches,
 )
+from tactileforge.checks.sample import evenly
 from tactileforge.contracts import Frames, FrameSubset, Recording
 
 #: Floor of compared logarithms: a hundredth of a grey level counts as nothing.

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from tactileforge_inspect.frame_stats import evenly
 
 from reality import measures
 from reality.measures import Array
+from tactileforge.checks.sample import evenly
 from tactileforge.contracts import Recording
 
 #: Largest number of fitted frames of a trial; their least force, as a share of the largest; and

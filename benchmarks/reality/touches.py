@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from tactileforge_inspect.frame_stats import evenly
 
 from reality import measures
 from reality.measures import Array
+from tactileforge.checks.sample import evenly
 from tactileforge.contracts import Recording
 from tactileforge.data import size_text
 from tactileforge.errors import DataError

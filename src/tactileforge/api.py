@@ -150,12 +150,13 @@ def _build(
     state: Mapping[str, Tensor] | None,
 ) -> tuple[_Run, str]:
     """Builds data, module and trainer; also returns the reason for the precision."""
-    data, encoder = build_data(plain, outline(plain["encoder"]))
+    data, encoder = build_data(plain, outline(_first_node(plain["encoder"], resume)))
     assert data.train is not None  # set up by `build_data`
     found = {"facts": dict(data.train.facts), "columns": plain_sizes(data.columns)}
     config = {**plain, **found, "encoder": encoder}
     check_facts(config)
-    module = TouchModule.from_config(config, data.summary("train").labels, data.augment)
+    built = {**config, "encoder": _first_node(encoder, resume)}
+    module = TouchModule.from_config(built, data.summary("train").labels, data.augment)
     lost, coverage = SkippedRecordings(data.allowed), LabelCoverage(module)
     lost.skip(data.skipped)
     data.observers += [coverage.observe, lost.observe]
@@ -183,6 +184,11 @@ def _build(
     return run, chosen.reason
 
 
+def _first_node(encoder: Mapping[str, Any], checkpoint: Path | None) -> dict[str, Any]:
+    """The encoder's node; where a checkpoint has its weights, no others are read or fetched."""
+    return registry.without_start("encoders", encoder) if checkpoint else dict(encoder)
+
+
 def _note(run: _Run, why: str, is_news: bool) -> None:
     """Writes the configuration of a new run, or of a resumed run with changes."""
     if run.resume and is_news and run.trainer.is_global_zero:
@@ -201,7 +207,8 @@ def _report(run: _Run) -> None:
     whole = run.module
     if isinstance(whole.trainer.strategy, Sharded):
         # this process has a share of the weights; all of them are in the checkpoint
-        whole = TouchModule.from_config(run.config, run.data.summary("train").labels)
+        config = {**run.config, "encoder": _first_node(run.config["encoder"], run.folder)}
+        whole = TouchModule.from_config(config, run.data.summary("train").labels)
         whole.load_state_dict(read_checkpoint(run.folder)["state_dict"])
     loggers = run.trainer.loggers
     with collected_drawings(wanted=len(loggers) > 1) as drawings:

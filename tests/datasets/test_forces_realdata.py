@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from tactileforge.data.frames.untared import untared
-from tactileforge.data.labels.doubts import check_labels
+from tactileforge.checks.doubts import check_labels
+from tactileforge.checks.untared import untared
 from tactileforge.datasets.recordings import Recordings
 
 CONFIG = Path(str(files("tactileforge_datasets.conf") / "data/public_samples.yaml"))

@@ -552,6 +552,46 @@ def test_blue_first_and_lying_on_its_side(tmp_path: Path) -> None:
             read(tmp_path, **layout | wrong)
 
 
+def test_mirrored_before_it_is_turned(tmp_path: Path) -> None:
+    pixels = np.zeros((4, 6, 3), np.uint8)
+    pixels[0, 0] = (10, 20, 30)
+    for name in ("0.png", "still.png"):
+        Image.fromarray(pixels).save(tmp_path / name)
+    layout = IMAGES | {"background": {"file": "still.png"}}
+    for mirror, turn, corner in (("x", 0, (0, 5)), ("y", 0, (3, 0)), ("x", 90, (5, 3))):
+        (one,) = read(tmp_path, **layout | {"mirror": mirror, "rotate": turn})
+        assert one.no_contact is not None
+        for frames in (one.frames, one.no_contact):
+            assert frames.read([0])[0][corner].tolist() == [10, 20, 30]
+    for wrong, words in (
+        ({"mirror": "z"}, "mirror is 'z'; give x"),
+        ({"every": 0.5}, "every is 0.5; give the stored frames"),
+        ({"background": {"frames": [3, 3]}}, "frames are .3, 3.; give the first"),
+        ({"background": {"frames": [1, 2], "first": 2}}, "must be one of"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            read(tmp_path, **layout | wrong)
+
+
+def test_some_frames_as_background_and_one_of_each_that_was_stored_twice(
+    tmp_path: Path, make_image: MakeFile
+) -> None:
+    for number in range(12):
+        make_image(f"a/{number:02d}.png", number)
+    layout = IMAGES | {"images": "*/*.png", "each": "sequence", "fps": 10}
+    (whole,) = read(tmp_path, **layout | {"background": {"frames": [3, 6]}})
+    assert whole.no_contact is not None
+    films = whole.frames.read(range(12))
+    assert np.array_equal(whole.no_contact.read(range(3)), films[3:6])
+    (one,) = read(tmp_path, **layout | {"background": {"frames": [3, 6]}, "every": 2})
+    assert np.array_equal(one.frames.read(range(6)), films[1::2])
+    assert one.times == pytest.approx(whole.times[1::2])
+    assert one.no_contact is not None
+    assert np.array_equal(one.no_contact.read(range(3)), films[3:6])
+    with pytest.raises(DataError, match="12 frames, all of them background"):
+        read(tmp_path, **layout | {"background": {"frames": [12, 15]}})
+
+
 def test_a_layout_of_the_data_is_left_out_by_null(
     tmp_path: Path, make_image: MakeFile, write: MakeFile
 ) -> None:

@@ -283,4 +283,6 @@ def test_doubts_about_labels_are_said_once(
     pack(packable.Given(*touches), "touches", tmp_path / "out", PNG)
     notes = [line for line in capsys.readouterr().err.split("\n") if line.startswith("note: ")]
     assert len(notes) == 1
-    assert notes[0].startswith("note: force out of range in 3 of 3 recordings (t0: 800 N along z")
+    assert notes[0].startswith(
+        "note: TF201 force out of range in 3 of 3 recordings (t0: 800 N along"
+    )

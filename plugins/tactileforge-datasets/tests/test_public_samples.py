@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
+from tactileforge.checks.doubts import Doubts
 from tactileforge.contracts import ACTIONS, Recording
-from tactileforge.data.labels.doubts import Doubts
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import DataNotFoundError
 

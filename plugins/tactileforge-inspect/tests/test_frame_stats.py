@@ -4,20 +4,13 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from tactileforge_inspect import duplicates
-from tactileforge_inspect.frame_stats import (
-    FRAMES,
-    STRIP,
-    amplify,
-    background_of,
-    changes,
-    evenly,
-    frame_stats,
-    shrink,
-)
+from tactileforge_inspect.frame_stats import STRIP, amplify, frame_stats
 
+from tactileforge.checks import copies as duplicates
+from tactileforge.checks.sample import FRAMES, background_of, changes, evenly
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.lazy import ArrayFrames
+from tactileforge.data.frames.small import shrink
 
 Touch = Callable[..., Recording]
 

@@ -311,9 +311,9 @@ def test_what_no_recording_tells_alone_is_noted(touch: Touch, listed: Any, tmp_p
     findings, text = written(data, tmp_path / "page.html")
     first, forces, objects = findings.notes
     assert first == "a/x: two orders are possible"
-    assert forces.startswith("the forces of all 180 frames are all 0 N")
-    assert objects.startswith("one object alone (cup) in 2 recordings")
+    assert forces.startswith("TF207 the forces of all 180 frames are all 0 N")
+    assert objects.startswith("TF402 one object alone (cup) in 2 recordings")
     assert f"note: {forces}" in str(findings).split("\n")
-    assert "The forces of all 180 frames are all 0 N" in text
+    assert "TF207 the forces of all 180 frames are all 0 N" in text
     sane = listed([touch(i, object=f"cup {i}") for i in range(2)])
     assert written(sane, tmp_path / "sane.html")[0].notes == []

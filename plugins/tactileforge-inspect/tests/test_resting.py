@@ -3,9 +3,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tactileforge_inspect.resting import Resting, odd_pictures
 from tactileforge_inspect.scan import scan_dataset
 
+from tactileforge.checks.resting import Resting, odd_pictures
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.sensors.resting_colours import known_colours

@@ -15,7 +15,7 @@ from tactileforge_labels.label import COMMANDS
 from tactileforge_labels.marks import Marks, parse_marks, read_marks, write_marks
 from tactileforge_labels.propose import SlipMotion, imprint, propose
 from tactileforge_labels.server import LabelAnswers
-from tactileforge_labels.session import LabelSession, csv_path
+from tactileforge_labels.session import ConflictError, LabelSession, csv_path
 from waiting import wait_until
 
 from tactileforge.plugin import (
@@ -448,3 +448,45 @@ def test_a_recording_is_labelled_with_keys_alone(page, tmp_path):
         assert look("document.documentElement.scrollWidth") <= 1280
         picture = browser("Page.captureScreenshot", look.session)["data"]
         assert len(base64.b64decode(picture)) > 10_000
+
+
+MARKED = {"states": [[0, 2, "contact"]], "bad": []}
+
+
+def test_a_row_edited_by_another_program_is_a_conflict(session):
+    assert session.write(0, {**MARKED, "revision": 0})["revision"] == 1
+    file = session.entries[0].path
+    edited = file.read_text().replace("\n5,0.166667,,,0", "\n5,0.166667,1,1,1")
+    file.write_text(edited)
+    mine = {"states": [[0, 3, "contact"]], "bad": [[7, 9]], "revision": 1}
+    with pytest.raises(ConflictError, match=r"another program has changed .*reload\. Your marks"):
+        session.write(0, mine)
+    assert file.read_text() == edited, "what was edited stays"
+    kept = read_marks(file.with_name(f"{file.name}.conflict"), COUNT)
+    assert kept.message() == {"states": [[0, 3, "contact"]], "bad": [[7, 9]]}, "and so do marks"
+    after = session.marks(0)
+    assert after["revision"] == 2
+    assert [5, 6, "slip"] in after["states"], "a page that is loaded again shows the edit"
+    assert session.write(0, {**MARKED, "revision": 2})["revision"] == 3
+
+
+@pytest.mark.parametrize("change", ["made", "removed", "damaged"])
+def test_a_file_that_comes_goes_or_breaks_meanwhile_is_a_conflict(session, change):
+    file = session.entries[0].path
+    if change != "made":
+        session.write(0, {**MARKED, "revision": 0})
+    revision = session.entries[0].revision
+    if change == "removed":
+        file.unlink()
+    else:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        row = "0,0,9,0,0" if change == "damaged" else "0,0,1,0,0"
+        file.write_text(f"frame,time,contact,slip,bad\n{row}\n")
+    with pytest.raises(ConflictError):
+        session.write(0, {**MARKED, "revision": revision})
+    assert file.is_file() == (change != "removed")
+    if change == "damaged":
+        with pytest.raises(DataError, match="give 0 or 1"):
+            session.write(0, {**MARKED, "revision": revision + 1})
+    else:
+        assert session.write(0, {**MARKED, "revision": revision + 1})["labeled"] > 0

@@ -133,10 +133,10 @@ def dispatch(verb: str, rest: Sequence[str]) -> int:
             print(actions(verb, known))
             return 0
         if action not in known:
-            from tactileforge.plugins.distributions import package_of
+            from tactileforge.plugins.distributions import how_to_get
 
-            if package := package_of("verbs", f"{verb}.{action}"):
-                raise ConfigError(f"{verb} {action} comes with {package}: pip install {package}")
+            if fix := how_to_get("verbs", f"{verb}.{action}"):
+                raise ConfigError(f"{verb} {action} {fix}")
             raise ConfigError(unknown(f"action of tactileforge {verb}", action, known))
     elif rest[:1] and rest[0] in known:
         action, *rest = rest

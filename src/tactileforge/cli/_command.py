@@ -11,8 +11,9 @@ from typing import Any
 from tactileforge.util import strict
 from tactileforge.util.files import check_cache, check_writable
 
-#: Result of a command: its exit status, the number that a sweep minimises, or nothing.
-Result = int | float | None
+#: Result of a command: its exit status, the number that a sweep minimises, nothing, or an object
+#: for Python (`pages.Shown`), whose ``status`` is the exit status.
+Result = Any
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +31,7 @@ class Command:
             it holds a list.
         also: Other names of keys.
         others: Key that collects unknown keys as a mapping; "" if an unknown key is an error.
+        open: Key that, where it has a value, names a plugin with keys of its own.
         yaml: Name of a YAML in conf/ that replaces keys and groups.
         writes: Function from the keys to the file or folder that is written; None for none.
         into: Whether ``writes`` names a folder.
@@ -45,6 +47,7 @@ class Command:
     bare: tuple[str, ...] = ()
     also: Mapping[str, str] = field(default_factory=dict)
     others: str = ""
+    open: str = ""
     yaml: str = ""
     writes: Callable[[Any], Path | str | None] = lambda keys: getattr(keys, "out", None)
     into: bool = False
@@ -73,9 +76,25 @@ class Command:
 
     def compose(self, verb: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
         """Configuration of the command as plain data; see `compose.composed`."""
-        from tactileforge.cli._compose import composed, plain
+        from tactileforge.cli._compose import composed
 
-        config = composed(self.declare(verb), overrides)
+        return self.completed(composed(self.declare(verb), overrides), overrides)
+
+    def completed(self, config: Any, typed: Sequence[str]) -> dict[str, Any]:
+        """A composed configuration, completed and checked, as plain data.
+
+        Args:
+            config: Composed configuration.
+            typed: ``key=value`` words of the user.
+
+        Raises:
+            ConfigError: Nothing reads a key, or a required one has no value.
+        """
+        from tactileforge.cli._compose import plain
+        from tactileforge.cli._known import check_command
+
+        if not self.yaml:
+            check_command(self, config, typed)
         return plain(self.finish(config) if self.finish else config)
 
     def start(self, config: dict[str, Any], given: Mapping[str, Any] | None = None) -> Result:

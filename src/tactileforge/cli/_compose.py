@@ -25,18 +25,18 @@ from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException, MissingConfigException
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import MISSING, DictConfig, OmegaConf
+from hydra.version import VersionBase
+from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
 from omegaconf.errors import InterpolationToMissingValueError
 
+from tactileforge.cli import _known
+from tactileforge.cli._options import MULTI
 from tactileforge.errors import ConfigError, PluginError, unknown
-from tactileforge.plugins import registry
-from tactileforge.plugins.distributions import conf_packages, package_of
+from tactileforge.plugins import local, registry
+from tactileforge.plugins.distributions import conf_packages, how_to_get
 from tactileforge.plugins.registry import GROUPS
 
 log = logging.getLogger(__name__)
-
-#: Groups that hold several options at once, each under its own name.
-MULTI = {"head", "objective", "sensor"}
 
 
 class PluginSource(ConfigSource):
@@ -61,7 +61,9 @@ class PluginSource(ConfigSource):
         A group of several options accepts any name, so that an unknown one gets an error of ours,
         with the nearest name.
         """
-        group, _, name = config_path.removesuffix(".yaml").rpartition("/")
+        group, name = _parted(config_path)
+        if group in GROUPS and local.is_local(name):
+            return True
         return group in MULTI or (group in GROUPS and name in registry.names(GROUPS[group]))
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
@@ -74,8 +76,10 @@ class PluginSource(ConfigSource):
 
     def load_config(self, config_path: str) -> ConfigResult:
         """Imports one plugin and gives its defaults."""
-        group, _, name = config_path.removesuffix(".yaml").rpartition("/")
+        group, name = _parted(config_path)
         try:
+            if local.is_local(name):  # in the words, or the YAML, of the user
+                registry.adopt(GROUPS[group], name, group)
             node = node_of(group, name)
         except PluginError as error:
             raise ConfigCompositionException(str(error)) from error
@@ -83,12 +87,21 @@ class PluginSource(ConfigSource):
             provider=self.provider,
             path=f"{self.scheme()}://{config_path}",
             config=OmegaConf.create(node),
-            header={"package": f"{group}.{name}" if group in MULTI else None},
+            header={"package": f"{group}.{local.key_of(name)}" if group in MULTI else None},
         )
+
+
+def _parted(config_path: str) -> tuple[str, str]:
+    """Group and option of a path; an option of the user's own may be the path of a file."""
+    group, _, name = config_path.partition("/")
+    return group, name.removesuffix(".yaml")
 
 
 class SearchPath(SearchPathPlugin):
     """Hydra's search path: conf/, then zoo/, then the YAML of packages, then bare plugins.
+
+    Hydra finds it in `hydra_plugins.tactileforge_searchpath`, so every application with Hydra has
+    our groups, behind its own.
 
     Attributes:
         also: Places named on the command line, if Hydra itself does not add them.
@@ -109,6 +122,9 @@ class SearchPath(SearchPathPlugin):
             ]
         for place in dict.fromkeys(places):
             search_path.append("command-line", place)
+        conf = "pkg://tactileforge.conf"
+        if all(element.path != conf for element in search_path.get_path()):  # another application
+            search_path.append("tactileforge", conf)
         search_path.append("tactileforge-zoo", "pkg://tactileforge.zoo")
         for package in conf_packages():
             search_path.append(package, f"pkg://{package}")
@@ -117,7 +133,7 @@ class SearchPath(SearchPathPlugin):
 
 def node_of(group: str, name: str) -> dict[str, Any]:
     """The configuration node of an installed plugin in a group: name, weight, defaults."""
-    defaults = registry.parameters(registry.get(GROUPS[group], name))
+    defaults = registry.options(GROUPS[group], name)
     shared: dict[str, Any] = {"weight": 1.0} if group == "objective" else {}
     if group == "optim":
         from tactileforge.training.optim import COMMON  # imports torch
@@ -131,7 +147,10 @@ def node_of(group: str, name: str) -> dict[str, Any]:
 
 
 def register() -> None:
-    """Makes plugins known to Hydra in this process; safe to call twice."""
+    """Makes plugins known to Hydra in this process; safe to call twice.
+
+    Hydra finds them by itself where the package is installed, and not where it runs from sources.
+    """
     Plugins.instance().register(PluginSource)
     Plugins.instance().register(SearchPath)
 
@@ -206,11 +225,29 @@ def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
     Raises:
         HydraException: An override does not fit.
     """
-    register()
-    if GlobalHydra.instance().is_initialized():
-        GlobalHydra.instance().clear()
-    with initialize_config_module("tactileforge.conf", version_base="1.3"):
+    with initialized():
         return hydra_compose(name, without_layouts(overrides))
+
+
+@contextmanager
+def initialized() -> Iterator[None]:
+    """Initialises Hydra with our configurations; afterwards the caller's Hydra is as it was."""
+    register()
+    kept, base = GlobalHydra.instance(), VersionBase.instance().getbase()
+    GlobalHydra.set_instance(_fresh())  # Hydra refuses to initialise a second time
+    try:
+        with initialize_config_module("tactileforge.conf", version_base="1.3"):
+            yield
+    finally:
+        GlobalHydra.set_instance(kept)
+        VersionBase.instance().version_base = base
+
+
+def _fresh() -> GlobalHydra:
+    """A GlobalHydra that is not the singleton of the process."""
+    fresh: GlobalHydra = object.__new__(GlobalHydra)
+    fresh.hydra = None
+    return fresh
 
 
 @contextmanager
@@ -220,12 +257,9 @@ def _package_named() -> Iterator[None]:
         yield
     except MissingConfigException as error:
         group, _, chosen = (error.missing_cfg_file or "").rpartition("/")
-        package = package_of(GROUPS.get(group, group), chosen)
-        if not package:
+        if not (fix := how_to_get(GROUPS.get(group, group), chosen)):
             raise
-        raise PluginError(
-            f"{group}={chosen} comes with {package}: pip install {package}"
-        ) from error
+        raise PluginError(f"{group}={chosen} {fix}") from error
 
 
 def without_layouts(overrides: Sequence[str]) -> list[str]:
@@ -274,8 +308,48 @@ def plain(config: DictConfig) -> dict[str, Any]:
         missing = re.findall(r"[Mm]issing mandatory value: (\S+)", str(error))
     if missing:
         raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
+    adopt(config)
     out: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     return out
+
+
+#: Keys whose value names a plugin, wherever they are, and its kind.
+_NAMED = {"schedule": "schedules", "curve": "curves"}
+
+
+def adopt(config: DictConfig) -> None:
+    """Imports the user's own names in a composed configuration, as in ``name: my_module:Contrast``.
+
+    ``_target_: my_module.Contrast`` is the same, as Hydra's users know it. The configuration is
+    what the user typed, and his YAML; that of a run or a model is never given to this function.
+
+    Args:
+        config: Composed configuration; a ``_target_`` in it becomes a ``name``.
+
+    Raises:
+        PluginError: A name cannot be imported, or is something else; one line with the place.
+    """
+    with open_dict(config):
+        for group in config:
+            node = None if OmegaConf.is_missing(config, group) else config._get_node(group)
+            if isinstance(node, DictConfig) and not node._is_none():
+                _adopt(node, str(group), GROUPS.get(str(group), ""))
+
+
+def _adopt(node: DictConfig, place: str, kind: str) -> None:
+    if kind and "_target_" in node:
+        module, _, name = str(node.pop("_target_")).rpartition(".")
+        node["name"] = f"{module}:{name}"
+    for key in map(str, node):
+        inner = node._get_node(key)
+        if isinstance(inner, DictConfig):
+            if not inner._is_none():
+                _adopt(inner, f"{place}.{key}", kind)
+            continue
+        wanted = kind if key == "name" else _NAMED.get(key, "")
+        value = inner._value() if inner is not None and hasattr(inner, "_value") else None
+        if wanted and isinstance(value, str) and local.is_local(value):
+            registry.adopt(wanted, value, f"{place}.{key}".removesuffix(".name"))
 
 
 def check_presets(config: DictConfig) -> None:
@@ -292,7 +366,7 @@ def check_presets(config: DictConfig) -> None:
             )
 
 
-def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
+def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) -> DictConfig:
     """Completes a composed configuration: one head for each objective, no more, no fewer.
 
     An objective set to null (``objective.diff=null``) is not chosen. Curriculum rows of objectives
@@ -303,12 +377,17 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     Args:
         config: Composed configuration; it is changed.
         typed: Overrides typed by the user, ``key=value``; the options they set are never left out.
+        sweeps: Whether the configuration is that of a job of a sweep, whose words may be about
+            objectives that other jobs choose.
 
     Raises:
-        ConfigError: No objective is chosen, or a curriculum row does not belong to an objective.
+        ConfigError: No objective is chosen, a curriculum row does not belong to an objective, or
+            nothing reads a key.
         PluginError: A plugin is not installed.
     """
     check_presets(config)
+    _name_networks(config, typed)
+    adopt(config)
     chosen = _chosen("objective", config)
     if not chosen:
         raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")
@@ -317,6 +396,7 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     if not config.get("curriculum"):
         config.curriculum = OmegaConf.create({}, flags={"struct": False})
     rows: Mapping[str, Any] = config.curriculum.get("objective") or {}
+    _known.check_training(config, () if sweeps else typed)
     # checked before rows are left out below, where a misspelt one would vanish without a word
     for key in rows:
         if key not in chosen and key not in registry.names("objectives"):
@@ -328,15 +408,30 @@ def finish(config: DictConfig, typed: Sequence[str] = ()) -> DictConfig:
     config.head = {
         # without a chosen one its own, with the options that a scale or a + gives it
         key: heads.get(key)
-        or OmegaConf.merge(
-            node_of("head", registry.get("objectives", node["name"]).head), options.get(key) or {}
-        )
+        or OmegaConf.merge(node_of("head", registry.head_of(node["name"])), options.get(key) or {})
         for key, node in chosen.items()
     }
     config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
     _leave_out(config.encoder, typed)
     OmegaConf.set_struct(config, True)
+    _known.check_plugins(config)
     return config
+
+
+def _name_networks(config: DictConfig, typed: Sequence[str]) -> None:
+    """Takes ``encoder=timm encoder.name=X`` as the network X of the plugin timm.
+
+    The key ``name`` is the plugin's own. A class whose networks have names says in ``named_by``
+    which option gives them.
+    """
+    words = dict(word.lstrip("+").partition("=")[::2] for word in typed)
+    for group in ("encoder", "image_encoder"):
+        plugin, network = words.get(group, ""), words.get(f"{group}.name")
+        if network is None or plugin not in registry.names("encoders"):
+            continue
+        option = getattr(registry.get("encoders", plugin), "named_by", None)
+        if option is not None:
+            config[group].update({"name": plugin, option: network})
 
 
 #: Encoders whose options are set by recipes and scales.
@@ -345,7 +440,9 @@ _SIZED = ("tactile_vit", "plain_vit")
 
 def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
     """Removes options of our own encoders from an encoder without such options."""
-    if encoder["name"] in _SIZED or encoder["name"] not in registry.names("encoders"):
+    name = encoder["name"]
+    known_name = name in registry.names("encoders") or local.is_local(name)
+    if name in _SIZED or not known_name:
         return
     own = registry.parameters(registry.get("encoders", encoder["name"]))
     known = {key for name in _SIZED for key in node_of("encoder", name)}

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from hydra import initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from tactileforge.cli._compose import SearchPath, check_presets, composed, register
+from tactileforge.cli._compose import SearchPath, check_presets, composed, initialized
 from tactileforge.cli._options import own_places
 from tactileforge.errors import ConfigError, unknown
 
@@ -50,9 +49,7 @@ def explain(name: str, key: str, overrides: Sequence[str], flags: Sequence[str] 
 
 def _files(name: str, key: str, overrides: Sequence[str]) -> Iterator[tuple[str, str]]:
     """Files and plugins of the defaults list with the key, in the order of merging."""
-    register()
-    GlobalHydra.instance().clear()
-    with initialize_config_module("tactileforge.conf", version_base="1.3"):
+    with initialized():
         hydra = GlobalHydra.instance().hydra
         assert hydra is not None
         loader: Any = hydra.config_loader

@@ -8,9 +8,9 @@ from inspect import Parameter
 from textwrap import wrap
 
 from tactileforge.cli._command import Command
-from tactileforge.cli._options import options, yaml_groups, yaml_options, yaml_text
+from tactileforge.cli._options import MULTI, options, yaml_groups, yaml_options, yaml_text
 from tactileforge.cli._verbs import builtin, commands
-from tactileforge.plugins import registry
+from tactileforge.plugins import local, registry
 from tactileforge.plugins.distributions import is_ours
 from tactileforge.util import strict
 
@@ -19,8 +19,6 @@ _FLAGS = """\
 --config-dir DIR  options of your own, as DIR/GROUP/NAME.yaml
 GROUP=NAME --help  the keys of that option too; all of them: docs/keys.md"""
 
-#: Groups that hold several options at once (`compose.MULTI`, which imports Hydra).
-MULTI = {"head", "objective", "sensor"}
 #: Groups whose first YAML lists all keys with their meanings.
 _WHOLE = ("trainer", "optim", "batch")
 
@@ -58,8 +56,11 @@ def option_keys(group: str, chosen: str | None) -> list[str]:
         return []
     lines = []
     for name in filter(None, re.split(r"[\[\],\s]+", chosen)):  # one name, or [pixel,diff]
-        if name in registry.names(registry.GROUPS[group]):
-            place = f"{group}.{name}" if group in MULTI else group
+        own = local.is_local(name)
+        if own:
+            registry.adopt(registry.GROUPS[group], name, group)
+        if own or name in registry.names(registry.GROUPS[group]):
+            place = f"{group}.{local.key_of(name)}" if group in MULTI else group
             lines += [f"{place}:  # {name}", *plugin_keys(group, name), ""]
     return lines
 
@@ -79,10 +80,10 @@ def keys_page() -> str:
     for group in _WHOLE:
         option = next(iter(options(group)))
         lines += [f"### {group}={option}", "", *_block("\n".join(option_keys(group, option)))]
-    for kind in registry.KINDS:
-        if kind == "optimizers":
-            continue  # listed above, with the keys shared by all optimisers
-        group = next(key for key, value in registry.GROUPS.items() if value == kind)
+    for kind in (*registry.KINDS, "callbacks"):
+        group = next((key for key, value in registry.GROUPS.items() if value == kind), "")
+        if not group or kind == "optimizers":
+            continue  # these are listed above, with the keys shared by all optimisers
         place = f"{group}.NAME" if group in MULTI else group
         lines += [f"## {kind.capitalize()}", "", f"`{group}=NAME`, and `{place}.KEY=`.", ""]
         for plugin in ours:
@@ -112,12 +113,12 @@ def _block(rows: str) -> list[str]:
 
 def plugin_keys(group: str, name: str, indent: str = "  ") -> list[str]:
     """Keys of a plugin as YAML, each with its meaning and default."""
-    plugin = registry.get(registry.GROUPS[group], name)
-    said = strict.arguments(plugin)
+    kind = registry.GROUPS[group]
+    said = registry.meanings(kind, name)
     lines = []
     if group == "objective":
         lines = [f"{indent}# Largest weight; a curriculum begins with 0.", f"{indent}weight: 1.0"]
-    for key, default in registry.parameters(plugin).items():
+    for key, default in registry.options(kind, name).items():
         value = strict.TO_GIVE if default is Parameter.empty else strict.written(default)
         lines += [*strict.comment(said.get(key, ""), indent), f"{indent}{key}: {value}"]
     return lines

@@ -11,6 +11,8 @@ from pathlib import Path
 from tactileforge.plugins import registry
 from tactileforge.plugins.distributions import conf_packages
 
+#: Groups that hold several options at once, each under its own name.
+MULTI = frozenset({"head", "objective", "sensor", "callbacks"})
 #: Flags of Hydra that name a folder of options.
 _FOLDER = ("--config-dir", "-cd")
 

@@ -12,7 +12,7 @@ from typing import Any, get_origin, get_type_hints
 
 from tactileforge.cli import _words
 from tactileforge.cli._command import Command, Result
-from tactileforge.cli._quote import for_hydra, quoted
+from tactileforge.cli._quote import for_hydra, quoted, split, unquoted
 from tactileforge.cli._words import Words
 
 
@@ -28,6 +28,7 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
         TactileForgeError: Something is wrong; says the fix.
     """
     words = _words.read(argv)
+    _give(words)
     if words.help:
         from tactileforge.cli._help import text
 
@@ -47,18 +48,32 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
     words.overrides += [f"{key}={_quoted(value)}" for key, value in given.items()]
     words.overrides = command.prepare(words.overrides)
     from tactileforge.cli import _hydra
+    from tactileforge.cli._slips import told
 
     if words.explain:
         from tactileforge.cli._explain import explain
 
-        with _hydra.told(verb, command, words):
+        with told(verb, command, words):
             print(explain(command.declare(verb), words.explain, words.overrides, words.flags))
         return 0
     if command.yaml or words.asks_hydra:
         return _status(_hydra.run(verb, command, words))
-    with _hydra.told(verb, command, words):
+    with told(verb, command, words):
         config = command.compose(verb, words.overrides)
     return _status(command.start(config))
+
+
+def _give(words: Words) -> None:
+    """Imports what ``code=`` names: classes of the user's own for a run or file that names them."""
+    words.code = [word for word in words.overrides if word.startswith("code=")]
+    words.overrides = [word for word in words.overrides if word not in words.code]
+    if not words.code:
+        return
+    from tactileforge.plugins import local, registry
+
+    for word in words.code:
+        for name in split(unquoted(word.partition("=")[2]).strip("[]")):
+            registry.give(name.strip(), local.resolve(name.strip(), "code"))
 
 
 def _light(command: Command, words: Words, given: dict[str, Any]) -> Result:
@@ -78,4 +93,5 @@ def _quoted(value: Any) -> str:
 
 
 def _status(result: Result) -> int:
-    return result if isinstance(result, int) else 0
+    status = getattr(result, "status", result)
+    return status if isinstance(status, int) else 0

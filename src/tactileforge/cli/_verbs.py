@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactileforge.errors import ConfigError, PluginError, unknown
-from tactileforge.plugins.distributions import package_of
+from tactileforge.plugins.distributions import how_to_get
 
 if TYPE_CHECKING:
     from tactileforge.cli._command import Command
@@ -128,8 +128,8 @@ def _of_package(verb: str) -> Mapping[str, Command]:
     from tactileforge.plugins import registry
 
     if verb not in registry.names("verbs"):
-        if package := package_of("verbs", verb):
-            raise ConfigError(f"{verb} comes with {package}: pip install {package}")
+        if fix := how_to_get("verbs", verb):
+            raise ConfigError(f"{verb} {fix}")
         fix = "tactileforge --help says what each does"
         raise ConfigError(unknown("verb", verb, verbs(), fix))
     module = registry.load("verbs", verb)

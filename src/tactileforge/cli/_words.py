@@ -40,6 +40,7 @@ class Words:
         flags: Flags of Hydra, each followed by its value, if any.
         overrides: ``key=value``, as typed.
         bare: Words without ``=``.
+        code: ``code=`` words: classes of the user's own for names in files.
         help: Whether help is asked for.
         explain: Key whose value is to be explained; "" for none.
     """
@@ -47,6 +48,7 @@ class Words:
     flags: list[str] = field(default_factory=list)
     overrides: list[str] = field(default_factory=list)
     bare: list[str] = field(default_factory=list)
+    code: list[str] = field(default_factory=list)
     help: bool = False
     explain: str = ""
 

@@ -10,6 +10,7 @@ from tactileforge import packing
 from tactileforge.cli._command import Command
 from tactileforge.contracts import Dataset
 from tactileforge.errors import command
+from tactileforge.pages.shown import Shown
 from tactileforge.plugins import registry
 
 
@@ -48,12 +49,18 @@ def _data(config: dict[str, Any]) -> tuple[Dataset, str]:
     return registry.build("datasets", node, "data"), node["name"]
 
 
-def _pack(keys: _Pack, config: dict[str, Any]) -> None:
+def _pack(keys: _Pack, config: dict[str, Any]) -> Shown:
     """Packs recordings into shards (docs/packing.md)."""
     dataset, name = _data(config)
     index = packing.pack(dataset, name, Path(keys.out), keys.pack, config["data"])
     print(packing.summary(index))
     print(f"train on them: {command('train', 'data=shards', f'data.root={keys.out}')}")
+    counts = ("recordings", "frames", "objects", "bytes")
+    rows = [
+        {"split": split, **{key: found[key] for key in counts}}
+        for split, found in index.statistics.items()
+    ]
+    return Shown(Path(keys.out), rows=rows, value=index)
 
 
 def _filter(keys: _Filter, config: dict[str, Any]) -> None:

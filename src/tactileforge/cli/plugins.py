@@ -40,8 +40,8 @@ class _Check:
 
     Attributes:
         names: Plugins; none for all.
-        kind: Kind of plugins to check: sensor, dataset, encoder, head, objective, optimizer or
-            verb; None for all kinds.
+        kind: Kind of plugins to check: sensor, dataset, encoder, head, objective, optimizer, check
+            or verb; None for all kinds.
         attached: Whether to check each attached sensor.
         options: Options of the one named plugin; other keys are collected here.
     """
@@ -74,7 +74,8 @@ class _New:
     """Keys of ``plugins new``.
 
     Attributes:
-        kind: Kind of plugin: sensor, dataset, encoder, objective, optimizer, verb or suite.
+        kind: Kind of plugin: sensor, dataset, encoder, objective, optimizer, check, verb or
+            suite.
         name: Name of the plugin as users type it, snake_case.
         out: Folder to write it in.
     """
@@ -171,6 +172,7 @@ _FILES = {
     "encoder": ("encoder.py",),
     "objective": ("objective.py", "head.py"),
     "optimizer": ("optimizer.py",),
+    "check": ("check.py",),
     "verb": ("verb.py",),
     "suite": ("conf/__init__.py", "conf/suite/forces_at_a_glance.yaml"),
 }
@@ -181,6 +183,7 @@ _NAMES = {
     "encoder": "small_cnn",
     "objective": "contact_area",
     "optimizer": "muon",
+    "check": "worn_gel",
     "verb": "brightness",
     "suite": "forces_at_a_glance",
 }

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from tactileforge.cli._command import Command
 from tactileforge.cli._quote import quoted, unquoted
 from tactileforge.errors import ConfigError, command
+from tactileforge.plugins.local import is_local
 from tactileforge.training.run_length import LENGTHS, MACHINE
 
 
@@ -17,15 +19,10 @@ def _train(_: None, config: dict[str, Any]) -> float:
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
-    from tactileforge.cli._hydra import unknown_key
     from tactileforge.runs.folder import LAST
 
     hydra = HydraConfig.get()
     words = list(hydra.overrides.task)
-    for word in words:
-        # +key=value for a key that nothing reads: a typo, or its group is missing
-        if (match := re.match(r"\+\+?(\w+)=", word)) and not isinstance(config[match[1]], dict):
-            raise ConfigError(unknown_key("train", match[1], []))
     if hydra.mode is not RunMode.MULTIRUN:
         return _run(config, Path(hydra.run.dir))
     from tactileforge.cli._job import run_job
@@ -44,12 +41,7 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
     from tactileforge.runs.folder import LAST
 
     if config.get("resume"):
-        run = _of_run(config["resume"])
-        given = {word.partition("=")[0] for word in HydraConfig.get().overrides.task}
-        for path in given.intersection(_ANEW):
-            group, key = path.split(".")
-            run[group] = {**run[group], key: config[group][key]}
-        config = run
+        config = resumed(config, HydraConfig.get().overrides.task)
     elif config.get("init"):
         _check_encoder(str(config["init"]))
     try:
@@ -63,7 +55,8 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
         if not kept:
             early = "" if "step" in said else " before the first step"
             said += f"{early}; nothing was saved"
-        again = command("train", f"resume={folder}") if kept else "the same command again"
+        own = [f"code={name}" for name in _own_names(config)]
+        again = command("train", f"resume={folder}", *own) if kept else "the same command again"
         raise KeyboardInterrupt(f"{said}; go on with: {again}") from stop
     try:
         return metric(module, config.get("optimized_metric"))
@@ -71,6 +64,32 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
         if not sweeps:
             raise
         return float("nan")
+
+
+def resumed(config: dict[str, Any], typed: Sequence[str]) -> dict[str, Any]:
+    """Configuration of the run in ``resume``, with what a resumed run may change.
+
+    Args:
+        config: Composed configuration.
+        typed: ``key=value`` words of the user.
+    """
+    run = _of_run(config["resume"])
+    for path, root in _moved.items():
+        _set(run, path, root)
+    given = {word.lstrip("+").partition("=")[0] for word in typed}
+    for path in given.intersection(_ANEW):
+        group, key = path.split(".")
+        run[group] = {**run[group], key: config[group][key]}
+    return run
+
+
+def _own_names(node: Any) -> list[str]:
+    """Names of the user's own classes in a configuration: resuming has to type them again."""
+    if not isinstance(node, dict):
+        return []
+    inner = [name for value in node.values() for name in _own_names(value)]
+    own = [node[key] for key in ("name", "schedule", "curve") if is_local(node.get(key))]
+    return list(dict.fromkeys([*own, *inner]))
 
 
 def _check_encoder(init: str) -> None:
@@ -105,6 +124,27 @@ _ANEW = (
 )
 
 
+#: Folders of data, which may have moved: of the data set, or of a source of a mixture.
+_ROOT = re.compile(r"data(\.sources\.[^.=]+)?\.root=")
+#: New folders of the data of the run to resume. Not left to Hydra: the run has another data set
+#: than the configuration that it composes.
+_moved: dict[str, str] = {}
+
+
+def _set(config: dict[str, Any], path: str, value: str) -> None:
+    """Sets a value at a path of nested mappings, which has to be there.
+
+    Raises:
+        ConfigError: The run has no such key.
+    """
+    *groups, last = path.split(".")
+    for group in groups:
+        config = config.get(group) or {}
+    if last not in config:
+        raise ConfigError(f"{path}=: the run to resume has no such key")
+    config[last] = str(Path(value).expanduser().absolute())
+
+
 def _prepare(overrides: list[str]) -> list[str]:
     """Keeps a resumed run in its folder and lets it change only its length and machine.
 
@@ -116,13 +156,18 @@ def _prepare(overrides: list[str]) -> list[str]:
     folders = [unquoted(word).replace("\\=", "=") for word in given]
     if not folders or folders[-1] in ("", "null"):
         return overrides
+    moved = [word for word in overrides if _ROOT.match(word)]
+    for word in moved:
+        path, _, value = word.partition("=")
+        _moved[path] = unquoted(value)
+    overrides = [word for word in overrides if word not in moved]
     free = ("resume=", "hydra.", *(f"{path}=" for path in _ANEW))
-    given = [word for word in overrides if not word.startswith(free)]
+    given = [word for word in overrides if not word.lstrip("+").startswith(free)]
     if given:
         raise ConfigError(
             f"resume= goes on with the same run, so {' '.join(given)} cannot be given with it, but "
-            f"for its length (trainer.max_steps=) and its machine ({', '.join(_ANEW[2:])}); init= "
-            "starts a new run from its weights"
+            f"for its length (trainer.max_steps=), its machine ({', '.join(_ANEW[2:])}) and the "
+            "new place of the same data (data.root=); init= starts a new run from its weights"
         )
     _of_run(folders[-1])  # fails for a folder without a run, before Hydra makes one
     words = [word for word in overrides if not word.startswith("resume=")]
@@ -139,11 +184,14 @@ def _of_run(folder: str) -> dict[str, Any]:
 
 def _finish(config: Any) -> Any:
     from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
 
     from tactileforge.cli._compose import finish
 
-    typed = HydraConfig.get().overrides.task if HydraConfig.initialized() else ()
-    return finish(config, typed)
+    if not HydraConfig.initialized():
+        return finish(config)
+    hydra = HydraConfig.get()
+    return finish(config, hydra.overrides.task, sweeps=hydra.mode is RunMode.MULTIRUN)
 
 
 COMMANDS = {"": Command(run=_train, yaml="train", prepare=_prepare, finish=_finish)}

@@ -6,6 +6,7 @@ from tactileforge.data.batches.clips import view_of as view_of
 from tactileforge.data.batches.columns import CutColumns as CutColumns
 from tactileforge.data.batches.columns import take_steps as take_steps
 from tactileforge.data.batches.datamodule import TouchData as TouchData
+from tactileforge.data.batches.leaks import find_copies as find_copies
 from tactileforge.data.batches.loader import start_worker as start_worker
 from tactileforge.data.batches.sources import Bad as Bad
 from tactileforge.data.batches.sources import Source as Source
@@ -34,8 +35,6 @@ from tactileforge.data.frames.small import SIMILAR as SIMILAR
 from tactileforge.data.frames.small import shrink as shrink
 from tactileforge.data.frames.small import strongest as strongest
 from tactileforge.data.frames.turned import turned as turned
-from tactileforge.data.frames.untared import NO_CONTACT as NO_CONTACT
-from tactileforge.data.frames.untared import untared as untared
 from tactileforge.data.frames.video import VideoFrames as VideoFrames
 from tactileforge.data.frames.video_clock import FASTEST_RATE as FASTEST_RATE
 from tactileforge.data.frames.video_clock import video_times as video_times
@@ -51,12 +50,6 @@ from tactileforge.data.labels.clock import UNITS as UNITS
 from tactileforge.data.labels.clock import check_rising as check_rising
 from tactileforge.data.labels.displacement import encode_displacement as encode_displacement
 from tactileforge.data.labels.displacement import grid_shape as grid_shape
-from tactileforge.data.labels.doubts import FIXES as FIXES
-from tactileforge.data.labels.doubts import RANGE as RANGE
-from tactileforge.data.labels.doubts import TINY as TINY
-from tactileforge.data.labels.doubts import Doubts as Doubts
-from tactileforge.data.labels.doubts import Suspicion as Suspicion
-from tactileforge.data.labels.doubts import check_labels as check_labels
 from tactileforge.data.labels.missing import stated as stated
 from tactileforge.data.labels.newtons import NEWTONS as NEWTONS
 from tactileforge.data.labels.newtons import named_unit as named_unit

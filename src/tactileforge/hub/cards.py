@@ -23,7 +23,7 @@ import yaml
 
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub.gates import COMPARED, TOKENS, Gate, gate_passes
-from tactileforge.plugins.distributions import conf_packages, package_of
+from tactileforge.plugins.distributions import conf_packages, how_to_get
 from tactileforge.runs.folder import CONFIG
 from tactileforge.util import strict
 from tactileforge.util.licences import check_licence
@@ -245,8 +245,8 @@ def read_card(name: str) -> Card:
         ConfigError: There is no such card, or it is incomplete.
     """
     if name not in card_names():
-        if package := package_of("recipe", name):
-            raise ConfigError(f"{name} comes with {package}: pip install {package}")
+        if fix := how_to_get("recipe", name):
+            raise ConfigError(f"{name} {fix}")
         raise ConfigError(unknown("model", name, card_names(), "See them: tactileforge zoo list"))
     folder = next(one for one in _recipe_folders() if (one / f"{name}.md").is_file())
     text = (folder / f"{name}.md").read_text("utf-8")

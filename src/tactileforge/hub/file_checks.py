@@ -13,8 +13,8 @@ from torch import nn
 from tactileforge.encoders.absent import AbsentTower
 from tactileforge.errors import DataError, PluginError, TactileForgeError
 from tactileforge.hub.header import Header
-from tactileforge.plugins import registry
-from tactileforge.plugins.distributions import package_of
+from tactileforge.plugins import local, registry
+from tactileforge.plugins.distributions import install_command, package_of
 
 #: Arguments that name files or places on a network.
 _PLACES = frozenset({"path", "root", "file", "folder", "url", "repo", "port"})
@@ -27,15 +27,15 @@ _LARGEST = 8192
 def check_plugin(path: Path, header: Header) -> None:
     """Raises a PluginError with the install command if the encoder is not installed."""
     name = header.encoder["name"]
-    if name in registry.names("encoders"):
-        return
+    if name in registry.names("encoders") or local.is_local(name):
+        return  # a class of somebody's own is looked up where it is built, and never imported
     package = package_of("encoders", name) or header.package  # it may have moved since
     # a name from a file stands in a command that a user may copy
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", package):
         package = f"tactileforge-{name}"
     raise PluginError(
         f"{path} needs the encoder {name!r} of {package} {header.package_version}: "
-        f"pip install {package}"
+        f"{install_command(package)}"
     )
 
 

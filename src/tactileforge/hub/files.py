@@ -30,7 +30,8 @@ def make_header(
 
     Args:
         encoder: A touch encoder.
-        node: Plugin and constructor arguments from which it was built.
+        node: Plugin and constructor arguments from which it was built. Options of its first weights
+            are left out, and those in its ``settled`` replace others: defaults may change.
         licence: SPDX identifier of its weights.
         spacing: Seconds between the frames of a clip; 0 for one frame.
         known: Further fields of `Header`.
@@ -42,7 +43,7 @@ def make_header(
     return Header(
         **{"name": "", "dtype": "float32", **known},
         format=FORMAT,
-        encoder=dict(node),
+        encoder=registry.without_start("encoders", node) | getattr(encoder, "settled", {}),
         package=plugin.distribution if plugin else "",
         package_version=plugin.version if plugin else "",
         sensors=dict(encoder.sensors),
@@ -161,7 +162,7 @@ def open_model(
     check_plugin(path, header)
     check_nodes(path, header)
     # so far by the header alone: nothing of the file was built
-    node = dict(header.encoder)
+    node = registry.without_start("encoders", header.encoder)
     # the numbers drawn here are replaced
     with torch.random.fork_rng(devices=[]), Allowance(path):
         encoder = build(path, "encoders", node)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactileforge.errors import ConfigError, home_path, unknown
 from tactileforge.hub import cards, published, store
+from tactileforge.plugins import registry
 from tactileforge.runs.folder import CONFIG
 
 #: Where the weights of a model are.
@@ -31,6 +32,7 @@ def load(
     frames: int | None = None,
     image_size: int | tuple[int, int] | None = None,
     accept: str | None = None,
+    classes: Mapping[str, Any] | None = None,
 ) -> Model:
     """Loads a model of the zoo, a one-file checkpoint, or the last checkpoint of a run.
 
@@ -51,6 +53,8 @@ def load(
         image_size: Another height and width, or one number for both, likewise.
         accept: Licence of published weights that are not fetched yet, as their card states it:
             they are fetched from where their authors put them.
+        classes: Classes of one's own by the name in the file, such as ``my_module:Tiny``: what a
+            file names is never imported.
 
     Raises:
         ConfigError: Unknown name, type or device, a card without weights, frames or a size that
@@ -65,6 +69,8 @@ def load(
         >>> load("anytouch2.tiny").encode(np.stack([rest] * 4), rest, "digit").shape
         torch.Size([3840])
     """
+    for own, given in (classes or {}).items():
+        registry.give(own, given)
     place = _find(name_or_file, accept)
     path = place.path
 

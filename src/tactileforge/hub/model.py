@@ -21,12 +21,14 @@ from tactileforge.hub.force_reader import ForceReader
 from tactileforge.hub.forces import ModelReadings
 from tactileforge.hub.header import Header
 from tactileforge.hub.inputs import Images, squash_images
+from tactileforge.hub.picture_checks import PictureChecks
 from tactileforge.hub.sensor_rows import Policy
 from tactileforge.hub.taps import Tap
 from tactileforge.hub.video import Times, Video, cut_clips, open_video, stacked, still_of
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.streaming.contact import ContactOptions, SlipOptions
 from tactileforge.sensors.streaming.touch_stream import TouchStream
+from tactileforge.util.threads import usable_after_fork
 
 if TYPE_CHECKING:
     from tactileforge.hub.classify import Classes, ClassHead
@@ -75,6 +77,7 @@ class Model(nn.Module):
     ) -> None:
         super().__init__()
         self.encoder = encoder
+        self._picture_checks = PictureChecks()
         self.header = header
         self.card = card
         self.heads = nn.ModuleDict(dict(heads or {}))
@@ -82,6 +85,8 @@ class Model(nn.Module):
         self.projected: int = encoder.projected
         if hasattr(encoder, "unknown_sensor"):
             encoder.unknown_sensor = "error"  # the policy is an argument of `encode`
+        # encoding in workers that are forked is a usual pattern, as of a DataLoader
+        usable_after_fork()
         # checked first: a move that fails would leave a part of the weights behind
         self.to(check_device(device)).eval()
         self.loaded = self.part_hashes()
@@ -206,6 +211,7 @@ class Model(nn.Module):
         sensor: Sensors = None,
         *,
         groups: Sequence[str] | Literal["all"] | None = None,
+        checks: bool = True,
         **options: Unpack[Batched],
     ) -> Tensor:
         """Encodes each clip as one vector; warns of changed light without touch.
@@ -223,6 +229,8 @@ class Model(nn.Module):
                 factor with which a plain linear probe does well: see `groups` and
                 `feature_groups.joint_vector`. None takes ``summary``, the best single vector for a
                 linear probe; of imported weights the projected vector of their authors.
+            checks: Whether to warn, once a background, of one that is mirrored, on its side or of
+                other colours for its sensor.
             **options: ``unknown_sensor``: ``error``, or ``universal`` to take the universal tokens,
                 and warn. ``batch_size``: clips that are computed at once, 32.
 
@@ -234,6 +242,8 @@ class Model(nn.Module):
             DataError: Frames or background are not what the model takes; says both.
             ConfigError: No background, no such sensor or group, or a batch size below 1.
         """
+        if checks:
+            self._picture_checks(background, sensor)
         return self.clips_reader.encoded(groups, Clips(frames, background, sensor, **options))
 
     def features(
@@ -296,15 +306,18 @@ class Model(nn.Module):
         sensor: Sensors = None,
         *,
         calibration: Calibration | str | Path | None = None,
+        checks: bool = True,
     ) -> Tensor:
         """The force of the object on the gel in frames 2..T, N: (T - 1, 3), or (B, T - 1, 3).
 
         Without a ``calibration`` of this unit, or its file (``tactileforge calibrate model=...``),
         it is an estimate, and warns; an axis that the calibration leaves out stays one. NaN, with a
         warning, in frames with changed light and no touch, or beyond the scale of the sensor. A
-        published head gives the newest frame alone: (1, 3). Errors are those of `encode`, and a
+        published head gives the newest frame alone: (1, 3). ``checks`` as in `encode`. Errors are those of `encode`, and a
         ConfigError without a force head, a scale of the sensor, or of another model's calibration.
         """
+        if checks:
+            self._picture_checks(background, sensor)
         return head_reader.force_of(self, Clips(frames, background, sensor), calibration)
 
     def surface(

@@ -171,7 +171,8 @@ def _errors_named(repo: str, file: str, revision: str) -> Iterator[None]:
         ) from error
     except errors.OfflineModeIsEnabled as error:
         raise DataNotFoundError(f"{place}: HF_HUB_OFFLINE is set; unset it") from error
-    except (errors.HfHubHTTPError, OSError) as error:
+    # the client's own errors of transport are no OSError since its version 2
+    except (errors.HfHubHTTPError, getattr(errors, "HTTPError", OSError), OSError) as error:
         status = getattr(getattr(error, "response", None), "status_code", None)
         if status in (401, 403):
             raise DataNotFoundError(f"{place}: the hub refused ({status}); {login}") from error

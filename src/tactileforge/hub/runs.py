@@ -62,6 +62,8 @@ def read_run(
     if (known := config["encoder"].get("sensors")) and (trained := kept.get("sensors")):
         # rows of other sensors were never trained
         config["encoder"]["sensors"] = {name: known[name] for name in known if name in trained}
+    # its weights are those of the checkpoint: no others are read or fetched
+    config["encoder"] = registry.without_start("encoders", config["encoder"])
     # popped: the recipe in a header is not this run
     place = run / run_folder.BEST if best else run
     if best and not place.is_file():

@@ -13,9 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
+from tactileforge.checks.doors import frame_lines
+from tactileforge.checks.doubts import Doubts
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.frames.stamp import stamp_of
-from tactileforge.data.labels.doubts import Doubts
 from tactileforge.data.labels.plausible import impossible
 from tactileforge.data.shards import shards
 from tactileforge.data.shards.index import sort_recordings
@@ -92,7 +93,9 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
     doubts = Doubts()
     for recording in chain.from_iterable(by_split.values()):
         doubts.add(recording)
-    notes = [*getattr(dataset, "notes", ()), *doubts.of_each(), *doubts.of_all({"force"})]
+    seen = frame_lines(by_split["train"], by_split["val"], hasattr(type(dataset), "layouts"))
+    told = [*doubts.of_each(), *doubts.of_all({"force"}), *seen]
+    notes = [*getattr(dataset, "notes", ()), *told]
     return PackPlan(jobs, skipped, sum(map(len, by_split.values())), whole, notes)
 
 

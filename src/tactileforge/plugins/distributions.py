@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
+import json
+import re
+import shlex
+from importlib.metadata import PackageNotFoundError, distribution, entry_points
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
 
 #: Our own packages in plugins/: names they provide, by kind of plugin or group of options.
 _OURS: dict[str, dict[str, tuple[str, ...]]] = {
@@ -31,6 +37,7 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
             *("webdataset_clips", "ycb_slide"),
         ),
     },
+    "tactileforge-bridge": {"publishers": ("ros2", "zmq")},
     "tactileforge-digit": {"sensors": ("digit",)},
     "tactileforge-dmtac": {"sensors": ("dmtac", "dmtac_sdk")},
     "tactileforge-episodes": {
@@ -77,6 +84,7 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
         "sensors": ("sim", "sim_robot", "sim_wrench"),
         "verbs": ("sim",),
     },
+    "tactileforge-timm": {"encoders": ("timm", "timm_image")},
 }
 
 
@@ -93,6 +101,99 @@ def package_of(kind: str, name: str) -> str:
     """
     found = (package for package, kinds in _OURS.items() if name in kinds.get(kind, ()))
     return next(found, "")
+
+
+def how_to_get(kind: str, name: str) -> str:
+    """Words on the package of ours with a plugin or option, and how to install it; "" for none.
+
+    Args:
+        kind: Kind of the plugin, or a group of options such as ``recipe``.
+        name: Name that users type.
+
+    Example:
+        >>> how_to_get("recipe", "no_such_recipe")
+        ''
+    """
+    package = package_of(kind, name)
+    return package and f"comes with {package}: {install_command(package)}"
+
+
+def install_command(package: str) -> str:
+    """Shell command that installs a package from where this one came.
+
+    Our packages are on no index, where a stranger could take their names. They are installed from
+    the clone or the folder of wheels that this package was installed from, with those of ours that
+    they need.
+
+    Args:
+        package: Name of the package; one that is not ours is taken from an index.
+
+    Example:
+        >>> install_command("tactileforge-sim").endswith("plugins/tactileforge-sim")
+        True
+        >>> install_command("numpy")
+        'pip install numpy'
+    """
+    if not is_ours(package):
+        return f"pip install {package}"
+    origin = _origin()
+    if clone := _clone(origin, package):
+        return f"pip install {' '.join(_folders(clone, package))}"
+    url = str(origin.get("url", ""))
+    if version := origin.get("vcs_info"):
+        place = f"{version['vcs']}+{url}@{version['commit_id']}#subdirectory=plugins/{package}"
+        return f"pip install {shlex.quote(f'{package} @ {place}')}"
+    wheel = f"{package.replace('-', '_')}-*.whl"
+    beside = _local(url).parent if url.endswith(".whl") and url.startswith("file:") else None
+    if beside is not None and (found := sorted(beside.glob(wheel))):
+        folder = shlex.quote(str(beside))
+        return f"pip install --find-links {folder} {shlex.quote(str(found[-1]))}"
+    # the file by its name: an index is not asked for it
+    return f"pip install --find-links WHEELS WHEELS/{wheel} (WHEELS: where tactileforge's own lies)"
+
+
+def _origin() -> dict[str, Any]:
+    """Where this package was installed from (PEP 610); {} if pip did not note it."""
+    try:
+        noted = distribution("tactileforge").read_text("direct_url.json")
+    except PackageNotFoundError:
+        return {}
+    return dict(json.loads(noted)) if noted else {}
+
+
+def _local(url: str) -> Path:
+    return Path(unquote(urlsplit(url).path))
+
+
+def _clone(origin: dict[str, Any], package: str) -> Path | None:
+    """The clone with the folder of a package; None where this package came in another way."""
+    places = [Path(__file__).parents[3]]  # run from its sources
+    if "dir_info" in origin:
+        places.insert(0, _local(origin["url"]))
+    project = Path("plugins") / package / "pyproject.toml"
+    return next((place for place in places if (place / project).is_file()), None)
+
+
+def _folders(clone: Path, package: str) -> list[str]:
+    """Folders of a package and of those of ours that it needs and that are absent, as typed."""
+    here = Path.cwd()
+    start = "." if here == clone else shlex.quote(str(clone))
+    wanted = [package]
+    for name in wanted:  # grows while it is read
+        text = (clone / "plugins" / name / "pyproject.toml").read_text("utf-8")
+        needs = re.search(r"^dependencies = \[(.*?)\]", text, re.MULTILINE | re.DOTALL)
+        for need in re.findall(r'"(tactileforge-[\w-]+)', needs[1] if needs else ""):
+            if need not in wanted and need in _OURS and not _is_installed(need):
+                wanted.append(need)
+    return [f"{start}/plugins/{name}" for name in wanted]
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        distribution(package)
+    except PackageNotFoundError:
+        return False
+    return True
 
 
 def is_ours(distribution: str) -> bool:

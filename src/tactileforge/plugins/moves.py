@@ -11,9 +11,9 @@ from importlib.resources import files
 from inspect import getsource
 from typing import Any
 
-from tactileforge import contracts, errors
+from tactileforge import errors
 from tactileforge.errors import PluginError, TactileForgeError
-from tactileforge.plugins.distributions import is_ours, package_of
+from tactileforge.plugins.distributions import how_to_get, install_command, is_ours
 
 #: Changes so far that authors of plugins have to follow; public packages are the contract.
 VERSION = 4
@@ -26,9 +26,7 @@ CHANGES = {
 
 
 #: Names that were public here and are now in a package: the new import, and what to install.
-PACKAGES = {
-    "SerialArray": "from tactileforge_arrays import SerialArray (pip install tactileforge-arrays)"
-}
+PACKAGES = {"SerialArray": "from tactileforge_arrays import SerialArray"}
 
 
 #: Rooms of the core that are now packages, by their former module.
@@ -58,6 +56,8 @@ def homes() -> dict[str, str]:
         text = stub.read_text("utf-8") if package.is_dir() and stub.is_file() else ""
         for name in re.findall(r"^from .* import \w+ as (\w+)$", text, re.M):
             found.setdefault(name, f"tactileforge.{package.name}")
+    from tactileforge import contracts  # imports numpy
+
     found |= dict.fromkeys(contracts.__all__, "tactileforge.contracts")
     public = [
         name
@@ -88,7 +88,7 @@ def import_hint(error: BaseException) -> str:
         ''
     """
     if isinstance(error, ModuleNotFoundError) and is_ours(top := str(error.name).replace("_", "-")):
-        return f"pip install {top}"
+        return install_command(top)
     if not isinstance(error, ImportError) or not (error.name or "").startswith("tactileforge."):
         return ""
     wanted = re.findall(r"\w+", _line(error).partition(" import ")[2])
@@ -99,11 +99,11 @@ def import_hint(error: BaseException) -> str:
     for old in sorted(MODULES, key=len, reverse=True) if not found else ():  # a public name first
         if f"{error.name}.".startswith(f"{old}."):
             package = MODULES[old].partition(".")[0].replace("_", "-")
-            install = "" if package == "tactileforge" else f" (pip install {package})"
+            install = "" if package == "tactileforge" else f" ({install_command(package)})"
             return f"use: {MODULES[old]}{install}"
     last = (error.name or "").rpartition(".")[2]
-    if f".datasets.{last}" in str(error.name) and (package := package_of("datasets", last)):
-        return f"it comes with {package} now: pip install {package}"
+    if f".datasets.{last}" in str(error.name) and (fix := how_to_get("datasets", last)):
+        return f"it {fix}"
     last = last.replace("_", "")
     found = found or [name for name in homes() if name.lower() == last]
     if not found:

@@ -5,27 +5,33 @@ Listing reads metadata only, imports nothing and never fails. Using a plugin fai
 
 from __future__ import annotations
 
+import copy
+import inspect
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from inspect import Parameter, signature
 from typing import Any, get_type_hints
 
-from tactileforge.contracts import CONTEXT
 from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name, unknown
-from tactileforge.plugins import moves
-from tactileforge.plugins.distributions import package_of
+from tactileforge.plugins import local, moves
+from tactileforge.plugins.distributions import how_to_get
+from tactileforge.plugins.source_options import read_docstrings, read_options
 from tactileforge.util import strict
 
-KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers")
+KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers", "checks")
 #: Kinds whose entry points name a module: verbs of the command line.
 MODULES = ("verbs",)
 #: Kinds without a conformance suite: publishers of ``live``, schedules of the learning rate and
-#: runners of suites of ``bench`` (a function each), trackers of ``data pack``, and packages of YAML
-#: options.
-OTHERS = ("publishers", "schedules", "runners", "importers", "trackers", "conf")
+#: runners of suites of ``bench`` (a function each), trackers of ``data pack``, callbacks of
+#: Lightning, and packages of YAML options.
+OTHERS = (
+    *("publishers", "schedules", "curves", "runners", "importers", "trackers", "callbacks"),
+    "conf",
+)
 
 #: Kind of plugin behind the options of each group of a configuration.
 GROUPS = {
@@ -40,6 +46,7 @@ GROUPS = {
     "text_encoder": "encoders",
     "image_encoder": "encoders",
     "optim": "optimizers",
+    "callbacks": "callbacks",
 }
 
 
@@ -83,7 +90,134 @@ def names(kind: str) -> list[str]:
         >>> "align" in names("objectives")
         True
     """
-    return list(_entries(kind))
+    own = [name for of, name in _registered if of == kind]
+    return sorted({*_entries(kind), *own})
+
+
+#: Methods and attributes that a class of each kind needs, beside its constructor.
+_CONTRACTS = {
+    "sensors": ("discover", "open", "read", "close"),
+    "datasets": ("recordings", "provides", "plot"),
+    "encoders": ("forward",),
+    "heads": ("forward",),
+    "objectives": ("head", "needs", "forward"),
+    "optimizers": ("build",),
+    "callbacks": ("on_train_start", "state_dict"),
+}
+#: What `register` was given, by kind and name.
+_registered: dict[tuple[str, str], Any] = {}
+
+
+def register(kind: str, name: str, plugin: Any) -> None:
+    """Gives a class, function or instance of one's own a name in this process.
+
+    Args:
+        kind: One of `KINDS` or `OTHERS`, such as ``objectives``.
+        name: Name to be typed; letters, digits and underscores.
+        plugin: The class; or a finished instance, of which every use gets a copy.
+
+    Raises:
+        PluginError: An unknown kind, a name that is no word or that an installed plugin has, or
+            something that lacks methods of its contract.
+
+    Example:
+        >>> from tactileforge.objectives import Pixel
+        >>> register("objectives", "my_pixel", Pixel)
+        >>> build("objectives", {"name": "my_pixel"}).head
+        'pixel'
+    """
+    if name in _entries(kind):
+        raise PluginError(
+            f"an installed {kind.removesuffix('s')} has the name {name!r}: take another"
+        )
+    if not re.fullmatch(r"[A-Za-z_]\w*", name):
+        raise PluginError(f"{name!r} is no name: use letters, digits and underscores")
+    _check_contract(kind, plugin, f"{kind.removesuffix('s')} {name!r}")
+    _registered[kind, name] = plugin
+
+
+def give(name: str, plugin: Any) -> None:
+    """Gives the class for a name of one's own in a file, such as ``my_module:Tiny``.
+
+    Args:
+        name: Name as the file has it.
+        plugin: The class. The head of an objective, if that is a class, is given with it.
+    """
+    local.keep(name, plugin)
+    head = getattr(plugin, "head", None)
+    if isinstance(head, type):
+        local.keep(_beside(name, plugin, head), head)
+
+
+def _beside(name: str, objective: Any, head: Any) -> str:
+    """Name of an objective's head: beside the objective, and found as that is."""
+    source, _, _ = name.rpartition(":")
+    same = getattr(head, "__module__", "") == objective.__module__
+    return f"{source}:{head.__qualname__}" if source and same else local.name_of(head)
+
+
+def adopt(kind: str, name: str, where: str = "") -> Any:
+    """Imports a name of one's own that the user typed, and checks its contract.
+
+    Never call it with a name that a downloaded file holds.
+
+    Args:
+        kind: Kind of plugin that is wanted there.
+        name: Name as typed, ``module:NAME`` or ``./file.py:NAME``.
+        where: Place of the name, for errors.
+
+    Raises:
+        PluginError: It cannot be imported, or is something else; one line with the place.
+    """
+    plugin = local.resolve(name, where)
+    _check_contract(kind, plugin, f"{where}={name}" if where else name)
+    return plugin
+
+
+def _check_contract(kind: str, plugin: Any, what: str) -> None:
+    _entries(kind)  # an unknown kind
+    needed = _CONTRACTS.get(kind, ())
+    if not needed:
+        if not callable(plugin):
+            raise PluginError(f"{what} is a {type(plugin).__name__}: give a function or a class")
+        return
+    if inspect.isroutine(plugin) or inspect.ismodule(plugin):
+        raise PluginError(f"{what} is a {type(plugin).__name__}: give a class")
+    if kind == "optimizers" and _has(plugin, "zero_grad"):  # one of torch, made a plugin at use
+        return
+    if missing := [name for name in needed if not _has(plugin, name)]:
+        contract = f"{kind.removesuffix('s').capitalize()} of tactileforge.contracts"
+        raise PluginError(f"{what} has no {', no '.join(missing)}: see {contract}")
+
+
+def _has(plugin: Any, name: str) -> bool:
+    found = getattr(plugin, name, None)
+    if name == "forward":  # nn.Module has one that refuses every call
+        own = getattr(found, "__name__", "forward") != "_forward_unimplemented"
+        cls = plugin if isinstance(plugin, type) else type(plugin)
+        return (found is not None and own) or "__call__" in vars(cls)
+    annotated = (
+        k for base in getattr(plugin, "__mro__", ()) for k in vars(base).get("__annotations__", ())
+    )
+    return found is not None or name in annotated
+
+
+def head_of(objective: str) -> str:
+    """Name of the head of an objective; a class that the objective names is known by it.
+
+    Args:
+        objective: Name of the objective.
+
+    Raises:
+        PluginError: The class has something else for a head.
+    """
+    head = get("objectives", objective).head
+    if isinstance(head, str):
+        return head
+    _check_contract("heads", head, f"the head of objective {objective!r}")
+    name = _beside(objective, get("objectives", objective), head)
+    local.keep(name, head)
+    return name
 
 
 def list_plugins() -> list[PluginInfo]:
@@ -129,12 +263,16 @@ def load(kind: str, name: str) -> Any:
     Raises:
         PluginError: Not installed (names the nearest), claimed twice (names both), or broken.
     """
+    if (kind, name) in _registered:
+        return _registered[kind, name]
+    if local.is_local(name):
+        return _given(kind, name)
     entries = _entries(kind).get(name, [])
     if not entries:
         is_typo = nearest_name(name, names(kind)) != "."
-        package = package_of(kind, name)
-        fix = f"Install the package that provides it{package and f': pip install {package}'}"
-        fix = "" if is_typo and not package else fix
+        got = how_to_get(kind, name)
+        fix = "" if is_typo else "Install the package that provides it"
+        fix = f"It {got}" if got else fix
         raise PluginError(unknown(kind.removesuffix("s"), name, names(kind), fix))
     if len(entries) > 1:
         claims = " and ".join(_describe(kind, entry) for entry in entries)
@@ -149,12 +287,31 @@ def load(kind: str, name: str) -> Any:
         ) from error
 
 
+def _given(kind: str, name: str) -> Any:
+    """A class of the user's own that was typed or given in this process; imports nothing."""
+    what = kind.removesuffix("s")
+    try:
+        return local.find(name)
+    except KeyError:
+        pass
+    own = name.rpartition(":")[2]
+    raise PluginError(
+        f"{what} {name!r} is a class of somebody's own, and what a file names is never imported: "
+        f"give it, code={name} on the command line if it is yours, or in Python "
+        f"classes={{{name!r}: {own}}}"
+    )
+
+
 def parameters(plugin: type[Any]) -> dict[str, Any]:
     """The configuration of a plugin: its constructor's parameters and their defaults.
 
     Parameters in `contracts.CONTEXT` are left out; one without a default maps to
     `inspect.Parameter.empty`.
     """
+    from tactileforge.contracts import CONTEXT  # imports numpy, which listing does without
+
+    if not isinstance(plugin, type) and not inspect.isroutine(plugin):
+        return {}  # a finished instance
     return {
         parameter.name: parameter.default
         for parameter in signature(plugin).parameters.values()
@@ -163,9 +320,62 @@ def parameters(plugin: type[Any]) -> dict[str, Any]:
     }
 
 
+def options(kind: str, name: str) -> dict[str, Any]:
+    """The configuration of an installed plugin, as `parameters`; imports it only if it has to.
+
+    Raises:
+        PluginError: Not installed (names the nearest), claimed twice (names both), or broken.
+    """
+    entries = _entries(kind).get(name, [])
+    plain = len(entries) == 1 and (kind, name) not in _registered
+    found = read_options(entries[0].value) if plain else None
+    if found is None:
+        return parameters(get(kind, name))
+    from tactileforge.contracts import CONTEXT
+
+    return {key: default for key, default in found.items() if key not in CONTEXT}
+
+
+def meanings(kind: str, name: str) -> dict[str, str]:
+    """Descriptions of the options of an installed plugin; imports it only if it has to.
+
+    Raises:
+        PluginError: It is not installed, or is claimed twice.
+    """
+    known, entries = options(kind, name), _entries(kind).get(name, [])
+    found: dict[str, str] = {}
+    plain = len(entries) == 1 and (kind, name) not in _registered
+    for text in read_docstrings(entries[0].value) if plain else ():
+        found |= strict.rows_of(text)
+    return found if known.keys() <= found.keys() else strict.arguments(get(kind, name))
+
+
 def context(plugin: type[Any]) -> frozenset[str]:
     """The constructor parameters of a plugin filled in by the framework."""
+    from tactileforge.contracts import CONTEXT
+
+    if not isinstance(plugin, type) and not inspect.isroutine(plugin):
+        return frozenset()
     return CONTEXT & set(signature(plugin).parameters)
+
+
+def without_start(kind: str, config: Mapping[str, Any]) -> dict[str, Any]:
+    """A plugin's configuration without the options of its first weights.
+
+    The class names them in ``starting_options``: files of weights, or whether to fetch some. They
+    are of no use to a plugin whose weights come from a checkpoint, and a downloaded file must not
+    cause a download.
+
+    Args:
+        kind: One of `KINDS`.
+        config: ``{"name": ..., **arguments}``; one whose plugin is not installed stays as it is.
+    """
+    name = str(config.get("name"))
+    options: tuple[str, ...] = ()
+    if name in names(kind) or local.is_local(name):
+        with suppress(PluginError):  # one of the user's own that was not given here
+            options = getattr(get(kind, name), "starting_options", ())
+    return {key: value for key, value in config.items() if key not in options}
 
 
 def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any) -> Any:
@@ -201,6 +411,8 @@ def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any
         if default is Parameter.empty and key not in arguments:
             raise ConfigError(f"{what} needs {key!r}: set {_below(where, key)}=...")
     _check_types(f"{where}." if where else f"{what}: ", plugin, arguments)
+    if not isinstance(plugin, type) and not inspect.isroutine(plugin):
+        return copy.deepcopy(plugin)
     wanted = context(plugin)
     try:
         return plugin(**arguments, **{key: given[key] for key in wanted if key in given})

@@ -33,6 +33,7 @@ from tactileforge.util.strict import build, mapping
 SPLITS = ("recording", "object", "time", "train", "val")
 CHANNELS = ("rgb", "bgr")
 ROTATIONS = (0, 90, 180, 270)
+MIRRORS = ("none", "x", "y")
 
 #: Columns of every file, independent of its labels.
 FILE_COLUMNS = ("file", "stem", "folder", "parent")
@@ -75,6 +76,8 @@ class DatasetLayout:
     order: ClockKeys | str
     bgr: bool
     turns: int
+    mirror: str
+    every: float
     crops: Mapping[str, Tile]
     background: BackgroundRule | None
     labels: str | None
@@ -129,6 +132,8 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         order=parse_order(keys.order, each, where),
         bgr=keys.channels == "bgr",
         turns=(keys.rotate or 0) // 90,
+        mirror="" if keys.mirror == "none" else keys.mirror,
+        every=keys.every,
         crops=crops,
         background=parse_background(keys.background, f"{where}: background"),
         labels=keys.labels.file,
@@ -196,6 +201,16 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
             f"{where}: rotate is {keys.rotate}; give the degrees, clockwise, that put the picture "
             "upright: 0, 90, 180 or 270"
         )
+    if keys.mirror not in MIRRORS:
+        raise ConfigError(
+            f"{where}: mirror is {keys.mirror!r}; give x (left and right exchanged), y (top and "
+            "bottom), or none; it comes before rotate"
+        )
+    if not 1 <= keys.every < float("inf"):
+        raise ConfigError(
+            f"{where}: every is {keys.every:g}; give the stored frames for each frame of the "
+            "camera, 1 or more: 2 where each was stored twice"
+        )
     if not 1 <= keys.tier <= 5:
         raise ConfigError(f"{where}: tier is {keys.tier}, but must be 1 to 5")
 
@@ -250,13 +265,18 @@ def parse_background(rule: BackgroundRule | str, where: str) -> BackgroundRule |
     if rule == "none":
         return None
     if isinstance(rule, BackgroundRule) and min(rule.first, rule.last) >= 0:
-        chosen = sum([rule.first > 0, rule.last > 0, rule.median])
+        chosen = sum([rule.first > 0, rule.last > 0, rule.median, rule.frames is not None])
+        if rule.frames and not 0 <= rule.frames[0] < rule.frames[1]:
+            raise ConfigError(
+                f"{where}: frames are {list(rule.frames)}; give the first and the one after the "
+                "last: [3, 6]"
+            )
         # a file may be a video, of which first or last say the frames; its median is not offered
         if chosen <= 1 and not rule.median if rule.file else chosen == 1:
             return rule
     raise ConfigError(
         f"{where}: {rule} must be one of {{file: background.png}}, {{first: 3}}, {{last: 3}}, "
-        "{median: true}, or none"
+        "{frames: [3, 6]}, {median: true}, or none"
     )
 
 

@@ -22,12 +22,14 @@ class BackgroundRule:
         last: Number of last frames; 0.
         median: Whether to take the median of frames spread evenly over the recording: it leaves
             out a moving contact.
+        frames: The first of some frames and the one after their last; None for none.
     """
 
     file: str | None = None
     first: int = 0
     last: int = 0
     median: bool = False
+    frames: tuple[int, int] | None = None
 
     def rows(self, count: int) -> list[int]:
         """Numbers of the frames without contact.
@@ -37,6 +39,8 @@ class BackgroundRule:
         """
         if self.median:
             return spread_rows(count, MEDIAN_FRAMES)
+        if self.frames:
+            return list(range(min(self.frames[0], count), min(self.frames[1], count)))
         if self.last:
             return list(range(max(0, count - self.last), count))
         return list(range(min(count, self.first or count)))
@@ -192,6 +196,8 @@ class LayoutKeys:
     order: str | ClockKeys | None = None
     channels: str = "rgb"
     rotate: int = 0
+    mirror: str = "none"
+    every: float = 1.0
     crops: dict[str, CropKeys] = field(default_factory=dict)
     labels: LabelKeys = field(default_factory=LabelKeys)
     words: dict[Any, dict[Any, Any]] = field(default_factory=dict)

@@ -125,7 +125,10 @@ class LayoutReader:
         is_video = self.layout.each == "video"
         frames = VideoFrames(touch.paths[0]) if is_video else ImageFrames(touch.paths)
         background = self.layout.background
-        if background and not background.file and len(frames) <= background.first + background.last:
+        least = 0 if background is None or background.file else background.first + background.last
+        if background is not None and background.frames and not background.file:
+            least = background.frames[0]
+        if background and not background.file and len(frames) <= least:
             raise DataError(
                 f"{touch.paths[0]}: {len(frames)} frames, all of them background; remove the file, "
                 f"or give layout {self.layout.name!r} another background"
@@ -178,10 +181,10 @@ class LayoutReader:
                 whole,
                 key=whole.key + name,
                 sensor=self._sensor(sensor, touch),
-                frames=turned(shown, layout.bgr, layout.turns),
+                frames=turned(shown, layout.bgr, layout.turns, layout.mirror),
                 no_contact=self._no_contact(shown, background, box),
             )
-            yield self._tracked(tile, touch, name)
+            yield thinned(self._tracked(tile, touch, name), layout.every)
 
     def _path(self, template: str, touch: LayoutTouch) -> Path:
         name = touch.row.fill(template)
@@ -272,7 +275,7 @@ class LayoutReader:
         background = self._backgrounds[path]
         other = str(touch.paths[0])
         check_background_size(background.full_shape, frames.full_shape, str(path), other)
-        if isinstance(background, VideoFrames) and not rule.first + rule.last:
+        if isinstance(background, VideoFrames) and not (rule.first + rule.last or rule.frames):
             raise DataError(f"{path}: a video as background: say which frames with first or last")
         return background
 
@@ -282,7 +285,8 @@ class LayoutReader:
             return None
         base = file.crop(box) if file else shown
         rows = rule.rows(len(base))
-        return FrameSubset(turned(base, self.layout.bgr, self.layout.turns), rows)
+        layout = self.layout
+        return FrameSubset(turned(base, layout.bgr, layout.turns, layout.mirror), rows)
 
     def _camera(self, touch: LayoutTouch) -> Frames | None:
         pattern = touch.row.fill(self.layout.image) if self.layout.image else None
@@ -295,3 +299,18 @@ class LayoutReader:
                 f"correct image of layout {self.layout.name!r}"
             )
         return open_files(files)
+
+
+def thinned(recording: Recording, every: float) -> Recording:
+    """Keep one of so many frames, with its labels: the rest are copies of it.
+
+    Args:
+        recording: The recording.
+        every: Stored frames for each frame of the camera, 1 or more; need not be whole.
+    """
+    count = len(recording.frames)
+    if every <= 1 or count < 2:
+        return recording
+    # the middle of the stretch of each frame of the camera: copies lie on both sides of it
+    rows = ((np.arange(np.ceil(count / every)) + 0.5) * every).astype(int)
+    return recording.select([int(row) for row in np.unique(rows) if row < count])

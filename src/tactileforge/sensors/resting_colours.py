@@ -19,12 +19,16 @@ from numpy.typing import NDArray
 SWAPPED, SWAPPED_BY = 0.5, 0.2
 #: The same for a quarter turn: a GelSight Mini looks similar on its side (0.7, and 0.9 upright).
 TURNED, TURNED_BY = 0.7, 0.1
+#: Smallest lead of a mirrored picture over all that are turned alone.
+MIRRORED_BY = 0.2
 #: Smallest lead of another order than RGB and BGR over the colours as they are, for `TURNED`.
 _OTHER_ORDER = 0.3
 #: Sensors with coloured lights.
 COLOURED = frozenset({"digit", "gelsight", "gelsight_mini", "gelslim"})
 #: Largest spread of the channels of a grey picture, and smallest of a coloured one; grey levels.
 _GREY, _COLOURS = 1.5, 6.0
+#: Largest level of a black picture.
+_BLACK = 8.0
 
 #: Means over public units (10 DIGITs, 9 GelSight Minis), upright, in hundredths: rows of red, green
 #: and blue, each less their mean.
@@ -138,14 +142,50 @@ def turn_of(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> int | 
     return int(90 * order[0]) if is_sure else None
 
 
+def mirror_of(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> str:
+    """Axis along which a picture is mirrored, ``x`` or ``y``; "" for none, or if unsure.
+
+    Args:
+        grid: `colour_grid` with the channels in the order of the reference.
+        reference: `colour_grid` of an upright picture, not mirrored.
+
+    Example:
+        >>> digit = known_colours("digit")
+        >>> mirror_of(digit[:, ::-1], digit), mirror_of(digit[::-1], digit), mirror_of(digit, digit)
+        ('x', 'y', '')
+    """
+    leads = mirror_leads(grid, reference)
+    best = max(leads, key=lambda axis: leads[axis])
+    across, along = (colour_agreement(one, reference) for one in (grid[:, ::-1], grid[::-1]))
+    is_clear = max(across, along) >= TURNED and abs(across - along) >= TURNED_BY
+    return best if is_clear and leads[best] >= MIRRORED_BY else ""
+
+
+def mirror_leads(grid: NDArray[np.float64], reference: NDArray[np.float64]) -> dict[str, float]:
+    """Lead of a mirrored picture over all that are turned alone, by the axis of the mirror.
+
+    Args:
+        grid: `colour_grid` with the channels in the order of the reference.
+        reference: `colour_grid` of an upright picture, not mirrored.
+
+    Returns:
+        Differences of agreements, for ``x`` and ``y``; below 0 for a picture without a mirror.
+    """
+    as_is = max(colour_agreement(np.rot90(grid, -n), reference) for n in range(4))
+    across, along = (colour_agreement(one, reference) for one in (grid[:, ::-1], grid[::-1]))
+    return {"x": across - as_is, "y": along - as_is}
+
+
 def is_grey(picture: NDArray[Any]) -> bool:
     """Whether the three channels of a picture are equal.
 
     Args:
         picture: Picture, (H, W, 3), grey levels of 255.
     """
-    spread = picture.astype(np.float32)
-    return float(np.quantile(spread.max(-1) - spread.min(-1), 0.999)) <= _GREY
+    levels = picture.astype(np.float32)
+    # a black picture has lost its colours, too, but for another reason
+    is_lit = float(np.quantile(levels, 0.99)) > _BLACK
+    return is_lit and float(np.quantile(levels.max(-1) - levels.min(-1), 0.999)) <= _GREY
 
 
 def has_colours(grid: NDArray[np.float64]) -> bool:

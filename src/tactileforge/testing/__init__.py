@@ -36,8 +36,8 @@ def check(
     """Checks one plugin against the contract of its kind.
 
     Args:
-        kind: ``sensor``, ``dataset``, ``encoder``, ``head``, ``objective``, ``optimizer`` or
-            ``verb``, or its plural.
+        kind: ``sensor``, ``dataset``, ``encoder``, ``head``, ``objective``, ``optimizer``,
+            ``check`` or ``verb``, or its plural.
         plugin: An installed name, or a class; for sensors and data sets also an instance; for
             verbs a module.
         head: Class of the head that feeds an objective; None for the installed head named by the

@@ -20,7 +20,7 @@ from tactileforge.errors import ConfigError
 from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.hub.loading import load
 from tactileforge.plugins import registry
-from tactileforge.plugins.distributions import package_of
+from tactileforge.plugins.distributions import how_to_get
 from tactileforge.testing.batches import batch
 from tactileforge.testing.modules import require_close, require_equal, small_context
 from tactileforge.testing.results import Check, CheckSubject, Skip, require
@@ -176,8 +176,7 @@ def packed_and_loaded_it_is_the_same(subject: CheckSubject) -> None:
 def exported_it_is_the_same(subject: CheckSubject) -> None:
     """The file of ``tactileforge export`` computes the same; ONNX if it is installed."""
     if "export" not in registry.names("verbs"):
-        package = package_of("verbs", "export")
-        raise Skip(f"export comes with {package}: pip install {package}")
+        raise Skip(f"export {how_to_get('verbs', 'export')}")
     command = registry.load("verbs", "export").COMMANDS[""]
     with tempfile.TemporaryDirectory() as folder:
         encoder, file = _saved(subject, Path(folder))

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from inspect import signature
 from typing import Any
 
+from tactileforge.checks.log_doubts import Examination
 from tactileforge.contracts import Column
 from tactileforge.data.batches.columns import declared_columns
 from tactileforge.data.batches.datamodule import TouchData
@@ -63,6 +64,7 @@ def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchDat
         columns=_columns(config),
         **batch,
     )
+    data.examiner = Examination()
     needs = {key: plugin.needs for key, plugin in objectives.items()}
     data.check(needs)  # by what the data set declares, before hours of reading
     data.setup()

@@ -20,6 +20,7 @@ from lightning.pytorch.plugins.io import TorchCheckpointIO
 from tactileforge.errors import TactileForgeError
 from tactileforge.runs.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.runs.folder import BEST, LAST
+from tactileforge.training.finite import NotFiniteError
 from tactileforge.training.module import log_interval
 from tactileforge.util.bars import Bar
 from tactileforge.util.files import new_part
@@ -88,6 +89,8 @@ class Checkpoints(Callback):
         self.every = every
         self.interrupted = self._stopped = self.started = False
         self._listening = ExitStack()
+        #: Step of the last save of this process, and of its start.
+        self._saved, self._first = -1, 0
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Checks room on the disk and listens for signals.
@@ -98,6 +101,7 @@ class Checkpoints(Callback):
         if trainer.is_global_zero:
             check_room(self.path, _size(trainer))
         self.started = True
+        self._first = trainer.global_step
         self._listening.enter_context(handled(self._stop))
 
     def on_train_batch_start(
@@ -134,7 +138,7 @@ class Checkpoints(Callback):
         due = trainer.global_step % self.every == 0
         stop = self._is_asked(trainer, due)
         if stop or due:
-            trainer.save_checkpoint(self.path)
+            self._save(trainer)
         if stop:
             self._stopped = trainer.should_stop = True
 
@@ -150,15 +154,26 @@ class Checkpoints(Callback):
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Saves at the end of the run, and stops listening."""
         if not self._stopped:
-            trainer.save_checkpoint(self.path)
+            self._save(trainer)
         self.interrupted = self._stopped  # a signal after the last step stopped nothing
         self._release()
 
     def on_exception(
         self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException
     ) -> None:
-        """Stops listening."""
+        """Saves what was trained before an error, as that of a user's callback; stops listening."""
         self._release()
+        stopped = isinstance(exception, KeyboardInterrupt | NotFiniteError)
+        is_news = self.started and trainer.global_step > max(self._saved, self._first)
+        if stopped or not is_news or trainer.world_size > 1:
+            return
+        with suppress(Exception):  # the error of the run is the one to show
+            self._save(trainer)
+            log.error("the run was saved at step %d, before the error below", trainer.global_step)
+
+    def _save(self, trainer: L.Trainer) -> None:
+        trainer.save_checkpoint(self.path)
+        self._saved = trainer.global_step
 
     def _release(self) -> None:
         self._listening.close()

@@ -31,6 +31,7 @@ _EXPECTED = (
     r"Total length of `list` across ranks is zero.*",  # nothing is held out: the run itself says so
     r"It is recommended to use `self.log\('val/.*",  # values are those of all processes already
     r"Checkpoint directory .* exists and is not empty.*",  # a resumed run
+    r"You're using the WeightAveraging callback with a model that overrides.*",  # to shard
 )
 
 

@@ -108,20 +108,21 @@ def _go_on_with(encoder: dict[str, Any], init: str) -> None:
     config = _config_of(init)
     if config is None or config["encoder"]["name"] != encoder["name"]:
         return
-    before = config["encoder"]
+    before = registry.without_start("encoders", config["encoder"])
     # rows of the table belong to the weights: another order would mix sensors up
     if before.get("sensors") and not encoder.get("sensors"):
         encoder["sensors"] = dict(before["sensors"])
+    now = registry.without_start("encoders", encoder)
     other = sorted(
         key
-        for key in (before.keys() | encoder.keys()) - {"sensors", *run_folder.OF_TRAINING}
-        if before.get(key) != encoder.get(key)
+        for key in (before.keys() | now.keys()) - {"sensors", *run_folder.OF_TRAINING}
+        if before.get(key) != now.get(key)
     )
     if other:
         log.warning(
             "init: the encoder of %s was trained with %s",
             init,
-            ", ".join(f"encoder.{key}={before.get(key)} (now {encoder.get(key)})" for key in other),
+            ", ".join(f"encoder.{key}={before.get(key)} (now {now.get(key)})" for key in other),
         )
 
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import lightning as L
 import torch
+from omegaconf import DictConfig, OmegaConf
 from torch import Tensor, nn
 
 from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.encoders.views import views_of
-from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.errors import ConfigError
 from tactileforge.plugins import moves
 from tactileforge.training import balance as balances
 from tactileforge.training.curriculum import Curriculum, from_config
@@ -27,6 +29,14 @@ from tactileforge.util.means import Mean
 
 if TYPE_CHECKING:
     from tactileforge.data.batches.clips import Clips
+
+#: Key of a checkpoint with what its module was built from.
+_BUILT = "tactileforge"
+#: Keys of a configuration that a module is built from.
+_KEPT = (
+    *("encoder", "head", "objective", "text_encoder", "image_encoder", "curriculum", "optim"),
+    *("seed", "balance", "freeze", "columns", "facts"),
+)
 
 
 class TouchModule(L.LightningModule):
@@ -88,6 +98,8 @@ class TouchModule(L.LightningModule):
         #: Numbers changed by the curriculum, by place: the part, and the name of its attribute.
         self._changing: dict[str, tuple[Any, str]] = {}
         self.finite = FiniteWatch(list(objectives))
+        #: Configuration and labels that the parts were built from; {} for parts built by hand.
+        self.built_from: dict[str, Any] = {}
 
     @classmethod
     def from_config(
@@ -95,17 +107,18 @@ class TouchModule(L.LightningModule):
         config: Mapping[str, Any],
         provides: AbstractSet[str],
         augment: nn.Module | None = None,
-    ) -> TouchModule:
-        """Builds every part from a finished configuration (see `compose.finish`).
+    ) -> Self:
+        """Builds every part from a finished configuration (see `tactileforge.compose`).
 
         Args:
-            config: Finished configuration, as plain data.
+            config: Finished configuration, with the encoder of `build_data`.
             provides: Labels of the data; towers for other labels are not built.
             augment: Module that changes a batch on the device; None for no augmentation.
         """
+        config = plain(config)
         encoder, heads, objectives = build_parts(config, provides)
         weights = {k: float(node.get("weight", 1.0)) for k, node in config["objective"].items()}
-        return cls(
+        module = cls(
             encoder,
             heads,
             objectives,
@@ -117,6 +130,52 @@ class TouchModule(L.LightningModule):
             config.get("balance"),
             bool(config.get("freeze")),
         )
+        kept = {key: config[key] for key in _KEPT if key in config}
+        module.built_from = {"config": kept, "provides": sorted(provides)}
+        return module
+
+    @classmethod
+    def load_from_checkpoint(  # type: ignore[override]
+        cls,
+        checkpoint_path: str | Path,
+        map_location: Any = None,
+        hparams_file: Any = None,
+        strict: bool | None = None,
+        weights_only: bool | None = None,
+        **parts: Any,
+    ) -> Self:
+        """Builds the module of a checkpoint, with its weights; nothing in the file is executed.
+
+        Args:
+            checkpoint_path: Checkpoint of a run, or of one's own `lightning.Trainer`.
+            map_location: Device of the weights; None for the CPU.
+            hparams_file: Not used: the configuration is in the checkpoint.
+            strict: Whether all weights have to fit; None for True.
+            weights_only: Not used: a checkpoint is always read without executing code.
+            parts: Arguments of the constructor, for a module built by hand.
+
+        Raises:
+            ConfigError: The file is no checkpoint of a `TouchModule`, or its module was built by
+                hand and ``parts`` are missing.
+            PluginError: A part is a local class that was neither typed nor registered.
+        """
+        state = torch.load(checkpoint_path, map_location or "cpu", weights_only=True)
+        if not isinstance(state, dict) or "state_dict" not in state:
+            raise ConfigError(f"{checkpoint_path}: no checkpoint of Lightning")
+        built = state.get(_BUILT) or {}
+        if not parts and not built:
+            raise ConfigError(
+                f"{checkpoint_path}: its module was built by hand; give its parts again: "
+                "TouchModule.load_from_checkpoint(path, encoder=..., heads=..., objectives=..., "
+                "weights=..., curriculum=..., optim=...)"
+            )
+        module = (
+            cls(**parts)
+            if parts
+            else cls.from_config(built["config"], frozenset(built["provides"]))
+        )
+        module.load_state_dict(state["state_dict"], strict=strict is not False)
+        return module
 
     def train(self, mode: bool = True) -> Self:
         """Sets the mode; a frozen encoder stays in evaluation mode."""
@@ -160,14 +219,13 @@ class TouchModule(L.LightningModule):
         self.finite.check(self, self.trainer.optimizers, self.global_step)
         checkpoint["total"], checkpoint["epoch_steps"] = self.total, self.epoch_steps
         checkpoint["processes"] = self.trainer.world_size
+        checkpoint[_BUILT] = self.built_from
         logged = self.trainer.callback_metrics
         checkpoint["scores"] = {k: float(v) for k, v in logged.items() if k.startswith("val/")}
 
     def current_weights(self) -> dict[str, float]:
-        """Weights of the objectives at this step."""
-        if self.plan is None:
-            raise TactileForgeError("the curriculum is known once training starts")
-        return self.plan.weights(self.global_step)
+        """Weights of the objectives at this step; the largest ones before a trainer is there."""
+        return dict(self.weights) if self.plan is None else self.plan.weights(self.global_step)
 
     def prepare(self, clips: Clips) -> None:
         """Lets heads and objectives measure the training data, before the first step of a run."""
@@ -210,9 +268,16 @@ class TouchModule(L.LightningModule):
         return total, logs_of(terms)
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
-        """Weighted loss of one batch, over all objectives with a weight above 0."""
+        """Weighted loss of one batch, over all objectives with a weight above 0.
+
+        In a loop of one's own, without a trainer, ``batch_idx`` is the number of the batch in the
+        run, weights are the largest of the curriculum, and nothing is logged.
+        """
         if self.augment:
             batch = self.augment(batch)
+        if self._trainer is None:
+            seed_step(self.seed, batch_idx, 0)
+            return self.losses(batch, self.current_weights())[0]
         seed_step(self.seed, self.trainer.fit_loop.total_batch_idx, 0)
         assert self.plan is not None
         for place, (part, name) in self._changing.items():
@@ -358,6 +423,13 @@ class TouchModule(L.LightningModule):
         counts = torch.stack([mean.count for mean in means.values()]).tolist()
         rows = zip(means, values, counts, strict=True)
         return {name: value for name, value, count in rows if count}, total
+
+
+def plain(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A configuration as plain data, resolved."""
+    if isinstance(config, DictConfig):
+        return OmegaConf.to_container(config, resolve=True)  # type: ignore[return-value]
+    return dict(config)
 
 
 def _epoch_batches(trainer: L.Trainer) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
@@ -11,8 +12,8 @@ import torch
 from torch import nn
 
 from tactileforge.contracts import OptimizerPlugin
-from tactileforge.errors import ConfigError, unknown
-from tactileforge.plugins import registry
+from tactileforge.errors import ConfigError, check_names, unknown
+from tactileforge.plugins import local, registry
 from tactileforge.util import strict
 
 #: Factor of the learning rate, given the step, the steps of the warm-up, and those of the run.
@@ -27,18 +28,24 @@ class OptimOptions:
         warmup: Share of the run with a rising learning rate, 0 to 1.
         schedule: Name of a `Schedule`.
         clip: Largest norm of the gradient; None for no clipping.
+        layer_decay: Factor of the learning rate of a block of the encoder for each block above it,
+            as in fine-tuning after MAE (He et al., 2022: .65 to .75); 1 for one rate.
     """
 
     warmup: float = 0.025
     schedule: str = "linear"
     clip: float | None = 1.0
+    layer_decay: float = 1.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.warmup <= 1:
             raise ConfigError(f"optim.warmup={self.warmup}: give a share of the run, 0 to 1")
         if self.clip is not None and not self.clip > 0:
             raise ConfigError(f"optim.clip={self.clip}: give a norm above 0, or null to clip none")
-        if self.schedule not in registry.names("schedules"):
+        if not 0 < self.layer_decay <= 1:
+            raise ConfigError(f"optim.layer_decay={self.layer_decay}: give above 0, up to 1")
+        own = local.is_local(self.schedule)
+        if not own and self.schedule not in registry.names("schedules"):
             raise ConfigError(unknown("optim.schedule", self.schedule, registry.names("schedules")))
 
 
@@ -58,7 +65,17 @@ def parse_optim(config: Mapping[str, Any]) -> tuple[OptimizerPlugin, OptimOption
     """
     own = {key: value for key, value in config.items() if key not in COMMON}
     common = {key: value for key, value in config.items() if key in COMMON}
-    plugin = registry.build("optimizers", {"name": "adamw", **own}, "optim")
+    named = {"name": "adamw", **own}
+    made = registry.get("optimizers", str(named["name"]))
+    if isinstance(made, type) and issubclass(made, torch.optim.Optimizer):  # a local class
+        from tactileforge.training.torch_optimizers import plugin_of
+
+        options = {key: value for key, value in named.items() if key != "name"}
+        what = f"option of optimizer {named['name']!r}"
+        check_names(what, options, registry.parameters(plugin_of(made)))
+        plugin: OptimizerPlugin = plugin_of(made)(**options)
+    else:
+        plugin = registry.build("optimizers", named, "optim")
     return plugin, strict.build(OptimOptions, "optim", common)
 
 
@@ -79,11 +96,39 @@ def build_optimizer(
     """
     plugin, options = parse_optim(config)
     # frozen parameters would have averages in every checkpoint, and decay without a gradient
-    optimizer = plugin.build([(n, p) for n, p in parameters if p.requires_grad], fused)
+    learned = [(name, one) for name, one in parameters if one.requires_grad]
+    optimizer = plugin.build(learned, fused)
+    if options.layer_decay < 1:
+        _decay_by_layer(optimizer, learned, options.layer_decay)
     warm = max(1, round(options.warmup * total))
     factor: Schedule = registry.load("schedules", options.schedule)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: factor(step, warm, total))
     return {"optimizer": optimizer, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+
+#: Number of a block in the name of a parameter of an encoder.
+_BLOCK = re.compile(r"^encoder\..*?\b(?:blocks|layers|stages|features)\.(\d+)\.")
+
+
+def _decay_by_layer(
+    optimizer: torch.optim.Optimizer, learned: Sequence[tuple[str, nn.Parameter]], decay: float
+) -> None:
+    """Splits the parameter groups by block; what is below the blocks has the smallest rate."""
+    blocks = {name: _BLOCK.match(name) for name, _ in learned}
+    depth = 1 + max((int(match[1]) for match in blocks.values() if match), default=-1)
+    factors = {}
+    for name, parameter in learned:
+        match, is_encoder = blocks[name], name.startswith("encoder.")
+        above = depth - int(match[1]) if match else depth + 1 if is_encoder else 0
+        # norms and projections behind the blocks keep the whole rate
+        above = 0 if is_encoder and not match and re.search(r"\b(norm|proj|pool)", name) else above
+        factors[parameter] = decay**above
+    groups = []
+    for group in optimizer.param_groups:
+        for factor in sorted({factors[one] for one in group["params"]}, reverse=True):
+            ours = [one for one in group["params"] if factors[one] == factor]
+            groups.append({**group, "params": ours, "lr": group["lr"] * factor})
+    optimizer.param_groups = groups
 
 
 def split_by_decay(

@@ -8,14 +8,14 @@ from typing import Any
 
 from tactileforge.errors import ConfigError
 from tactileforge.training import curriculum
-from tactileforge.util.distributed import count_processes
 
 log = logging.getLogger(__name__)
 
 #: Keys of ``trainer`` for the length of a run.
 LENGTHS = ("max_steps", "max_epochs")
-#: Keys of ``trainer`` for its machine: number of processes, kind of device, precision.
-MACHINE = ("devices", "num_nodes", "accelerator", "precision")
+#: Keys of ``trainer`` for its machine: number of processes, kind of device, precision,
+#: time that is left.
+MACHINE = ("devices", "num_nodes", "accelerator", "precision", "max_time")
 
 
 def change_run(plain: dict[str, Any], before: Mapping[str, Any], state: Mapping[str, Any]) -> bool:
@@ -33,6 +33,8 @@ def change_run(plain: dict[str, Any], before: Mapping[str, Any], state: Mapping[
     Raises:
         ConfigError: More than length and machine has changed, or the run is already as long.
     """
+    from tactileforge.util.distributed import count_processes  # imports torch; help reads `LENGTHS`
+
     changed = {
         key: value for key, value in plain["trainer"].items() if value != before["trainer"].get(key)
     }

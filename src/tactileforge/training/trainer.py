@@ -11,10 +11,12 @@ from typing import Any
 import lightning as L
 import torch
 from lightning.fabric.utilities.exceptions import MisconfigurationException
-from lightning.pytorch.callbacks import Callback, Timer
+from lightning.pytorch.callbacks import Callback, ModelCheckpoint, Timer
 
 from tactileforge.errors import ConfigError, check_names, unknown
+from tactileforge.runs.folder import BEST
 from tactileforge.training import checkpoints
+from tactileforge.training.callbacks import build_callbacks
 from tactileforge.training.loggers import build_loggers
 from tactileforge.training.optim import parse_optim
 from tactileforge.training.parts import check_values
@@ -27,6 +29,22 @@ from tactileforge.util.distributed import count_processes
 #: Packages of each logger; it needs one of them.
 _LOGGERS = {"csv": (), "tensorboard": ("tensorboard", "tensorboardX"), "wandb": ("wandb",)}
 _LOGGERS |= {"mlflow": ("mlflow",)}
+
+#: Arguments of Lightning's trainer that a run sets itself, and what to give instead.
+_ELSEWHERE = {
+    "barebones": "a run logs and saves",
+    "callbacks": "give callbacks=[early_stopping,my_module:Callback]",
+    "default_root_dir": "give hydra.run.dir=",
+    "enable_checkpointing": "every trainer.save_every= steps are saved, and the best by keep_best=",
+    "enable_progress_bar": "`2>/dev/null` hides it",
+    "fast_dev_run": "give debug=steps",
+    "gradient_clip_val": "give optim.clip=",
+    "logger": "give logger=",
+    "overfit_batches": "give debug=overfit",
+    "plugins": "checkpoints are sealed by one of our own",
+    "reload_dataloaders_every_n_epochs": "a batch is a function of its number",
+    "use_distributed_sampler": "the stream of batches gives each process its rows",
+}
 
 #: Smallest value of the trainer's whole-number options, by the start of their names.
 _LEAST = {"max_": -1, "min_": 0, "save_": 1, "log_every": 1, "accumulate": 1, "num_nodes": 1}
@@ -46,7 +64,11 @@ def check_options(config: Mapping[str, Any]) -> None:
     check_values(config)
     check_started(config["trainer"]["devices"])
     known = {*signature(L.Trainer).parameters, "save_every", "keep_best"}
+    for key in _ELSEWHERE.keys() & config["trainer"].keys():
+        raise ConfigError(f"trainer.{key} is set by the run: {_ELSEWHERE[key]}")
     check_names("key of trainer", config["trainer"], known)
+    _timer(config["trainer"].get("max_time"))
+    build_callbacks(config.get("callbacks"))
     for key, value in config["trainer"].items():
         _check_whole(key, value)
     interval = config["trainer"].get("val_check_interval")
@@ -65,6 +87,37 @@ def check_options(config: Mapping[str, Any]) -> None:
         raise ConfigError(f"unknown logger {name!r}: csv, tensorboard, wandb or mlflow")
     if _LOGGERS[name] and not any(find_spec(package) for package in _LOGGERS[name]):
         raise ConfigError(f"logger={name} is not installed: pip install 'tactileforge[{name}]'")
+
+
+class JobTimer(Timer):
+    """Time of a run over all its jobs; ends a job after ``trainer.max_time``.
+
+    Lightning's counts earlier jobs towards the limit: a run resumed by the next job of a cluster
+    would end at once.
+    """
+
+    _earlier = 0.0
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Restores the time of earlier jobs."""
+        super().load_state_dict(state_dict)
+        self._earlier = self.time_elapsed()
+
+    def time_remaining(self, *stage: Any) -> float | None:
+        """Seconds left of this job; None without a limit."""
+        left = super().time_remaining(*stage)
+        return None if left is None else left + self._earlier
+
+
+def _timer(longest: Any) -> JobTimer:
+    """The timer of a run; the report reads it too."""
+    try:
+        return JobTimer(longest)
+    except (TypeError, ValueError, MisconfigurationException) as error:
+        raise ConfigError(
+            f"trainer.max_time={longest}: give days, hours, minutes and seconds, as in "
+            "trainer.max_time='00:23:30:00'"
+        ) from error
 
 
 def _check_whole(key: str, value: Any) -> None:
@@ -123,7 +176,11 @@ def build_trainer(
     options = dict(config["trainer"])
     saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
     best = checkpoints.best_checkpoint(folder, options.pop("keep_best", None))
-    kept = [*best, *callbacks]
+    kept = [*best, *callbacks, *build_callbacks(config.get("callbacks"))]
+    timer = _timer(options.pop("max_time", None))
+    keepers = [one for one in kept if isinstance(one, ModelCheckpoint)]
+    for one in keepers:  # Lightning's own place for it is below the first logger's file
+        one.dirpath = one.dirpath or str(folder / BEST.parent)
     options["limit_train_batches"] = 1.0  # the data applies it, see `assemble.limit_of`
     options["strategy"] = choose_strategy(
         options["strategy"],
@@ -134,12 +191,11 @@ def build_trainer(
     own: dict[str, Any] = dict(
         default_root_dir=folder,
         logger=build_loggers(config["logger"], folder, config.get("run"), step),
-        # the timer is for the report: how long it took
         callbacks=[
             saver,
             Speed(config["batch"]["workers"]),
             Progress(),
-            Timer(),
+            timer,
             LastValidation(),
             *kept,
         ],
@@ -147,15 +203,17 @@ def build_trainer(
         gradient_clip_val=config["optim"].get("clip"),
         # the stream of batches gives each process its own rows
         use_distributed_sampler=False,
-        enable_checkpointing=bool(best),
-        enable_model_summary=False,
+        enable_checkpointing=bool(keepers),
         # `Progress` has a bar for terminals and lines for files
         enable_progress_bar=False,
+    )
+    usual: dict[str, Any] = dict(
+        enable_model_summary=False,
         num_sanity_val_steps=0,
         # on a GPU some kernels have no deterministic version
         deterministic=True if not torch.cuda.is_available() else "warn",
     )
     try:
-        return L.Trainer(**options, **own), saver
+        return L.Trainer(**{**usual, **options, **own}), saver
     except (TypeError, ValueError, MisconfigurationException) as error:
         raise ConfigError(f"trainer: {error}") from error

@@ -1,4 +1,4 @@
-"""Signals to end a run in good order: Ctrl-C, SIGTERM, and SIGHUP of a closed terminal."""
+"""Signals to end a run in good order: Ctrl-C, SIGTERM, SIGUSR1, and SIGHUP of a closed terminal."""
 
 from __future__ import annotations
 
@@ -14,9 +14,12 @@ from types import FrameType
 from typing import Any
 from weakref import WeakSet
 
-#: Signals that ask a program to end, as far as this system has them.
+#: Signals that ask a program to end, as far as this system has them; batch systems warn a job of
+#: its end by the last two (Slurm, submitit).
 ENDING = tuple(
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
+    if hasattr(signal, name)
 )
 #: Handlers that `handled` has set.
 _OURS: set[Any] = set()

@@ -207,11 +207,16 @@ def _meanings(kinds: Sequence[type[Any]], section: str) -> dict[str, str]:
     meanings: dict[str, str] = {}
     for kind in reversed(kinds):
         for text in (kind.__doc__, vars(kind).get("__init__", kind).__doc__):
-            _, _, text = inspect.cleandoc(text or "").partition(f"{section}:\n")
-            block = re.split(r"\n\S|\n\n(?! )", text)[0]
-            rows = re.findall(r"^    (\w+): (.*(?:\n {5,}.*)*)", block, re.MULTILINE)
-            meanings |= {name: re.sub(r"\s+", " ", said).strip() for name, said in rows}
+            meanings |= rows_of(text or "", section)
     return meanings
+
+
+def rows_of(docstring: str, section: str = "Args") -> dict[str, str]:
+    """Descriptions of a section of one docstring, by name."""
+    _, _, text = inspect.cleandoc(docstring).partition(f"{section}:\n")
+    block = re.split(r"\n\S|\n\n(?! )", text)[0]
+    rows = re.findall(r"^    (\w+): (.*(?:\n {5,}.*)*)", block, re.MULTILINE)
+    return {name: re.sub(r"\s+", " ", said).strip() for name, said in rows}
 
 
 def describe(kind: type[Any]) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import torch
@@ -52,3 +54,14 @@ def flushed() -> Iterator[None]:
     finally:
         torch.set_flush_denormal(is_flushed)
         deterministic.fill_uninitialized_memory = before
+
+
+@cache
+def usable_after_fork() -> None:
+    """Let torch compute in processes that are forked from this one, with one thread each.
+
+    Threads do not survive a fork, but OpenMP waits for those of the parent: the first product of
+    matrices in the child would never end. A child with one thread asks for no other; it may start
+    some of its own by ``torch.set_num_threads``, if the parent had one alone.
+    """
+    os.register_at_fork(after_in_child=lambda: torch.set_num_threads(1))

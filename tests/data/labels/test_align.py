@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from omegaconf import OmegaConf
-from tactileforge_inspect.frame_stats import changes
 
+from tactileforge.checks.sample import changes
 from tactileforge.contracts import Recording
 from tactileforge.data.labels.align import Lag, estimate_lag, nearest
 from tactileforge.datasets.recordings import Recordings

@@ -97,6 +97,8 @@ class Bench:
             strange = splits.unseen_classes(prepared.target, prepared.splits) if fitted else ""
             if strange:
                 writer.note(task.name, strange)
+            if fitted and (copied := splits.copies_across(prepared.source, prepared)):
+                writer.note(task.name, copied)
 
     def run(self, entry: ModelEntry) -> None:
         """Measures all tasks on a model."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 #: Reasons in `InspectionFindings.looks`, which has the names of recordings as well.
-_IN_LOOKS = frozenset({"colours_swapped", "on_its_side", "grey_pictures"})
+_IN_LOOKS = frozenset({"colours_swapped", "on_its_side", "mirrored", "grey_pictures"})
 #: Recordings that cannot be read, of which the summary tells why.
 _NAMED = 3
 

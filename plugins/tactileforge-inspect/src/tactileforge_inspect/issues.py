@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from markupsafe import Markup
 
+from tactileforge.checks import CODES, is_sure
 from tactileforge.contracts import LABELS
-from tactileforge.data import FIXES
 from tactileforge.pages import (
     SPLIT_WORDS,
     Section,
@@ -24,13 +24,11 @@ from tactileforge.pages import (
     table,
     verdict,
 )
-from tactileforge_inspect.checks import REASONS, is_sure
 from tactileforge_inspect.findings import Suspect
+from tactileforge_inspect.reasons import OF_LABELS, REASONS
 from tactileforge_inspect.scan import Scan
 from tactileforge_inspect.sections import recording_card
 
-#: Reasons without pixels, checked on all recordings.
-_COUNTED = ("no_background", "gaps_in_time", *(name for name in FIXES if name != "untared_force"))
 #: Groups, pairs and keys of duplicates that are shown, and lines about unreadable recordings: the
 #: page of a large set stays small.
 _SHOWN, _LINES = 12, 100
@@ -69,7 +67,7 @@ def _verdict(survey: Scan) -> Iterator[tuple[str, str]]:
             yield mark, f"{REASONS[reason].title}: {_of(reason, count, survey)}."
     for line in result.notes:
         # a single class is the purpose of some sets, so it is no fault
-        mark = "plain" if line.startswith("one ") else "bad"
+        mark = "plain" if line.startswith(f"{CODES['one_class']} ") else "bad"
         yield mark, f"{line[0].upper()}{line[1:]}."
     if not any(result.counts.values()):
         yield "good", "No recording is suspicious."
@@ -87,7 +85,7 @@ def _verdict(survey: Scan) -> Iterator[tuple[str, str]]:
 
 
 def _of(reason: str, count: int, survey: Scan) -> str:
-    if reason in _COUNTED:
+    if reason in OF_LABELS:
         return f"{count:,} of {_count(survey.findings.recordings, 'recording')}"
     if reason == "lag":
         return f"{count} of {_count(len(survey.lags), 'recording')} that were tested"

@@ -8,17 +8,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tactileforge.checks import (
+    CheckRun,
+    Doubts,
+    Resting,
+    Suspicion,
+    check_lag,
+    evenly,
+    identical_groups,
+    lag_of,
+    odd_pictures,
+    sample_of,
+    similar_pairs,
+)
 from tactileforge.contracts import Dataset
-from tactileforge.data import Doubts, Lag, Suspicion, check_labels
+from tactileforge.data import Lag
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.plugins import Bar
-from tactileforge_inspect import duplicates
-from tactileforge_inspect.checks import (
-    REASONS,
-    check_lag,
-    check_pixels,
-    lag_of,
-)
 from tactileforge_inspect.counters import (
     Counters,
     RecordingSample,
@@ -26,8 +32,8 @@ from tactileforge_inspect.counters import (
     duration_of,
 )
 from tactileforge_inspect.findings import InspectionFindings, Suspect
-from tactileforge_inspect.frame_stats import FrameStats, evenly, frame_stats
-from tactileforge_inspect.resting import Resting, odd_pictures
+from tactileforge_inspect.frame_stats import FrameStats, frame_stats
+from tactileforge_inspect.reasons import OF_FRAMES, OF_LABELS, REASONS
 
 SPLITS = ("train", "val")
 #: Suspicious recordings to keep for each reason, recordings shown as strips, and recordings to read
@@ -126,15 +132,15 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
         DataError: No recording can be opened.
     """
     tally, suspects, sample = Counters(), Suspects(), RecordingSample(limit)
-    doubts = Doubts()
+    doubts, labels = Doubts(), CheckRun(OF_LABELS)
     unreadable: list[str] = []
     listed = _listed(dataset, unreadable)
     # one pass for all counts, none of which holds a recording: the data may exceed the memory
     for sampled in Bar(listed, desc="count", unit="recording", disable=not progress):
         tally.add(sampled.recording, sampled.split)
         doubts.add(sampled.recording)
-        for flag in check_labels(sampled.recording):
-            suspects.add(flag, sampled)
+        for flag in labels.look(sampled.recording, sampled.split):
+            suspects.add(Suspicion(flag.name, flag.value, flag.words), sampled)
         sample.offer(sampled)
     if not tally.totals:
         problems = [*dataset.skipped, *unreadable, "the data set is empty"]
@@ -146,13 +152,13 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
     stripped = {sampled.order for sampled in _strips(drawn)}
     seen = _look(chosen, stripped, suspects, unreadable, progress)
     # together, after all are decoded: a picture is odd in comparison with the others
-    looks = _compare(seen, suspects, _has_layout(dataset))
+    looks = _compare(seen, suspects, has_layout(dataset))
     readable = {item.of.order for item in seen}
     lags = _lags(
         [sampled for sampled in drawn if sampled.order in readable], suspects, unreadable, progress
     )
     images = [item.look for item in seen]
-    same, similar = duplicates.identical_groups(images), duplicates.similar_pairs(images)
+    same, similar = identical_groups(images), similar_pairs(images)
     keys = [item.of.recording.key for item in seen]
     findings = InspectionFindings(
         totals=tally.totals,
@@ -191,23 +197,25 @@ def _look(
     unreadable: list[str],
     progress: bool,
 ) -> list[ScannedRecording]:
-    seen = []
+    seen, checks = [], CheckRun(OF_FRAMES)
     for sampled in Bar(chosen, desc="look", unit="recording", disable=not progress):
         try:
-            pixels = frame_stats(sampled.recording, sampled.order in stripped)
+            sample = sample_of(sampled.recording)
+            pixels = frame_stats(sampled.recording, sampled.order in stripped, sample)
         except DataError as error:
             unreadable.append(f"{sampled.recording.key}: {error}")
             continue
         seen.append(ScannedRecording(sampled, pixels))
-        for flag in check_pixels(sampled.recording, pixels):
-            suspects.add(flag, sampled)
+        for flag in checks.look(sampled.recording, sampled.split, sample=sample):
+            suspects.add(Suspicion(flag.name, flag.value, flag.words), sampled)
+    unreadable += checks.unreadable
     return seen
 
 
-def _has_layout(dataset: Dataset) -> bool:
+def has_layout(dataset: Dataset) -> bool:
     """Whether layouts describe a data set, or one of a mixture."""
     several = getattr(dataset, "datasets", {}).values()
-    return hasattr(type(dataset), "layouts") or any(map(_has_layout, several))
+    return hasattr(type(dataset), "layouts") or any(map(has_layout, several))
 
 
 def _compare(seen: list[ScannedRecording], suspects: Suspects, has_layout: bool) -> list[str]:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from markupsafe import Markup
 
+from tactileforge.checks import LAG_CORRELATION, LAG_PROMINENCE, evenly, is_sure
 from tactileforge.contracts import ACTIONS, LABELS
 from tactileforge.data import counted, size_text
 from tactileforge.pages import (
@@ -31,10 +32,8 @@ from tactileforge.pages import (
     table,
 )
 from tactileforge_inspect import charts
-from tactileforge_inspect.checks import LAG_CORRELATION, LAG_PROMINENCE, is_sure
 from tactileforge_inspect.counters import source_rows
 from tactileforge_inspect.findings import Total
-from tactileforge_inspect.frame_stats import evenly
 from tactileforge_inspect.scan import Scan, ScannedRecording
 
 AXES = ("x", "y", "z")

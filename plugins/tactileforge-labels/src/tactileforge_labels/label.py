@@ -40,6 +40,8 @@ class Label:
 
 def label(keys: Label, config: dict[str, Any]) -> None:
     """Marks contact, slip and bad frames by hand, on a local page (docs/labels.md)."""
+    # here: the command line starts faster without it
+    from tactileforge.checks import frame_lines
     from tactileforge_labels.server import LabelAnswers
     from tactileforge_labels.session import LabelSession
 
@@ -55,6 +57,8 @@ def label(keys: Label, config: dict[str, Any]) -> None:
         session = LabelSession(build("datasets", options), folder, keys.contact, keys.slip)
         for line in [*session.skipped, *(one.problem for one in session.entries if one.problem)]:
             print(f"skipped: {line}", flush=True)
+        for line in frame_lines([one.recording for one in session.entries]):
+            print(f"note: {line}", flush=True)
         answers = LabelAnswers(session)
         with LocalPage(answers.get, answers.post, keys.port) as page:
             print(f"{len(session.entries)} recordings, CSVs in {folder}", flush=True)

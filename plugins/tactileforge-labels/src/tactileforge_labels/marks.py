@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -116,20 +117,38 @@ def _interval(row: Any, count: int, length: int) -> tuple[int, int, Any]:
     return first, stop, row[2] if length > 2 else None
 
 
-def write_marks(path: Path, marks: Marks, times: NDArray[np.float64]) -> None:
+def write_marks(path: Path, marks: Marks, times: NDArray[np.float64]) -> bytes:
     """Writes a row a frame, beside its place, then renames it.
 
     Args:
         path: The CSV.
         marks: Marks of the recording.
         times: float64 (T,), times of the frames, s.
+
+    Returns:
+        The digest of the file, see `digest_of_file`.
     """
     rows = [",".join(COLUMNS)]
     rows += [
         f"{frame},{time:.6f},{','.join(_CELLS[int(state)])},{int(bad)}"
         for frame, (time, state, bad) in enumerate(zip(times, marks.state, marks.bad, strict=True))
     ]
-    write_text(path, "\n".join(rows) + "\n")
+    text = "\n".join(rows) + "\n"
+    write_text(path, text)
+    # of what was written, and not of what is there now: another program may have been quicker
+    return hashlib.sha256(text.encode()).digest()
+
+
+def digest_of_file(path: Path) -> bytes:
+    """Digest of the content of a file; b"" where there is none.
+
+    Raises:
+        OSError: The file cannot be read.
+    """
+    try:
+        return hashlib.sha256(path.read_bytes()).digest()
+    except FileNotFoundError:
+        return b""
 
 
 def read_marks(path: Path, count: int) -> Marks:

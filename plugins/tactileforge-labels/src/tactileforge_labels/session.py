@@ -19,6 +19,7 @@ from tactileforge.sensors import ContactOptions
 from tactileforge_labels.marks import (
     STATES,
     Marks,
+    digest_of_file,
     intervals,
     no_marks,
     parse_marks,
@@ -32,7 +33,7 @@ _PART = re.compile(r"\[\d+:\d+\]$")
 
 
 class ConflictError(TactileForgeError):
-    """Another window of the page has written the marks meanwhile."""
+    """Another window of the page, or another program, has written the marks meanwhile."""
 
 
 @dataclass
@@ -46,6 +47,7 @@ class Entry:
         revision: Number of the writes so far, to tell windows of the page apart.
         problem: Error of its CSV, which is then left as it is; "" for none.
         proposal: Proposals as plain data, computed on request.
+        digest: Digest of the CSV as last written or read; b"" where there was none.
     """
 
     recording: Recording
@@ -55,6 +57,7 @@ class Entry:
     problem: str = ""
     proposal: dict[str, Any] = field(default_factory=dict)
     background: NDArray[np.uint8] | None = None
+    digest: bytes = b""
 
     @property
     def labeled(self) -> float:
@@ -144,7 +147,8 @@ class LabelSession:
 
         Raises:
             DataError: The marks do not fit the recording, or its CSV is damaged.
-            ConflictError: They were written in another window meanwhile.
+            ConflictError: They were written in another window, or its CSV by another program,
+                meanwhile; the marks of the message are kept beside the CSV.
         """
         one = self.entries[number]
         if not isinstance(message, dict):
@@ -154,16 +158,34 @@ class LabelSession:
         rest = {key: value for key, value in message.items() if key != "revision"}
         marks = parse_marks(rest, len(one.recording.times))
         with self._lock:
-            if message.get("revision") != one.revision:
-                raise ConflictError(
-                    f"{one.recording.key}: another window has written its marks meanwhile; reload"
-                )
             try:
-                write_marks(one.path, marks, one.recording.times)
+                self._check_conflict(one, message.get("revision"), marks)
+                one.digest = write_marks(one.path, marks, one.recording.times)
             except OSError as error:
                 raise DataError(f"{one.path}: cannot be written ({error.strerror})") from error
             one.marks, one.revision = marks, one.revision + 1
         return {"revision": one.revision, "labeled": one.labeled, "file": str(one.path)}
+
+    def _check_conflict(self, one: Entry, revision: Any, marks: Marks) -> None:
+        """Refuse marks that would undo those of others, which are read; keep the refused ones.
+
+        Raises:
+            ConflictError: Marks were written in another window, or by another program, meanwhile.
+            OSError: A file cannot be read or written.
+        """
+        who = "another window has written its marks" if revision != one.revision else ""
+        if digest_of_file(one.path) != one.digest:
+            who = f"another program has changed {one.path}"
+            # read now, so that a page that is loaded again shows what is there
+            there = _entry(one.recording, one.path)
+            one.marks, one.problem, one.digest = there.marks, there.problem, there.digest
+            one.revision += 1
+        if who:
+            kept = one.path.with_name(f"{one.path.name}.conflict")
+            write_marks(kept, marks, one.recording.times)
+            raise ConflictError(
+                f"{one.recording.key}: {who} meanwhile; reload. Your marks are kept in {kept}"
+            )
 
     def proposal(self, number: int) -> dict[str, Any]:
         """Proposed states of a recording, and the change of each frame, as plain data.
@@ -229,6 +251,11 @@ def _entry(recording: Recording, path: Path) -> Entry:
     if not path.is_file():
         return Entry(recording, path, no_marks(count))
     try:
-        return Entry(recording, path, read_marks(path, count))
+        # before it is read: a change in between is a conflict later, and not lost
+        digest = digest_of_file(path)
+        return Entry(recording, path, read_marks(path, count), digest=digest)
     except (DataError, ConfigError) as error:
         return Entry(recording, path, no_marks(count), problem=str(error))
+    except OSError as error:
+        problem = f"{path}: cannot be read ({error.strerror})"
+        return Entry(recording, path, no_marks(count), problem=problem)

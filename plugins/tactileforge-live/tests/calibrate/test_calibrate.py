@@ -1,5 +1,6 @@
 """Calibrations of synthetic units with known light, scale and force."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -100,7 +101,7 @@ def test_scale_and_offset_of_an_array_are_recovered() -> None:
                 force=force.astype(np.float32),
             )
         )
-    force = calibrate(recordings, CalibrateOptions()).calibration.force
+    force = calibrate(recordings, CalibrateOptions(checks=False)).calibration.force
     assert force is not None
     assert force.of == "taxels"
     for number, name in enumerate("xyz"):
@@ -149,7 +150,7 @@ def test_forces_that_pictures_do_not_show_are_no_calibration() -> None:
     noise = [replace(press, force=forces(rng)[::-1].copy()) for press in presses()]
     shuffled = [replace(press, force=rng.permutation(press.force)) for press in noise]
     with pytest.raises(DataError, match="forces do not follow from pictures"):
-        calibrate(shuffled, CalibrateOptions())
+        calibrate(shuffled, CalibrateOptions(checks=False))
 
 
 def test_presses_are_held_out_whole() -> None:
@@ -361,3 +362,47 @@ def test_a_flipped_bit_of_a_calibration_is_named(tmp_path: Path) -> None:
         path.write_bytes(flipped)
         with pytest.raises(ConfigError, match=r"d1\.yaml: "):
             file.load_calibration(path)
+
+
+@pytest.mark.parametrize(
+    ("code", "turn"),
+    [
+        ("TF202", lambda force: force * np.float32([1, 1, -1])),  # z out of the gel
+        ("TF201", lambda force: force * np.float32(101.97)),  # grams
+        ("TF201", lambda force: force * np.float32(1000)),  # mN
+        ("TF205", lambda force: force + np.float32([0, 0, 2.5])),  # the weight of the tool
+        ("TF205", lambda force: force + np.float32([-1.5, 0, 0])),
+        ("TF204", lambda force: np.abs(force)[:, [2, 0, 1]]),
+        ("TF207", lambda force: force * 0),
+    ],
+)
+def test_wrong_forces_are_not_fitted(code: str, turn: Callable[[np.ndarray], np.ndarray]) -> None:
+    # at rest at both ends, where an offset shows
+    wrong = [replace(press, force=turn(press.force)) for press in presses()]
+    with pytest.raises(DataError, match=rf"{code}.*checks=false"):
+        calibrate(wrong, CalibrateOptions())
+
+
+def test_wrong_forces_are_fitted_when_told_to_and_said() -> None:
+    wrong = [replace(press, force=press.force + np.float32([0, 0, 2.5])) for press in presses()]
+    result = calibrate(wrong, CalibrateOptions(checks=False))
+    assert any(line.startswith("TF205 untared force in ") for line in result.notes)
+    assert not any("TF2" in line for line in calibrate(presses(), CalibrateOptions()).notes)
+
+
+@pytest.mark.parametrize("factor", [1.0, -1.0])
+def test_the_command_writes_no_calibration_of_wrong_forces(
+    factor: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = tmp_path / "shards"
+    root.mkdir()
+    shown = [replace(press, force=press.force * np.float32(factor)) for press in presses()]
+    shard(root / "train-000000.tar", shown)
+    out = tmp_path / "unit.yaml"
+    words = ["calibrate", "data=shards", f"data.root={root}", f"out={out}", "axes=[z]"]
+    assert cli.run(words) == (0 if factor > 0 else 1)
+    assert out.exists() == (factor > 0)
+    if factor < 0:
+        assert "TF202" in capsys.readouterr().err
+        assert cli.run([*words, "checks=false"]) == 0
+        assert out.exists()

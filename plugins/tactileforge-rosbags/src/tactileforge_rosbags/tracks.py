@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.checks import clocks_apart
 from tactileforge.errors import DataError
 from tactileforge_rosbags.bags import Bag
 from tactileforge_rosbags.map_keys import BagMap, TouchKeys, plain
-from tactileforge_rosbags.series import Clock
+from tactileforge_rosbags.series import Clock, Series
 from tactileforge_rosbags.values import JOINTS, WRENCHES, force_of, read_joints, read_wrench
 
 _Found = Mapping[str, NDArray[np.float32]]
@@ -110,11 +111,22 @@ class TrackReader:
                 f"{topic}: without stamps, so its time of recording less the delay of "
                 f"{clock.touch.topic} ({clock.delay / 1e6:.4g} ms) counts"
             )
+        elif clock.stamps and found.series.stamped is not None:
+            pictures, forces = clock.touch, found.series
+            if words := clocks_apart({one.topic: _both(one) for one in (pictures, forces)}):
+                self.note(f"{words}; data.clock=bag takes the times of recording for both")
         return wrench
 
     def _all(self, kinds: tuple[str, ...]) -> tuple[str, ...]:
         topics = self.bag.topics.values()
         return tuple(sorted(one.name for one in topics if one.kind in kinds and one.count))
+
+
+def _both(series: Series) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Stamps of messages and their times of recording, s, from the first of these."""
+    stamped = series.recorded if series.stamped is None else series.stamped
+    start = series.recorded[0]
+    return (stamped - start) / 1e9, (series.recorded - start) / 1e9
 
 
 def present(bag: Bag, topic: str) -> str:

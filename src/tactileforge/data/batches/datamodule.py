@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from functools import partial
 from inspect import signature
 from itertools import chain
+from typing import Protocol
 
 import lightning as L
 import torch
@@ -17,7 +19,6 @@ from tactileforge.data.batches.clips import Clips, Skipped
 from tactileforge.data.batches.columns import CutColumns, measure_columns
 from tactileforge.data.batches.leaks import find_leaks, group_by_source, leak_warning
 from tactileforge.data.batches.loader import Loader
-from tactileforge.data.batches.log_doubts import log_doubts
 from tactileforge.data.batches.pairs import Pairs
 from tactileforge.data.batches.source_samplers import (
     FullSource,
@@ -29,7 +30,6 @@ from tactileforge.data.batches.sources import Source, sources_of
 from tactileforge.data.batches.stream import BatchIndexSampler, Stream
 from tactileforge.data.batches.transfer import Transfer
 from tactileforge.data.labels.augment import Augment, fill_captions
-from tactileforge.data.labels.doubts import Doubts
 from tactileforge.data.shards.summary import Summary
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.util.distributed import seed_step
@@ -40,6 +40,16 @@ log = logging.getLogger(__name__)
 _SAMPLE = 256
 #: Largest number of validation recordings to test for readability beforehand.
 _FEW = 20
+
+
+class Examiner(Protocol):
+    """Looks at the recordings of a set before it is trained on, and warns."""
+
+    def look(self, data: TouchData, train: Sequence[Recording], val: Sequence[Recording]) -> None:
+        """Look at training and validation recordings, or samples of them."""
+
+    def of_labels(self, labels: AbstractSet[str]) -> None:
+        """Warn of what makes labels that are learned useless in the set as a whole."""
 
 
 class TouchData(L.LightningDataModule):
@@ -66,6 +76,7 @@ class TouchData(L.LightningDataModule):
     Attributes:
         columns: The columns with their sizes; None without any, and before `setup`.
         observers: Functions called with each batch on the host, and whether it is for training.
+        examiner: Looks at the recordings in `setup`; None for none.
     """
 
     def __init__(
@@ -113,7 +124,7 @@ class TouchData(L.LightningDataModule):
         self._whole: dict[int, Clips] = {}
         self._bad: Skipped = {}
         self._transfer = Transfer()
-        self._doubts = Doubts()
+        self.examiner: Examiner | None = None
 
     @property
     def skipped(self) -> Skipped:
@@ -181,7 +192,8 @@ class TouchData(L.LightningDataModule):
         if found := find_leaks(trained, validated):
             log.warning(leak_warning(found))
         validation = self._readable(list(chain.from_iterable(held_out)))
-        self._doubts = log_doubts(self.dataset, sample, validation, self.spacing, self.frames)
+        if self.examiner is not None:
+            self.examiner.look(self, sample, validation)
         if validation:
             self.val = self._clips(validation)
         else:
@@ -212,8 +224,8 @@ class TouchData(L.LightningDataModule):
         unmet = {key: labels for key, labels in missing.items() if labels}
         if not unmet:
             labels = {label for need in chain(*needs.values()) for label in need.split("|")}
-            for line in self._doubts.of_all(labels):
-                log.warning(line)
+            if self.examiner is not None:
+                self.examiner.of_labels(labels)
             return
         if not self.sources:
             next(iter(self.dataset.recordings("train")), None)  # a wrong folder has no labels
@@ -286,31 +298,56 @@ class TouchData(L.LightningDataModule):
             world=trainer.world_size if trainer else 1,
             accumulate=accumulate,
         )
+        if trainer is None:
+            loader = Loader.of(stream, BatchIndexSampler(len(stream)), self.workers)
+            loader.prepare = lambda batch, number: self.prepared(batch, number + 1, True)
+            return loader
         # a function: later epochs use the same loader, and begin at other steps
         position = lambda: trainer.global_step * accumulate if trainer else 0  # noqa: E731
         return Loader.of(stream, BatchIndexSampler(len(stream), position), self.workers)
 
-    def val_dataloader(self) -> Loader | list[Loader]:
-        """Held-out clips, in the same batches each time; [] without any."""
+    def val_stream(self) -> Stream:
+        """Batches of held-out clips, the same each time."""
         if self.val is None:
-            return []
+            raise DataError("nothing is held out")
         paired = bool(self.match) and bool(Pairs(*self.val.labels()))
         n_pairs = round(self.match * self.batch_size / 2) if paired else 0
         plain = self.batch_size - 2 * n_pairs
         length = max(1, len(self.val) // max(1, plain))
         track = FullSource(self.val, plain, [self.seed])
-        stream = Stream([track], n_pairs, self.seed, WorkerId(), length)
-        return Loader.of(stream, BatchIndexSampler(length), self.workers)
+        return Stream([track], n_pairs, self.seed, WorkerId(), length)
+
+    def val_dataloader(self) -> Loader | list[Loader]:
+        """Held-out clips, in the same batches each time; [] without any."""
+        if self.val is None:
+            return []
+        stream = self.val_stream()
+        loader = Loader.of(stream, BatchIndexSampler(len(stream)), self.workers)
+        if self.trainer is None:
+            loader.prepare = lambda batch, number: self.prepared(batch, number + 1, False)
+        return loader
 
     def on_before_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
         """Draw changes of clips on the host, with their labels; adds ``paired`` (bool)."""
-        assert self.trainer is not None
-        training = self.trainer.training
+        trainer = self.trainer
+        if trainer is None or "paired" in batch:  # a loop of one's own: the loader has done so
+            return batch
+        number = trainer.fit_loop.total_batch_idx + 1 if trainer.training else 0
+        return self.prepared(batch, number, trainer.training, trainer.global_rank)
+
+    def prepared(self, batch: Batch, number: int, training: bool, rank: int = 0) -> Batch:
+        """Batch with drawn changes of clips and labels, its captions, and ``paired`` (bool).
+
+        Args:
+            batch: Batch on the host, as a reader gives it.
+            number: Number of the batch in the run, from 1.
+            training: Whether it is for training, where changes are drawn.
+            rank: Rank of the process.
+        """
         if training:
-            number = self.trainer.fit_loop.total_batch_idx + 1
             # by the number of the batch, not by a running generator: a resumed run draws the same
             # flips as an undisturbed one
-            seed_step(self.seed, number, self.trainer.global_rank + 1)
+            seed_step(self.seed, number, rank + 1)
             if self.augment:
                 batch = self.augment.labels(batch, self._declared)
         fill_captions(batch)

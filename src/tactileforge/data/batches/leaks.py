@@ -20,6 +20,8 @@ from tactileforge.errors import DataError
 #: Validation recordings to check, and training recordings to compare each with; four frames of each
 #: are decoded, so a check costs seconds at most.
 _LOOKED, _COMPARED = 32, 256
+#: Training recordings of the same source to compare each with: copies within one are rarer.
+_COMPARED_WITHIN = 64
 #: Size of small pictures.
 _SMALL = (32, 24)
 #: Smallest change from the first frame, grey levels, and share of the pixels with it: pictures
@@ -92,6 +94,32 @@ def find_leaks(
     return found
 
 
+def find_copies(train: Sequence[Recording], val: Sequence[Recording]) -> list[tuple[str, str]]:
+    """Find held-out recordings with the pictures of a training one, by key; as `find_leaks`.
+
+    Args:
+        train: Training recordings; those of other lengths and sizes than a held-out one are no
+            copies of it.
+        val: Held-out recordings.
+    """
+    alike: dict[tuple[int, tuple[int, int]], list[Recording]] = defaultdict(list)
+    for one in train:
+        alike[_size(one)].append(one)
+    known: dict[int, _Look | None] = {}
+    found = []
+    for one in val[:: max(1, -(-len(val) // _LOOKED))]:
+        others = alike[_size(one)]
+        mine = _look(one) if others else None
+        for other in others[:: max(1, -(-len(others) // _COMPARED_WITHIN))] if mine else ():
+            if id(other) not in known:
+                known[id(other)] = _look(other)
+            theirs = known[id(other)]
+            if theirs is not None and mine is not None and mine.is_same(theirs):
+                found.append((other.key, one.key))
+                break
+    return found
+
+
 def leak_warning(found: Sequence[tuple[str, str]]) -> str:
     """Format a warning with the names of some leaks.
 
@@ -116,7 +144,7 @@ class _Look:
 
     Attributes:
         digest: Hash of the first and last frame.
-        small: int16 (n, h, w), small grey frames in between; None if they show no touch.
+        small: int16 (n, h, w, 3), small frames in between; None if they show no touch.
     """
 
     digest: bytes
@@ -155,5 +183,6 @@ def _look(one: Recording) -> _Look | None:
 
 
 def _small(pictures: Sequence[NDArray[np.uint8]] | NDArray[np.uint8]) -> NDArray[np.int16]:
-    small = [cv2.resize(one, _SMALL, interpolation=cv2.INTER_AREA).mean(-1) for one in pictures]
+    # in colours: lights of three sides cancel in their mean, and faint imprints with them
+    small = [cv2.resize(one, _SMALL, interpolation=cv2.INTER_AREA) for one in pictures]
     return np.round(small).astype(np.int16)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from hashlib import sha256
+from itertools import count
 from multiprocessing import (
     current_process,
     get_all_start_methods,
@@ -42,9 +44,12 @@ class Loader(DataLoader[Batch]):
 
     Attributes:
         waited: Seconds spent waiting for batches so far.
+        prepare: Function of a batch and its number in the pass, for a loop without a trainer,
+            whose data module prepares batches itself; None with one.
     """
 
     waited = 0.0
+    prepare: Callable[[Batch, int], Batch] | None = None
 
     @classmethod
     def of(cls, stream: Stream, numbers: BatchIndexSampler, workers: int) -> Loader:
@@ -78,13 +83,13 @@ class Loader(DataLoader[Batch]):
         return self._timed(batches)
 
     def _timed(self, batches: Iterator[Batch]) -> Iterator[Batch]:
-        while True:
+        for number in count():
             start = time.perf_counter()
             batch = next(batches, None)
             self.waited += time.perf_counter() - start
             if batch is None:
                 return
-            yield batch
+            yield batch if self.prepare is None else self.prepare(batch, number)
 
     def state_dict(self) -> dict[str, Any]:
         """State of the batches: clips, seed, processes and workers, as plain data."""
@@ -98,6 +103,8 @@ class Loader(DataLoader[Batch]):
         }
         if any(track.windowed for track in stream.tracks):
             state["workers"] = stream.reader.workers
+        else:
+            state["recordings"] = _digest(stream)
         return state
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -109,6 +116,12 @@ class Loader(DataLoader[Batch]):
         for key, now in self.state_dict().items():
             if (before := state.get(key)) == now:
                 continue
+            if key == "recordings":
+                raise ConfigError(
+                    "resume: the recordings are not those of the run (their names, lengths or "
+                    "order have changed), so the run cannot go on with them; give the folder of "
+                    "the same data (data.root=), or start a new run from its weights (init=)"
+                )
             if key in _MACHINE:
                 log.warning(
                     "resume: %s were %s and are %s: the run goes on with other batches of the same "
@@ -144,6 +157,15 @@ def _context(workers: int) -> BaseContext | None:
     context = get_context("forkserver")
     context.set_forkserver_preload([__name__])
     return context
+
+
+def _digest(stream: Stream) -> str:
+    """Digest of the names and lengths of the recordings that clips are cut from."""
+    known = sha256()
+    for track in stream.tracks:
+        for recording in getattr(track, "clips").recordings:  # noqa: B009
+            known.update(f"{recording.key} {len(recording.frames)}\n".encode())
+    return known.hexdigest()[:16]
 
 
 def _identity(batch: T) -> T:

@@ -25,7 +25,9 @@ def stamp_of(frames: Frames | None) -> Any:
         case ImageFrames():
             return [[_changed(path) for path in frames.paths], list(frames.box)]
         case TurnedFrames():
-            return [stamp_of(frames.base), frames.bgr, frames.turns]
+            stamp = [stamp_of(frames.base), frames.bgr, frames.turns]
+            # shards that were packed before there was a mirror keep their stamp
+            return [*stamp, frames.mirror] if frames.mirror else stamp
         case PackedFrames():
             return frames.crcs.tolist()
     return None

@@ -19,11 +19,14 @@ class TurnedFrames:
         base: Frames of the file.
         bgr: Whether the file has blue before green and red.
         turns: Quarter turns, clockwise, to put a frame upright.
+        mirror: Axis to mirror along before the turn: ``x`` exchanges left and right, ``y`` top and
+            bottom; "" for none.
     """
 
     base: Frames
     bgr: bool
     turns: int
+    mirror: str = ""
 
     def __len__(self) -> int:
         return len(self.base)
@@ -39,10 +42,12 @@ class TurnedFrames:
         frames = self.base.read(indices)
         if self.bgr:
             frames = frames[..., ::-1]
+        if self.mirror:
+            frames = frames[:, :, ::-1] if self.mirror == "x" else frames[:, ::-1]
         # numpy turns counter-clockwise, layouts turn clockwise
         return np.ascontiguousarray(np.rot90(frames, -self.turns, axes=(1, 2)))
 
 
-def turned(frames: Frames, bgr: bool, turns: int) -> Frames:
+def turned(frames: Frames, bgr: bool, turns: int, mirror: str = "") -> Frames:
     """Turn frames upright and their colours to RGB; returns the same frames without a change."""
-    return TurnedFrames(frames, bgr, turns) if bgr or turns else frames
+    return TurnedFrames(frames, bgr, turns, mirror) if bgr or turns or mirror else frames

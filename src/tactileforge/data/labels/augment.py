@@ -59,6 +59,10 @@ def fill_captions(batch: Batch) -> None:
     ]
 
 
+#: Degrees from which left may become up.
+_TURN = 45.0
+
+
 class Augment(nn.Module):
     """Changes of whole clips: all frames and the background are treated alike.
 
@@ -122,6 +126,16 @@ class Augment(nn.Module):
         """Whether any clip is ever changed."""
         flips = self.horizontal or self.vertical
         return bool(flips or self._moves or self._lights or self.jitter is not None)
+
+    @property
+    def moved_sides(self) -> tuple[str, ...]:
+        """Changes that exchange the sides of a clip: ``horizontal``, ``vertical``, ``turn``."""
+        given = self.horizontal, self.vertical, self.rotate >= _TURN
+        return tuple(
+            name
+            for name, is_on in zip(("horizontal", "vertical", "turn"), given, strict=True)
+            if is_on
+        )
 
     def _check(self, jitter: float) -> None:
         check_names("key of augment.chance", self.chance, _MOST)

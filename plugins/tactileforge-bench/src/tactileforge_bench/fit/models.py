@@ -62,7 +62,8 @@ def model_entry(
     """Resolves a model by its word.
 
     Args:
-        word: A name of the zoo, ``file:PATH``, ``run:FOLDER``, ``untrained:WORD`` (new random
+        word: A name of the zoo, ``file:PATH``, ``run:FOLDER``, ``timm:NAME`` or another encoder
+            plugin and the name of its network (see `named_network`), ``untrained:WORD`` (new random
             weights in the shape of another model, or of a recipe), or one of
             `baselines.BASELINES`.
         composed: Overrides with which a recipe is composed for ``untrained:RECIPE``.
@@ -110,9 +111,20 @@ def model_entry(
         path = home_path(word.removeprefix("file:"))
         read_header(path)
         return ModelEntry(name=word, title=path.stem, open=[lambda: _of_file(word, path, device)])
+    if network := named_network(word):
+        with torch.device("meta"):  # a wrong name is an error now, weights are read later
+            registry.build("encoders", network)
+        return ModelEntry(
+            name=word,
+            title=word.partition(":")[2],
+            open=[lambda: FrozenEncoder(word, *built_network(network), device=device)],
+        )
     if word.partition(".")[0] not in card_names() and "/" not in word:
         known = [*BASELINES, *(name for name, _, row in list_cards() if row)]
-        fix = "Also file:PATH, run:FOLDER, and untrained: before one of these or of a recipe"
+        fix = (
+            "Also file:PATH, run:FOLDER, timm:NETWORK, and untrained: before one of these or of a "
+            "recipe"
+        )
         raise ConfigError(unknown("model", word, known, fix))
     card, weight = find_card(word)
     return ModelEntry(
@@ -123,10 +135,41 @@ def model_entry(
     )
 
 
+def named_network(word: str) -> dict[str, Any] | None:
+    """Configuration of a network of an encoder plugin, ``timm:resnet18``; None for another word.
+
+    Its weights are those that the plugin has for the name; ``timm:resnet18:FILE`` reads them from a
+    file.
+    """
+    plugin, _, rest = word.partition(":")
+    if not rest or plugin not in registry.names("encoders"):
+        return None
+    option = getattr(registry.get("encoders", plugin), "named_by", None)
+    if option is None:
+        return None
+    network, _, path = rest.partition(":")
+    start: dict[str, Any] = {"path": path} if path else {"pretrained": True}
+    return {"name": plugin, option: network, **start}
+
+
+def built_network(node: Mapping[str, Any]) -> tuple[Any, Header]:
+    """A network of `named_network` with its weights, and a header for it."""
+    encoder = registry.build("encoders", node)
+    header = make_header(
+        encoder,
+        node,
+        licence="NOASSERTION",
+        spacing=getattr(encoder, "spacing", 0.0) if encoder.frames > 1 else 0.0,
+    )
+    return encoder.requires_grad_(False).eval(), header
+
+
 def _check_shape(of: str, composed: Sequence[str]) -> None:
     """Check the word behind ``untrained:``: of a model, or of a recipe."""
     if of.startswith(("run:", "file:")):
         model_entry(of)
+    elif named_network(of):
+        return
     elif "." in of:
         find_card(of)
     else:
@@ -170,6 +213,8 @@ def header_of(word: str, composed: Sequence[str] = ()) -> Header:
     """Header of a model; for a recipe without weights, of the encoder that it would train."""
     if word.startswith(("run:", "file:")):
         return model_entry(word).open[0]().header
+    if node := named_network(word):
+        return built_network(registry.without_start("encoders", node))[1]
     name, _, tag = word.partition(".")
     if tag and is_available(*find_card(word)):
         return model_entry(word).open[0]().header

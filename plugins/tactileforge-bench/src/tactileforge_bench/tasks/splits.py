@@ -6,11 +6,13 @@ import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from tactileforge.data import find_copies
 from tactileforge.errors import ConfigError, DataError
 from tactileforge_bench.tasks.facts import matches_filter, recording_fact, unknown_values
 from tactileforge_bench.tasks.source import TaskSource
@@ -19,6 +21,20 @@ from tactileforge_bench.tasks.targets import Target
 
 #: What `Recording.part` adds to a key: first frame, and the one after the last.
 _PART = re.compile(r"\[(\d+):(\d+)\]")
+
+
+class SplitClips(Protocol):
+    """A task with its splits; see `fit.resolve.PreparedTask`."""
+
+    @property
+    def target(self) -> Target:
+        """Target of the prediction."""
+        ...
+
+    @property
+    def splits(self) -> Sequence[Split]:
+        """Clips for training, validation and test, one split for each fold."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -95,6 +111,32 @@ def build_splits(
         splits.append(Split(*places))
     _check_classes(task, target, splits)
     return splits
+
+
+def copies_across(source: TaskSource, task: SplitClips) -> str:
+    """Words on test recordings with the pictures of one that is known; "" without any.
+
+    Args:
+        source: Source of the clips.
+        task: Splits of a task, and its clips.
+    """
+    found: dict[str, str] = {}
+    for split in task.splits:
+        numbers = [
+            sorted(set(source.index[task.target.clips[places], 0].tolist()))
+            for places in (split.known, split.test)
+        ]
+        known, test = ([source.recordings[n] for n in of] for of in numbers)
+        for ours, theirs in find_copies(known, test):
+            if (theirs, ours) not in found.items():
+                found[ours] = theirs
+    if not found:
+        return ""
+    first, *_ = found.items()
+    return (
+        f"TF501 {len(found)} test recordings are copies of ones that are trained on "
+        f"({first[0]} and {first[1]}), so the numbers are too good: remove one of each"
+    )
 
 
 def _only_test(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactileforge.cli import Command
 from tactileforge.errors import ConfigError, check_names
+from tactileforge.pages import Shown
 
 if TYPE_CHECKING:
     from tactileforge_bench.results.write import Writer
@@ -47,9 +48,10 @@ class _Bench:
     """Keys of ``bench``.
 
     Attributes:
-        model: Names of the zoo, file:PATH, run:FOLDER, untrained:WORD (random weights in the shape
-            of one of these, of a recipe, or of a model that is trained here), or a baseline without
-            encoder: pixels, statistics, motion, hog, background, chance.
+        model: Names of the zoo, file:PATH, run:FOLDER, timm:NETWORK or timm:NETWORK:FILE (with
+            tactileforge-timm), untrained:WORD (random weights in the shape of one of these, of a
+            recipe, or of a model that is trained here), or a baseline without encoder: pixels,
+            statistics, motion, hog, background, chance.
         task: Names of tasks of the suites; None for all.
         seeds: Number of probes per cell; they take turns over the runs of a model trained several
             times.
@@ -92,7 +94,7 @@ class _Bench:
     runner: str | None = None
 
 
-def _bench(_: _Bench, config: dict[str, Any]) -> int:
+def _bench(_: _Bench, config: dict[str, Any]) -> int | Shown:
     """Compares encoders on the tasks of a suite (docs/bench.md)."""
     for key in ("model", "task"):
         config[key] = [config[key]] if isinstance(config[key], str) else config[key]
@@ -181,8 +183,8 @@ def _device(device: str) -> str:
     return "cuda" if torch.cuda.is_available() else "cpu"
 
 
-def _report(writer: Writer) -> int:
-    from tactileforge_bench.results.scores import collect_scores, edge_rates
+def _report(writer: Writer) -> Shown:
+    from tactileforge_bench.results.scores import collect_scores, edge_rates, main_score
 
     print(f"report: {writer.folder / 'report.html'}")
     for head in sorted((writer.folder / "heads").glob("*")):
@@ -194,7 +196,22 @@ def _report(writer: Writer) -> int:
     for row in writer.results.not_run:
         where = ", ".join(filter(None, (row.task, row.model)))
         print(f"not run: {where}: {row.reason} {row.fix}".rstrip())
-    return NOT_RUN if writer.results.not_run else 0
+    scores = collect_scores(writer.results)
+    rows = []
+    for task in writer.results.tasks:
+        for model in writer.results.models:
+            if score := main_score(scores, task, model):
+                interval = score.interval()
+                rows.append(
+                    {
+                        "task": task.name,
+                        "model": model.name,
+                        "metric": task.main,
+                        "value": interval.mean if interval else float("nan"),
+                    }
+                )
+    status = NOT_RUN if writer.results.not_run else 0
+    return Shown(writer.folder, writer.folder / "report.html", rows, writer.results, status)
 
 
 def _beside(named: Sequence[str], trained: Iterable[str], baselines: Sequence[str]) -> list[str]:
@@ -224,6 +241,7 @@ COMMANDS = {
         keys=_Bench,
         groups={"suite": "sim", "pretrain": "none"},
         groups_last=True,
+        open="runner",
         writes=lambda keys: keys.out or "runs/bench",
         into=True,
         cache=True,

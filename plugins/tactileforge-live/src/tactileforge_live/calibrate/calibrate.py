@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.checks import CHECKED_AT_ENTRY, CheckRun, check_recordings, lines_of, severe
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataError, check_names
 from tactileforge.sensors import (
@@ -27,6 +28,12 @@ from tactileforge_live.calibrate.force import fit_forces
 from tactileforge_live.calibrate.light import estimate_light, light_drift, punch_mm_per_pixel
 from tactileforge_live.calibrate.unit import recordings_of_unit
 
+#: Checks of what forces are fitted to: their labels, and the pictures that they go with.
+FORCE_CHECKS = (
+    *("TF2", "forces_apart", "forces_between"),
+    *("odd_first_frames", "background_changed", "repeated_frames", "never_in_contact"),
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrateOptions:
@@ -44,6 +51,8 @@ class CalibrateOptions:
             ``punch``, or in all if there are no such recordings; None for no punch.
         mm_per_pixel: Scale of the images, mm per pixel; None if it is not known.
         frames: Number of frames after which no more recordings are read.
+        checks: Whether forces that pull, are not tared, or are of another unit are an error; False
+            fits them as they are, with a note.
     """
 
     device: str | None = None
@@ -54,6 +63,7 @@ class CalibrateOptions:
     punch_mm: float | None = None
     mm_per_pixel: float | None = None
     frames: int = 5000
+    checks: bool = True
 
     def __post_init__(self) -> None:
         check_names("axis", self.axes, FORCE_AXES)
@@ -109,7 +119,7 @@ def calibrate(
     """
     chosen = recordings_of_unit(recordings, options.device, options.unit, options.frames)
     first = chosen[0]
-    notes: list[str] = []
+    notes = checked_forces(chosen, options) if options.fit != "none" else []
     sizes = {recording.frames.shape for recording in chosen}
     # the scale is in mm per pixel, so pictures of two sizes have two
     if len(sizes) > 1:
@@ -134,6 +144,31 @@ def calibrate(
         force=force,
     )
     return CalibrationResult(calibration, fits, still, source, notes)
+
+
+def checked_forces(chosen: Sequence[Recording], options: CalibrateOptions) -> list[str]:
+    """Lines of the checks of forces and of their pictures on the recordings of a unit.
+
+    Args:
+        chosen: The recordings; some of them are decoded.
+        options: Options of the calibration.
+
+    Raises:
+        DataError: The labels are wrong, and ``checks`` is True; says how, and what puts it right.
+    """
+    presses = [recording for recording in chosen if recording.force is not None]
+    found = check_recordings(presses, CheckRun(FORCE_CHECKS), CHECKED_AT_ENTRY)
+    # an axis that is not fitted may be wrong, or all 0
+    wanted = set(options.axes) == set(FORCE_AXES) or "z" in options.axes
+    found = [one for one in found if wanted or one.name not in ("pulling_force", "axes_exchanged")]
+    lines = lines_of(found, len(presses))
+    wrong = lines_of(severe(found), len(presses))
+    if wrong and options.checks:
+        raise DataError(
+            f"{'; '.join(wrong)}. Nothing was written: correct the forces, or give checks=false to "
+            "fit them as they are"
+        )
+    return lines
 
 
 def _kind(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +17,7 @@ from tactileforge_depth.reader import depth_readers
 from tactileforge_markers.track import MarkerTracker
 from tactileforge_markers.tracks import check_marker_sensors
 
+from tactileforge.checks import background_lines
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import ConfigError, SensorError
 from tactileforge.sensors import (
@@ -29,6 +31,8 @@ from tactileforge.sensors import (
 from tactileforge.specs import spec
 from tactileforge_live.record.frame_queue import FrameQueue, SampleBuffer
 from tactileforge_live.record.options import RecordOptions
+
+log = logging.getLogger(__name__)
 
 #: Name and group of options of each kind of device without frames.
 _GROUPS = {"wrench": ("wrench sensor", "force"), "robot": ("robot", "robot")}
@@ -211,6 +215,8 @@ class Rig:
                 chosen = spread_frames(good, given.frames)
                 device.background = [keeps.encode(frame)[codec] for frame in chosen]
                 still = np.median(chosen, axis=0).astype(np.uint8)
+                for line in background_lines(still, device.sensor.spec.name) if camera else ():
+                    log.warning("%s: %s", device.name, line)
                 if device.name in self.options.markers:
                     keeps.tracker = MarkerTracker(still, f"the background of {device.name}")
                 if device.name in self._depth:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tactileforge.cli import Command
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError
+from tactileforge.pages import Shown
 from tactileforge.plugins import registry, write_text
 from tactileforge.sensors import load_calibration
 from tactileforge_live.calibrate.calibrate import CalibrateOptions, CalibrationResult, calibrate
@@ -36,7 +37,7 @@ class _Calibrate(CalibrateOptions):
     reference: str | None = None
 
 
-def _calibrate(keys: _Calibrate, config: dict[str, Any]) -> None:
+def _calibrate(keys: _Calibrate, config: dict[str, Any]) -> Shown:
     """Finds light, scale and force of one unit; a page shows how well forces fit."""
     out = Path(keys.out)
     if out.suffix not in (".yaml", ".yml"):
@@ -54,6 +55,9 @@ def _calibrate(keys: _Calibrate, config: dict[str, Any]) -> None:
     for line in [*result.notes, *dataset.skipped]:
         print(f"note: {line}")
     print(f"calibration: {out}\npage: {out.with_suffix('.html')}")
+    axes = result.calibration.force.axes.items() if result.calibration.force else ()
+    rows = [{"axis": name, "error N": axis.rmse, "R2": axis.r2} for name, axis in axes]
+    return Shown(out, out.with_suffix(".html"), rows, result)
 
 
 def load_model(name: str) -> Model:

@@ -75,9 +75,7 @@ def load_mesh(source: str | Path | Mesh, name: str | None) -> tuple[Mesh, str]:
     try:
         trimesh = import_module("trimesh")
     except ModuleNotFoundError as error:
-        raise ConfigError(
-            f"{path}: reading it needs trimesh: pip install tactileforge-sim[mesh]"
-        ) from error
+        raise ConfigError(f"{path}: reading it needs trimesh: pip install trimesh") from error
     try:
         mesh = trimesh.load(path)
         if hasattr(mesh, "to_geometry"):  # a scene of several meshes

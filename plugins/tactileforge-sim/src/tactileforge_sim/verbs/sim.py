@@ -8,6 +8,7 @@ from typing import Any
 
 from tactileforge.cli import Command
 from tactileforge.errors import command
+from tactileforge.pages import Shown
 from tactileforge_sim.config import SimConfig
 from tactileforge_sim.generate import write_seconds
 
@@ -55,7 +56,7 @@ class _Sim:
     processes: int | None = None
 
 
-def _sim(keys: _Sim, _: dict[str, Any]) -> None:
+def _sim(keys: _Sim, _: dict[str, Any]) -> Shown:
     """Simulates touch and writes it as shards for data=shards."""
     simulated = {spec.name for spec in fields(SimConfig)}
     own = {name: value for name, value in vars(keys).items() if name in simulated}
@@ -65,6 +66,8 @@ def _sim(keys: _Sim, _: dict[str, Any]) -> None:
     train, val = write_seconds(config, folder, keys.seconds, keys.val, keys.processes)
     print(f"{train} touches for training and {val} for validation: {folder}")
     print(f"train on them: {command('train', 'data=shards', f'data.root={folder}')}")
+    rows = [{"split": "train", "touches": train}, {"split": "val", "touches": val}]
+    return Shown(folder, rows=rows, value=config)
 
 
 COMMANDS = {"": Command(run=_sim, keys=_Sim, into=True)}

@@ -1,0 +1,25 @@
+"""The path of a folder of unknown format, in place of the options of its reader."""
+
+from __future__ import annotations
+
+from tactileforge.cli import hydra_value, unquoted
+from tactileforge.errors import ConfigError, home_path
+
+
+def guess_words(words: list[str]) -> list[str]:
+    """Replaces the word of a path by the options of the best guess; later words change these."""
+    from tactileforge.datasets import recognise
+
+    path = next((word.partition("=")[2] for word in words if word.startswith("path=")), None)
+    if path is None or path in ("null", "None"):
+        return words
+    if named := next((word for word in words if word.startswith("data=")), None):
+        raise ConfigError(f"{named} and a path: leave the path out, or {named}")
+    found = recognise(home_path(unquoted(path)))
+    name, guess = found[0]
+    others = ", ".join(f"{other} ({one.format})" for other, one in found[1:3])
+    print(f"{unquoted(path)}: {guess.format}, read by data={name}" + (others and f"; or: {others}"))
+    for doubt in guess.doubts:
+        print(f"  to be checked: {doubt}")
+    options = [f"++data.{key}={hydra_value(value)}" for key, value in guess.options.items()]
+    return [f"data={name}", *options, *words]

@@ -1,0 +1,1 @@
+"""Image networks of timm as touch encoders, and as teachers."""

@@ -1,0 +1,8 @@
+"""Our groups, recipes and plugins in every application with Hydra, behind the application's own.
+
+Hydra imports each module of the namespace ``hydra_plugins`` and registers the plugins it finds.
+"""
+
+from tactileforge.cli._compose import PluginSource, SearchPath
+
+__all__ = ["PluginSource", "SearchPath"]

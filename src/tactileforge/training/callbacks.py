@@ -1,0 +1,88 @@
+"""Callbacks of a run by name: Lightning's, those of packages, and the user's own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import lightning as L
+import torch
+from lightning.fabric.utilities.exceptions import MisconfigurationException
+from lightning.pytorch import callbacks as lightning_callbacks
+from lightning.pytorch.callbacks import Callback
+
+from tactileforge.errors import ConfigError, PluginError
+from tactileforge.plugins import registry
+
+#: Name of the sum of the validation losses, for callbacks that monitor a number.
+TOTAL = "val/loss"
+
+
+class EarlyStopping(lightning_callbacks.EarlyStopping):
+    """Ends a run once a number no longer improves; Lightning's, with a default of its own.
+
+    Args:
+        monitor: Name in the metrics; ``val/loss`` is the sum of the validation losses.
+        min_delta: Smallest change that is an improvement.
+        patience: Validations without one, before the end.
+        mode: ``min`` or ``max``.
+        stopping_threshold: Value at which the run ends at once; None for none.
+        divergence_threshold: Value beyond which it ends at once; None for none.
+    """
+
+    def __init__(
+        self,
+        monitor: str = TOTAL,
+        min_delta: float = 0.0,
+        patience: int = 3,
+        mode: str = "min",
+        stopping_threshold: float | None = None,
+        divergence_threshold: float | None = None,
+    ) -> None:
+        super().__init__(
+            monitor,
+            min_delta,
+            patience,
+            mode=mode,
+            stopping_threshold=stopping_threshold,
+            divergence_threshold=divergence_threshold,
+            check_on_train_epoch_end=False,
+        )
+
+
+class TotalLoss(Callback):
+    """Gives the sum of the validation losses to callbacks that monitor ``val/loss``."""
+
+    def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Adds up the losses of the objectives that were validated."""
+        logged = trainer.callback_metrics
+        names = [f"val/{key}" for key in getattr(pl_module, "objectives", ())]
+        losses = [logged[name] for name in names if name in logged]
+        if losses:
+            logged[TOTAL] = torch.stack([torch.as_tensor(one).float() for one in losses]).sum()
+
+
+def build_callbacks(config: Mapping[str, Any] | None) -> list[Callback]:
+    """Builds the callbacks of a run.
+
+    Args:
+        config: Options by key, with the ``name`` of the callback.
+
+    Raises:
+        PluginError: A callback is not installed, or is no callback of Lightning.
+        ConfigError: An unknown option, or one that its constructor refuses.
+    """
+    nodes = {key: dict(node) for key, node in (config or {}).items() if node is not None}
+    built = [_build(key, {"name": key, **node}) for key, node in nodes.items()]
+    return [TotalLoss(), *built] if built else []
+
+
+def _build(key: str, node: dict[str, Any]) -> Callback:
+    where = f"callbacks.{key}"
+    try:
+        made = registry.build("callbacks", node, where)
+    except (TypeError, ValueError, MisconfigurationException) as error:
+        raise ConfigError(f"{where}: {error}") from error
+    if not isinstance(made, Callback):
+        raise PluginError(f"{where}: {node['name']} is no lightning.pytorch.callbacks.Callback")
+    return made

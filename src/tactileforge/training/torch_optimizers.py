@@ -1,0 +1,86 @@
+"""Optimisers of torch as plugins, with their own options; vectors have no weight decay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from inspect import Parameter, signature
+from typing import Any
+
+import torch
+from torch import nn
+
+from tactileforge.errors import ConfigError
+from tactileforge.training.optim import split_by_decay
+
+#: Options chosen by the framework, or without a meaning here.
+_NOT_OPTIONS = ("params", "fused", "foreach", "capturable", "differentiable")
+
+
+class TorchOptimizer:
+    """An optimiser of `torch.optim`; subclasses are made by `plugin_of`.
+
+    Attributes:
+        made: Class of torch.
+    """
+
+    made: type[torch.optim.Optimizer]
+
+    def __init__(self, **options: Any) -> None:
+        self.options = options
+
+    def build(
+        self, parameters: Sequence[tuple[str, nn.Parameter]], fused: bool
+    ) -> torch.optim.Optimizer:
+        """Builds the optimiser with two parameter groups; see `contracts.OptimizerPlugin`.
+
+        Raises:
+            ConfigError: torch refuses an option.
+        """
+        groups: Any = split_by_decay(parameters, float(self.options.get("weight_decay") or 0.0))
+        if "weight_decay" not in signature(self.made).parameters:
+            groups = [{"params": group["params"]} for group in groups]
+        options: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in self.options.items()
+        }
+        try:
+            return self.made([group for group in groups if group["params"]], **options)
+        except (TypeError, ValueError, RuntimeError) as error:
+            raise ConfigError(f"optim: {self.made.__name__}: {error}") from error
+
+
+def plugin_of(made: type[torch.optim.Optimizer]) -> type[TorchOptimizer]:
+    """Plugin class of an optimiser class: the options of its constructor are those of the plugin.
+
+    Args:
+        made: Subclass of `torch.optim.Optimizer`, of torch or of the user.
+
+    Example:
+        >>> list(signature(plugin_of(torch.optim.SGD)).parameters)[:2]
+        ['lr', 'momentum']
+    """
+    own = [
+        parameter.replace(kind=Parameter.KEYWORD_ONLY, default=_plain(parameter.default))
+        for name, parameter in signature(made).parameters.items()
+        if name not in _NOT_OPTIONS and parameter.kind is not Parameter.VAR_KEYWORD
+    ]
+    doc = f"{made.__name__} of {made.__module__.partition('.')[0]}, with its options."
+    cls = type(made.__name__, (TorchOptimizer,), {"made": made, "__doc__": doc})
+    cls.__signature__ = signature(made).replace(parameters=own)  # type: ignore[attr-defined]
+    return cls
+
+
+def _plain(default: Any) -> Any:
+    return list(default) if isinstance(default, tuple) else default
+
+
+Adadelta = plugin_of(torch.optim.Adadelta)
+Adafactor = plugin_of(torch.optim.Adafactor)
+Adagrad = plugin_of(torch.optim.Adagrad)
+Adam = plugin_of(torch.optim.Adam)
+Adamax = plugin_of(torch.optim.Adamax)
+ASGD = plugin_of(torch.optim.ASGD)
+NAdam = plugin_of(torch.optim.NAdam)
+RAdam = plugin_of(torch.optim.RAdam)
+RMSprop = plugin_of(torch.optim.RMSprop)
+Rprop = plugin_of(torch.optim.Rprop)
+SGD = plugin_of(torch.optim.SGD)

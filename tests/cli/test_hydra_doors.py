@@ -1,0 +1,71 @@
+"""Our groups in other people's Hydra, and other people's Hydra beside ours."""
+
+import subprocess
+import sys
+
+import hydra
+import pytest
+from hydra.core.global_hydra import GlobalHydra
+from hydra.version import VersionBase
+
+import tactileforge
+
+APP = """\
+defaults:
+  - recipe: mae
+  - optim: adamw
+  - _self_
+mine: 1
+"""
+
+
+@pytest.fixture
+def conf(tmp_path):
+    (tmp_path / "conf").mkdir()
+    (tmp_path / "conf/app.yaml").write_text(APP)
+    return tmp_path / "conf"
+
+
+def test_plain_hydra_finds_our_groups_and_plugins_behind_its_own(conf):
+    (conf / "optim").mkdir()
+    (conf / "optim/adamw.yaml").write_text("lr: 9\nclip: 1\n")
+    with hydra.initialize_config_dir(str(conf), version_base="1.3"):
+        config = hydra.compose("app", ["+data=recordings", "data.root=x", "objective=[force]"])
+    assert config.mine == 1
+    assert "warmup" not in config.optim, "the application's own comes first"
+    assert (config.encoder.name, list(config.objective)) == ("plain_vit", ["force"])
+    assert config.data.name == "recordings"  # an entry point, without a YAML
+
+
+def test_our_own_training_configuration_by_plain_hydra():
+    with hydra.initialize_config_module("tactileforge.conf", version_base="1.3"):
+        config = hydra.compose("train", ["scale=demo"])
+    assert config.encoder.size == "tiny"
+
+
+def test_compose_leaves_the_hydra_of_the_caller_alone(conf):
+    with hydra.initialize_config_dir(str(conf), version_base="1.2"):
+        caller, inner = GlobalHydra.instance(), GlobalHydra.instance().hydra
+        assert tactileforge.compose("anytouch2", ["scale=demo"]).encoder.size == "tiny"
+        with pytest.raises(Exception, match="optimizer"):
+            tactileforge.compose("anytouch2", ["+optimizer.lr=1"])
+        assert GlobalHydra.instance() is caller
+        assert caller.hydra is inner
+        assert str(VersionBase.instance().getbase()) == "1.2"
+        assert hydra.compose("app").mine == 1
+    assert not GlobalHydra.instance().is_initialized()
+
+
+@pytest.mark.slow
+def test_another_application_has_them_on_its_command_line(conf):
+    app = conf.parent / "app.py"
+    app.write_text(
+        "import hydra\n"
+        "@hydra.main(version_base='1.3', config_path='conf', config_name='app')\n"
+        "def main(config):\n"
+        "    print(config.encoder.name, list(config.objective), config.mine)\n"
+        "main()\n"
+    )
+    command = [sys.executable, str(app), "encoder=tactile_vit", "objective=[pixel,diff]"]
+    done = subprocess.run(command, cwd=conf.parent, capture_output=True, text=True)
+    assert done.stdout.split("\n")[0] == "tactile_vit ['pixel', 'diff'] 1", done.stderr

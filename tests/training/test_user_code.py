@@ -1,0 +1,243 @@
+"""Lightning as people know it: callbacks, optimizers, the module and data in code of their own."""
+
+import math
+
+import lightning as L
+import pytest
+import torch
+from hydra.errors import HydraException
+from lightning.pytorch.callbacks import Callback, EMAWeightAveraging
+
+from tactileforge import api, compose
+from tactileforge.errors import ConfigError, PluginError
+from tactileforge.pages.curves import read_metrics
+from tactileforge.runs.folder import LAST
+from tactileforge.training import TouchModule, build_data, callbacks, schedules
+from tactileforge.training.optim import build_optimizer, parse_optim
+
+WORDS = [
+    "scale=demo",
+    "encoder.image_size=32",
+    "batch.size=8",
+    "batch.workers=0",
+    "objective=[pixel]",
+]
+WORDS += ["data.scenes=3", "data.val=1", "data.size=32", "trainer.max_steps=3"]
+WORDS += ["trainer.log_every_n_steps=1"]
+
+
+class Counts(Callback):
+    """Counts steps, and fails at one of them."""
+
+    def __init__(self, word: str = "step", fail_at: int = -1) -> None:
+        self.word, self.fail_at, self.seen = word, fail_at, []
+
+    def on_train_batch_end(self, trainer, pl_module, outputs, batch, batch_idx):
+        self.seen.append(trainer.global_step)
+        if trainer.global_step == self.fail_at:
+            raise RuntimeError("a callback that fails")
+
+
+@pytest.fixture(scope="module")
+def parts():
+    """Configuration, data and encoder of a small run."""
+    config = compose("anytouch2", WORDS)
+    data, encoder = build_data(config)
+    return {**config, "encoder": encoder}, data
+
+
+def _module(parts):
+    torch.manual_seed(0)
+    return TouchModule.from_config(parts[0], parts[1].summary("train").labels, parts[1].augment)
+
+
+@pytest.mark.slow
+def test_callbacks_by_name_with_their_options(tmp_path):
+    words = ["callbacks=[early_stopping,weight_averaging,lr_monitor,probe]"]
+    words += ["callbacks.early_stopping.patience=1", "callbacks.early_stopping.min_delta=100"]
+    words += ["callbacks.weight_averaging.decay=0.5", "callbacks.probe.target=force"]
+    words += ["trainer.max_steps=40", "trainer.val_check_interval=1"]
+    module = api.train(compose("anytouch2", [*WORDS, *words]), tmp_path)
+    assert module.trainer.global_step == 2  # validated twice, no better by 100
+    found = {type(one) for one in module.trainer.callbacks}
+    assert {EMAWeightAveraging, callbacks.EarlyStopping} <= found
+    curves = read_metrics(tmp_path)
+    assert math.isfinite(curves["val/probe_force"].values[-1])
+
+
+@pytest.mark.slow
+def test_averaged_weights_are_those_that_the_run_ends_with(tmp_path):
+    """The mean of the weights of steps 0 to 3, by a decay of a half."""
+
+    class Keep(Callback):
+        seen = ()
+
+        def on_train_batch_end(self, trainer, pl_module, *rest):
+            self.seen += (pl_module.encoder.transformer.norm.weight.detach().clone(),)
+
+    from tactileforge.plugins import register
+
+    register("callbacks", "keep_norms", Keep)
+    words = ["callbacks=[weight_averaging,keep_norms]", "callbacks.weight_averaging.decay=0.5"]
+    module = api.train(compose("anytouch2", [*WORDS, *words]), tmp_path)
+    keep = next(one for one in module.trainer.callbacks if isinstance(one, Keep))
+    mean = keep.seen[0]
+    for weight in keep.seen[1:]:
+        mean = 0.5 * mean + 0.5 * weight
+    torch.testing.assert_close(module.encoder.transformer.norm.weight.detach(), mean)
+
+
+@pytest.mark.slow
+def test_a_run_is_saved_before_the_error_of_a_callback(tmp_path):
+    from tactileforge.plugins import register
+
+    register("callbacks", "counts_steps", Counts)
+    words = ["callbacks=[counts_steps]", "callbacks.counts_steps.fail_at=2"]
+    with pytest.raises(RuntimeError, match="a callback that fails"):
+        api.train(compose("anytouch2", [*WORDS, *words]), tmp_path)
+    state = torch.load(tmp_path / LAST, weights_only=True)
+    assert state["global_step"] == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["callbacks=[early_stoping]"], "early_stopping"),
+        (["callbacks=[early_stopping]", "+callbacks.early_stopping.patients=3"], "patience"),
+        (["callbacks=[early_stopping]", "callbacks.early_stopping.mode=down"], "mode"),
+        (["callbacks=[no_module:Callback]"], "no_module"),
+        (["optim=sgd", "+optim.momentun=.9"], "momentum"),
+        (["optim=sgd", "optim.lr=-1"], "learning rate"),
+        (["optim.schedule=cosin"], "cosine"),
+        (["optim.layer_decay=2"], "layer_decay"),
+        (["+trainer.enable_checkpointing=false"], "save_every"),
+        (["+trainer.callbacks=[x]"], "callbacks="),
+        (["+trainer.logger=false"], "logger="),
+        (["+trainer.fast_dev_run=true"], "debug=steps"),
+        (["trainer.max_time=soon"], "00:23:30:00"),
+        (["+trainer.max_setps=3"], "max_steps"),
+    ],
+)
+def test_a_slip_is_named_before_data_is_read(words, message, tmp_path):
+    def run():
+        api.train(compose("anytouch2", [*WORDS, *words, "data.scenes=99999"]), tmp_path)
+
+    with pytest.raises((ConfigError, PluginError, HydraException), match=message):
+        run()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("key", "value"), [("num_sanity_val_steps", 1), ("detect_anomaly", True)])
+def test_other_arguments_of_the_trainer_reach_it(key, value, tmp_path):
+    module = api.train(compose("anytouch2", [*WORDS, f"+trainer.{key}={value}"]), tmp_path)
+    reached = getattr(module.trainer, key, None) or getattr(module.trainer, f"_{key}", None)
+    assert reached == value
+
+
+@pytest.mark.slow
+def test_max_time_ends_a_run_in_order_and_the_next_job_has_it_anew(tmp_path):
+    words = ["trainer.max_steps=100000", "trainer.max_time=00:00:00:02"]
+    module = api.train(compose("anytouch2", [*WORDS, *words]), tmp_path)
+    first = module.trainer.global_step
+    assert 0 < first < 100000
+    assert (tmp_path / "report.html").exists()
+    from tactileforge.runs.folder import read_config
+
+    module = api.train({**read_config(tmp_path), "resume": str(tmp_path)}, tmp_path)
+    assert module.trainer.global_step > first
+
+
+@pytest.mark.slow
+def test_the_module_and_the_data_fit_a_trainer_of_ones_own(parts, tmp_path):
+    module, data = _module(parts), parts[1]
+    trainer = L.Trainer(
+        max_steps=2, default_root_dir=tmp_path, logger=False, enable_progress_bar=False,
+        enable_model_summary=False, num_sanity_val_steps=0, limit_val_batches=0,
+    )  # fmt: skip
+    trainer.fit(module, data)
+    trainer.save_checkpoint(tmp_path / "mine.ckpt")
+    again = TouchModule.load_from_checkpoint(tmp_path / "mine.ckpt")
+    assert again.current_weights() == {"pixel": 1.0}
+    for name, value in module.state_dict().items():
+        torch.testing.assert_close(again.state_dict()[name], value, rtol=0, atol=0)
+
+
+@pytest.mark.slow
+def test_batches_and_module_in_a_plain_loop_learn(parts):
+    module, data = _module(parts), parts[1]
+    data.trainer = None
+    optimizer = torch.optim.AdamW(module.parameters(), lr=1e-3)
+    losses = []
+    for number, batch in enumerate(data.train_dataloader()):
+        loss = module.training_step(batch, number)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(float(loss))
+        if number == 11:
+            break
+    assert sum(losses[-3:]) < sum(losses[:3])
+
+
+@pytest.mark.slow
+def test_another_module_trains_on_the_data(parts, tmp_path):
+    class Mean(L.LightningModule):
+        def __init__(self):
+            super().__init__()
+            self.level = torch.nn.Parameter(torch.zeros(()))
+
+        def training_step(self, batch, batch_idx):
+            return (self.level - batch["frames"].float().mean() / 255).square()
+
+        def configure_optimizers(self):
+            return torch.optim.SGD(self.parameters(), lr=0.5)
+
+    module = Mean()
+    L.Trainer(
+        max_steps=8, default_root_dir=tmp_path, logger=False, enable_progress_bar=False,
+        enable_model_summary=False, enable_checkpointing=False, limit_val_batches=0,
+    ).fit(module, parts[1])  # fmt: skip
+    mean = parts[1].train_dataloader().dataset[0]["frames"].float().mean() / 255
+    assert float(module.level) == pytest.approx(float(mean), abs=0.05)
+
+
+def test_a_checkpoint_of_parts_built_by_hand_asks_for_them(parts, tmp_path):
+    torch.save({"state_dict": {}}, tmp_path / "hand.ckpt")
+    with pytest.raises(ConfigError, match="give its parts again"):
+        TouchModule.load_from_checkpoint(tmp_path / "hand.ckpt")
+    torch.save([1], tmp_path / "list.ckpt")
+    with pytest.raises(ConfigError, match="no checkpoint"):
+        TouchModule.load_from_checkpoint(tmp_path / "list.ckpt")
+
+
+def test_optimizers_of_torch_have_their_options():
+    plugin, _ = parse_optim({"name": "sgd", "lr": 0.1, "momentum": 0.9, "weight_decay": 0.01})
+    weight, bias = torch.nn.Parameter(torch.ones(2, 2)), torch.nn.Parameter(torch.ones(2))
+    made = plugin.build([("w", weight), ("b", bias)], False)
+    assert isinstance(made, torch.optim.SGD)
+    assert [group["weight_decay"] for group in made.param_groups] == [0.01, 0.0]
+    assert {group["momentum"] for group in made.param_groups} == {0.9}
+
+
+def test_layer_decay_gives_each_block_its_rate():
+    """As in MAE's fine-tuning: decay ** (blocks above), embeddings below block 0, heads 1."""
+    names = ["encoder.stem.weight", "encoder.transformer.blocks.0.mlp.weight"]
+    names += [
+        "encoder.transformer.blocks.1.mlp.weight",
+        "encoder.norm.weight",
+        "heads.pixel.weight",
+    ]
+    named = [(name, torch.nn.Parameter(torch.ones(2, 2))) for name in names]
+    made = build_optimizer(named, {"name": "adamw", "lr": 1.0, "layer_decay": 0.5, "warmup": 0}, 10)
+    optimizer = made["optimizer"]
+    rate = {id(p): group["initial_lr"] for group in optimizer.param_groups for p in group["params"]}
+    assert [rate[id(p)] for _, p in named] == [0.125, 0.25, 0.5, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("name", ["polynomial", "exponential", "step", "inverse_sqrt", "one_cycle"])
+def test_schedules_rise_and_then_fall(name):
+    curve = [getattr(schedules, name)(n, 10, 100) for n in range(101)]
+    assert max(curve) == pytest.approx(1.0)
+    assert max(range(101), key=curve.__getitem__) <= 10
+    assert curve[100] < 0.35
+    assert all(0 <= one <= 1 for one in curve)
