@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
@@ -198,6 +199,11 @@ def _open_heads(
     return heads
 
 
+def _is_finite(values: Tensor) -> bool:
+    # numpy: two threads of torch that wait for each other take seconds on a busy machine
+    return bool(np.isfinite(values.float().cpu().numpy()).all())
+
+
 def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) -> None:
     """Loads a state strictly; the module keeps its dtypes.
 
@@ -216,7 +222,7 @@ def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) ->
             if own[key].shape != state[key].shape
         ],
         "not finite": sorted(
-            key for key, x in state.items() if x.is_floating_point() and not x.isfinite().all()
+            key for key, x in state.items() if x.is_floating_point() and not _is_finite(x)
         ),
     }
     if any(wrong.values()):

@@ -71,7 +71,16 @@ def fetch_file(repo: str, file: str, revision: str, *, kind: str = "model") -> P
     """
     hub = client()
     with _errors_named(repo, file, revision):
-        path = Path(hub.hf_hub_download(repo, file, revision=revision, repo_type=kind))
+        try:
+            got = hub.hf_hub_download(repo, file, revision=revision, repo_type=kind)
+        except getattr(hub.errors, "HTTPError", OSError) as error:
+            if isinstance(error, hub.errors.HfHubHTTPError):
+                raise
+            # no answer at all: what was fetched before will do
+            got = hub.hf_hub_download(
+                repo, file, revision=revision, repo_type=kind, local_files_only=True
+            )
+        path = Path(got)
     # .../snapshots/COMMIT/FILE: the commit, of a branch too
     commit = path.parts[-1 - len(Path(file).parts)]
     check_first(f"{repo}/{file}@{commit}", path)
