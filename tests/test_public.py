@@ -183,7 +183,10 @@ def test_a_module_of_others_that_is_missing_is_left_to_its_own_words(installed):
             "tactileforge.depth.lighting",
             "use: tactileforge_depth (pip install ./plugins/tactileforge-depth)",
         ),
-        ("tactileforge.sim.scene", "use: tactileforge_sim (pip install ./plugins/tactileforge-sim)"),
+        (
+            "tactileforge.sim.scene",
+            "use: tactileforge_sim (pip install ./plugins/tactileforge-sim)",
+        ),
     ],
 )
 def test_what_is_missing_is_named_if_it_is_ours(name, hint):

@@ -189,13 +189,13 @@ def test_options_of_a_head_that_the_recipe_does_not_name(
     words = ["objective=[pixel,dino]", "head.dino.prototypes=7", "--cfg", "job", "-p", "head.dino"]
     assert "prototypes: 7" in said(capsys, "train", *words)
     wrong = error_of(capsys, "train", *SMALL, "head.pixel.widht=3")
-    assert "unknown option of head 'pixel' 'widht'; did you mean 'width'" in wrong
+    assert "unknown key 'head.pixel.widht'; did you mean 'head.pixel.width'" in wrong
 
 
 def test_two_mistakes_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     words = ("sensor=sim", "objct=mug", "secnds=3", "out=x")
     assert "unknown key 'objct'" in error_of(capsys, "record", *words)
-    assert "unknown dataset 're:(a)'" in error_of(capsys, "train", *SMALL, "data.name=re:(a)")
+    assert "unknown dataset 're+a'" in error_of(capsys, "train", *SMALL, "data.name=re+a")
 
 
 def test_what_is_deleted_has_no_value(capsys: pytest.CaptureFixture[str]) -> None:

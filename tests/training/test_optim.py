@@ -38,7 +38,7 @@ def test_a_configuration_without_a_name_is_adamw() -> None:
 @pytest.mark.parametrize(
     ("row", "error", "message"),
     [
-        ({"name": "adam"}, PluginError, "unknown optimizer 'adam'; did you mean 'adamw'"),
+        ({"name": "adam"}, PluginError, "unknown optimizer 'adamm'; did you mean 'adam'"),
         ({"momentum": 0.9}, ConfigError, "momentum"),
         (
             {"schedule": "cosin"},

@@ -55,6 +55,7 @@ from tactileforge.data.labels.newtons import NEWTONS as NEWTONS
 from tactileforge.data.labels.newtons import named_unit as named_unit
 from tactileforge.data.labels.newtons import newtons_of as newtons_of
 from tactileforge.data.labels.turns import flip_labels as flip_labels
+from tactileforge.data.sample import sample_touch as sample_touch
 from tactileforge.data.shards.fetch import ShardFolder as ShardFolder
 from tactileforge.data.shards.foreign import is_foreign as is_foreign
 from tactileforge.data.shards.index import INDEX_FILE as INDEX_FILE

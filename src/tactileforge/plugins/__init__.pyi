@@ -1,9 +1,12 @@
 from tactileforge.plugins import registry as registry
+from tactileforge.plugins.distributions import how_to_get as how_to_get
+from tactileforge.plugins.distributions import install_command as install_command
 from tactileforge.plugins.moves import VERSION as VERSION
 from tactileforge.plugins.registry import build as build
 from tactileforge.plugins.registry import list_plugins as list_plugins
 from tactileforge.plugins.registry import names as names
 from tactileforge.plugins.registry import parameters as parameters
+from tactileforge.plugins.registry import register as register
 from tactileforge.util import strict as strict
 from tactileforge.util.bars import Bar as Bar
 from tactileforge.util.files import cache_folder as cache_folder

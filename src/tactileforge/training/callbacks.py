@@ -50,6 +50,28 @@ class EarlyStopping(lightning_callbacks.EarlyStopping):
         )
 
 
+class WeightAveraging(lightning_callbacks.EMAWeightAveraging):
+    """Averages the weights exponentially, validates and ends with the averages; Lightning's.
+
+    Args:
+        decay: Share of the averages that is kept at an update.
+        update_every_n_steps: Steps between two updates.
+        update_starting_at_step: Step of the first update; None for the first step.
+    """
+
+    def __init__(
+        self,
+        decay: float = 0.999,
+        update_every_n_steps: int = 1,
+        update_starting_at_step: int | None = None,
+    ) -> None:
+        super().__init__(
+            decay=decay,
+            update_every_n_steps=update_every_n_steps,
+            update_starting_at_step=update_starting_at_step,
+        )
+
+
 class TotalLoss(Callback):
     """Gives the sum of the validation losses to callbacks that monitor ``val/loss``."""
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from inspect import Parameter, signature
+from inspect import Parameter, getdoc, signature
 from typing import Any
 
 import torch
@@ -63,10 +64,18 @@ def plugin_of(made: type[torch.optim.Optimizer]) -> type[TorchOptimizer]:
         for name, parameter in signature(made).parameters.items()
         if name not in _NOT_OPTIONS and parameter.kind is not Parameter.VAR_KEYWORD
     ]
-    doc = f"{made.__name__} of {made.__module__.partition('.')[0]}, with its options."
+    doc = f"{made.__name__} of {made.__module__.partition('.')[0]}, with its options.\n\nArgs:\n"
+    doc += "".join(f"    {one.name}: {_meaning(made, one.name)}\n" for one in own)
     cls = type(made.__name__, (TorchOptimizer,), {"made": made, "__doc__": doc})
     cls.__signature__ = signature(made).replace(parameters=own)  # type: ignore[attr-defined]
     return cls
+
+
+def _meaning(made: type[torch.optim.Optimizer], name: str) -> str:
+    """Meaning of an option, from the docstring of its class."""
+    text = re.sub(r"\s+", " ", getdoc(made) or "")
+    match = re.search(rf"\b{name} \([^)]*\): (.*?)(?: \(default:|\. |\w+ \([^)]*\): |$)", text)
+    return match[1].strip() if match else f"see torch.optim.{made.__name__}"
 
 
 def _plain(default: Any) -> Any:
