@@ -15,7 +15,8 @@ from tactileforge.cli._compose import compose
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.hub import pack, runs
 from tactileforge.hub.header import read_header
-from tactileforge.runs.checkpoint_file import read_checkpoint
+from tactileforge.runs.checkpoint_file import find_checkpoint, read_checkpoint, seal
+from tactileforge.runs.folder import BEST
 
 main = partial(dispatch, "zoo")
 AddCard = Callable[..., None]
@@ -63,11 +64,34 @@ def test_folders_that_are_no_runs(run: Path, tmp_path: Path) -> None:
         tactileforge.load(tmp_path)
     with pytest.raises(DataNotFoundError, match="give the folder of a run"):
         tactileforge.load(f"run:{tmp_path / 'nowhere'}")
-    for name in (str(run), f"file:{run}"):
-        with pytest.raises((ConfigError, DataNotFoundError), match=f"say so: run:{run}"):
-            tactileforge.load(name)
-    with pytest.raises(ConfigError, match="or run:FOLDER"):
+    with pytest.raises(DataNotFoundError, match=f"say so: run:{run}"):
+        tactileforge.load(f"file:{run}")
+    with pytest.raises(DataNotFoundError, match="give the folder of a run"):
         tactileforge.load(str(tmp_path))
+
+
+@pytest.mark.slow
+def test_the_best_weights_of_a_run_are_loaded(run: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(run, copy)
+    last = find_checkpoint(copy)
+    best = copy / BEST
+    with pytest.raises(DataNotFoundError, match=r"no best weights; train with trainer\.keep_best"):
+        tactileforge.load(f"run:{copy}@best")
+    kept = torch.load(last, weights_only=True)
+    for key, value in kept["state_dict"].items():
+        if key.startswith("encoder.") and value.is_floating_point():
+            kept["state_dict"][key] = value + 1
+    with best.open("wb+") as file:
+        torch.save(kept, file)
+        seal(file)
+    first = tactileforge.load(f"run:{copy}").encoder.state_dict()
+    for given in (f"run:{copy}@best", Path(f"{copy}@best"), pack.pack_run(f"{copy}@best")):
+        found = tactileforge.load(given).encoder.state_dict()
+        assert all(
+            torch.equal(found[key], x + 1 if x.is_floating_point() else x)
+            for key, x in first.items()
+        )
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from tactileforge.hub.classify import ClassFacts as ClassFacts
 from tactileforge.hub.classify import ClassHead as ClassHead
 from tactileforge.hub.classify import encoder_hash as encoder_hash
 from tactileforge.hub.clip_encoder import check_device as check_device
+from tactileforge.hub.creating import create as create
 from tactileforge.hub.files import describe_input as describe_input
 from tactileforge.hub.files import fill_weights as fill_weights
 from tactileforge.hub.files import make_header as make_header

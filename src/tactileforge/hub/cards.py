@@ -32,6 +32,10 @@ from tactileforge.util.licences import check_licence
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
+#: What models read beside vectors.
+READS = ("force", "surface", "words")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Weight:
     """One file of weights. It is shipped (``file``), remote (``url``) or imported (``layout``).
@@ -50,6 +54,10 @@ class Weight:
         frames: Frames of a clip; 0 for the card's.
         spacing: Seconds between them, where ``frames`` is given.
         source: Place of the published file, for the user to fetch it.
+        published: Place of the published file on the model hub, ``OWNER/REPO/FILE@REVISION``, with
+            ``datasets/`` before it for a repository of data; a folder ends in ``/``. "" where it is
+            elsewhere.
+        reads: What it reads beside vectors; see `READS`.
         gated: Whether its authors ask for terms to be accepted first.
         sensors: Types of sensors that these weights saw, where they are not the card's.
         data: Data that they were trained on, likewise.
@@ -73,6 +81,8 @@ class Weight:
     frames: int = 0
     spacing: float = 0.0
     source: str = ""
+    published: str = ""
+    reads: list[str] = field(default_factory=list)
     gated: bool = False
     sensors: list[str] = field(default_factory=list)
     data: list[str] = field(default_factory=list)
@@ -86,6 +96,11 @@ class Weight:
     def kind(self) -> str:
         """``shipped``, ``remote`` or ``import``."""
         return "shipped" if self.file else "remote" if self.url else "import"
+
+    @property
+    def what_it_reads(self) -> list[str]:
+        """What it reads beside vectors; see `READS`."""
+        return [*self.reads, *["words"] * bool(self.text_encoder)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -327,6 +342,8 @@ def _check(card: Card) -> None:
             raise ConfigError(f"{place}: " + unknown("reading", weight.reading, TOKENS))
         if weight.layout and not weight.source:
             raise ConfigError(f"{place}: state in source where the published file is available")
+        if strange := [word for word in weight.reads if word not in READS]:
+            raise ConfigError(f"{place}: " + unknown("reads", strange[0], READS))
         verified = re.fullmatch(r"[0-9a-f]{64}", weight.sha256) and weight.bytes > 0
         if not weight.layout and not verified:
             raise ConfigError(f"{place}: sha256 (64 hexadecimal digits) and bytes are needed")

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -15,10 +15,14 @@ from torch import Tensor
 
 from tactileforge.data.labels.objects import object_class
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path
+from tactileforge.hub.clips import Clips
 from tactileforge.hub.forces import fingerprint
 from tactileforge.util import strict
 from tactileforge.util.files import new_part
 from tactileforge.util.untrusted import load_json
+
+if TYPE_CHECKING:
+    from tactileforge.hub.model import Model
 
 #: Version of the file, and the key of its metadata.
 CLASS_FORMAT = 2
@@ -147,6 +151,20 @@ def classes_of(vectors: Tensor, layer: Layer) -> Classes:
     weight, bias, names = layer
     logits = vectors @ weight.to(vectors.device).T + bias.to(vectors.device)
     return Classes(names, logits.softmax(-1))
+
+
+def layer_of(
+    head: str | Path | ClassHead | None, names: Sequence[str] | None, clips: Clips, model: Model
+) -> Layer:
+    """The layer that `Model.classify` reads; see there for arguments and errors."""
+    clips.refuse_itself()
+    if head is None:
+        return packed_layer(model.heads, names, repr(model))
+    if names is not None:
+        raise ConfigError("names= is for the head of a run; head= knows the names of its own")
+    sensor = clips.sensor
+    named = {sensor} if isinstance(sensor, str) else set(sensor or ())
+    return fitted_layer(head, model.encoder_hash, repr(model), clips.subtracts, named)
 
 
 def fitted_layer(

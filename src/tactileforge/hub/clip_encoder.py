@@ -13,17 +13,17 @@ from torch import Tensor
 from tactileforge.encoders.feature_groups import check_groups, encode_groups, joint_vector
 from tactileforge.encoders.summary import encode_summary, summary_width
 from tactileforge.errors import ConfigError
+from tactileforge.hub.clips import Clips, check_batch_size
 from tactileforge.hub.forces import warn_of_light
 from tactileforge.hub.inputs import (
     ClipInputs,
-    Images,
     prepare_clips,
     squash_clips,
     uses_background,
     warn_of_swapped_clips,
 )
-from tactileforge.hub.sensor_rows import Policy, name_each, row_each, takes_any_sensor
-from tactileforge.hub.taps import Tap, check_tap, read_tap
+from tactileforge.hub.sensor_rows import name_each, row_each, takes_any_sensor
+from tactileforge.hub.taps import Tap, check_tap, read_layers, read_tap
 
 
 class ClipEncoder:
@@ -65,14 +65,11 @@ class ClipEncoder:
         width: int = self.encoder.projected
         return width
 
-    def prepare(
-        self, frames: Images, background: Images | str | None, check: bool = True
-    ) -> ClipInputs:
+    def prepare(self, clips: Clips, check: bool = True) -> ClipInputs:
         """Frames and backgrounds of a batch, uint8, as in training; whether it was one clip.
 
         Args:
-            frames: Clips in the shapes of `Model.encode`.
-            background: Frame without contact, or a word in its place, as in `Model.encode`.
+            clips: The clips.
             check: Whether to warn of swapped colours.
 
         Raises:
@@ -80,19 +77,20 @@ class ClipEncoder:
             ConfigError: No background, or an unknown word for it.
         """
         needed = uses_background(self.encoder)
-        clips = prepare_clips(frames, background, self.encoder.frames, needed)
+        inputs = prepare_clips(clips.frames, clips.background, self.encoder.frames, needed)
         # a background that is taken from the clip has its order of colors
-        if check and not (background is None or isinstance(background, str)):
-            warn_of_swapped_clips(clips)
-        return squash_clips(clips, self.squashed)
+        if check and clips.background is not None and not clips.word:
+            warn_of_swapped_clips(inputs)
+        return squash_clips(inputs, self.squashed)
 
-    def names(self, sensor: str | Sequence[str] | None, count: int) -> list[str]:
-        """Sensor name of each clip; see `sensor_rows.name_each` for arguments and errors."""
-        return name_each(sensor, count, list(self.encoder.sensors), self.any_sensor)
+    def names(self, clips: Clips, count: int) -> list[str]:
+        """Sensor name of each clip; see `sensor_rows.name_each` for errors."""
+        return name_each(clips.sensor, count, list(self.encoder.sensors), self.any_sensor)
 
-    def rows(self, names: Sequence[str], policy: Policy) -> Tensor:
-        """Rows of the sensor table; see `sensor_rows.row_each` for arguments and errors."""
-        return row_each(self.encoder, names, policy, self.any_sensor)
+    def rows(self, clips: Clips, count: int) -> Tensor:
+        """Rows of the sensor table; see `sensor_rows.row_each` for errors."""
+        names = self.names(clips, count)
+        return row_each(self.encoder, names, clips.unknown_sensor, self.any_sensor)
 
     def read(self, tap: str, *clips: Tensor) -> Tensor:
         """The encoder's output at a tap, for frames, backgrounds and sensor rows."""
@@ -115,52 +113,71 @@ class ClipEncoder:
         """The vectors of `Model.encode`, of frames, backgrounds and sensor rows."""
         return self._scaled(self.read(self.reading, *clips))
 
-    def tapped(self, tap: Tap, *clips: Any) -> Tensor:
+    def tapped(self, tap: Tap, clips: Clips, stacklevel: int = 4) -> Tensor:
         """Reads a tap, as `Model.features` does.
 
         Args:
             tap: Name of the tap.
-            *clips: Frames, background, sensor, policy and batch size, as users give them.
+            clips: The clips.
+            stacklevel: Level of the caller of the public method, for warnings.
         """
         check_tap(self.encoder, tap)
-        batches, single = self._batches(*clips)
+        batches, single = self._batches(clips, stacklevel + 1)
         with torch.no_grad():
             out = torch.cat([self.read(tap, *batch).float() for batch in batches])
         return out[0] if single else out
 
-    def grouped(self, names: Sequence[str] | None, *clips: Any) -> dict[str, Tensor]:
+    def layered(self, layers: Sequence[int], clips: Clips) -> list[Tensor]:
+        """Outputs of blocks, as `Model.features` gives them with ``layers``."""
+        batches, single = self._batches(clips, 4)
+        with torch.no_grad():
+            done = [read_layers(self.encoder, layers, *self._moved(batch)) for batch in batches]
+        joint = [torch.cat(parts).float() for parts in zip(*done, strict=True)]
+        return [x[0] for x in joint] if single else joint
+
+    def grouped(
+        self, names: Sequence[str] | None, clips: Clips, stacklevel: int = 4
+    ) -> dict[str, Tensor]:
         """Reads groups, as `Model.groups` does.
 
         Args:
             names: Names of groups; None takes all.
-            *clips: Frames, background, sensor, policy and batch size, as users give them.
+            clips: The clips.
+            stacklevel: Level of the caller of the public method, for warnings.
         """
         wanted = check_groups(self.encoder, names)
-        batches, single = self._batches(*clips)
+        batches, single = self._batches(clips, stacklevel + 1)
         with torch.no_grad():
             moved = (self._moved(batch) for batch in batches)
             done = [encode_groups(self.encoder, x, still, rows, wanted) for x, still, rows in moved]
         joint = {name: torch.cat([part[name] for part in done]) for name in wanted}
         return {name: values[0] if single else values for name, values in joint.items()}
 
-    def _batches(
-        self,
-        frames: Images,
-        background: Images | str | None,
-        sensor: str | Sequence[str] | None,
-        unknown_sensor: Policy,
-        batch_size: int,
-    ) -> tuple[list[tuple[Tensor, ...]], bool]:
+    def encoded(self, groups: Sequence[str] | Literal["all"] | None, clips: Clips) -> Tensor:
+        """Vectors, as `Model.encode` gives them."""
+        if groups is None and self.reading == "projected":
+            return self.tapped("projected", clips, 5)
+        names = ["summary"] if groups is None else None if groups == "all" else groups
+        return joint_vector(self.grouped(names, clips, 5))
+
+    def with_gradients(self, tap: Tap, clips: Clips) -> Tensor:
+        """Reads a tap of all clips at once, as `Model.forward` does."""
+        check_tap(self.encoder, tap)
+        x, still, single = self.prepare(clips)
+        out = self.read(tap, x, still, self.rows(clips, len(x))).float()
+        return out[0] if single else out
+
+    def _batches(self, clips: Clips, stacklevel: int) -> tuple[list[tuple[Tensor, ...]], bool]:
         """Frames, backgrounds and sensor rows, batch by batch; and whether it was one clip.
 
         Warns of changed light, in the name of the caller of the public method.
         """
-        check_batch_size(batch_size)
-        x, still, single = clips = self.prepare(frames, background)
-        # 5: past this, `tapped` or `grouped`, and the public method, to the line that called it
-        warn_of_light("clips", clips, self.encoder, background, stacklevel=5)
-        rows = self.rows(self.names(sensor, len(x)), unknown_sensor)
-        parts = [torch.split(part, batch_size) for part in (x, still, rows)]
+        check_batch_size(clips.batch_size)
+        x, still, single = inputs = self.prepare(clips)
+        warn_of_light("clips", inputs, self.encoder, clips.background, stacklevel=stacklevel)
+        parts = [
+            torch.split(part, clips.batch_size) for part in (x, still, self.rows(clips, len(x)))
+        ]
         return list(zip(*parts, strict=True)), single
 
     def _moved(self, clips: Sequence[Tensor]) -> list[Tensor]:
@@ -171,12 +188,6 @@ class ClipEncoder:
         if self.reading == "projected":
             return vector.float()
         return joint_vector({"summary": vector.float()})
-
-
-def check_batch_size(batch_size: int) -> None:
-    """Raises a ConfigError unless it is a whole number of clips, 1 or more."""
-    if not isinstance(batch_size, int) or isinstance(batch_size, bool) or batch_size < 1:
-        raise ConfigError(f"batch_size={batch_size!r}: give a whole number of clips, 1 or more")
 
 
 def check_device(device: str | torch.device) -> torch.device:

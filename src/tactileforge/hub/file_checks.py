@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import torch
 from safetensors import SafetensorError, safe_open
 from torch import nn
 
@@ -46,8 +44,7 @@ def check_nodes(path: Path, header: Header) -> None:
 
     Raises:
         DataError: An argument names a file or a place on the network, is larger than that of any
-            model, or the plugin reads files where it is built; or the model is larger than the
-            file.
+            model, or the plugin reads files where it is built.
     """
     try:
         with safe_open(path, "pt") as file:
@@ -77,7 +74,6 @@ def check_nodes(path: Path, header: Header) -> None:
                 f"{path}: {node['name']} reads other files where it is built, and a model file "
                 "names none; fetch it again from somebody you trust"
             )
-    _check_total(path, header)
 
 
 def _check_argument(path: Path, where: str, value: Any) -> None:
@@ -133,26 +129,3 @@ def towers_of(path: Path, entry: Mapping[str, Any]) -> dict[str, Any]:
     else:
         return {}
     return {"text_encoder": tower, "image_encoder": None}
-
-
-def _check_total(path: Path, header: Header) -> None:
-    """Builds on the meta device, without memory, and compares sizes with the file's."""
-    parts: list[nn.Module] = []
-    kinds = [("encoders", {"node": header.encoder})]
-    kinds += [("heads", entry) for entry in header.heads.values()]
-    for kind, entry in kinds:
-        # heads need the encoder, which could not be outlined
-        if kind == "heads" and not parts:
-            return
-        # a plugin may need its numbers where it is built: it is not counted
-        with suppress(NotImplementedError, RuntimeError), torch.device("meta"):
-            context = {"encoder": parts[0]} if parts else {}
-            with torch.random.fork_rng(devices=[]):
-                context |= towers_of(path, entry)
-                parts.append(build(path, kind, entry["node"], **context))
-    needs = sum(x.numel() for part in parts for x in part.state_dict().values())
-    if needs > path.stat().st_size:  # a byte a number, at least
-        raise DataError(
-            f"{path}: the model it describes has {needs:,} numbers, and the file "
-            f"{path.stat().st_size:,} bytes; fetch it again"
-        )

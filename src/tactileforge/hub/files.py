@@ -7,12 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from tactileforge.errors import ConfigError, DataError
+from tactileforge.hub.allowance import Allowance
 from tactileforge.hub.file_checks import build, check_nodes, check_plugin, towers_of
 from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
@@ -162,7 +164,8 @@ def open_model(
     check_nodes(path, header)
     # so far by the header alone: nothing of the file was built
     node = registry.without_start("encoders", header.encoder)
-    with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
+    # the numbers drawn here are replaced
+    with torch.random.fork_rng(devices=[]), Allowance(path):
         encoder = build(path, "encoders", node)
     try:
         state = load_file(path)
@@ -187,13 +190,18 @@ def _open_heads(
     heads: dict[str, nn.Module] = {}
     for name, entry in header.heads.items():
         prefix = _of_head(name)
-        with torch.random.fork_rng(devices=[]):
+        with torch.random.fork_rng(devices=[]), Allowance(path):
             towers = towers_of(path, entry)
             head: nn.Module = build(path, "heads", entry["node"], encoder=encoder, **towers)
         own = {key.removeprefix(prefix): x for key, x in state.items() if key.startswith(prefix)}
         fill_weights(head, own, f"{path}, head {name}")
         heads[name] = head.requires_grad_(False).eval()
     return heads
+
+
+def _is_finite(values: Tensor) -> bool:
+    # numpy: two threads of torch that wait for each other take seconds on a busy machine
+    return bool(np.isfinite(values.float().cpu().numpy()).all())
 
 
 def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) -> None:
@@ -214,7 +222,7 @@ def fill_weights(encoder: nn.Module, state: Mapping[str, Tensor], where: str) ->
             if own[key].shape != state[key].shape
         ],
         "not finite": sorted(
-            key for key, x in state.items() if x.is_floating_point() and not x.isfinite().all()
+            key for key, x in state.items() if x.is_floating_point() and not _is_finite(x)
         ),
     }
     if any(wrong.values()):

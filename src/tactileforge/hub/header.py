@@ -156,7 +156,8 @@ def read_header(path: str | Path) -> Header:
         if not isinstance(content, str):
             raise ConfigError(
                 "safetensors, but not written by tactileforge; for published weights: "
-                "tactileforge zoo get NAME --from FILE"
+                "tactileforge zoo get NAME --from FILE; for a state_dict of a model of yours: "
+                "model.load_state_dict(safetensors.torch.load_file(FILE)), then model.save(FILE)"
             )
         if len(content) > _LONGEST_OWN:
             raise ConfigError(
@@ -224,7 +225,8 @@ def _json_text(path: Path, file: BinaryIO) -> bytes:
     if first != b"{" and (start[:2] == b"PK" or start[:1] == b"\x80"):
         raise DataError(
             f"{path}: a pickle, whatever its name says; nothing in it was executed. For published "
-            "weights: tactileforge zoo get NAME --from FILE; for a run: tactileforge zoo pack RUN"
+            "weights: tactileforge zoo get NAME --from FILE; for a run: tactileforge zoo pack RUN; "
+            "for a state_dict of yours: load it into a model by torch, then model.save(FILE)"
         )
     length, size = int.from_bytes(start, "little"), path.stat().st_size
     if size < 9 or (first == b"{" and length > size - 8):

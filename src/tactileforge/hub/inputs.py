@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -15,7 +16,8 @@ from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.sensors.swapped_colours import warn_of_swapped
 
-Images: TypeAlias = NDArray[Any] | Tensor
+#: Arrays and tensors, uint8, or floats from 0 to 1; PIL images; paths of images; lists of these.
+Images: TypeAlias = Any
 
 _CLIP = "(T, H, W, 3) or (T, 3, H, W), or a batch of these"
 _STILL = "(H, W, 3) or (3, H, W), or one for each clip"
@@ -52,8 +54,9 @@ def prepare_clips(
         DataError: Another type, layout, size or number of frames; says what was expected.
         ConfigError: No background, or an unknown word for it.
     """
-    frames, single = _repeat_stills(frames, count)
-    if not isinstance(background, str) and background is not None:
+    frames, single = _repeat_stills(as_pixels("frames", frames), count)
+    if isinstance(background, Path) or (background is not None and not isinstance(background, str)):
+        background = as_pixels("background", background)
         return ClipInputs(*check_clip(frames, background, count), single)
     clips, neutral = check_clip(frames, None, count)
     if background == "first":
@@ -65,6 +68,55 @@ def prepare_clips(
         f"{what}: give a frame without contact of the same recording; background='first' takes "
         "the first frame of each clip, background='none' subtracts nothing"
     )
+
+
+def as_pixels(what: str, images: Any) -> Any:
+    """Images as uint8 arrays or tensors, if they are given in another form; else unchanged.
+
+    Args:
+        what: Name of the images in errors.
+        images: A PIL image, a path, floats from 0 to 1, or a list of these, which is stacked.
+
+    Raises:
+        DataError: No such file, no image, or floats beyond 0 to 1.
+    """
+    if isinstance(images, str | Path):
+        return _read(what, Path(images))
+    if isinstance(images, list | tuple):
+        if not images:
+            raise DataError(f"{what}: an empty list; give images")
+        parts = [as_pixels(what, one) for one in images]
+        try:
+            if any(isinstance(part, Tensor) for part in parts):
+                return torch.stack([torch.as_tensor(part) for part in parts])
+            return np.stack(parts)
+        except (ValueError, RuntimeError) as error:
+            raise DataError(f"{what}: a list of different sizes; give one size") from error
+    if hasattr(images, "convert") and hasattr(images, "getbands"):  # without importing PIL
+        return np.asarray(images.convert("RGB"))
+    return _scaled(images)
+
+
+def _read(what: str, path: Path) -> NDArray[np.uint8]:
+    import cv2
+
+    if not path.is_file():
+        raise DataError(f"{what}: {path}: no such file; correct the path")
+    image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise DataError(f"{what}: {path}: not an image; for a video: model.encode_video(path)")
+    return np.ascontiguousarray(image[..., ::-1])
+
+
+def _scaled(images: Any) -> Any:
+    """Floats from 0 to 1 as uint8; others, and what is no array, unchanged."""
+    if isinstance(images, Tensor) and images.is_floating_point():
+        low, high = (float(x) for x in images.detach().aminmax()) if images.numel() else (2.0, 2.0)
+        return (255 * images.detach()).round().byte() if 0 <= low <= high <= 1 else images
+    floats = isinstance(images, np.ndarray) and np.issubdtype(images.dtype, np.floating)
+    if floats and images.size and 0 <= images.min() <= images.max() <= 1:
+        return np.rint(255 * images).astype(np.uint8)
+    return images
 
 
 def warn_of_swapped_clips(clips: ClipInputs, stacklevel: int = 4) -> None:

@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from tactileforge.contracts import Frames
-from tactileforge.data.labels.displacement import displacement_mm
-from tactileforge.encoders.feature_groups import group_sizes, joint_vector
-from tactileforge.encoders.views import ComputedViews
-from tactileforge.errors import ConfigError, unknown
-from tactileforge.hub import forces
+from tactileforge.encoders.feature_groups import group_sizes
+from tactileforge.errors import ConfigError
+from tactileforge.hub import forces, head_reader, saving
 from tactileforge.hub.cards import Card
-from tactileforge.hub.clip_encoder import ClipEncoder, check_batch_size, check_device
+from tactileforge.hub.clip_encoder import ClipEncoder, check_device
+from tactileforge.hub.clips import Batched, Clips, Sensors, Still, Unknown, check_batch_size
 from tactileforge.hub.force_reader import ForceReader
 from tactileforge.hub.forces import ModelReadings
 from tactileforge.hub.header import Header
 from tactileforge.hub.inputs import Images, squash_images
 from tactileforge.hub.picture_checks import PictureChecks
 from tactileforge.hub.sensor_rows import Policy
-from tactileforge.hub.taps import Tap, check_tap
-from tactileforge.hub.video import Times, cut_clips, open_video
+from tactileforge.hub.taps import Tap
+from tactileforge.hub.video import Times, Video, cut_clips, open_video, stacked, still_of
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.streaming.contact import ContactOptions, SlipOptions
 from tactileforge.sensors.streaming.touch_stream import TouchStream
@@ -61,6 +58,7 @@ class Model(nn.Module):
         frames: Frames of a clip, T.
         projected: Size of a projected token; `encode` gives vectors of ``vector_size``.
         heads: ``torch.nn.ModuleDict``; empty where the file has none.
+        loaded: Hashes of its parts as they were loaded; see `part_hashes`.
 
     Raises:
         ConfigError: There is no such device.
@@ -91,11 +89,12 @@ class Model(nn.Module):
         usable_after_fork()
         # checked first: a move that fails would leave a part of the weights behind
         self.to(check_device(device)).eval()
+        self.loaded = self.part_hashes()
 
     @property
     def device(self) -> torch.device:
         """Device of its weights."""
-        return self._clips.device
+        return self.clips_reader.device
 
     @property
     def sensors(self) -> list[str]:
@@ -105,7 +104,7 @@ class Model(nn.Module):
     @property
     def any_sensor(self) -> bool:
         """Whether it ignores the sensor type: every sensor is encoded alike, named or not."""
-        return self._clips.any_sensor
+        return self.clips_reader.any_sensor
 
     @property
     def spacing(self) -> float:
@@ -123,7 +122,7 @@ class Model(nn.Module):
 
         None for imported weights: their encoder was trained on frames of any size.
         """
-        return self._clips.squashed
+        return self.clips_reader.squashed
 
     @property
     def reading(self) -> Literal["summary", "projected"]:
@@ -133,12 +132,12 @@ class Model(nn.Module):
         token (on real touches .736 against .681, and .510 against .425 held out; see
         docs/reports/gate.md). Imported weights give the vector that their authors use.
         """
-        return self._clips.reading
+        return self.clips_reader.reading
 
     @property
     def vector_size(self) -> int:
         """Length of a vector of `encode`."""
-        return self._clips.vector_size
+        return self.clips_reader.vector_size
 
     @property
     def group_sizes(self) -> dict[str, int]:
@@ -157,6 +156,47 @@ class Model(nn.Module):
         """The same of the encoder's weights alone; ties a head for classes to its encoder."""
         return self._encoder_hash or forces.fingerprint([self.encoder])
 
+    @property
+    def is_rounded(self) -> bool:
+        """Whether its weights were rounded when it was loaded: ``dtype`` of `load`."""
+        return bool(self._fingerprint)
+
+    def part_hashes(self) -> dict[str, str]:
+        """Hashes of the weights of ``encoder`` and of each ``head.NAME``."""
+        parts = {"encoder": self.encoder, **{f"head.{key}": x for key, x in self.heads.items()}}
+        return {key: forces.fingerprint([part]) for key, part in parts.items()}
+
+    def save(self, path: str | Path, **options: Any) -> Path:
+        """Writes the model as it is now to one file, which ``load(path)`` reads.
+
+        Weights that were trained since they were loaded, in a loop of yours too, have their lineage
+        in the header: from which weights they come, and what changed, by hashes.
+
+        Args:
+            path: The file.
+            **options: ``name``; ``licence``, where the weights have none; ``dtype``, ``float32`` or
+                ``float16``.
+
+        Raises:
+            ConfigError: Rounded weights, numbers that are not finite, or another licence than that
+                of the weights from which these come.
+        """
+        return saving.save_model(self, path, **options)
+
+    def save_pretrained(self, folder: str | Path, **options: Any) -> Path:
+        """Writes the file and a card to a folder, which ``load(folder)`` reads; see `save`."""
+        return saving.save_folder(self, folder, **options)
+
+    def push_to_hub(
+        self, repo: str, *, private: bool = False, message: str = "", **options: Any
+    ) -> str:
+        """Puts the file and a card into ``OWNER/NAME`` of the model hub, created if need be.
+
+        Returns the address of the commit; options and errors are those of `save`, and a
+        DataNotFoundError says what to do where the hub refuses.
+        """
+        return saving.push(self, repo, private=private, message=message, **options)
+
     def __repr__(self) -> str:
         size = sum(x.numel() for x in self.encoder.state_dict().values()) / 1e6  # int8 is a buffer
         return (
@@ -167,13 +207,12 @@ class Model(nn.Module):
     def encode(
         self,
         frames: Images,
-        background: Images | str | None = None,
-        sensor: str | Sequence[str] | None = None,
+        background: Still = None,
+        sensor: Sensors = None,
         *,
         groups: Sequence[str] | Literal["all"] | None = None,
-        unknown_sensor: Policy = "error",
-        batch_size: int = 32,
         checks: bool = True,
+        **options: Unpack[Batched],
     ) -> Tensor:
         """Encodes each clip as one vector; warns of changed light without touch.
 
@@ -190,10 +229,10 @@ class Model(nn.Module):
                 factor with which a plain linear probe does well: see `groups` and
                 `feature_groups.joint_vector`. None takes ``summary``, the best single vector for a
                 linear probe; of imported weights the projected vector of their authors.
-            unknown_sensor: ``error``, or ``universal`` to take the universal tokens, and warn.
-            batch_size: Clips that are computed at once.
             checks: Whether to warn, once a background, of one that is mirrored, on its side or of
                 other colours for its sensor.
+            **options: ``unknown_sensor``: ``error``, or ``universal`` to take the universal tokens,
+                and warn. ``batch_size``: clips that are computed at once, 32.
 
         Returns:
             float32 (n,), or (B, n) for a batch, on the model's device: n is ``vector_size``, or
@@ -205,251 +244,118 @@ class Model(nn.Module):
         """
         if checks:
             self._picture_checks(background, sensor)
-        clips = frames, background, sensor, unknown_sensor, batch_size
-        if groups is None and self.reading == "projected":
-            return self._clips.tapped("projected", *clips)
-        groups = ["summary"] if groups is None else groups
-        return joint_vector(self._clips.grouped(None if groups == "all" else groups, *clips))
+        return self.clips_reader.encoded(groups, Clips(frames, background, sensor, **options))
 
     def features(
         self,
         frames: Images,
-        background: Images | str | None = None,
-        sensor: str | Sequence[str] | None = None,
+        background: Still = None,
+        sensor: Sensors = None,
         *,
         tap: Tap = "tokens",
-        unknown_sensor: Policy = "error",
-        batch_size: int = 32,
-    ) -> Tensor:
-        """Features of clips at one of the encoder's taps.
+        layers: Sequence[int] | None = None,
+        **options: Unpack[Batched],
+    ) -> Any:
+        """Features of clips at one of the encoder's taps, float32, with B in front for a batch.
 
-        Args:
-            frames: Clips, uint8, RGB, in the shapes of `encode`.
-            background: Frame without contact, or a word in its place, as in `encode`.
-            sensor: Name of the sensor, or one name a clip, as in `encode`.
-            tap: ``tokens`` (L, width), as the encoder's authors use them: prefix tokens, then
-                patches in order of slot, row, column. ``cls`` (width,), the class token among them.
-                ``patches`` (slots, rows, columns, width), the others by their places. ``projected``
-                (projected,), the vector compared with words, by heads of classes and by the
-                authors' probes. ``hidden`` and ``normed`` (L, width), the last hidden state before
-                and after the last norm; ``projected_tokens`` (L, projected), ``normed`` through the
-                projection. ``global`` (projected,), the mean of all patches,
-                projected without the norm (AnyTouch 1). ``summary`` (n,), means in the quarters of
-                the image and deviations of the patches of up to four blocks; `encode` gives it,
-                scaled, of a model trained here. See `encode_summary`.
-            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
-            batch_size: Clips that are computed at once.
-
-        Returns:
-            float32, with B in front for a batch.
-
-        Raises:
-            DataError: Frames or background are not what the model takes.
-            ConfigError: See `encode`; or the encoder has no class token, or no last norm.
+        Arguments and errors are those of `encode`; ``tap`` is one of `taps.Tap`. With ``layers``, a
+        list: the outputs of these blocks, (L, width), or (C, H, W) of a convolutional network; -1
+        is the last.
         """
-        return self._clips.tapped(tap, frames, background, sensor, unknown_sensor, batch_size)
+        clips = Clips(frames, background, sensor, **options)
+        if layers is not None:
+            return self.clips_reader.layered(layers, clips)
+        return self.clips_reader.tapped(tap, clips)
 
     def groups(
         self,
         frames: Images,
-        background: Images | str | None = None,
-        sensor: str | Sequence[str] | None = None,
+        background: Still = None,
+        sensor: Sensors = None,
         *,
         names: Sequence[str] | None = None,
-        unknown_sensor: Policy = "error",
-        batch_size: int = 32,
+        **options: Unpack[Batched],
     ) -> dict[str, Tensor]:
-        """Features of clips in groups, each computed once from the uint8 frames.
+        """Features of clips in groups, by name, float32 (n,), or (B, n); sizes as in `group_sizes`.
 
-        They differ in content and in size. A probe does best if it weighs the groups, as the
-        probes ``ridge`` and ``logistic`` of ``tactileforge bench`` do.
-
-        - ``summary``: of the encoder, as `features` gives it with ``tap="summary"``. No unit.
-        - ``photographs``, (2360,), where the encoder has a network of photographs
-          (``anytouch2.tiny-real``): the network's own maps, as means of the quarters of the image
-          and deviations over it. No unit.
-        - ``difference``, (384,): grey levels, un-normalised. Means over 8 x 8 cells of the last
-          frame less the background, (3, 8, 8), then of the last frame less the first, (3, 8, 8).
-          With ``background="none"`` the first half is the picture itself, less a grey.
-        - ``statistics``, (69,): of the last frame less its background at 128 x 128: moments,
-          slopes and quantiles in shares of the range of grey levels, logarithms of the power in
-          rings of the spectrum, and correlations of the channels.
-
-        Args:
-            frames: Clips, uint8, RGB, in the shapes of `encode`.
-            background: Frame without contact, or a word in its place, as in `encode`.
-            sensor: Name of the sensor, or one name a clip, as in `encode`.
-            names: Names of groups; None takes all. A group that is not named costs nothing: without
-                ``summary`` no transformer runs, without ``photographs`` beside it no network.
-            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
-            batch_size: Clips that are computed at once.
-
-        Returns:
-            By name, float32 (n,), or (B, n) for a batch, on the model's device; sizes as in
-            `group_sizes`.
-
-        Raises:
-            DataError: Frames or background are not what the model takes.
-            ConfigError: See `encode`; or the model has no such group.
-
-        Example:
-            >>> import numpy as np
-            >>> from tactileforge import load
-            >>> rest = np.full((240, 320, 3), 110, np.uint8)
-            >>> model = load("anytouch2.tiny")
-            >>> groups = model.groups(np.stack([rest] * 4), rest, "digit", names=["difference"])
-            >>> groups["difference"].view(2, 3, 8, 8)[0].mean((1, 2)).tolist()  # red, green, blue
-            [0.0, 0.0, 0.0]
+        Arguments and errors are those of `encode`. None takes all groups, see
+        `feature_groups.GROUPS`; a group that is not named costs nothing: without ``summary`` no
+        transformer runs, without ``photographs`` beside it no network.
         """
-        return self._clips.grouped(names, frames, background, sensor, unknown_sensor, batch_size)
+        return self.clips_reader.grouped(names, Clips(frames, background, sensor, **options))
 
     def forward(
         self,
         frames: Images,
-        background: Images | str | None = None,
-        sensor: str | Sequence[str] | None = None,
+        background: Still = None,
+        sensor: Sensors = None,
         *,
         tap: Tap = "projected",
-        unknown_sensor: Policy = "error",
+        **options: Unpack[Unknown],
     ) -> Tensor:
         """Encodes all clips at once, with gradients if they are enabled: ``model(clips, ...)``.
 
-        Args:
-            frames: Clips, uint8, RGB, in the shapes of `encode`.
-            background: Frame without contact, or a word in its place, as in `encode`.
-            sensor: Name of the sensor, or one name a clip, as in `encode`.
-            tap: Name of a tap, as in `features`.
-            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
-
-        Returns:
-            Features of the tap, float32; shapes as in `features`.
-
-        Raises:
-            DataError: Frames or background are not what the model takes.
-            ConfigError: No background, no such sensor, or no such tap of this encoder.
+        Arguments, shapes and errors are those of `features`.
         """
-        check_tap(self.encoder, tap)
-        reader = self._clips
-        x, still, single = reader.prepare(frames, background)
-        rows = reader.rows(reader.names(sensor, len(x)), unknown_sensor)
-        out = reader.read(tap, x, still, rows).float()
-        return out[0] if single else out
+        return self.clips_reader.with_gradients(tap, Clips(frames, background, sensor, **options))
 
     def force(
         self,
         frames: Images,
-        background: Images | str | None = None,
-        sensor: str | Sequence[str] | None = None,
+        background: Still = None,
+        sensor: Sensors = None,
         *,
         calibration: Calibration | str | Path | None = None,
         checks: bool = True,
     ) -> Tensor:
-        """The force of the object on the gel in frames 2..T of each clip.
+        """The force of the object on the gel in frames 2..T, N: (T - 1, 3), or (B, T - 1, 3).
 
-        Warns without a calibration of the unit: units differ in gel and light, and the newtons are
-        then an estimate, not a measurement. Warns, too, of frames without a force: the light has
-        changed since the background was taken and nothing touches (`sensors.light`), or the force
-        is beyond the scale of the sensor, which no force in training was.
-
-        Args:
-            frames: Clips, uint8, RGB, in the shapes of `encode`.
-            background: Frame without contact, or a word in its place, as in `encode`.
-            sensor: Name of the sensor, as in `encode`; the universal tokens do not fit forces.
-            calibration: Calibration of this unit, or its file, fitted to this model (``tactileforge
-                calibrate model=...``); an axis that it leaves out stays the model's estimate.
-            checks: Whether to warn of the background, as in `encode`.
-
-        Returns:
-            float32 (T - 1, 3), or (B, T - 1, 3) for a batch, N; axes as in `contracts`; NaN in the
-            frames that get none. A published head gives the newest frame alone: (1, 3), (B, 1, 3).
-
-        Raises:
-            ConfigError: The file has no force head, no scale for a sensor, or the calibration is of
-                another model or sensor.
-            DataError: Frames or background are not what the model takes.
+        Without a ``calibration`` of this unit, or its file (``tactileforge calibrate model=...``),
+        it is an estimate, and warns; an axis that the calibration leaves out stays one. NaN, with a
+        warning, in frames with changed light and no touch, or beyond the scale of the sensor. A
+        published head gives the newest frame alone: (1, 3). ``checks`` and errors are those
+        of `encode`, and a ConfigError without a force head, a scale of the sensor, or of another
+        model's calibration.
         """
-        if "force" not in self.heads:
-            raise ConfigError(
-                f"{self!r} has no force head: pack a run whose objectives include force "
-                "(tactileforge zoo pack RUN)"
-            )
         if checks:
             self._picture_checks(background, sensor)
-        force = self.readings(frames, background, sensor, calibration=calibration).force
-        if force is None:
-            known = self.header.heads["force"].get("scale", {})
-            raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
-        # after the reading: if it fails, a warning about units would only be noise
-        if calibration is None:
-            forces.warn_of_estimates()
-        why = f"{forces.LIGHT}, or {forces.BEYOND}"
-        forces.warn_of_missing("force", force.isnan().any(-1), why)
-        return force
+        return head_reader.force_of(self, Clips(frames, background, sensor), calibration)
 
     def surface(
         self,
         frames: Images,
-        background: Images | str | None = None,
-        sensor: str | Sequence[str] | None = None,
-        *,
-        unknown_sensor: Policy = "error",
+        background: Still = None,
+        sensor: Sensors = None,
+        **options: Unpack[Unknown],
     ) -> Tensor:
-        """The estimated displacement of the gel's surface in each frame of each clip.
+        """The estimated displacement of the gel's surface, mm: (T, 3, 32, 32), or with B in front.
 
-        It was learned from simulated gels; see the card for how well real ones are read. Warns of
-        frames that get none, because the light has changed since the background was taken.
-
-        Args:
-            frames: Clips, uint8, RGB, in the shapes of `encode`.
-            background: Frame without contact, or a word in its place, as in `encode`.
-            sensor: Name of the sensor, or one name a clip, as in `encode`.
-            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
-
-        Returns:
-            float32 (T, 3, 32, 32), or (B, T, 3, 32, 32) for a batch, mm along x and y of the image
-            and z into the gel; the 32 rows and columns span the frame. NaN in frames that get none.
-
-        Raises:
-            ConfigError: The file has no surface head; see `encode`.
-            DataError: Frames or background are not what the model takes.
+        Along x and y of the image and z into the gel, in 32 rows and columns that span the frame;
+        learned from simulated gels, see the card. NaN, with a warning, in frames with changed
+        light. Errors are those of `encode`, and a ConfigError without a surface head.
         """
-        if "surface" not in self.heads:
-            raise ConfigError(
-                f"{self!r} has no surface head: pack a run whose objectives include surface "
-                "(tactileforge zoo pack RUN)"
-            )
-        reader = self._clips
-        x, still, single = reader.prepare(frames, background)
-        rows = reader.rows(reader.names(sensor, len(x)), unknown_sensor)
-        with torch.no_grad():
-            views = ComputedViews.of(self.encoder, *reader.run(x, still, rows))
-            surface = displacement_mm(self.heads["surface"](views, {}).float())
-        if not forces.has_no_background(self.encoder, background):
-            surface = forces.without_light(surface, x, still)
-            forces.warn_of_missing("surface", surface.isnan().flatten(2).any(-1), forces.LIGHT)
-        return surface[0] if single else surface
+        return head_reader.surface_of(self, Clips(frames, background, sensor, **options))
 
     def classify(
         self,
         frames: Images,
-        background: Images | str | None = None,
-        sensor: str | Sequence[str] | None = None,
+        background: Still = None,
+        sensor: Sensors = None,
         *,
         head: str | Path | ClassHead | None = None,
         names: Sequence[str] | None = None,
-        unknown_sensor: Policy = "error",
+        **options: Unpack[Unknown],
     ) -> Classes:
-        """Classifies clips by a linear head on their projected vectors.
+        """Classifies clips, or still images, by a linear head on their projected vectors.
 
         Args:
-            frames: uint8 clips as in `encode`; or one image (H, W, 3) or (3, H, W), shown as a
-                still clip.
+            frames: Clips as in `encode`.
             background: Frame without contact, or a word in its place, as in `encode`.
             sensor: Name of the sensor, or one name a clip, as in `encode`.
             head: A head that the benchmark fitted to this model, ``heads/TASK.MODEL.safetensors``;
                 None takes the one of a run trained with the objective ``classify``.
             names: Objects to choose from, for the head of a run, which keeps no names.
-            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
+            **options: ``unknown_sensor``, as in `encode`.
 
         Raises:
             ConfigError: There is no head, or it belongs to another model or sensor, or was fitted
@@ -457,79 +363,56 @@ class Model(nn.Module):
             DataError: The file is not a head; see `encode`.
             DataNotFoundError: There is no such file.
         """
-        from tactileforge.hub.classify import classes_of, fitted_layer, packed_layer
+        from tactileforge.hub.classify import classes_of, layer_of
 
-        refuse_itself(frames, background)
-        if head is None:
-            layer = packed_layer(self.heads, names, repr(self))
-        elif names is not None:
-            raise ConfigError("names= is for the head of a run; head= knows the names of its own")
-        else:
-            named = {sensor} if isinstance(sensor, str) else set(sensor or ())
-            word = background if isinstance(background, str) else ""
-            subtracts = background is not None and word != "none"
-            layer = fitted_layer(head, self.encoder_hash, repr(self), subtracts, named)
+        clips = Clips(frames, background, sensor, **options)
         # the layer first: a wrong head is found before the encoder has done its work
-        vectors = self.features(
-            frames, background, sensor, tap="projected", unknown_sensor=unknown_sensor
-        )
-        return classes_of(vectors, layer)
+        layer = layer_of(head, names, clips, self)
+        return classes_of(self.clips_reader.tapped("projected", clips), layer)
 
     def match_words(
         self,
         frames: Images,
         words: Sequence[str],
-        background: Images | str | None = None,
-        sensor: str | Sequence[str] | None = None,
+        background: Still = None,
+        sensor: Sensors = None,
         *,
         template: str | None = None,
         temperature: float | None = None,
         text_encoder: TextEncoder | None = None,
-        unknown_sensor: Policy = "error",
+        **options: Unpack[Unknown],
     ) -> WordMatches:
         """Words for clips, by cosine similarity in the space shared by touch and language.
 
-        Runs trained with the objective ``align`` on captions, AnyTouch 1 and 2, TVL, UniTouch and
-        CLIP have such a space. Source: CLIP (arXiv 2103.00020), section 3.1.2.
+        Source: CLIP (arXiv 2103.00020), section 3.1.2.
 
         Args:
-            frames: uint8 clips as in `encode`; or one image (H, W, 3) or (3, H, W), shown as a
-                still clip.
+            frames: Clips, or still images, as in `encode`.
             words: Words or phrases to choose from, each once.
             background: Frame without contact, or a word in its place, as in `encode`.
             sensor: Name of the sensor, or one name a clip, as in `encode`.
-            template: Sentence of a word, with ``{}`` for the word; None takes the one on the card,
-                or the word alone.
-            temperature: Temperature of the softmax over the words; None takes that of training,
-                or 0.07 where the file keeps none.
+            template: Sentence of a word, with ``{}`` for it; None takes the one on the card, or
+                the word alone.
+            temperature: Temperature of the softmax over words; None takes that of training, or
+                0.07 where the file keeps none.
             text_encoder: Text tower, or the name on the model hub or the folder of the CLIP that
                 has it; None takes the one in the file, or on the card.
-            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
-
-        Returns:
-            Probabilities and cosines, float32 (words,), or (B, words) for a batch, and ``name``,
-            the best word of each clip.
+            **options: ``unknown_sensor``, as in `encode`.
 
         Raises:
             ConfigError: The model is not aligned with language, or the tower does not fit it; or no
                 words, or a template without ``{}``; see `encode`.
             PluginError: The text tower cannot be loaded; says what to install.
             DataError: Frames or background are not what the model takes.
-
-        Example:
-            >>> model = tactileforge.load("tvl.vitb")  # doctest: +SKIP
-            >>> model.match_words(clip, ["wood", "metal"], sensor="digit").name  # doctest: +SKIP
-            'wood'
         """
         from tactileforge.hub.words import language_of, match_vectors
 
-        refuse_itself(frames, background)
+        clips = Clips(frames, background, sensor, **options)
+        clips.refuse_itself()
         side = language_of(self.header, dict(self.heads), repr(self), self.projected)
         # the words first: a missing tower is found before the encoder has done its work
         text = side.vectors(words, template, text_encoder, self.device)
-        touch = self.features(
-            frames, background, sensor, tap="projected", unknown_sensor=unknown_sensor
-        )
+        touch = self.clips_reader.tapped("projected", clips)
         kept = side.temperature if temperature is None else temperature
         return match_vectors(touch, text, words, kept)
 
@@ -537,147 +420,60 @@ class Model(nn.Module):
         self,
         name: str,
         frames: Images,
-        background: Images | str | None = None,
-        sensor: str | Sequence[str] | None = None,
-        *,
-        unknown_sensor: Policy = "error",
+        background: Still = None,
+        sensor: Sensors = None,
+        **options: Unpack[Unknown],
     ) -> Any:
-        """Reads a head as it is: logits, or normalised forces; warns of changed light as `encode`.
+        """Reads the head called ``name`` as it is: logits, or normalised forces, of a batch.
 
-        Args:
-            name: A key of ``heads``.
-            frames: Clips, uint8, RGB, as in `encode`; a batch.
-            background: Frame without contact, or a word in its place, as in `encode`.
-            sensor: Name of the sensor, or one name a clip, as in `encode`.
-            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
-
-        Raises:
-            ConfigError: There is no such head; see `encode`.
-            DataError: Frames or background are not what the model takes.
+        Arguments, warnings and errors are those of `encode`.
         """
-        if name not in self.heads:
-            raise ConfigError(unknown("head of the model", name, self.heads))
-        if name == "align":
-            raise ConfigError("the aligned head is read with words: model.match_words(clip, words)")
-        reader = self._clips
-        x, still, _ = clips = reader.prepare(frames, background)
-        forces.warn_of_light(f"head {name}", clips, self.encoder, background)
-        rows = reader.rows(reader.names(sensor, len(x)), unknown_sensor)
-        with torch.no_grad():
-            return self.heads[name](ComputedViews.of(self.encoder, *reader.run(x, still, rows)), {})
+        return head_reader.read_head(self, name, Clips(frames, background, sensor, **options))
 
     def readings(
         self,
         frames: Images,
-        background: Images | str | None = None,
-        sensor: str | Sequence[str] | None = None,
+        background: Still = None,
+        sensor: Sensors = None,
         *,
-        unknown_sensor: Policy = "error",
         calibration: Calibration | str | Path | None = None,
         check: bool = True,
+        **options: Unpack[Unknown],
     ) -> ModelReadings:
-        """Vectors and forces of clips, from one pass of the encoder.
+        """Vectors and forces of clips, from one pass of the encoder; see `encode` and `force`.
 
-        Args:
-            frames: Clips, uint8, RGB, in the shapes of `encode`.
-            background: Frame without contact, or a word in its place, as in `encode`.
-            sensor: Name of the sensor, or one name a clip, as in `encode`.
-            unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
-            calibration: Calibration of this unit, or its file, as in `force`.
-            check: Whether light and colours are compared with the background; see `force`. A
-                stream does so itself, in pictures as they came.
-
-        Raises:
-            DataError: Frames or background are not what the model takes.
-            ConfigError: No background, no such sensor, or a calibration of another model or sensor.
+        Without ``check``, light and colours are not compared with the background: a stream does so
+        itself, in pictures as they came.
         """
-        reader, head = self._clips, self._force
-        x, still, single = clips = reader.prepare(frames, background, check)
-        names = reader.names(sensor, len(x))
-        scale = None if head is None else head.scale(names)
-        rows = reader.rows(names, unknown_sensor)
-        calibration = forces.opened_calibration(calibration)
-        with torch.no_grad():
-            if head is None or scale is None:
-                vector, force = reader.vector(x, still, rows), None
-            else:
-                axes = None if calibration is None else self.axes_of(calibration, names)
-                compare = check and not forces.has_no_background(self.encoder, background)
-                vector, force = head.read(clips, rows, scale, axes, compare)
-        if single:
-            return ModelReadings(vector[0], None if force is None else force[0])
-        return ModelReadings(vector, force)
+        clips = Clips(frames, background, sensor, **options)
+        return head_reader.readings_of(self, clips, calibration, check)
 
-    def force_inputs(
-        self, frames: Images, background: Images | str | None, sensor: str
-    ) -> dict[str, Tensor]:
-        """Inputs of a force calibration, float32 (B, T - 1) each.
+    def force_inputs(self, frames: Images, background: Still, sensor: str) -> dict[str, Tensor]:
+        """Inputs of a force calibration, float32 (B, T - 1) each, of a batch; see `force`.
 
         What the force head tells, see `forces.calibration_inputs`, and the change of the pictures,
         see `calibration.pictures.picture_inputs`. NaN, with a warning, in frames with changed light
         and no touch.
-
-        Args:
-            frames: Clips, uint8, RGB, as in `encode`; a batch.
-            background: Frame without contact, or a word in its place, as in `encode`.
-            sensor: Name of the sensor, as in `encode`.
-
-        Raises:
-            ConfigError: No background, no force head, or no scale for the sensor.
-            DataError: Frames or background are not what the model takes.
         """
-        reader, head = self._clips, self._force
-        clips = reader.prepare(frames, background)
-        names = reader.names(sensor, len(clips.frames))
-        scale = None if head is None else head.scale(names)
-        if head is None or scale is None:
-            raise ConfigError(f"{self!r} has no force head, or no scale for {sensor}")
-        rows = reader.rows(names, "error")
-        compare = not forces.has_no_background(self.encoder, background)
-        with torch.no_grad():
-            inputs = head.inputs(clips, rows, scale, compare)
-        if compare:
-            forces.warn_of_missing("force_inputs", inputs["z"].isnan(), forces.LIGHT)
-        return inputs
+        return head_reader.force_inputs_of(self, Clips(frames, background, sensor))
 
     def axes_of(self, calibration: Calibration, names: Sequence[str]) -> Mapping[str, ForceAxis]:
-        """The fits of a calibration, if it was made for this model.
-
-        Args:
-            calibration: Calibration of one unit.
-            names: Names of the sensors in the batch.
-
-        Raises:
-            ConfigError: The fits belong to another model or sensor.
-        """
+        """The fits of a calibration; a ConfigError if it is of another model or sensor."""
         return forces.fitted_axes(calibration, names, self.fingerprint)
 
     def cut(
-        self,
-        video: str | Path | Frames | NDArray[np.uint8],
-        hop: float = 0.2,
-        times: Times | None = None,
+        self, video: Video, hop: float = 0.2, times: Times | None = None
     ) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-        """Cuts a video into clips as in training, reading one at a time.
+        """Cuts a video into clips as in training, one at a time; arguments as in `encode_video`.
 
-        Args:
-            video: A file, frames, or an array of them, uint8 (T, H, W, 3), RGB.
-            hop: Seconds between the ends of neighbouring clips; at least one frame.
-            times: float64, seconds of each frame, increasing; a file knows its own.
-
-        Returns:
-            For each clip the time of its last frame, s, and its frames, uint8 (T, H, W, 3).
-
-        Raises:
-            ConfigError: No times for frames that know none.
-            DataError: The video is too short for one clip.
+        For each clip the time of its last frame, s, and its frames, uint8 (T, H, W, 3).
         """
         return cut_clips(open_video(video), self.frames, self.spacing, hop, times)
 
     def encode_video(
         self,
-        video: str | Path | Frames | NDArray[np.uint8],
-        background: Images | str | None = None,
+        video: Video,
+        background: Still = None,
         sensor: str | None = None,
         *,
         hop: float = 0.2,
@@ -707,27 +503,15 @@ class Model(nn.Module):
             DataError: The video is too short for one clip, its times do not go forward, or a frame
                 cannot be decoded.
         """
+        options: Batched = {"unknown_sensor": unknown_sensor, "batch_size": batch_size}
         check_batch_size(batch_size)
-        frames = open_video(video)
-        # once, of the video: in encode(), "first" would be the first frame of each clip
-        if isinstance(background, str) and background == "first":
-            background = frames.read([0])[0]
+        opened = open_video(video)
+        clips, still = self.cut(opened, hop, times), still_of(opened, background)
         ends: list[float] = []
         vectors: list[Tensor] = []
-        clips_of = self.cut(frames, hop, times)
-        while batch := list(islice(clips_of, batch_size)):
-            ends += [end for end, _ in batch]
-            stacked = np.stack([clip for _, clip in batch])
-            vectors.append(
-                self.encode(
-                    stacked,
-                    background,
-                    sensor,
-                    groups=groups,
-                    unknown_sensor=unknown_sensor,
-                    batch_size=batch_size,
-                )
-            )
+        for some, batch in stacked(clips, batch_size):
+            ends += some
+            vectors.append(self.encode(batch, still, sensor, groups=groups, **options))
         return np.array(ends), torch.cat(vectors)
 
     def stream(
@@ -759,15 +543,8 @@ class Model(nn.Module):
 
         Raises:
             ConfigError: The model does not know the sensor, or the calibration is of another.
-
-        Example:
-            >>> stream = model.stream("digit")  # doctest: +SKIP
-            >>> while (now := stream.push(camera.read(), time.monotonic())) is None:
-            ...     pass  # doctest: +SKIP
-            >>> now.contact, now.force  # doctest: +SKIP
-            (True, (0.02, -0.31, 1.24))
         """
-        calibration = forces.opened_calibration(calibration)
+        opened = forces.opened_calibration(calibration)
         stream = TouchStream(
             self,
             sensor,
@@ -776,9 +553,9 @@ class Model(nn.Module):
             slip=slip,
             embedding=embedding,
             unknown_sensor=unknown_sensor,
-            calibration=calibration,
+            calibration=opened,
         )
-        if calibration is None and self._scale([stream.sensor or ""]) is not None:
+        if opened is None and head_reader.scale_of(self, [stream.sensor or ""]) is not None:
             forces.warn_of_estimates()
         return stream
 
@@ -816,22 +593,13 @@ class Model(nn.Module):
 
     # made anew at each use: an encoder or head may be put in another's place
     @property
-    def _clips(self) -> ClipEncoder:
+    def clips_reader(self) -> ClipEncoder:
+        """Its encoder, with the preprocessing of clips."""
         return ClipEncoder(self.encoder, trained_here=bool(self.recipe))
 
     @property
-    def _force(self) -> ForceReader | None:
+    def force_reader(self) -> ForceReader | None:
+        """Its force head, with the encoder; None without one."""
         if "force" not in self.heads:
             return None
-        return ForceReader(self._clips, self.heads["force"], self.header.heads["force"])
-
-    def _scale(self, names: Sequence[str]) -> Tensor | None:
-        """Force scale of each clip; None without a force head, or without the scale of a sensor."""
-        return None if self._force is None else self._force.scale(names)
-
-
-def refuse_itself(frames: Images, background: Images | str | None) -> None:
-    """Raises a ConfigError if one image would be its own background."""
-    word = background if isinstance(background, str) else ""
-    if word == "first" and getattr(frames, "ndim", 0) == 3:
-        raise ConfigError("background='first' is the image itself: give one without contact")
+        return ForceReader(self.clips_reader, self.heads["force"], self.header.heads["force"])

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from tactileforge.hub import files
-from tactileforge.hub.runs import read_run
+from tactileforge.hub.runs import read_run, split_best
 from tactileforge.util.licences import NO_LICENCE, check_licence
 
 
@@ -42,7 +42,7 @@ def pack_run(
     """
     check_licence("licence", licence)
     run = Path(run)
-    path = Path(out) if out is not None else run / "model.safetensors"
+    path = Path(out) if out is not None else split_best(run)[0] / "model.safetensors"
     built, heads, header = read_run(run, name=name, licence=licence, encoder=encoder)
     files.save_checkpoint(path, built, header, dtype, heads)
     return path

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.hub import files
 from tactileforge.hub.aligned import ALIGN, aligned_head
 from tactileforge.hub.header import Header
@@ -41,7 +41,8 @@ def read_run(
     encoder that it was trained on, and not beside an EMA. The sensors are those of the training.
 
     Args:
-        run: Folder of the run: its ``config.yaml`` and last checkpoint are read.
+        run: Folder of the run: its ``config.yaml`` and last checkpoint are read, or with
+            ``@best`` behind it the best one.
         name: Name of the model.
         licence: SPDX identifier of the weights.
         encoder: ``trained``, the encoder that the optimiser changed, or ``slow``, its EMA; None
@@ -55,6 +56,7 @@ def read_run(
         DataError: Checkpoint and configuration do not fit.
         ConfigError: No EMA of the encoder, or several.
     """
+    run, best = split_best(run)
     config = _config(run)
     kept = run_folder.read_versions(run)
     if (known := config["encoder"].get("sensors")) and (trained := kept.get("sensors")):
@@ -63,7 +65,12 @@ def read_run(
     # its weights are those of the checkpoint: no others are read or fetched
     config["encoder"] = registry.without_start("encoders", config["encoder"])
     # popped: the recipe in a header is not this run
-    checkpoint = read_own(run, config.pop("run", None), ("global_step",))
+    place = run / run_folder.BEST if best else run
+    if best and not place.is_file():
+        raise DataNotFoundError(
+            f"{place}: the run kept no best weights; train with trainer.keep_best"
+        )
+    checkpoint = read_own(place, config.pop("run", None), ("global_step",))
     kind, state = _choose(checkpoint["state_dict"], encoder, run)
     with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
         built = registry.build("encoders", config["encoder"])
@@ -91,6 +98,13 @@ def read_run(
     for module in (built, *heads.values()):
         module.requires_grad_(False).eval()
     return built, heads, header
+
+
+def split_best(run: Path) -> tuple[Path, bool]:
+    """The folder of ``RUN`` or ``RUN@best``, and whether its best weights are meant."""
+    if run.name.endswith("@best") and not run.exists():
+        return run.with_name(run.name.removesuffix("@best")), True
+    return run, False
 
 
 def open_run(

@@ -22,6 +22,8 @@ from tactileforge.util import downloads, strict
 from tactileforge.util.files import cache_folder, disk_errors_named, new_part, sha256
 from tactileforge.util.untrusted import load_json
 
+#: Names of the files in a folder of `Model.save_pretrained`, and on the model hub.
+WEIGHTS, CARD = "model.safetensors", "README.md"
 #: Seconds for which an import stays after another took its place.
 _GRACE = 3600.0
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, get_args
 
 from torch import Tensor, nn
@@ -64,6 +64,52 @@ def read_tap(encoder: Any, tap: str, *inputs: Tensor) -> Tensor:
     if tap == "patches":
         return tokens[:, encoder.prefix :].reshape(len(tokens), *encoder.grid, -1)
     return {"tokens": tokens, "cls": tokens[:, 0], "projected": projected}[tap]
+
+
+def blocks_of(encoder: Any) -> list[nn.Module]:
+    """Blocks of an encoder, in their order: of its transformer, or the stages of a network."""
+    found = getattr(getattr(encoder, "transformer", None), "blocks", None)
+    if found is None:
+        # of the longest list of modules: a network's own name for its stages may be any
+        lists = [x for x in encoder.modules() if isinstance(x, nn.ModuleList | nn.Sequential)]
+        found = max(lists, key=len, default=())
+    return list(found)
+
+
+def read_layers(encoder: Any, layers: Sequence[int], *inputs: Tensor) -> list[Tensor]:
+    """Outputs of some blocks, from one pass of an encoder.
+
+    Args:
+        encoder: The touch encoder.
+        layers: Numbers of blocks; -1 is the last.
+        inputs: Frames, backgrounds and sensor rows, see `Backbone.forward`.
+
+    Raises:
+        ConfigError: There is no such block, or its output is not a tensor.
+    """
+    blocks = blocks_of(encoder)
+    count = len(blocks)
+    wrong = [x for x in layers if type(x) is not int or not -count <= x < count]
+    if wrong or not layers:
+        known = f"{-count} to {count - 1}" if count else "none: its encoder has no blocks"
+        raise ConfigError(f"layers={list(layers)!r}: give numbers of blocks, {known}")
+    states: dict[int, Tensor] = {}
+    hooks = []
+    for row in {x % count for x in layers}:
+
+        def keep(_module: Any, _given: Any, state: Any, row: int = row) -> None:
+            states[row] = state
+
+        hooks.append(blocks[row].register_forward_hook(keep))
+    try:
+        encoder(*inputs)
+    finally:
+        for hook in hooks:
+            hook.remove()
+    chosen = [states.get(x % count) for x in layers]
+    if not all(isinstance(x, Tensor) for x in chosen):
+        raise ConfigError("layers: a block of this encoder gives no tensor; take tap= instead")
+    return [x for x in chosen if x is not None]
 
 
 def _pass(encoder: Any, tap: str, *inputs: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:

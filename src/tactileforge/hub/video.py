@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +19,11 @@ from tactileforge.errors import ConfigError, DataError
 from tactileforge.sensors.streaming.buffer import warn_of_slow_frames
 
 Times = NDArray[np.float64]
+#: A file, frames, or an array of them, uint8 (T, H, W, 3), RGB.
+Video: TypeAlias = str | Path | Frames | NDArray[np.uint8]
 
 
-def open_video(video: str | Path | Frames | NDArray[np.uint8]) -> Frames:
+def open_video(video: Video) -> Frames:
     """Opens a file or an array, uint8 (T, H, W, 3), as frames; passes frames through.
 
     Raises:
@@ -28,6 +32,21 @@ def open_video(video: str | Path | Frames | NDArray[np.uint8]) -> Frames:
     if isinstance(video, str | Path):
         return VideoFrames(video)
     return ArrayFrames(video) if isinstance(video, np.ndarray) else video
+
+
+def still_of(video: Frames, background: Any) -> Any:
+    """The background of a video: its first frame for ``first``, which would be each clip's own."""
+    if isinstance(background, str) and background == "first":
+        return video.read([0])[0]
+    return background
+
+
+def stacked(
+    clips: Iterator[tuple[float, NDArray[np.uint8]]], size: int
+) -> Iterator[tuple[list[float], NDArray[np.uint8]]]:
+    """Times and clips, ``size`` at a time, uint8 (B, T, H, W, 3)."""
+    while batch := list(islice(clips, size)):
+        yield [end for end, _ in batch], np.stack([clip for _, clip in batch])
 
 
 def cut_clips(

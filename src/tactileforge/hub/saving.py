@@ -1,0 +1,132 @@
+"""Writing of a model, as it is now, to a file, a folder or the model hub."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Literal
+
+import yaml
+
+from tactileforge.errors import ConfigError
+from tactileforge.hub.files import save_checkpoint
+from tactileforge.hub.header import Header
+from tactileforge.hub.store import CARD, WEIGHTS
+from tactileforge.util.licences import NO_LICENCE, check_licence
+
+if TYPE_CHECKING:
+    from tactileforge.hub.model import Model
+
+
+def save_model(
+    model: Model,
+    path: str | Path,
+    *,
+    name: str = "",
+    licence: str = "",
+    dtype: Literal["float32", "float16"] = "float32",
+) -> Path:
+    """Writes a model as a one-file checkpoint; see `Model.save`."""
+    target = Path(path)
+    header = described(model, name, licence)
+    save_checkpoint(target, model.encoder, header, dtype, dict(model.heads))
+    return target
+
+
+def save_folder(model: Model, folder: str | Path, place: str = "FOLDER", **options: Any) -> Path:
+    """Writes weights and card of a model into a folder; see `Model.save_pretrained`."""
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    save_model(model, target / WEIGHTS, **options)
+    header = described(model, options.get("name", ""), options.get("licence", ""))
+    (target / CARD).write_text(card_text(model, header, place), "utf-8")
+    return target
+
+
+def push(
+    model: Model, repo: str, *, private: bool = False, message: str = "", **options: Any
+) -> str:
+    """Puts a model into a repository of the model hub; see `Model.push_to_hub`."""
+    from tactileforge.hub.remote import upload
+
+    with TemporaryDirectory() as folder:
+        save_folder(model, folder, f"hf:{repo.removeprefix('hf:')}", **options)
+        return upload(Path(folder), repo, private=private, message=message or "Weights and card")
+
+
+def described(model: Model, name: str = "", licence: str = "") -> Header:
+    """The header of a model as it is now: with its lineage, if its weights have changed.
+
+    Raises:
+        ConfigError: The weights were rounded, or a licence that is none, or is not that of the
+            weights from which these come.
+    """
+    if model.is_rounded:
+        raise ConfigError(
+            "the weights of this model were rounded when it was loaded (dtype=): load it in float32"
+        )
+    old = model.header
+    if strange := sorted(set(model.heads) - set(old.heads)):
+        raise ConfigError(
+            f"head {strange[0]} is not one of the model's file, which names the plugin of each"
+        )
+    if licence:
+        check_licence("licence", licence)
+    if licence and licence != old.licence and not (old.recipe and old.licence == NO_LICENCE):
+        raise ConfigError(
+            f"licence={licence}: its weights come from weights under {old.licence}, which holds "
+            "for these too; leave licence out"
+        )
+    header = replace(old, name=name or old.name, licence=licence or old.licence)
+    now = model.part_hashes()
+    changed = sorted(key for key, value in now.items() if model.loaded.get(key) != value)
+    if not changed:
+        return header
+    lineage = {
+        "base": old.name or old.encoder["name"],
+        "base_hashes": dict(model.loaded),
+        "hashes": now,
+        "changed": changed,
+    }
+    if before := old.source.get("lineage"):
+        lineage["before"] = before
+    # a layout stands for the published weights themselves, and these are others
+    source = {key: value for key, value in old.source.items() if key not in ("layout", "lineage")}
+    return replace(header, source={**source, "lineage": lineage})
+
+
+def card_text(model: Model, header: Header, place: str) -> str:
+    """The card of a model: front matter as the model hub reads it, then what the header says."""
+    lineage = header.source.get("lineage", {})
+    known = header.licence != NO_LICENCE
+    front: dict[str, Any] = {
+        "license": header.licence.lower() if known else "unknown",
+        "library_name": "tactileforge",
+        "tags": ["tactile", "touch", *header.sensors],
+    }
+    rows = {
+        "encoder": header.encoder["name"],
+        "clip": f"{model.frames} frames, {header.spacing:.3g} s apart",
+        "sensors": ", ".join(header.sensors) or "any",
+        "data": header.data.get("name", "") or "not stated",
+        "heads": ", ".join(model.heads) or "none",
+        "licence": header.licence,
+        "fingerprint": model.fingerprint,
+    }
+    if lineage:
+        rows["trained from"] = f"{lineage['base']} ({lineage['base_hashes']['encoder']})"
+        rows["changed"] = ", ".join(lineage["changed"])
+    table = "\n".join(f"| {key} | {_cell(str(value))} |" for key, value in rows.items())
+    title = _cell(header.name or "A touch encoder")
+    return (
+        f"---\n{yaml.safe_dump(front, sort_keys=False)}---\n\n# {title}\n\n"
+        f"An encoder of optical touch, written by tactileforge.\n\n| | |\n|---|---|\n{table}\n\n"
+        f"```python\nimport tactileforge\n\nmodel = tactileforge.load({json.dumps(place)})\n```\n"
+    )
+
+
+def _cell(text: str) -> str:
+    """Text for a cell of a table."""
+    return " ".join(text.replace("|", "\\|").split())

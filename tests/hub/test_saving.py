@@ -1,0 +1,177 @@
+"""Models that are saved as they are now, and created by name."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from torch import nn
+
+import tactileforge
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.hub.creating import create
+from tactileforge.hub.loading import list_models
+from tactileforge.hub.model import Model
+from tactileforge.hub.store import fetch_weights
+from tactileforge.util.licences import NO_LICENCE
+
+RNG = np.random.default_rng(0)
+REST = RNG.integers(0, 256, (64, 64, 3), np.uint8)
+SMALL: dict[str, Any] = {"size": "tiny", "depth": 3, "image_size": 32, "patch": 16, "frames": 2}
+
+
+def _clip(model: Model) -> np.ndarray:
+    return RNG.integers(0, 256, (model.frames, 64, 64, 3), np.uint8)
+
+
+def test_a_model_trained_in_a_plain_loop_is_saved_with_its_lineage(tmp_path: Path) -> None:
+    model = tactileforge.load("anytouch2.tiny")
+    before = model.part_hashes()
+    clip = _clip(model)
+    model.encoder.requires_grad_(True)
+    optimizer = torch.optim.SGD(model.encoder.parameters(), 0.1)
+    model(clip, REST, "digit").sum().backward()
+    optimizer.step()
+    found = tactileforge.load(model.save(tmp_path / "mine.safetensors", name="mine.tiny"))
+    assert torch.equal(found.encode(clip, REST, "digit"), model.encode(clip, REST, "digit"))
+    lineage = found.header.source["lineage"]
+    assert lineage["base"] == "anytouch2.tiny"
+    assert lineage["changed"] == ["encoder"]
+    assert lineage["base_hashes"] == before
+    assert lineage["hashes"] == found.part_hashes() != before
+    assert found.header.licence == "Apache-2.0"
+
+
+def test_unchanged_weights_have_no_lineage(tmp_path: Path) -> None:
+    model = tactileforge.load("anytouch2.tiny")
+    found = tactileforge.load(str(model.save(tmp_path / "same.safetensors")))
+    assert "lineage" not in found.header.source
+    assert found.fingerprint == model.fingerprint
+
+
+def test_a_folder_has_a_card(tmp_path: Path) -> None:
+    model = create("tactile_vit", **SMALL)
+    folder = model.save_pretrained(tmp_path / "a folder", name="x | y", licence="MIT")
+    assert "license: mit" in (folder / "README.md").read_text()
+    for given in (folder, str(folder)):
+        assert tactileforge.load(given).fingerprint == model.fingerprint
+
+
+def test_the_licence_of_the_base_holds(tmp_path: Path) -> None:
+    model = tactileforge.load("anytouch2.tiny")
+    with pytest.raises(ConfigError, match=r"come from weights under Apache-2\.0"):
+        model.save(tmp_path / "x.safetensors", licence="MIT")
+
+
+def test_rounded_weights_and_heads_of_nowhere_are_refused(tmp_path: Path) -> None:
+    model = tactileforge.load("anytouch2.tiny", dtype="bfloat16")
+    with pytest.raises(ConfigError, match="load it in float32"):
+        model.save(tmp_path / "x.safetensors")
+    other = create("tactile_vit", **SMALL)
+    other.heads["own"] = nn.Linear(2, 2)
+    with pytest.raises(ConfigError, match="head own is not one of the model's file"):
+        other.save(tmp_path / "x.safetensors")
+
+
+def test_a_state_dict_says_what_to_do(tmp_path: Path) -> None:
+    model = create("tactile_vit", **SMALL)
+    torch.save(model.state_dict(), tmp_path / "mine.pth")
+    with pytest.raises(DataError, match=r"a state_dict of yours.*model.save\(FILE\)"):
+        tactileforge.load(tmp_path / "mine.pth")
+
+
+def test_a_created_model_has_random_weights_and_a_head_for_classes(tmp_path: Path) -> None:
+    model = create("anytouch2.tiny", num_classes=5)
+    trained = tactileforge.load("anytouch2.tiny")
+    shapes = {key: x.shape for key, x in trained.encoder.state_dict().items()}
+    assert shapes == {key: x.shape for key, x in model.encoder.state_dict().items()}
+    assert model.fingerprint != trained.fingerprint
+    assert model.header.licence == NO_LICENCE
+    assert model.read_head("classify", _clip(model)[None], REST, "digit").shape == (1, 5)
+    found = tactileforge.load(model.save(tmp_path / "x.safetensors"))
+    assert found.heads["classify"].linear.weight.shape[0] == 5  # type: ignore[union-attr]
+
+
+def test_a_created_pretrained_model_is_the_loaded_one() -> None:
+    model = create("anytouch2.tiny", pretrained=True, num_classes=2)
+    assert model.encoder_hash == tactileforge.load("anytouch2.tiny").encoder_hash
+
+
+@pytest.mark.parametrize("count", [0, -1, True, 2.5])
+def test_numbers_of_classes_are_whole(count: object) -> None:
+    with pytest.raises(ConfigError, match="num_classes"):
+        create("tactile_vit", num_classes=count)  # type: ignore[arg-type]
+
+
+def test_layers_are_the_outputs_of_blocks() -> None:
+    model = create("tactile_vit", **SMALL)
+    seen: list[torch.Tensor] = []
+    blocks = model.encoder.transformer.blocks
+    for block in blocks:
+        block.register_forward_hook(lambda _module, _given, out: seen.append(out))
+    clips = np.stack([_clip(model) for _ in range(3)])
+    found = model.features(clips, REST, "digit", layers=[1, -1, 0], batch_size=3)
+    for row, got in zip((1, 2, 0), found, strict=True):
+        torch.testing.assert_close(got, seen[row])
+    single = model.features(clips[0], REST, "digit", layers=[-1])
+    torch.testing.assert_close(single[0], found[1][0])
+    for wrong in ([3], [-4], [], [0.5]):
+        with pytest.raises(ConfigError, match="-3 to 2"):
+            model.features(clips, REST, "digit", layers=wrong)  # type: ignore[arg-type]
+
+
+def test_floats_pictures_and_paths_are_taken_as_uint8_are(tmp_path: Path) -> None:
+    model = create("tactile_vit", **SMALL)
+    clip = _clip(model)
+    wanted = model.encode(clip, REST, "digit")
+    paths = []
+    for row, frame in enumerate(clip):
+        paths.append(tmp_path / f"{row}.png")
+        cv2.imwrite(str(paths[-1]), frame[..., ::-1])
+    pictures = [Image.fromarray(frame) for frame in clip]
+    floats = torch.from_numpy(clip).float() / 255
+    for frames in (floats, clip / 255, pictures, paths, list(clip)):
+        for rest in (REST, REST / 255, Image.fromarray(REST)):
+            assert torch.equal(model.encode(frames, rest, "digit"), wanted)
+    for missing, said in ((tmp_path / "no.png", "no such file"), (Path(__file__), "not an image")):
+        with pytest.raises(DataError, match=said):
+            model.encode(missing, REST, "digit")
+
+
+def test_lists_tell_what_can_be_loaded() -> None:
+    assert "anytouch2.tiny" in list_models(available="shipped", reads="force", sensor="digit")
+    assert "touch.tiny" not in list_models(reads="force")
+    assert "dino.base" in list_models(licence="CC-BY-NC-*", available="downloadable")
+    assert list_models(available="by hand", pattern="unit.*") == ["unit.vqgan"]
+    with pytest.raises(ConfigError, match="forces"):
+        list_models(reads="forces")
+
+
+def test_torch_hub_has_the_same_models() -> None:
+    spec = importlib.util.spec_from_file_location(
+        "hubconf", Path(__file__).parents[2] / "hubconf.py"
+    )
+    assert spec
+    assert spec.loader
+    hubconf = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hubconf)
+    assert hubconf.anytouch2_tiny().encoder_hash == tactileforge.load("anytouch2.tiny").encoder_hash
+    assert hubconf.create("tactile_vit", **SMALL).frames == 2
+    root = str(Path(__file__).parents[2])
+    made = torch.hub.load(  # type: ignore[no-untyped-call]
+        root, "create", "tactile_vit", source="local", **SMALL
+    )
+    assert made.frames == 2
+
+
+def test_a_shipped_file_is_what_it_says() -> None:
+    """Loading by name keeps its hash check; `fetch_weights` is what both use."""
+    from tactileforge.hub.cards import find_card
+
+    assert fetch_weights(*find_card("anytouch2.tiny")).is_file()
