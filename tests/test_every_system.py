@@ -1,4 +1,4 @@
-"""Without what only POSIX systems have, everything is imported, and the first hour works."""
+"""Imports and the first hour, without the modules of POSIX systems."""
 
 import subprocess
 import sys

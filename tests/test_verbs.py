@@ -1,4 +1,4 @@
-"""The verbs from Python: they take what the command line takes, and return objects."""
+"""Verbs from Python: arguments of the command line in, objects out."""
 
 import sys
 from pathlib import Path

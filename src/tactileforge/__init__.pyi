@@ -1,5 +1,5 @@
 from tactileforge.cli._compose import compose as compose
-from tactileforge.data.sample import sample_touch as sample_touch
+from tactileforge.data.shards.sample import sample_touch as sample_touch
 from tactileforge.hub.creating import create as create
 from tactileforge.hub.loading import list_models as list_models
 from tactileforge.hub.loading import load as load

@@ -1,4 +1,4 @@
-"""A key that nothing reads is an error with the nearest known one, wherever it was written."""
+"""Unread keys are errors with the nearest known one, wherever they were written."""
 
 import shlex
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A server on this machine that speaks the model hub's protocol, for huggingface_hub's client."""
+"""Local server of the model hub's protocol, for huggingface_hub's client."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Models that are saved as they are now, and created by name."""
+"""Models saved as they are now, and created by name."""
 
 from __future__ import annotations
 

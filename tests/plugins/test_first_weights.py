@@ -1,4 +1,4 @@
-"""Options of first weights, and networks by name: hooks of encoders whose weights are elsewhere."""
+"""Options of first weights, and networks by name: hooks of encoders with weights elsewhere."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Names of the user's own: what is imported, what is refused, and where a fault is."""
+"""Names of the user's own: imports, refusals, and places of faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options that are read from source are those that the imported class has."""
+"""Options read from source equal those of the imported class."""
 
 import pytest
 

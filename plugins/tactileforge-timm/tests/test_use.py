@@ -41,7 +41,7 @@ def weights(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def trained(weights, tmp_path_factory):
-    """A run that starts from a file, which is then taken away; no step changes a weight."""
+    """A run started from a file, removed afterwards; no step changes a weight."""
     folder = tmp_path_factory.mktemp("trained")
     file = shutil.copy(weights, folder / "weights.safetensors")
     words = ["encoder.name=test_vit", f"encoder.path={file}", "encoder.sensor_tokens=2"]

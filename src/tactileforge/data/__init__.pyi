@@ -55,13 +55,13 @@ from tactileforge.data.labels.newtons import NEWTONS as NEWTONS
 from tactileforge.data.labels.newtons import named_unit as named_unit
 from tactileforge.data.labels.newtons import newtons_of as newtons_of
 from tactileforge.data.labels.turns import flip_labels as flip_labels
-from tactileforge.data.sample import sample_touch as sample_touch
 from tactileforge.data.shards.fetch import ShardFolder as ShardFolder
 from tactileforge.data.shards.foreign import is_foreign as is_foreign
 from tactileforge.data.shards.index import INDEX_FILE as INDEX_FILE
 from tactileforge.data.shards.index import Index as Index
 from tactileforge.data.shards.index import IndexEntry as IndexEntry
 from tactileforge.data.shards.index import parse_index as parse_index
+from tactileforge.data.shards.sample import sample_touch as sample_touch
 from tactileforge.data.shards.shards import SHARD_VERSION as SHARD_VERSION
 from tactileforge.data.shards.shards import Packed as Packed
 from tactileforge.data.shards.shards import describe_recording as describe_recording

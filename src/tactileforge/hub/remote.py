@@ -48,7 +48,7 @@ def fetch_model(place: str) -> Path:
     """The weights of a repository that was written by `Model.push_to_hub`.
 
     Args:
-        place: See `parse_place`.
+        place: Name of a repository, with a revision or none.
 
     Raises:
         ConfigError: No such form of a place, or huggingface_hub is not installed.

@@ -60,7 +60,7 @@ def described(model: Model, name: str = "", licence: str = "") -> Header:
     """The header of a model as it is now: with its lineage, if its weights have changed.
 
     Raises:
-        ConfigError: The weights were rounded, or a licence that is none, or is not that of the
+        ConfigError: The weights were rounded, or the licence is unknown, or is not that of the
             weights from which these come.
     """
     if model.is_rounded:

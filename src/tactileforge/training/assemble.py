@@ -15,7 +15,7 @@ from tactileforge.data.labels.augment import Augment, build_augment
 from tactileforge.errors import ConfigError, check_names
 from tactileforge.plugins import registry
 from tactileforge.specs.published import spec
-from tactileforge.training.parts import outline
+from tactileforge.training.parts import outline, plain
 
 log = logging.getLogger(__name__)
 
@@ -41,6 +41,7 @@ def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchDat
         ConfigError: An unknown or impossible option of ``batch`` or ``augment``; see also
             `TouchData.setup`.
     """
+    config = plain(config)
     _check(config["batch"], config.get("augment") or {})
     node = dict(config["data"])
     max_bad = node.pop("max_bad")

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 import lightning as L
 import torch
-from omegaconf import DictConfig, OmegaConf
 from torch import Tensor, nn
 
 from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
@@ -22,7 +21,7 @@ from tactileforge.training import balance as balances
 from tactileforge.training.curriculum import Curriculum, from_config
 from tactileforge.training.finite import FiniteWatch, NotFiniteError
 from tactileforge.training.optim import build_optimizer, set_rate
-from tactileforge.training.parts import Term, build_parts, changing, logs_of, term_of
+from tactileforge.training.parts import Term, build_parts, changing, logs_of, plain, term_of
 from tactileforge.training.strategies import shard
 from tactileforge.util.distributed import alone, mean_over_ranks, seed_step, sum_over_ranks
 from tactileforge.util.means import Mean
@@ -423,13 +422,6 @@ class TouchModule(L.LightningModule):
         counts = torch.stack([mean.count for mean in means.values()]).tolist()
         rows = zip(means, values, counts, strict=True)
         return {name: value for name, value, count in rows if count}, total
-
-
-def plain(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A configuration as plain data, resolved."""
-    if isinstance(config, DictConfig):
-        return OmegaConf.to_container(config, resolve=True)  # type: ignore[return-value]
-    return dict(config)
 
 
 def _epoch_batches(trainer: L.Trainer) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
+from omegaconf import DictConfig, OmegaConf
 from torch import Tensor, nn
 
 from tactileforge.contracts import Batch, ColumnSize
@@ -80,6 +81,13 @@ def logs_of(terms: Mapping[str, Term]) -> dict[str, Mean]:
         logs[key] = term.loss.detach()
         logs |= {f"{key}/{name}": mean.detach() for name, mean in term.extra.items()}
     return logs
+
+
+def plain(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A configuration as plain data, resolved."""
+    if isinstance(config, DictConfig):
+        return OmegaConf.to_container(config, resolve=True)  # type: ignore[return-value]
+    return dict(config)
 
 
 def build_parts(

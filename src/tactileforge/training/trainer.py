@@ -96,17 +96,11 @@ class JobTimer(Timer):
     would end at once.
     """
 
-    _earlier = 0.0
-
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Restores the time of earlier jobs."""
+        """Restores the time of earlier jobs, and gives this one the whole limit."""
         super().load_state_dict(state_dict)
-        self._earlier = self.time_elapsed()
-
-    def time_remaining(self, *stage: Any) -> float | None:
-        """Seconds left of this job; None without a limit."""
-        left = super().time_remaining(*stage)
-        return None if left is None else left + self._earlier
+        if self._duration is not None:
+            self._duration += self.time_elapsed()
 
 
 def _timer(longest: Any) -> JobTimer:

@@ -21,5 +21,5 @@ def sample_touch() -> Recording:
         ('gelsight_mini', (2, 240, 320, 3), (40, 3))
     """
     # frames are read when they are asked for, from a file that stays where it was installed
-    with as_file(files("tactileforge.data") / "press.tar") as path:
+    with as_file(files("tactileforge.data.shards") / "press.tar") as path:
         return next(iter(read_shard(path)))
