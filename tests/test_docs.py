@@ -35,7 +35,8 @@ REASONS = (
     "needs Ray", "needs a sensor", "needs the sensors", "needs a camera", "needs the arm",
     "needs LeRobot", "needs a policy", "needs demonstrations", "needs presses",
     "needs the pictures",
-    "needs a published", "needs published", "needs imported weights", "needs a public set",
+    "needs a network", "needs a published", "needs published", "needs imported weights",
+    "needs a public set",
     "needs a LeRobot set", "needs recordings and sensors",
 )  # fmt: skip
 

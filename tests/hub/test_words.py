@@ -293,7 +293,7 @@ def test_a_frozen_clip_is_not_in_the_file_and_is_asked_for(
     [
         ({"text_encoder": {"name": "clip", "path": "a/b", "tower": "text"}}, "names no file"),
         ({"text_encoder": {"name": "clip", "path": "ab", "tower": "text"}}, "names no file"),
-        ({"text_encoder": {"name": "tactile_vit"}}, "encodes no text"),
+        ({"text_encoder": {"name": "tactile_vit"}}, "encodes no text|the model it describes has"),
         ({"text_encoder": {}}, "text_encoder has no name"),
         ({"text_width": -1}, "text_width is -1"),
         ({"text_width": 9}, "not the weights"),

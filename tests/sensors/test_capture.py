@@ -203,7 +203,7 @@ class StillClock:
 
 def test_a_rate_sinks_while_nothing_comes(scripted, monkeypatch):
     clock = StillClock()
-    monkeypatch.setattr(module, "CLOCK", clock)
+    monkeypatch.setattr(module, "AWAKE_CLOCK", clock)
     sensor = scripted(fps=100)
     capture = Capture("left", sensor, lambda frame: None)
     for number in range(30):

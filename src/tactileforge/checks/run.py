@@ -10,7 +10,6 @@ from tactileforge.checks.sample import FrameSample
 from tactileforge.checks.seen import Seen
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.cut import spread_rows
-from tactileforge.errors import TactileForgeError
 
 #: Needs that decode frames, from cheap to dear.
 DECODING = frozenset({"frames", "all frames"})
@@ -71,8 +70,9 @@ class CheckRun:
                 continue
             try:
                 found += check.look(seen)
-            except (TactileForgeError, OSError) as error:
-                # said once; the other checks of frames would fail alike
+            except Exception as error:
+                # said once; the other checks of frames would fail alike. A fault of a reader is
+                # told by the door that reads the data itself
                 self.unreadable.append(str(error))
                 decode = False
         return found

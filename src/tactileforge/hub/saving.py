@@ -14,6 +14,7 @@ from tactileforge.errors import ConfigError
 from tactileforge.hub.files import save_checkpoint
 from tactileforge.hub.header import Header
 from tactileforge.hub.store import CARD, WEIGHTS
+from tactileforge.util.files import write_text
 from tactileforge.util.licences import NO_LICENCE, check_licence
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ def save_folder(model: Model, folder: str | Path, place: str = "FOLDER", **optio
     target.mkdir(parents=True, exist_ok=True)
     save_model(model, target / WEIGHTS, **options)
     header = described(model, options.get("name", ""), options.get("licence", ""))
-    (target / CARD).write_text(card_text(model, header, place), "utf-8")
+    write_text(target / CARD, card_text(model, header, place))
     return target
 
 

@@ -51,7 +51,7 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
     "tactileforge-flexitac": {"sensors": ("flexitac",)},
     "tactileforge-ft": {"sensors": ("ati_netft", "robotiq")},
     "tactileforge-gelsight": {"sensors": ("gelsight_mini", "gelsight_mini_markers")},
-    "tactileforge-inspect": {"verbs": ("data.inspect",)},
+    "tactileforge-inspect": {"verbs": ("data.check", "data.inspect")},
     "tactileforge-labels": {"verbs": ("label",)},
     "tactileforge-lerobot": {
         "datasets": ("daimon", "lerobot", "opentouch", "taf", "trex"),

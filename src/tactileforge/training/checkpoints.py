@@ -20,7 +20,6 @@ from lightning.pytorch.plugins.io import TorchCheckpointIO
 from tactileforge.errors import TactileForgeError
 from tactileforge.runs.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.runs.folder import BEST, LAST
-from tactileforge.training.finite import NotFiniteError
 from tactileforge.training.module import log_interval
 from tactileforge.util.bars import Bar
 from tactileforge.util.files import new_part
@@ -163,7 +162,7 @@ class Checkpoints(Callback):
     ) -> None:
         """Saves what was trained before an error, as that of a user's callback; stops listening."""
         self._release()
-        stopped = isinstance(exception, KeyboardInterrupt | NotFiniteError)
+        stopped = isinstance(exception, KeyboardInterrupt | TactileForgeError)
         is_news = self.started and trainer.global_step > max(self._saved, self._first)
         if stopped or not is_news or trainer.world_size > 1:
             return

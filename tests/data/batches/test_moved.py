@@ -19,6 +19,9 @@ def _videos(folder, frames=(30, 34)):
         for i in range(count):
             shade = cv2.resize(still, (64, 64)) + np.uint8(i)
             cv2.imwrite(str(folder / f"press_{number}" / f"{i:04d}.png"), shade)
+    keys = 'images: "*/*.png", each: sequence, sensor: digit, fps: 30, background: {first: 1}'
+    layout = f"layouts:\n  one: {{{keys}}}\n"
+    (folder / "tactileforge.yaml").write_text(layout)
 
 
 @pytest.mark.slow

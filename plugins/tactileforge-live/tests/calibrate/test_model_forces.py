@@ -82,7 +82,7 @@ def model_says(model: Model, recording: Recording, axis: str) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def calibrated(model: Model) -> CalibrationResult:
-    return calibrate(touches(model), CalibrateOptions(), model=model)
+    return calibrate(touches(model), CalibrateOptions(checks=False), model=model)
 
 
 def test_gain_and_offset_of_a_unit_are_found(calibrated: CalibrationResult) -> None:
@@ -141,7 +141,9 @@ def test_the_model_reads_a_calibration_to_pictures(model: Model, tmp_path: Path)
 
 @pytest.mark.slow
 def test_an_axis_that_is_left_out_stays_what_the_model_says(model: Model) -> None:
-    alone = calibrate(touches(model), CalibrateOptions(axes=["z"]), model=model).calibration
+    alone = calibrate(
+        touches(model), CalibrateOptions(checks=False, axes=["z"]), model=model
+    ).calibration
     touch = touches(model, 1)[0]
     rest, frames = touch.no_contact.read([0])[0], touch.frames.read(range(4))
     plain, given = (model.force(frames, rest, "digit", calibration=c) for c in (None, alone))
@@ -165,7 +167,7 @@ def test_a_calibration_knows_its_model(model: Model, calibrated: CalibrationResu
     with pytest.raises(ConfigError, match="was not fitted to the forces of this model"):
         model.force(frames, rest, "digit", calibration=other)
     with pytest.raises(ConfigError, match="fit=head needs a model: give model=NAME"):
-        calibrate([touch], CalibrateOptions(fit="head"))
+        calibrate([touch], CalibrateOptions(checks=False, fit="head"))
 
 
 def test_the_page_says_the_error_before_and_after(calibrated: CalibrationResult) -> None:
@@ -196,7 +198,7 @@ def test_ten_seconds_of_a_real_trial_calibrate_the_rest(realdata: Path, name: st
     count = 300  # frames, at 30/s
     first, rest = recording.part(0, count), recording.part(count, len(recording.frames))
     assert rest.force is not None
-    done = calibrate([first], CalibrateOptions(fit="pictures")).calibration
+    done = calibrate([first], CalibrateOptions(checks=False, fit="pictures")).calibration
     assert rmse(done.forces(rest), rest) < 0.1 * np.nanmax(rest.force[:, 2])
     (left_out,) = done.force.left_out
     other = {"x": "y", "y": "x"}[left_out]
@@ -216,7 +218,7 @@ def test_shear_along_a_hardly_pressed_axis_is_read_with_the_scale_of_another(
     recording = trial(realdata, name)
     first, rest = recording.part(0, 300), recording.part(300, len(recording.frames))
     model = tactileforge.load("anytouch2.tiny")
-    done = calibrate([first], CalibrateOptions(), model=model)
+    done = calibrate([first], CalibrateOptions(checks=False), model=model)
     force = done.calibration.force
     (axis,) = [axis for axis, found in force.axes.items() if found.chosen == "scaled"]
     assert force.left_out == {}
@@ -261,7 +263,7 @@ def test_half_a_real_trial_calibrates_the_shipped_model(realdata: Path) -> None:
     middle = len(recording.frames) // 2
     first, second = recording.part(0, middle), recording.part(middle, len(recording.frames))
     model = tactileforge.load("anytouch2.tiny")
-    result = calibrate([first], CalibrateOptions(axes=["z"]), model=model)
+    result = calibrate([first], CalibrateOptions(checks=False, axes=["z"]), model=model)
     rows = np.maximum(np.arange(len(second.frames))[:, None] - np.array([6, 4, 2, 0]), 0)
     frames = second.frames.read(range(len(second.frames)))[rows]
     assert second.no_contact is not None

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 import pytest
 from tactileforge_arrays import SerialArray
-from tactileforge_live.record import rig
+from tactileforge_live.record import rig, store
 from tactileforge_live.record.options import RecordOptions
 from tactileforge_live.record.raw import read_raw
 from tactileforge_live.record.record import record
@@ -453,7 +453,7 @@ def test_a_disk_that_is_full_from_the_start(command, tmp_path):
 
 
 def test_a_disk_that_fills_up_in_the_middle(scripted, options, monkeypatch):
-    write, calls = shards.write_shard, []
+    write, calls = store.write_shard, []
 
     def full(*given):
         calls.append(given)
@@ -461,7 +461,7 @@ def test_a_disk_that_fills_up_in_the_middle(scripted, options, monkeypatch):
             raise OSError(28, "No space left on device")
         write(*given)
 
-    monkeypatch.setattr(shards, "write_shard", full)
+    monkeypatch.setattr(store, "write_shard", full)
     given = options(seconds=5.0)
     with pytest.raises(TactileForgeError, match=r"\(No space left on device\)\. 0\.4 s of touch"):
         record(given, {"a": scripted(fps=50)}, say=quiet)
@@ -663,7 +663,7 @@ def test_a_process_that_was_stopped_goes_on(scripted, options, monkeypatch):
     jump = [0.0]
     own = AwakeClock(lambda: time.monotonic() + jump[0])
     for module in (capture, opening, rig):
-        monkeypatch.setattr(module, "CLOCK", own)
+        monkeypatch.setattr(module, "AWAKE_CLOCK", own)
     watched = Capture.watch
 
     def watch(self):

@@ -177,7 +177,7 @@ def test_without_trimesh_the_extra_is_named(tmp_path, monkeypatch):
     path = tmp_path / "ball.stl"
     _sphere().export(path)
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    with pytest.raises(ConfigError, match=r"pip install tactileforge-sim\[mesh\]"):
+    with pytest.raises(ConfigError, match=r"pip install trimesh"):
         mesh_shape(path)
 
 

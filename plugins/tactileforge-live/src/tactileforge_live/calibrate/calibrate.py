@@ -28,6 +28,8 @@ from tactileforge_live.calibrate.force import fit_forces
 from tactileforge_live.calibrate.light import estimate_light, light_drift, punch_mm_per_pixel
 from tactileforge_live.calibrate.unit import recordings_of_unit
 
+#: Features for the forces, beside the tracks of the recordings.
+_FITS = ("auto", "none", "pictures", "taxels", "head", "both")
 #: Checks of what forces are fitted to: their labels, and the pictures that they go with.
 FORCE_CHECKS = (
     *("TF2", "forces_apart", "forces_between"),
@@ -119,6 +121,8 @@ def calibrate(
     """
     chosen = recordings_of_unit(recordings, options.device, options.unit, options.frames)
     first = chosen[0]
+    tracks = {name for recording in chosen for name in recording.tracks}
+    check_names("fit", [options.fit], {*_FITS, *tracks})
     notes = checked_forces(chosen, options) if options.fit != "none" else []
     sizes = {recording.frames.shape for recording in chosen}
     # the scale is in mm per pixel, so pictures of two sizes have two
