@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from common import save, side_by_side
 
-from tactileforge.data.labels.augment import Augment
+from tactileforge.data import Augment
 from tactileforge.testing import batch as make_batch
 
 CLIPS, ROUNDS = 16, 5

@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 from readme_picture import INK, touch
 
 from tactileforge.contracts import ACTIONS, Batch, Recording
-from tactileforge.data.batches.clips import Clips, collate
-from tactileforge.data.labels.augment import Augment
+from tactileforge.data import Augment, Clips, collate
 
 #: What each panel shows: title, options, and the seed of its draw.
 PANELS: tuple[tuple[str, dict[str, Any], int], ...] = (

@@ -40,14 +40,10 @@ from tactileforge_sim.dataset import Sim
 from torch.nn import functional as F
 
 from tactileforge.contracts import Recording
-from tactileforge.data.batches.clips import Clips, collate
-from tactileforge.data.batches.datamodule import TouchData
-from tactileforge.data.frames.lazy import VideoFrames
+from tactileforge.data import Clips, Index, IndexEntry, ShardFolder, TouchData, VideoFrames, collate
 from tactileforge.data.shards import shards
-from tactileforge.data.shards.fetch import ShardFolder
-from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.datasets.shards import Shards
-from tactileforge.encoders.tactile_vit import CLIP_MEAN, CLIP_STD
+from tactileforge.datasets import Shards
+from tactileforge.encoders import CLIP_MEAN, CLIP_STD
 
 #: Frames of a recording of a large stream: 20 s.
 FRAMES = 600

@@ -25,9 +25,8 @@ import torch
 from common import ratio, save, side_by_side
 from data import ROUNDS, touch_data, write
 
-from tactileforge.data.shards.fetch import ShardFolder
-from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.datasets.shards import Shards
+from tactileforge.data import Index, IndexEntry, ShardFolder
+from tactileforge.datasets import Shards
 
 
 def remote() -> dict[str, Any]:

@@ -19,8 +19,9 @@ from common import ratio, save, side_by_side
 from torch import Tensor
 
 from tactileforge.contracts import MaskedFeatures
-from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.heads.decoder import MaskedDecoder, masked_patches
+from tactileforge.encoders import TactileViT
+from tactileforge.heads import MaskedDecoder
+from tactileforge.heads.decoder import masked_patches
 
 BATCH, ROUNDS = 1, 6
 SLOTS, PATCHES, PREFIX = 2, 196, 6

@@ -17,9 +17,9 @@ import torch
 from common import ratio, save, side_by_side
 from omegaconf import OmegaConf
 
-from tactileforge.cli.compose import compose
+from tactileforge import compose
 from tactileforge.testing import batch as make_batch
-from tactileforge.training.module import TouchModule
+from tactileforge.training import TouchModule
 
 BATCH, ROUNDS = 16, 5
 OPTIONS = ["scale=tiny", "encoder.depth=4", "objective=[pixel,diff]"]

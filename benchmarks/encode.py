@@ -15,7 +15,7 @@ import torch
 from common import ratio, save, side_by_side
 from transformers import CLIPVisionConfig, CLIPVisionModel
 
-from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.encoders import TactileViT
 
 
 def ours(size: int | Sequence[int], batch: int) -> tuple[Callable[[], object], int]:

@@ -26,10 +26,8 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 from transformers import CLIPVisionConfig, CLIPVisionModel
 
-from tactileforge.encoders.preprocess import CLIP_MEAN, CLIP_STD
-from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.hub.files import make_header
-from tactileforge.hub.model import Model
+from tactileforge.encoders import CLIP_MEAN, CLIP_STD, TactileViT
+from tactileforge.hub import Model, make_header
 
 BATCHES = (1, 4)
 SIZE = (240, 320)

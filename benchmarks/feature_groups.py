@@ -36,7 +36,7 @@ from tactileforge_bench.tasks.suite import parse_task
 from torch import Tensor
 
 from tactileforge import cli
-from tactileforge.encoders.feature_groups import joint_vector
+from tactileforge.encoders import joint_vector
 
 MODEL = "touch.tiny"
 SUITES = ("real", "real_held_out")

@@ -22,8 +22,8 @@ from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge_bench.tasks import targets
 from tactileforge_bench.tasks.source import TaskSource, open_source
 
-from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.hub.files import make_header
+from tactileforge.encoders import TactileViT
+from tactileforge.hub import make_header
 
 SIZE = 64
 

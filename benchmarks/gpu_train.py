@@ -31,7 +31,7 @@ from train_subjects import Case, Subject, build, config_of, step_flops
 from tactileforge.contracts import Batch
 from tactileforge.data.batches.transfer import Transfer, pin
 from tactileforge.data.labels.augment import fill_captions
-from tactileforge.training.assemble import build_data
+from tactileforge.training import build_data
 from tactileforge.training.speed import peak_of
 from tactileforge.util.processes import cpus
 

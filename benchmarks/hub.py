@@ -12,8 +12,8 @@ import torch
 from common import save, side_by_side
 from safetensors.torch import load_file
 
+from tactileforge import load
 from tactileforge.hub import files
-from tactileforge.hub.loading import load
 from tactileforge.plugins import registry
 
 ROUNDS = 9

@@ -25,7 +25,7 @@ from tactileforge_policies.rollouts.options import DemonstrationOptions, make_en
 from torch import Tensor, nn
 
 import tactileforge
-from tactileforge.plugin import take_steps
+from tactileforge.data import take_steps
 
 Array = NDArray[np.float32]
 FINGERS = ("left", "right")

@@ -26,11 +26,10 @@ from tactileforge_live.session import LiveOptions, LiveSession, ShowBackground
 
 import tactileforge
 from tactileforge.contracts import Frame, SensorSpec
-from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.heads.force import ForceHead
-from tactileforge.hub.files import make_header
-from tactileforge.hub.model import Model
-from tactileforge.specs.published import spec
+from tactileforge.encoders import TactileViT
+from tactileforge.heads import ForceHead
+from tactileforge.hub import Model, make_header
+from tactileforge.specs import spec
 
 FPS = 30.0
 ENCODERS: dict[str, dict[str, Any]] = {

@@ -27,8 +27,8 @@ from tactileforge_live.calibrate.force import candidates, keep_axes
 
 import tactileforge
 from tactileforge.contracts import AXES, Recording
-from tactileforge.datasets.recordings import Recordings
-from tactileforge.sensors.calibration.features import force_features
+from tactileforge.datasets import Recordings
+from tactileforge.sensors import force_features
 
 MODEL = "anytouch2.tiny"
 TRIALS = ("touchd_force_gelsight_mini", "touchd_force_digit")

@@ -29,7 +29,7 @@ from PIL import Image
 from tactileforge_sim.dataset import Sim
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data import ImageFrames
 from tactileforge.data.shards import shards
 from tactileforge.packing import Filter, PackOptions, work
 from tactileforge.packing.plan import plan_pack

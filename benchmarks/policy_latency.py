@@ -20,7 +20,7 @@ from tactileforge_policies.policy import Policy
 from tactileforge_policies.robot import Robot
 
 import tactileforge
-from tactileforge.cli.compose import compose
+from tactileforge import compose
 from tactileforge.plugins import registry
 
 ROBOT = Robot(

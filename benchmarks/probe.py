@@ -38,9 +38,8 @@ from tactileforge_bench.tasks.suite import Task, parse_task
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.encoders.transformer import AttentivePooler
-from tactileforge.hub.files import make_header
+from tactileforge.encoders import AttentivePooler, TactileViT
+from tactileforge.hub import make_header
 
 #: Number of clips and epochs of the extrapolated times.
 CLIPS, EPOCHS = 4000, 50

@@ -31,10 +31,10 @@ from torch.multiprocessing.spawn import spawn
 from torch.nn.parallel import DistributedDataParallel
 from train_subjects import Case, config_of, step_flops
 
-from tactileforge.cli.compose import compose
+from tactileforge import compose
 from tactileforge.contracts import Batch
 from tactileforge.testing import batch as make_batch
-from tactileforge.training.module import TouchModule
+from tactileforge.training import TouchModule
 
 ROUNDS, CLIPS = 30, 4
 WAYS: dict[str, dict[str, Any] | None] = {

@@ -18,7 +18,7 @@ from tactileforge_depth.reader import DepthReader
 
 import tactileforge
 from tactileforge.contracts import Dataset, Recording
-from tactileforge.plugins.registry import build
+from tactileforge.plugins import build
 
 SENSOR = "gelsight_mini"
 Array = NDArray[Any]

@@ -27,9 +27,7 @@ from tactileforge_live.record.record import record
 
 from tactileforge.contracts import Frame, Recording, SensorSpec
 from tactileforge.data.shards import shards
-from tactileforge.sensors.background import Background
-from tactileforge.sensors.checksums import CHECKSUMS
-from tactileforge.sensors.drivers.force_torque import ForceTorque
+from tactileforge.sensors import CHECKSUMS, Background, ForceTorque
 from tactileforge.testing.emulators import PtyDevice
 
 #: Buffers of a driver; side of a bit of the frame's number, pixels; and number of bits.

@@ -14,11 +14,9 @@ from typing import Any
 from reality.compare import CompareOptions, Side, compare_reality
 from reality.page import reality_page
 
-from tactileforge.cli import _run
-from tactileforge.plugins.command import Command
+from tactileforge.cli import Command, _run
 from tactileforge.errors import TactileForgeError
-from tactileforge.plugins import registry
-from tactileforge.util.files import write_text
+from tactileforge.plugins import registry, write_text
 
 
 @dataclass(frozen=True, kw_only=True)

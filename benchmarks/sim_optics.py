@@ -37,7 +37,7 @@ from tactileforge_sim.optics.render import Optics
 from tactileforge_sim.optics.sensor_instances import SensorInstance, draw_instance
 from torch import Tensor
 
-from tactileforge.specs.published import SIMULATED
+from tactileforge.specs import SIMULATED
 
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("TACTILEFORGE_REALDATA", ROOT.parent / "shared" / "realdata"))

@@ -20,8 +20,8 @@ from tactileforge_sim.play import play_scenes
 from tactileforge_sim.scene import Scene, simulated_rate
 
 from tactileforge.contracts import ACTIONS
-from tactileforge.data.frames.video import VideoFrames
-from tactileforge.specs.published import SIMULATED
+from tactileforge.data import VideoFrames
+from tactileforge.specs import SIMULATED
 
 ROOT = Path(__file__).parents[1]
 ASSETS = ROOT / "docs" / "assets"

@@ -33,8 +33,8 @@ from reality.profiles import Profile, correlations, distances, profile
 from reality.simulated import config, simulated, trial
 
 from tactileforge.contracts import Recording
-from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.datasets.recordings import Recordings
+from tactileforge.data import ArrayFrames
+from tactileforge.datasets import Recordings
 
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("TACTILEFORGE_REALDATA", ROOT.parent / "shared" / "realdata"))

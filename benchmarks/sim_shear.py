@@ -25,7 +25,7 @@ from tactileforge_sim.dataset import Sim
 from tactileforge_sim.geometry.shapes import INDENTERS
 from torch import Tensor, nn
 
-from tactileforge.specs.published import simulation
+from tactileforge.specs import simulation
 
 #: Pre-training indenters; every fifth is held out for the test.
 NAMES = [name for name, known in INDENTERS.items() if known.split == "pretrain"]

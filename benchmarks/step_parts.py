@@ -18,9 +18,9 @@ from common import save
 from omegaconf import OmegaConf
 from torch import Tensor
 
-from tactileforge.cli.compose import compose
+from tactileforge import compose
 from tactileforge.testing import batch as make_batch
-from tactileforge.training.module import TouchModule
+from tactileforge.training import TouchModule
 
 BATCH, ROUNDS = 2, 4
 PARTS = (

@@ -16,7 +16,7 @@ from common import save
 from live import SyntheticCamera
 
 import tactileforge
-from tactileforge.hub.model import Model
+from tactileforge.hub import Model
 
 
 def run(model: Model, count: int) -> dict[str, float]:

@@ -10,12 +10,12 @@ import torch
 from omegaconf import OmegaConf
 from torch import Tensor, nn
 
-from tactileforge.cli.compose import compose
+from tactileforge import compose
 from tactileforge.contracts import Batch
+from tactileforge.encoders import VIT_SIZES
 from tactileforge.encoders.compiled import compile_blocks
-from tactileforge.encoders.transformer import VIT_SIZES
 from tactileforge.testing import batch as make_batch
-from tactileforge.training.module import TouchModule
+from tactileforge.training import TouchModule
 
 #: Decoder of each of our two heads: width, heads.
 DECODER = (512, 8)

@@ -9,11 +9,11 @@ from types import ModuleType
 import pytest
 
 import tactileforge
-from tactileforge import plugin, testing
+from tactileforge import testing
 
 ROOT = Path(__file__).parents[1]
 #: Least share of the names of each public module with an example that runs.
-LEAST = {"tactileforge": 0.5, "tactileforge.plugin": 0.5, "tactileforge.testing": 0.5}
+LEAST = {"tactileforge": 0.5, "tactileforge.testing": 0.5}
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 #: Modules with examples, of this package and of those beside it that tests install.
 MODULES = sorted(
@@ -53,7 +53,7 @@ def _has_example(name: str, module: ModuleType) -> bool:
     return any(not one.options.get(doctest.SKIP) for one in examples)
 
 
-@pytest.mark.parametrize("module", [tactileforge, plugin, testing], ids=lambda m: m.__name__)
+@pytest.mark.parametrize("module", [tactileforge, testing], ids=lambda m: m.__name__)
 def test_public_names_have_an_example(module: ModuleType) -> None:
     names = [name for name in module.__all__ if not name.startswith("__")]
     without = [name for name in names if not _has_example(name, module)]

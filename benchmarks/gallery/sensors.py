@@ -21,8 +21,8 @@ from gallery.touches import (
     strongest,
     taxels,
 )
-from tactileforge.plugins.registry import build
-from tactileforge.specs.published import SIMULATED, SPECS
+from tactileforge.plugins import build
+from tactileforge.specs import SIMULATED, SPECS
 
 #: Indenters of the pictures of a type, one a panel.
 SHAPES = ("pentagram", "screw_m6", "dense_circular_holes_68")

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tactileforge.contracts import Dataset, Recording
-from tactileforge.plugins.registry import build
-from tactileforge.specs.published import SIMULATED
+from tactileforge.plugins import build
+from tactileforge.specs import SIMULATED
 
 Array = NDArray[Any]
 INK, GREY = "#1f2430", "#8a93a3"

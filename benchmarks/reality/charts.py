@@ -10,7 +10,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator
 
 from reality import measures
 from reality.profiles import Profile
-from tactileforge.pages.figures import CLASSES, INK, SHADE, drawing, svg
+from tactileforge.pages import CLASSES, INK, drawing, svg
+from tactileforge.pages.figures import SHADE
 
 
 def spectra_chart(profiles: Sequence[Profile]) -> Markup:

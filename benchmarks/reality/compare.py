@@ -12,8 +12,8 @@ from reality.profiles import Profile, distances, profile, ratio
 from reality.simulated import config, simulated, trial
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.plugins import Bar
 from tactileforge.specs import published
-from tactileforge.util.bars import Bar
 
 #: Largest number of sources by the first folder of their keys; more are grouped by `source`.
 _SOURCES = 8

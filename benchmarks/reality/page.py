@@ -12,23 +12,23 @@ from reality.compare import Side
 from reality.measures import Array
 from reality.profiles import DISTANCES, Profile, correlations
 from reality.touches import StrongestTouch
-from tactileforge.pages.images import difference, figure
-from tactileforge.pages.page import (
+from tactileforge.pages import (
     NONE,
     Section,
-    group_name,
+    amplified_difference,
+    figure,
     heading,
+    html_page,
+    joined,
     legend,
     number,
-    html_page,
     panel,
     panels,
     paragraph,
-    stack,
     table,
     verdict,
 )
-from tactileforge.pages.templating import joined
+from tactileforge.pages.page import group_name, stack
 
 #: Gain of the amplified difference images, the same everywhere.
 _GAIN = 4.0
@@ -118,7 +118,7 @@ def _pictures(profiles: Sequence[Profile]) -> Markup:
 
 def _card(touch: StrongestTouch) -> Markup:
     levels = [np.clip(np.round(part), 0, 255) for part in (touch.background, touch.picture)]
-    shown = [*(part.astype(np.uint8) for part in levels), difference(touch.change, _GAIN)]
+    shown = [*(part.astype(np.uint8) for part in levels), amplified_difference(touch.change, _GAIN)]
     words = [f"{touch.key}, {name}" for name in ("background", "touch", "difference")]
     return figure(shown, touch.key, words, columns=3, width=3 * touch.picture.shape[1])
 

@@ -16,7 +16,7 @@ from reality import measures
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.shards import shards
 from tactileforge.errors import DataError
-from tactileforge.util.bars import Bar
+from tactileforge.plugins import Bar
 
 #: The trial of the ToucHD demonstrations, in the range of both sensors' forces; indenters with
 #: edges reveal failures of a fit.

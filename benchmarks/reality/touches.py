@@ -11,7 +11,7 @@ from tactileforge_inspect.frame_stats import evenly
 from reality import measures
 from reality.measures import Array
 from tactileforge.contracts import Recording
-from tactileforge.data.frames.crop import size_text
+from tactileforge.data import size_text
 from tactileforge.errors import DataError
 
 #: Number of searched frames per part of a recording, for the strongest contact.

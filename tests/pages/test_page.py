@@ -96,7 +96,7 @@ def test_an_image_is_the_same_from_bytes_and_from_a_tensor() -> None:
 
 def test_a_difference_lies_around_mid_grey_and_is_clipped() -> None:
     change = np.array([[[0.0, 1.0, -1.0], [0.3, 100.0, -100.0]]])
-    assert images.difference(change, 4.0).tolist() == [[[128, 132, 124], [129, 255, 0]]]
+    assert images.amplified_difference(change, 4.0).tolist() == [[[128, 132, 124], [129, 255, 0]]]
 
 
 @pytest.mark.slow

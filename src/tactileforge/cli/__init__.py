@@ -16,10 +16,13 @@ from typing import TYPE_CHECKING
 
 from tactileforge.cli._verbs import commands, verbs
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
+from tactileforge.util import lazy
 from tactileforge.util.signals import interrupted_by_signals
 
 if TYPE_CHECKING:
     from tactileforge.cli._verbs import Actions
+
+__getattr__, __dir__, __all__ = lazy.attach(__name__)
 
 #: End of ``tactileforge --help``.
 _EXAMPLES = """\

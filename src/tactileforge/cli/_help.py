@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from inspect import Parameter
 from textwrap import wrap
 
-from tactileforge.plugins.command import Command
 from tactileforge.cli._options import options, yaml_groups, yaml_options, yaml_text
 from tactileforge.cli._verbs import builtin, commands
+from tactileforge.cli.command import Command
 from tactileforge.plugins import registry
 from tactileforge.plugins.distributions import is_ours
 from tactileforge.util import strict

@@ -16,11 +16,11 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from tactileforge.plugins.command import Command, Result
 from tactileforge.cli._options import options, own_places, places_of
 from tactileforge.cli._quote import quoted
 from tactileforge.cli._sweep import JOB, stopped_sweep
 from tactileforge.cli._words import Words
+from tactileforge.cli.command import Command, Result
 from tactileforge.cli.compose import without_layouts
 from tactileforge.errors import ConfigError, TactileForgeError, nearest_name, unknown
 from tactileforge.plugins.distributions import package_of

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from typing import Any, get_origin, get_type_hints
 
 from tactileforge.cli import _words
-from tactileforge.plugins.command import Command, Result
 from tactileforge.cli._quote import for_hydra, quoted
 from tactileforge.cli._words import Words
+from tactileforge.cli.command import Command, Result
 
 
 def run(verb: str, command: Command, argv: Sequence[str]) -> int:

@@ -20,7 +20,7 @@ from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.plugins.distributions import package_of
 
 if TYPE_CHECKING:
-    from tactileforge.plugins.command import Command
+    from tactileforge.cli.command import Command
     from tactileforge.plugins.registry import PluginInfo
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge import packing
-from tactileforge.plugins.command import Command
+from tactileforge.cli.command import Command
 from tactileforge.contracts import Dataset
 from tactileforge.errors import command
 from tactileforge.plugins import registry

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.cli import _options, _verbs
-from tactileforge.plugins.command import Command
+from tactileforge.cli.command import Command
 from tactileforge.errors import ConfigError, PluginError, SensorError, check_names, command, unknown
 from tactileforge.plugins import registry
 from tactileforge.util.files import disk_errors_named, new_part, write_text

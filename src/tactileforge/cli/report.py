@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugins.command import Command
+from tactileforge.cli.command import Command
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugins.command import Command
 from tactileforge.cli._quote import quoted, unquoted
+from tactileforge.cli.command import Command
 from tactileforge.errors import ConfigError, command
 from tactileforge.training.run_length import LENGTHS, MACHINE
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugins.command import Command
+from tactileforge.cli.command import Command
 from tactileforge.errors import ConfigError
 from tactileforge.hub import cards, gates, store
 from tactileforge.hub.header import read_header

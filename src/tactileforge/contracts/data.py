@@ -228,7 +228,7 @@ class FrameSubset:
 
     Example:
         >>> import numpy as np
-        >>> from tactileforge.plugin import ArrayFrames
+        >>> from tactileforge.data import ArrayFrames
         >>> film = ArrayFrames(np.arange(5, dtype=np.uint8).reshape(5, 1, 1, 1).repeat(3, axis=3))
         >>> FrameSubset(film, [4, 0]).read([0])[0, 0, 0].tolist()
         [4, 4, 4]
@@ -292,7 +292,7 @@ class Dataset(Protocol):
     then opened part by part while it is read, and not as a whole.
 
     Example:
-        >>> from tactileforge.plugin import build
+        >>> from tactileforge.plugins import build
         >>> data = build("datasets", {"name": "recordings", "root": "touches", "layouts": {}})
         >>> isinstance(data.skipped, list)
         True

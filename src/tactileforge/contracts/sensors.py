@@ -188,7 +188,7 @@ class Sensor(Protocol):
 
     Example:
         >>> import numpy as np
-        >>> from tactileforge.plugin import spec
+        >>> from tactileforge.specs import spec
         >>> class Still(Sensor):
         ...     spec = spec("digit")
         ...     def discover(self):

@@ -1,1 +1,5 @@
-"""From recordings to batches."""
+"""From recordings to batches: frames, labels, shards and the data module."""
+
+from tactileforge.util import lazy
+
+__getattr__, __dir__, __all__ = lazy.attach(__name__)

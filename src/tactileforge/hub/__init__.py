@@ -5,3 +5,7 @@
 - `hub.header`, `hub.files`: the one-file checkpoint
 - `hub.model`, `hub.loading`: `tactileforge.load`
 """
+
+from tactileforge.util import lazy
+
+__getattr__, __dir__, __all__ = lazy.attach(__name__)

@@ -18,16 +18,16 @@ from tactileforge.errors import DataError
 from tactileforge.packing import charts, filters
 from tactileforge.packing.options import Filter, PackOptions
 from tactileforge.packing.plan import SPLITS
-from tactileforge.pages.images import difference, image, noted, strip
+from tactileforge.pages.images import amplified_difference, image, noted, strip
 from tactileforge.pages.page import (
     NONE,
     Section,
     card,
     facts,
+    html_page,
     items,
     legend,
     number,
-    html_page,
     panel,
     panels,
     paragraph,
@@ -244,7 +244,7 @@ def _strip(judged: Judged, name: str, places: Sequence[int], gain: float) -> Mar
     for place in places:
         before, row = judged.rows[max(place - 1, 0)], judged.rows[place]
         pair = judged.recording.frames.read([int(before), int(row)])
-        change = difference(pair[1].astype(np.int16) - pair[0], gain)
+        change = amplified_difference(pair[1].astype(np.int16) - pair[0], gain)
         value = number(float(judged.scores[place]))
         words = f"frame {row}, score {value}"
         top.append(image(pair[1], words))

@@ -50,7 +50,7 @@ def image(pixels: NDArray[np.uint8] | Tensor, alt: str) -> Markup:
     return piece("image", *frame_data_url(pixels), alt)
 
 
-def difference(change: ArrayLike, gain: float) -> NDArray[np.uint8]:
+def amplified_difference(change: ArrayLike, gain: float) -> NDArray[np.uint8]:
     """An amplified change as an image around mid-grey.
 
     Args:

@@ -11,10 +11,11 @@ from importlib.resources import files
 from inspect import getsource
 from typing import Any
 
+from tactileforge import contracts, errors
 from tactileforge.errors import PluginError, TactileForgeError
 from tactileforge.plugins.distributions import is_ours, package_of
 
-#: Changes so far that authors of plugins have to follow; `tactileforge.plugin` is the contract.
+#: Changes so far that authors of plugins have to follow; public packages are the contract.
 VERSION = 4
 
 #: Names with a new meaning in the same place: the name in older packages, and the fix.
@@ -49,10 +50,31 @@ MODULES = {
 
 
 @cache
-def public_names() -> frozenset[str]:
-    """Names of `tactileforge.plugin`, from its source: an import here would be circular."""
-    text = (files("tactileforge") / "plugin.py").read_text("utf-8")
-    return frozenset(re.findall(r'^    "(\w+)",$', text, re.M))
+def homes() -> dict[str, str]:
+    """Public package of each public name, read from stubs: an import here would be circular."""
+    found: dict[str, str] = {}
+    for package in sorted(files("tactileforge").iterdir(), key=lambda item: item.name):
+        stub = package / "__init__.pyi"
+        text = stub.read_text("utf-8") if package.is_dir() and stub.is_file() else ""
+        for name in re.findall(r"^from .* import \w+ as (\w+)$", text, re.M):
+            found.setdefault(name, f"tactileforge.{package.name}")
+    found |= dict.fromkeys(contracts.__all__, "tactileforge.contracts")
+    public = [
+        name
+        for name in vars(errors)
+        if getattr(vars(errors)[name], "__module__", "") == errors.__name__
+    ]
+    return found | dict.fromkeys(public, "tactileforge.errors")
+
+
+def home_of(name: str) -> str:
+    """Public package with a name; "" for none.
+
+    Example:
+        >>> home_of("Frame"), home_of("Camera"), home_of("no_such_name")
+        ('tactileforge.contracts', 'tactileforge.sensors', '')
+    """
+    return homes().get(name, "")
 
 
 def import_hint(error: BaseException) -> str:
@@ -73,7 +95,7 @@ def import_hint(error: BaseException) -> str:
     wanted += re.findall(r"cannot import name '(\w+)'", str(error))
     if moved := [said for name, said in PACKAGES.items() if name in wanted]:
         return f"use: {moved[0]}"
-    found = sorted(public_names() & set(wanted))
+    found = sorted(homes().keys() & set(wanted))
     for old in sorted(MODULES, key=len, reverse=True) if not found else ():  # a public name first
         if f"{error.name}.".startswith(f"{old}."):
             package = MODULES[old].partition(".")[0].replace("_", "-")
@@ -83,12 +105,14 @@ def import_hint(error: BaseException) -> str:
     if f".datasets.{last}" in str(error.name) and (package := package_of("datasets", last)):
         return f"it comes with {package} now: pip install {package}"
     last = last.replace("_", "")
-    alike = [name for name in public_names() if name.lower() == last]
-    found = found or alike
-    names = ", ".join(found)
+    found = found or [name for name in homes() if name.lower() == last]
     if not found:
-        return "the module is private: import from tactileforge.plugin, which has what plugins need"
-    return f"use: from tactileforge.plugin import {names}"
+        return "the module is private: public packages and their names are in docs/reference.md"
+    by_package: dict[str, list[str]] = {}
+    for name in found:
+        by_package.setdefault(home_of(name), []).append(name)
+    lines = (f"from {package} import {', '.join(by_package[package])}" for package in by_package)
+    return f"use: {'; '.join(lines)}"
 
 
 def _line(error: BaseException) -> str:

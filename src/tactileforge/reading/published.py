@@ -297,7 +297,7 @@ def still_background(path: Path, frames: Frames) -> ImageFrames | None:
 
     Example:
         >>> import numpy as np
-        >>> from tactileforge.plugin import ArrayFrames
+        >>> from tactileforge.data import ArrayFrames
         >>> still_background(Path("no.png"), ArrayFrames(np.zeros((1, 8, 8, 3), np.uint8))) is None
         True
     """

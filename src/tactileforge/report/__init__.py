@@ -1,1 +1,5 @@
 """The report of a run."""
+
+from tactileforge.util import lazy
+
+__getattr__, __dir__, __all__ = lazy.attach(__name__)

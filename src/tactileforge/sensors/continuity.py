@@ -19,7 +19,7 @@ class Arrival(NamedTuple):
         frame: Decoded frame.
 
     Example:
-        >>> from tactileforge.plugin import Frame
+        >>> from tactileforge.contracts import Frame
         >>> picture = np.zeros((0, 0, 3), np.uint8)
         >>> Arrival(b"..", Frame(array=picture, time=0.5, raw=np.ones(6, np.float32))).frame.time
         0.5
@@ -46,7 +46,7 @@ def changes_by_at_most(
         columns: Columns of ``Frame.raw`` along its last axis; by default all.
 
     Example:
-        >>> from tactileforge.plugin import Frame
+        >>> from tactileforge.contracts import Frame
         >>> nothing = np.zeros((0, 0, 3), np.uint8)
         >>> before, after = (
         ...     Arrival(b"", Frame(array=nothing, time=n / 100, raw=np.full(6, n, np.float32)))

@@ -98,7 +98,7 @@ def open_sensor(name: str, sensor: Sensor) -> None:
         ConfigError: An option is missing or wrong.
 
     Example:
-        >>> from tactileforge.plugin import build
+        >>> from tactileforge.plugins import build
         >>> sensor = build("sensors", {"name": "sim", "size": 32, "realtime": False})
         >>> open_sensor("finger", sensor)
         >>> sensor.read().array.shape
@@ -126,7 +126,7 @@ def close_sensor(name: str, sensor: Sensor) -> None:
         SensorError: The driver fails, or does not return in time.
 
     Example:
-        >>> from tactileforge.plugin import build
+        >>> from tactileforge.plugins import build
         >>> close_sensor("finger", build("sensors", {"name": "sim_robot"}))
     """
     try:

@@ -15,7 +15,7 @@ from inspect import signature
 from tactileforge.contracts import SensorSpec, Simulation
 from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.plugins import registry
-from tactileforge.specs.simulation import PUBLISHED
+from tactileforge.specs.simulated import PUBLISHED
 
 #: Largest force of a GelSight Mini in ToucHD's benchmark, N (AnyTouch 2, its ``max_abs``).
 _MINI_FORCE = (6.84, 9.87, 8.52)

@@ -14,16 +14,10 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 from numpy.typing import NDArray
 
 from lerobot_camera_tactileforge.config_tactileforge import TactileForgeCameraConfig
-from tactileforge.plugin import (
-    Capture,
-    Frame,
-    Sensor,
-    TactileForgeError,
-    build,
-    close_sensor,
-    names,
-    open_sensor,
-)
+from tactileforge.contracts import Frame, Sensor
+from tactileforge.errors import TactileForgeError
+from tactileforge.plugins import build, names
+from tactileforge.sensors import Capture, close_sensor, open_sensor
 
 #: Longest wait for the first frame, and for a frame in `read`, s.
 _FIRST, _READ = 10.0, 5.0

@@ -7,7 +7,8 @@ from typing import Any
 
 from lerobot.cameras.configs import CameraConfig
 
-from tactileforge.plugin import Sensor, build
+from tactileforge.contracts import Sensor
+from tactileforge.plugins import build
 
 
 @CameraConfig.register_subclass("tactileforge")

@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 from tactileforge_arrays import SerialArray
 
-from tactileforge.plugin import Link, SensorSpec, SerialLink
+from tactileforge.contracts import SensorSpec
+from tactileforge.sensors import Link, SerialLink
 
 #: Range of plausible temperatures, degrees Celsius.
 COLDEST, HOTTEST = -20.0, 100.0

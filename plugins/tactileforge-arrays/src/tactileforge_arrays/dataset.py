@@ -6,13 +6,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactileforge.plugin import (
-    ConfigError,
-    Recording,
-    cache_folder,
-    read_shard,
-    unknown,
-)
+from tactileforge.contracts import Recording
+from tactileforge.data import read_shard
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.plugins import cache_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -165,6 +162,6 @@ class SimArray:
 
     def plot(self, recording: Recording) -> Figure:
         """Plots a recording."""
-        from tactileforge.plugin import plot_recording
+        from tactileforge.reading import plot_recording
 
         return plot_recording(recording)

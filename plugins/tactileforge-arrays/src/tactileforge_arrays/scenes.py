@@ -19,21 +19,11 @@ from tactileforge_sim.mechanics.touch import ContactState, contacts
 from tactileforge_sim.optics.scene_camera import render_scene_image
 from tactileforge_sim.scene import POINTS, SPACING, Scene
 
-from tactileforge.data.shards.shards import Packed
-from tactileforge.plugin import (
-    ArrayFrames,
-    ConfigError,
-    Recording,
-    TactileForgeError,
-    TaxelLayout,
-    describe_recording,
-    encode_image,
-    write_shard,
-)
-from tactileforge.util import strict
-from tactileforge.util.bars import Bar
-from tactileforge.util.processes import end_with_parent, process_count, spread
-from tactileforge.util.threads import one_thread
+from tactileforge.contracts import Recording
+from tactileforge.data import ArrayFrames, Packed, describe_recording, encode_image, write_shard
+from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.plugins import Bar, end_with_parent, one_thread, process_count, spread, strict
+from tactileforge.sensors import TaxelLayout
 
 #: Simulated frames per second.
 FPS = 30.0

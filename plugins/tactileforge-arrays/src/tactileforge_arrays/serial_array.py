@@ -10,15 +10,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import (
+from tactileforge.contracts import SensorSpec
+from tactileforge.errors import ConfigError, SensorError
+from tactileforge.sensors import (
     Arrival,
-    ConfigError,
     Framing,
     Link,
     PacketParser,
     Parser,
-    SensorError,
-    SensorSpec,
     SerialLink,
     StreamSensor,
     TaxelLayout,
@@ -26,8 +25,8 @@ from tactileforge.plugin import (
     changes_by_at_most,
     hex_bytes,
     payload_size,
-    spec,
 )
+from tactileforge.specs import spec
 
 #: Longest time for the frames of a baseline, s.
 _PATIENCE = 5.0

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, DataError, PluginError, TactileForgeError
-from tactileforge.util.bars import Bar
+from tactileforge.errors import ConfigError, DataError, PluginError, TactileForgeError
+from tactileforge.plugins import Bar
 from tactileforge_bench.fit import class_heads, evaluate
 from tactileforge_bench.fit.evaluate import SourceFeatures
 from tactileforge_bench.fit.features import FLIPS, PLAIN, FeatureStore, extract_features

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from math import nan
 from typing import Any
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 
 #: Values of ``/tactile/NAME/reading``, in order; NaN for an unknown one.
 READING = ("contact", "slip", "difference", "depth_mm", "latency_ms")

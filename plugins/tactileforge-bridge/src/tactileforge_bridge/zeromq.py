@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from tactileforge.plugin import ConfigError, to_json
+from tactileforge.errors import ConfigError
+from tactileforge.pages import to_json
 
 
 class ZeroMq:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, check_rising, unknown
+from tactileforge.data import check_rising
+from tactileforge.errors import DataError, unknown
 
 #: Columns of a pose: place in mm, and quaternion.
 POSE = ("x_mm", "y_mm", "z_mm", "quat_x", "quat_y", "quat_z", "quat_w")

@@ -7,16 +7,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import (
-    DataError,
-    FrameSubset,
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.errors import DataError
+from tactileforge.plugins import load_json
+from tactileforge.reading import (
+    ALL_FOR_TRAINING,
+    NumberedImages,
     PublishedDataset,
-    Recording,
     RecordingItem,
-    load_json,
+    frame_times,
 )
-from tactileforge.reading.official import ALL_FOR_TRAINING
-from tactileforge.reading.published import NumberedImages, frame_times
 from tactileforge_datasets.official_splits import ANYTOUCH2_CLOTH, CLOTH_OFFICIAL
 
 _LISTS = {

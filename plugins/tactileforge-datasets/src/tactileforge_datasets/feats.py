@@ -10,16 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import (
-    DataError,
-    EncodedFrames,
-    LazyImages,
-    OfficialSplit,
-    PublishedDataset,
-    Recording,
-    RecordingItem,
-    load_pickled_array,
-)
+from tactileforge.contracts import Recording
+from tactileforge.data import EncodedFrames, LazyImages
+from tactileforge.errors import DataError
+from tactileforge.reading import OfficialSplit, PublishedDataset, RecordingItem, load_pickled_array
 from tactileforge_datasets.checks import numbers, value_of, word_before_number
 
 _GRIDS = ("grid_x", "grid_y", "grid_z")

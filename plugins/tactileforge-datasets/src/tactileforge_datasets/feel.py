@@ -7,15 +7,10 @@ from functools import partial
 
 import numpy as np
 
-from tactileforge.plugin import (
-    DataError,
-    FrameSubset,
-    ImageFrames,
-    PublishedDataset,
-    Recording,
-    RecordingItem,
-)
-from tactileforge.reading.files import read_rows
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data import ImageFrames
+from tactileforge.errors import DataError
+from tactileforge.reading import PublishedDataset, RecordingItem, read_rows
 
 #: The first is before the gripper closes, and so without contact.
 _MOMENTS = ("before", "during", "after")

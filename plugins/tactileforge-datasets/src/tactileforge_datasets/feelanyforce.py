@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import (
-    DataError,
-    ImageFrames,
+from tactileforge.contracts import Recording
+from tactileforge.data import ImageFrames
+from tactileforge.errors import DataError
+from tactileforge.reading import (
     OfficialSplit,
     PublishedDataset,
-    Recording,
     RecordingItem,
     read_cells,
     still_background,

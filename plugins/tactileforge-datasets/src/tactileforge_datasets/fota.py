@@ -12,18 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import (
-    Blob,
-    DataError,
-    EncodedFrames,
-    Guess,
-    OfficialSplit,
-    PublishedDataset,
-    Recording,
-    RecordingItem,
-    add_once,
-    load_json,
-)
+from tactileforge.contracts import Guess, Recording
+from tactileforge.data import Blob, EncodedFrames
+from tactileforge.errors import DataError
+from tactileforge.plugins import load_json
+from tactileforge.reading import OfficialSplit, PublishedDataset, RecordingItem, add_once
 from tactileforge_datasets.checks import POSE, numbers, pose_track
 
 _OFFICIAL = OfficialSplit(

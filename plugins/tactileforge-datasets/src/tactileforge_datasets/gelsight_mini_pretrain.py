@@ -12,19 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import (
-    ConfigError,
-    DataError,
-    EncodedFrames,
-    Guess,
-    LazyImages,
-    OfficialSplit,
-    PublishedDataset,
-    Recording,
-    RecordingItem,
-    add_once,
-    unknown,
-)
+from tactileforge.contracts import Guess, Recording
+from tactileforge.data import EncodedFrames, LazyImages
+from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.reading import OfficialSplit, PublishedDataset, RecordingItem, add_once
 from tactileforge_datasets import parquet
 from tactileforge_datasets.checks import POSE, numbers, pose_track, pressing_sign
 

@@ -9,18 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.plugin import (
-    DataError,
-    FrameSubset,
-    ImageFrames,
-    PublishedDataset,
-    Recording,
-    RecordingItem,
-    VideoFrames,
-    load_yaml,
-    read_cells,
-    still_background,
-)
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data import ImageFrames, VideoFrames
+from tactileforge.errors import DataError
+from tactileforge.plugins import load_yaml
+from tactileforge.reading import PublishedDataset, RecordingItem, read_cells, still_background
 from tactileforge_datasets.checks import inside
 
 #: First frames of a film, which are without contact.

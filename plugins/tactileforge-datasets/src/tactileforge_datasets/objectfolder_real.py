@@ -7,16 +7,16 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
-from tactileforge.plugin import (
-    DataError,
-    FrameSubset,
-    ImageFrames,
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data import ImageFrames
+from tactileforge.errors import DataError
+from tactileforge.reading import (
+    NumberedImages,
     PublishedDataset,
-    Recording,
     RecordingItem,
+    frame_times,
+    read_rows,
 )
-from tactileforge.reading.files import read_rows
-from tactileforge.reading.published import NumberedImages, frame_times
 
 
 class ObjectFolderReal(PublishedDataset):

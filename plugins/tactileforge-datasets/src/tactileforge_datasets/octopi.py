@@ -9,17 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tactileforge.data.frames.video_clock import video_times
-from tactileforge.plugin import (
-    DataError,
-    FrameSubset,
-    PublishedDataset,
-    Recording,
-    RecordingItem,
-    VideoFrames,
-    without_companions,
-)
-from tactileforge.reading.official import ALL_FOR_TRAINING
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data import VideoFrames, video_times, without_companions
+from tactileforge.errors import DataError
+from tactileforge.reading import ALL_FOR_TRAINING, PublishedDataset, RecordingItem
 from tactileforge_datasets.official_splits import OCTOPI_OFFICIAL
 
 _PREFIX = "physiclear_"

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from tactileforge.plugin import OfficialSplit
-from tactileforge.reading.official import ALL_FOR_TRAINING
+from tactileforge.reading import ALL_FOR_TRAINING, OfficialSplit
 
 
 def _named(*values: str | int) -> frozenset[str]:

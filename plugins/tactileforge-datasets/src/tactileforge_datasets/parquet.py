@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.plugin import DataError, unknown
+from tactileforge.errors import DataError, unknown
 
 #: Files that stay open in a process.
 _OPEN = 4

@@ -11,20 +11,17 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import (
-    ConfigError,
-    DataError,
-    EncodedFrames,
-    Guess,
+from tactileforge.contracts import Guess, Recording
+from tactileforge.data import EncodedFrames
+from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.reading import (
     OfficialSplit,
     PublishedDataset,
-    Recording,
     RecordingItem,
     add_once,
-    unknown,
+    frame_times,
+    load_pickle,
 )
-from tactileforge.reading.pickles import load_pickle
-from tactileforge.reading.published import frame_times
 
 _LABELS = "dataset_slip_forces.pkl"
 #: Name of a sensor in files and folders.

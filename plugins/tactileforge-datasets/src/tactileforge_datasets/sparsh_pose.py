@@ -8,18 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.plugin import (
-    ConfigError,
-    DataError,
-    EncodedFrames,
+from tactileforge.contracts import Recording
+from tactileforge.data import EncodedFrames
+from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.reading import (
+    ALL_FOR_TRAINING,
     PublishedDataset,
-    Recording,
     RecordingItem,
+    load_pickle,
     still_background,
-    unknown,
 )
-from tactileforge.reading.official import ALL_FOR_TRAINING
-from tactileforge.reading.pickles import load_pickle
 from tactileforge_datasets.official_splits import POSE_OFFICIAL
 
 _FINGERS = ("index", "middle", "ring")

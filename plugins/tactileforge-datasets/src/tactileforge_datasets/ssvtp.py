@@ -9,10 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.plugin import ImageFrames, PublishedDataset, Recording, RecordingItem
-from tactileforge.reading.files import read_rows, read_text
-from tactileforge.reading.official import ALL_FOR_TRAINING
-from tactileforge.reading.published import NumberedImages
+from tactileforge.contracts import Recording
+from tactileforge.data import ImageFrames
+from tactileforge.reading import (
+    ALL_FOR_TRAINING,
+    NumberedImages,
+    PublishedDataset,
+    RecordingItem,
+    read_rows,
+    read_text,
+)
 from tactileforge_datasets.official_splits import TVL_OFFICIAL
 
 

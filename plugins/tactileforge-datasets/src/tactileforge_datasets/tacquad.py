@@ -6,17 +6,17 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from tactileforge.plugin import (
-    DataError,
-    FrameSubset,
-    ImageFrames,
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data import ImageFrames, stated
+from tactileforge.errors import DataError
+from tactileforge.reading import (
+    NumberedImages,
     PublishedDataset,
-    Recording,
     RecordingItem,
-    stated,
+    frame_rate,
+    frame_times,
+    read_rows,
 )
-from tactileforge.reading.files import read_rows
-from tactileforge.reading.published import NumberedImages, frame_rate, frame_times
 
 #: Sensor by folder, in the order of the columns of the index.
 _SENSORS = {"gelsight": "gelsight_mini", "digit": "digit", "duragel": "duragel"}

@@ -10,19 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import (
-    DataError,
-    EncodedFrames,
-    Frames,
-    FrameSubset,
-    Guess,
-    LazyImages,
-    OfficialSplit,
-    PublishedDataset,
-    Recording,
-    RecordingItem,
-    add_once,
-)
+from tactileforge.contracts import Frames, FrameSubset, Guess, Recording
+from tactileforge.data import EncodedFrames, LazyImages
+from tactileforge.errors import DataError
+from tactileforge.reading import OfficialSplit, PublishedDataset, RecordingItem, add_once
 from tactileforge_datasets import parquet
 from tactileforge_datasets.checks import numbers, rising
 from tactileforge_datasets.videos import TableVideo

@@ -8,13 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.plugin import (
-    DataError,
-    PublishedDataset,
-    Recording,
-    RecordingItem,
-    VideoFrames,
-)
+from tactileforge.contracts import Recording
+from tactileforge.data import VideoFrames
+from tactileforge.errors import DataError
+from tactileforge.reading import PublishedDataset, RecordingItem
 from tactileforge_datasets.checks import numbers, same_length, word_before_number
 
 _POSES = "true_start_T_currs.npy"

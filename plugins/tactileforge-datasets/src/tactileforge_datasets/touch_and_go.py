@@ -7,17 +7,19 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from tactileforge.plugin import (
-    DataError,
-    ImageFrames,
+from tactileforge.contracts import Recording
+from tactileforge.data import ImageFrames
+from tactileforge.errors import DataError
+from tactileforge.reading import (
+    ALL_FOR_TRAINING,
+    NumberedImages,
     PublishedDataset,
-    Recording,
     RecordingItem,
+    frame_times,
+    label_runs,
+    read_text,
     still_background,
 )
-from tactileforge.reading.files import read_text
-from tactileforge.reading.official import ALL_FOR_TRAINING
-from tactileforge.reading.published import NumberedImages, frame_times, label_runs
 from tactileforge_datasets.official_splits import (
     ANYTOUCH2_MATERIAL,
     ANYTOUCH2_ROUGH,

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.plugin import (
-    DataError,
-    EncodedFrames,
+from tactileforge.contracts import Recording
+from tactileforge.data import EncodedFrames
+from tactileforge.errors import DataError
+from tactileforge.reading import (
     PublishedDataset,
-    Recording,
     RecordingItem,
+    load_pickle,
+    median_frames,
     still_background,
 )
-from tactileforge.reading.pickles import load_pickle
-from tactileforge.reading.published import median_frames
 from tactileforge_datasets.ycb_slide import BACKGROUNDS
 
 #: Number of Sparsh's background for each toy (``bgs/bg_N.jpg``).

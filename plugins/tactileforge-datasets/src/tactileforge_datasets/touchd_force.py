@@ -9,21 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.plugin import (
-    ConfigError,
-    DataError,
-    ImageFrames,
+from tactileforge.contracts import Recording
+from tactileforge.data import ImageFrames, label_actions
+from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.plugins import load_json
+from tactileforge.reading import (
+    ALL_FOR_TRAINING,
     PublishedDataset,
-    Recording,
     RecordingItem,
     add_once,
-    label_actions,
-    load_json,
+    frame_rate,
+    frame_times,
     still_background,
-    unknown,
 )
-from tactileforge.reading.official import ALL_FOR_TRAINING
-from tactileforge.reading.published import frame_rate, frame_times
 from tactileforge_datasets.official_splits import TOUCHD_BENCH, TOUCHD_PRETRAIN
 
 #: Sensor by folder. ``biotip`` sees markers in space, and ``dm`` has no labels: both are left out.

@@ -7,17 +7,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import (
-    DataError,
+from tactileforge.contracts import Recording
+from tactileforge.errors import DataError
+from tactileforge.plugins import load_json
+from tactileforge.reading import (
+    NumberedImages,
     PublishedDataset,
-    Recording,
     RecordingItem,
     add_once,
-    load_json,
+    check_sensor,
+    frame_rate,
+    frame_times,
     still_background,
 )
-from tactileforge.reading.layout import check_sensor
-from tactileforge.reading.published import NumberedImages, frame_rate, frame_times
 
 
 class TouchdMani(PublishedDataset):

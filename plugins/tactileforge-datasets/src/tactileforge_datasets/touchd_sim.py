@@ -9,16 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.plugin import (
-    ACTIONS,
-    DataError,
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.errors import DataError, unknown
+from tactileforge.reading import (
+    NumberedImages,
     PublishedDataset,
-    Recording,
     RecordingItem,
+    frame_times,
     still_background,
-    unknown,
 )
-from tactileforge.reading.published import NumberedImages, frame_times
 
 _FPS = 30.0
 

@@ -9,18 +9,19 @@ from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
-from tactileforge.plugin import (
-    DataError,
-    ImageFrames,
+from tactileforge.contracts import Recording
+from tactileforge.data import ImageFrames
+from tactileforge.errors import DataError
+from tactileforge.plugins import load_json
+from tactileforge.reading import (
+    ALL_FOR_TRAINING,
     PublishedDataset,
-    Recording,
     RecordingItem,
-    load_json,
+    frame_times,
+    label_runs,
+    read_rows,
     still_background,
 )
-from tactileforge.reading.files import read_rows
-from tactileforge.reading.official import ALL_FOR_TRAINING
-from tactileforge.reading.published import frame_times, label_runs
 from tactileforge_datasets.official_splits import TVL_OFFICIAL
 
 

@@ -12,18 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import (
-    ConfigError,
-    DataError,
-    EncodedFrames,
-    FrameSubset,
-    LazyImages,
-    PublishedDataset,
-    Recording,
-    RecordingItem,
-    TaxelLayout,
-    load_json,
-)
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.data import EncodedFrames, LazyImages
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.plugins import load_json
+from tactileforge.reading import PublishedDataset, RecordingItem
+from tactileforge.sensors import TaxelLayout
 from tactileforge_datasets.checks import numbers, pressing_sign, rising
 
 #: Rows, columns and axes of the taxels by folder, and the change drawn as full colour.

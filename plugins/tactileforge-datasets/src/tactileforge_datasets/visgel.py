@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
-from tactileforge.plugin import FrameSubset, PublishedDataset, Recording, RecordingItem
-from tactileforge.reading.published import NumberedImages, frame_times
+from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.reading import NumberedImages, PublishedDataset, RecordingItem, frame_times
 
 
 class VisGel(PublishedDataset):

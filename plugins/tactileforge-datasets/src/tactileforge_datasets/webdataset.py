@@ -11,23 +11,11 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from tactileforge.data.batches.sources import Bad, Source
-from tactileforge.data.shards.fetch import ShardFolder
-from tactileforge.data.shards.summary import Summary
-from tactileforge.errors import command
-from tactileforge.plugin import (
-    ConfigError,
-    DataError,
-    DataNotFoundError,
-    Guess,
-    Recording,
-    add_once,
-    cache_folder,
-    is_held_out,
-)
-from tactileforge.reading.drawn import Drawn
-from tactileforge.reading.layout import as_texts
-from tactileforge.reading.splits import check_share, check_split
+from tactileforge.contracts import Guess, Recording
+from tactileforge.data import Bad, ShardFolder, Source, Summary
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, command
+from tactileforge.plugins import cache_folder
+from tactileforge.reading import Drawn, add_once, as_texts, check_share, check_split, is_held_out
 from tactileforge_datasets.samples.layout import SampleLayout, parse_samples
 from tactileforge_datasets.samples.opened import SampleOpener
 from tactileforge_datasets.samples.tars import Tar, find_tars

@@ -6,8 +6,15 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from tactileforge.plugin import PublishedDataset, Recording, RecordingItem, still_background
-from tactileforge.reading.published import NumberedImages, frame_times, median_frames
+from tactileforge.contracts import Recording
+from tactileforge.reading import (
+    NumberedImages,
+    PublishedDataset,
+    RecordingItem,
+    frame_times,
+    median_frames,
+    still_background,
+)
 
 #: Number of Sparsh's background for each object (``bgs/bg_N.jpg`` in its data).
 BACKGROUNDS = {

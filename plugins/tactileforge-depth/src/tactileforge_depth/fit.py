@@ -15,7 +15,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from tactileforge.util.files import write_text
+from tactileforge.plugins import write_text
 from tactileforge_depth.features import POWERS, Coarse, fine, normals, places
 from tactileforge_depth.lighting import DEGREE, OpticalCalibration
 from tactileforge_depth.presses import Presses

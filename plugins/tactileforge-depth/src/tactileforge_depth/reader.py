@@ -15,11 +15,15 @@ from torch import Tensor
 
 from tactileforge.contracts import Sensor, SensorSpec
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
-from tactileforge.sensors.health import TROUBLES
-from tactileforge.sensors.light import LightCheck
-from tactileforge.sensors.resting_colours import colour_agreement, colour_grid, has_colours
-from tactileforge.sensors.swapped_colours import warn_of_swapped
-from tactileforge.specs.published import SIMULATED, pixel_spacing, simulation, spec
+from tactileforge.sensors import (
+    TROUBLES,
+    LightCheck,
+    colour_agreement,
+    colour_grid,
+    has_colours,
+    warn_of_swapped,
+)
+from tactileforge.specs import SIMULATED, pixel_spacing, simulation, spec
 from tactileforge_depth.features import BLURS, POWERS, exponents
 from tactileforge_depth.inverse import Surface, SurfaceReader
 from tactileforge_depth.lighting import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from tactileforge.plugin import v4l2
+from tactileforge.sensors import v4l2
 
 #: Vendor and product on USB.
 USB = "2833:0209"

@@ -7,7 +7,9 @@ from typing import Any
 
 import cv2
 
-from tactileforge.plugin import SPECS, Camera, ConfigError, SensorError
+from tactileforge.errors import ConfigError, SensorError
+from tactileforge.sensors import Camera
+from tactileforge.specs import SPECS
 from tactileforge_digit.attached import USB, attached
 
 #: Width and height of a frame before it is turned upright, and rates, by mode.

@@ -11,7 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import SPECS, ConfigError, Frame, Sensor, SensorError, TactileForgeError
+from tactileforge.contracts import Frame, Sensor
+from tactileforge.errors import ConfigError, SensorError, TactileForgeError
+from tactileforge.specs import SPECS
 
 #: Methods of the software, by picture: as the camera gives it, or cut and straightened.
 PICTURES = {"raw": "getRawImg", "infer": "getInferImg"}

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tactileforge.plugin import SPECS, Camera
+from tactileforge.sensors import Camera
+from tactileforge.specs import SPECS
 
 #: Part of the name of its camera.
 NAME = "N160MU2"

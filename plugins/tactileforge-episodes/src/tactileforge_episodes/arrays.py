@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
-from tactileforge.reading.container import MOST_BYTES, Facts
+from tactileforge.errors import DataError
+from tactileforge.reading import MOST_BYTES, Facts
 from tactileforge_episodes.members import DAMAGED
 
 if TYPE_CHECKING:
-    from tactileforge.plugin import Frames
+    from tactileforge.contracts import Frames
 
 #: Memory of kept rows of this process, bytes.
 _KEPT = 1 << 27

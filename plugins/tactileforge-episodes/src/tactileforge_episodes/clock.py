@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, DataError
+from tactileforge.errors import ConfigError, DataError
 from tactileforge_episodes.map_keys import EpisodeMap, ReadKeys, TimeKeys
 from tactileforge_episodes.values import EpisodeArrays
 

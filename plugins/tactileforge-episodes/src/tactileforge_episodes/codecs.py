@@ -8,7 +8,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
-from tactileforge.plugin import DataError, unknown
+from tactileforge.errors import DataError, unknown
 
 #: Codecs of plain bytes and numbers, by their names in zarr 2 and 3.
 KNOWN = frozenset(

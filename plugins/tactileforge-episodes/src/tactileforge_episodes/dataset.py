@@ -7,18 +7,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from tactileforge.plugin import (
+from tactileforge.contracts import Guess, Recording
+from tactileforge.errors import (
     ConfigError,
     DataError,
     DataNotFoundError,
-    Guess,
-    Recording,
-    add_once,
     check_names,
     home_path,
-    is_held_out,
     unknown,
 )
+from tactileforge.reading import add_once, is_held_out
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -167,9 +165,7 @@ class Episodes:
                     if self._split(file, number) != split:
                         continue
                     try:
-                        for recording in file.recordings(
-                            number, self._skip, self._notes.append
-                        ):
+                        for recording in file.recordings(number, self._skip, self._notes.append):
                             opened += 1
                             yield recording
                     except DataError as error:
@@ -234,7 +230,7 @@ class Episodes:
 
     def plot(self, recording: Recording) -> Figure:
         """Plots a recording."""
-        from tactileforge.plugin import plot_recording
+        from tactileforge.reading import plot_recording
 
         return plot_recording(recording)
 

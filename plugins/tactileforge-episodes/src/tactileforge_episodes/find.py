@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
 from tactileforge_episodes.forces import read_force
 from tactileforge_episodes.map_keys import EpisodeMap
 from tactileforge_episodes.names import fill, match_end

@@ -7,7 +7,8 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, newtons_of
+from tactileforge.data import newtons_of
+from tactileforge.errors import DataError
 from tactileforge_episodes.map_keys import ForceKeys
 from tactileforge_episodes.refs import ArrayRef, numbers
 

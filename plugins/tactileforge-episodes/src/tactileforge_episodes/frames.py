@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, EncodedFrames, Frames, LazyImages
+from tactileforge.contracts import Frames
+from tactileforge.data import EncodedFrames, LazyImages
+from tactileforge.errors import DataError
 from tactileforge_episodes.arrays import ArrayView
 from tactileforge_episodes.map_keys import PictureKeys
 from tactileforge_episodes.refs import ArrayRef

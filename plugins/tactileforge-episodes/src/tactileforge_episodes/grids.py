@@ -9,7 +9,7 @@ from itertools import product
 from math import prod
 from typing import Any
 
-from tactileforge.reading.container import check_keys
+from tactileforge.reading import check_keys
 from tactileforge_episodes.members import Members
 
 

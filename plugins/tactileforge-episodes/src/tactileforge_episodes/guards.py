@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tactileforge.plugin import DataError
-from tactileforge.reading.container import MOST_BYTES
+from tactileforge.errors import DataError
+from tactileforge.reading import MOST_BYTES
 from tactileforge_episodes.codecs import PACKERS, plain_name
 
 #: Codecs behind a compressor that append a few bytes.

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 
-from tactileforge.plugin import DataError, Guess
+from tactileforge.contracts import Guess
+from tactileforge.errors import DataError
 from tactileforge_episodes.find import find_files, path_values
 from tactileforge_episodes.map_files import preset_names, read_preset
 from tactileforge_episodes.map_keys import EpisodeMap

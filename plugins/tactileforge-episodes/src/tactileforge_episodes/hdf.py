@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
-from tactileforge.reading.container import DEEPEST, MOST_TEXT, Facts, check_keys, check_size
+from tactileforge.errors import DataError
+from tactileforge.reading import DEEPEST, MOST_TEXT, Facts, check_keys, check_size
 from tactileforge_episodes.arrays import ArrayFile
 from tactileforge_episodes.members import DAMAGED
 from tactileforge_episodes.packages import need

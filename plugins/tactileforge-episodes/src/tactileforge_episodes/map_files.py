@@ -7,7 +7,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import ConfigError, check_data_licence, load_yaml, strict, unknown
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.plugins import load_yaml, strict
+from tactileforge.reading import check_data_licence
 from tactileforge_episodes.forces import newtons
 from tactileforge_episodes.map_keys import EpisodeMap, TouchKeys
 

@@ -14,9 +14,9 @@ from pathlib import Path
 from tokenize import TokenError
 from typing import IO, Protocol
 
-from tactileforge.plugin import DataError
-from tactileforge.reading.container import check_unpacked
-from tactileforge.reading.regular import open_regular, stays_inside
+from tactileforge.errors import DataError
+from tactileforge.reading import check_unpacked
+from tactileforge.reading import open_regular, stays_inside
 from tactileforge_episodes.slices import Handle, Slice
 
 #: Errors of damaged files, from the decoders of all formats.

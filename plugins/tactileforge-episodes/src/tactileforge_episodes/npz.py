@@ -14,8 +14,8 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
-from tactileforge.reading.container import (
+from tactileforge.errors import DataError
+from tactileforge.reading import (
     MOST_BYTES,
     Facts,
     check_keys,
@@ -102,8 +102,9 @@ class NpzFile(ArrayFile):
         by_columns = fortran and len(shape) > 1
         if by_columns and size > MOST_BYTES:
             raise self._wrong(
-                key, f"{size} bytes column by column, of which no row can be read alone; save it "
-                "with np.ascontiguousarray"
+                key,
+                f"{size} bytes column by column, of which no row can be read alone; save it "
+                "with np.ascontiguousarray",
             )
         self._entries[key] = _Entry(header, size, by_columns)
         if entry.compress_type == zipfile.ZIP_STORED:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 
 
 def need(name: str, where: str) -> Any:

@@ -9,8 +9,8 @@ from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from stat import S_ISDIR, S_ISREG
 
-from tactileforge.plugin import DataError
-from tactileforge.reading.container import check_keys
+from tactileforge.errors import DataError
+from tactileforge.reading import check_keys
 from tactileforge_episodes.arrays import ArrayFile
 from tactileforge_episodes.members import FolderMembers, Members, TarMembers, ZipMembers
 

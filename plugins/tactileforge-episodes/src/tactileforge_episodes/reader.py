@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, DataError, Frames, FrameSubset, Recording, spec
+from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.specs import spec
 from tactileforge_episodes.clock import episodes_of, rate_of, times_of
 from tactileforge_episodes.forces import read_force
 from tactileforge_episodes.frames import Reference, open_pictures

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
-from tactileforge.reading.container import Facts
+from tactileforge.errors import DataError
+from tactileforge.reading import Facts
 from tactileforge_episodes.arrays import KEPT
 from tactileforge_episodes.places import Place, open_place
 

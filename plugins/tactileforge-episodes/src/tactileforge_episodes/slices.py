@@ -7,7 +7,7 @@ import os
 import weakref
 from pathlib import Path
 
-from tactileforge.reading.regular import open_regular
+from tactileforge.reading import open_regular
 
 
 class Handle:

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import TaxelLayout
+from tactileforge.sensors import TaxelLayout
 from tactileforge_episodes.frames import check_frames
 from tactileforge_episodes.refs import ArrayRef, numbers
 

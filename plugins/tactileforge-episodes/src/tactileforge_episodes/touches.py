@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
 from tactileforge_episodes.frames import is_encoded
 from tactileforge_episodes.map_keys import EpisodeMap, PartKeys, TaxelKeys, TouchKeys
 from tactileforge_episodes.names import fill, placeholders

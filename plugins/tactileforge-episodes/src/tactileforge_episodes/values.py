@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.plugin import DataError, load_json, stated, unknown
+from tactileforge.data import stated
+from tactileforge.errors import DataError, unknown
+from tactileforge.plugins import load_json
 from tactileforge_episodes.map_keys import Keys, ReadKeys
 from tactileforge_episodes.names import fill, match
 from tactileforge_episodes.places import Place, open_place

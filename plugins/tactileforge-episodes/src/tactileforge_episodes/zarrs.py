@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import load_json
-from tactileforge.reading.container import DEEPEST, MOST_TEXT, Facts, check_keys, check_size
+from tactileforge.plugins import load_json
+from tactileforge.reading import DEEPEST, MOST_TEXT, Facts, check_keys, check_size
 from tactileforge_episodes.arrays import ArrayFile
 from tactileforge_episodes.codecs import check_codecs
 from tactileforge_episodes.grids import Grid
@@ -111,7 +111,9 @@ class ZarrFile(ArrayFile):
         """Raises a `DataError` for sizes that zarr itself would stumble over."""
         if "chunk_grid" in about:
             if (kind := about["chunk_grid"].get("name")) != "regular":
-                raise self._wrong(key, f"chunk grid {str(kind)[:40]!r}, where regular ones are read")
+                raise self._wrong(
+                    key, f"chunk grid {str(kind)[:40]!r}, where regular ones are read"
+                )
             chunks = about["chunk_grid"]["configuration"]["chunk_shape"]
         else:
             chunks = about["chunks"]
@@ -119,7 +121,9 @@ class ZarrFile(ArrayFile):
             if not isinstance(sizes, list) or not all(
                 type(one) is int and least <= one < 1 << 62 for one in sizes
             ):
-                raise self._wrong(key, f"shape {str(about['shape'])[:60]} in chunks of {chunks!r:.60}")
+                raise self._wrong(
+                    key, f"shape {str(about['shape'])[:60]} in chunks of {chunks!r:.60}"
+                )
         if len(chunks) != len(about["shape"]):
             raise self._wrong(key, f"shape {about['shape']} in chunks of {chunks}")
 

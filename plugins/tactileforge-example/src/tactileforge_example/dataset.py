@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ACTIONS, FrameSubset, Recording, spec
+from tactileforge.contracts import ACTIONS, FrameSubset, Recording
+from tactileforge.specs import spec
 from tactileforge_example.synthetic import press
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge.plugin import ANYTOUCH2, Backbone, patches_at
+from tactileforge.encoders import ANYTOUCH2, Backbone, patches_at
 
 
 class SmallCnn(Backbone):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from tactileforge.plugin import Batch, Encoder, Views
+from tactileforge.contracts import Batch, Encoder, Views
 
 
 class ContactAreaHead(nn.Module):

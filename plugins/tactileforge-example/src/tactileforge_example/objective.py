@@ -6,7 +6,8 @@ from typing import ClassVar
 
 from torch import Tensor, nn
 
-from tactileforge.plugin import NEUTRAL_BACKGROUND, Batch, Mean, masked_mean
+from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch
+from tactileforge.training import Mean, masked_mean
 
 
 class ContactArea(nn.Module):

@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 
 #: Coefficients of the quintic iteration, from the post above: they reach .7 to 1.2 in five steps.
 _QUINTIC = (3.4445, -4.7750, 2.0315)

@@ -8,7 +8,8 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import Frame, SensorSpec, TactileForgeError
+from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.errors import TactileForgeError
 from tactileforge_example.synthetic import GEL, press
 
 

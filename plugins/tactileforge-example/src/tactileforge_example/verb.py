@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.plugin import Command, ConfigError, build
+from tactileforge.cli import Command
+from tactileforge.errors import ConfigError
+from tactileforge.plugins import build
 
 
 @dataclass(frozen=True, kw_only=True)

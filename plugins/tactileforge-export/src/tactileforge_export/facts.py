@@ -9,14 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import (
-    ConfigError,
-    DataError,
-    DataNotFoundError,
-    check_names,
-    load_json,
-    strict,
-)
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, check_names
+from tactileforge.plugins import load_json, strict
 
 #: Key of the text in ``metadata_props`` of ONNX, and in ``extra_files`` of ``torch.export``.
 KEY = "tactileforge"

@@ -8,10 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge.encoders.feature_groups import joint_vector
-from tactileforge.encoders.summary import join_summary, summarised_parts
-from tactileforge.encoders.views import ComputedViews
-from tactileforge.plugin import ConfigError
+from tactileforge.encoders import ComputedViews, join_summary, joint_vector, summarised_parts
+from tactileforge.errors import ConfigError
 from tactileforge_export.squash import Squash
 
 #: Row of an unknown sensor, outside of every table, so that the graph raises an error.

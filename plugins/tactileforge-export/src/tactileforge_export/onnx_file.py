@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.export import ExportedProgram
 from torch.nn import functional as F
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 from tactileforge_export.facts import KEY
 from tactileforge_export.program import INPUTS, Outputs, Run
 from tactileforge_export.squash import Squash

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.export import Dim, ExportedProgram
 from torch.nn import functional as F
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 from tactileforge_export.facts import KEY
 
 Clips: TypeAlias = tuple[Tensor, Tensor, Tensor]

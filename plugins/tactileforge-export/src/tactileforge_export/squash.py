@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from tactileforge.data.batches.clips import AVERAGED_FROM
+from tactileforge.data import AVERAGED_FROM
 
 
 class Squash(nn.Module):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import Command
+from tactileforge.cli import Command
 
 #: Endings of the files of each format.
 _SUFFIXES = {"onnx": ".onnx", "torch_export": ".pt2"}

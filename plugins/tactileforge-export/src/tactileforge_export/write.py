@@ -13,10 +13,9 @@ from typing import Any, Literal
 from torch import nn
 
 from tactileforge import __version__, load
-from tactileforge.hub import forces
-from tactileforge.hub.files import describe_input
-from tactileforge.plugin import ConfigError, Model, TactileForgeError, new_part, unknown
-from tactileforge.util.files import sync
+from tactileforge.errors import ConfigError, TactileForgeError, unknown
+from tactileforge.hub import Model, describe_input, fingerprint
+from tactileforge.plugins import new_part, sync
 from tactileforge_export.facts import AXES_OF_FORCE, OUTPUTS, Exported, need_onnx
 from tactileforge_export.graph_module import GraphModule, check_float32
 from tactileforge_export.program import ProgramFile, compare_outputs, sizes_of, trace
@@ -134,7 +133,7 @@ def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str,
         "sensors": module.sensors,
         "frames": encoder.frames,
         "version": __version__,
-        "weights": forces.fingerprint([encoder] if head is None else [encoder, head]),
+        "weights": fingerprint([encoder] if head is None else [encoder, head]),
         "preprocessing": describe_input(encoder)
         | ({} if squashed is None else {"squashed": list(squashed)}),
         "outputs": {name: OUTPUTS[name] for name in module.outputs},

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from tactileforge_arrays import SerialArray
 
-from tactileforge.plugin import ConfigError, Parser, SensorSpec
+from tactileforge.contracts import SensorSpec
+from tactileforge.errors import ConfigError
+from tactileforge.sensors import Parser
 from tactileforge_flexitac.parser import GridParser
 
 

@@ -17,7 +17,9 @@ from urllib.request import ProxyHandler, build_opener
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import Arrival, ForceTorque, Frame, Link, Parser, SensorError, SensorSpec
+from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.errors import SensorError
+from tactileforge.sensors import Arrival, ForceTorque, Link, Parser
 
 #: Commands of a request.
 STOP, START, BIAS = 0x0000, 0x0002, 0x0042

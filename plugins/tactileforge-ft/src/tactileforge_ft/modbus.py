@@ -6,7 +6,8 @@ import struct
 import time
 from collections.abc import Sequence
 
-from tactileforge.plugin import CHECKSUMS, Link, SensorError
+from tactileforge.errors import SensorError
+from tactileforge.sensors import CHECKSUMS, Link
 
 #: The function "write registers", and the bit of a refusing reply.
 WRITE, REFUSED = 0x10, 0x80

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from tactileforge.plugin import ForceTorque, Link
+from tactileforge.sensors import ForceTorque, Link
 from tactileforge_ft import modbus
 
 #: Number of the device on the line; register and value to switch the stream on.

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from tactileforge.plugin import SPECS, Camera, ConfigError, v4l2
+from tactileforge.errors import ConfigError
+from tactileforge.sensors import Camera, v4l2
+from tactileforge.specs import SPECS
 
 #: Beginning of the name of every Mini. Its USB id is not unique: other cameras share it.
 NAME = "GelSight Mini"

@@ -9,7 +9,7 @@ from markupsafe import Markup
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
-from tactileforge.pages.figures import CLASSES, drawing, svg
+from tactileforge.pages import CLASSES, drawing, svg
 from tactileforge_inspect.counters import DURATIONS, Histogram
 
 #: Longest label of a bar, letters.

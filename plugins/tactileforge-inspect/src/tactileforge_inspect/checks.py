@@ -9,11 +9,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tactileforge.data.frames.untared import NO_CONTACT, untared
-from tactileforge.data.labels.align import LARGEST_GAP, Lag
-from tactileforge.data.labels.doubts import RANGE, TINY, Suspicion
-from tactileforge.pages.page import percent
-from tactileforge.plugin import Recording, estimate_lag
+from tactileforge.contracts import Recording
+from tactileforge.data import (
+    LARGEST_GAP,
+    NO_CONTACT,
+    RANGE,
+    TINY,
+    Lag,
+    Suspicion,
+    estimate_lag,
+    untared,
+)
+from tactileforge.pages import percent
 from tactileforge_inspect.findings import Reason
 from tactileforge_inspect.frame_stats import FrameStats, changes
 

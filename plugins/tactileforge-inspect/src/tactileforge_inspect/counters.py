@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.shards.summary import labels_of
-from tactileforge.plugin import ACTIONS, Recording
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.data import labels_of
 from tactileforge_inspect.findings import Total
 
 #: Edges of the bins of durations, s: eight a decade.

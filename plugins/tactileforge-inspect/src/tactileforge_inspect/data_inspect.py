@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactileforge.cli._quote import hydra_value, unquoted
-from tactileforge.plugin import Command, ConfigError, build, home_path, write_text
-from tactileforge.util.untrusted import dump_yaml
+from tactileforge.cli import Command, hydra_value, unquoted
+from tactileforge.errors import ConfigError, home_path
+from tactileforge.plugins import build, dump_yaml, write_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,7 @@ class _Inspect:
 
 def _inspect(keys: _Inspect, config: dict[str, Any]) -> None:
     """Writes a page about a data set, to look at before training."""
-    from tactileforge.datasets.recordings import LAYOUT_FILE
+    from tactileforge.datasets import LAYOUT_FILE
     from tactileforge_inspect.write import inspect
 
     node, out = config["data"], Path(keys.out)
@@ -48,13 +48,13 @@ def _inspect(keys: _Inspect, config: dict[str, Any]) -> None:
 
 def _guess(words: list[str]) -> list[str]:
     """Replaces the word of a path by the options of the best guess; later words change these."""
-    from tactileforge.datasets.recognise import recognise
-
     path = next((word.partition("=")[2] for word in words if word.startswith("path=")), None)
     if path is None or path in ("null", "None"):
         return words
     if named := next((word for word in words if word.startswith("data=")), None):
         raise ConfigError(f"{named} and a path: leave the path out, or {named}")
+    from tactileforge.datasets import recognise
+
     found = recognise(home_path(unquoted(path)))
     name, guess = found[0]
     others = ", ".join(f"{other} ({one.format})" for other, one in found[1:3])

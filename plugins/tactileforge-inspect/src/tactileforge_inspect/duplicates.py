@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactileforge.data.frames.small import ELSEWHERE, SIMILAR
-from tactileforge.data.frames.untared import NO_CONTACT
+from tactileforge.data import ELSEWHERE, NO_CONTACT, SIMILAR
 from tactileforge_inspect.frame_stats import FrameStats
 
 

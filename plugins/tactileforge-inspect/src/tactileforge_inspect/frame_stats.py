@@ -10,12 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.frames.crop import check_background_size
-from tactileforge.data.frames.cut import spread_rows
-from tactileforge.data.frames.pixel_contract import checked_chunks
-from tactileforge.data.frames.small import shrink, strongest
-from tactileforge.pages import images
-from tactileforge.plugin import DataError, Recording
+from tactileforge.contracts import Recording
+from tactileforge.data import check_background_size, checked_chunks, shrink, spread_rows, strongest
+from tactileforge.errors import DataError
+from tactileforge.pages import amplified_difference
 from tactileforge_inspect.frozen import digest_of, frozen_time
 
 #: Frames of a recording to decode, and frames of a strip.
@@ -174,7 +172,7 @@ def amplify(difference: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Show a difference as an image around mid-grey; the strongest 0.5 % is clipped."""
     # at least 8 levels to full scale: the noise of a recording without contact stays grey
     gain = 127 / max(float(np.quantile(np.abs(difference), 0.995)), 8.0)
-    return images.difference(difference, gain)
+    return amplified_difference(difference, gain)
 
 
 def _signature(frames: NDArray[np.float32]) -> NDArray[np.int16]:

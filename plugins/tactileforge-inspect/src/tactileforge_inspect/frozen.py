@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import Recording
+from tactileforge.contracts import Recording
 
 #: Frames decoded at once, and in all on each side of a repeated frame.
 _CHUNK, _MOST = 8, 480

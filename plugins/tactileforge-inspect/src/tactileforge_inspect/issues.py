@@ -7,16 +7,18 @@ from collections.abc import Iterator, Sequence
 from markupsafe import Markup
 
 from tactileforge.contracts import LABELS
-from tactileforge.data.labels.doubts import FIXES
-from tactileforge.pages.images import captioned, figure, image
-from tactileforge.pages.page import (
+from tactileforge.data import FIXES
+from tactileforge.pages import (
     SPLIT_WORDS,
     Section,
+    captioned,
     cards,
     details,
     duration,
     facts,
+    figure,
     heading,
+    image,
     items,
     paragraph,
     table,

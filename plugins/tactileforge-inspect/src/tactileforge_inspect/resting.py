@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, spec
-from tactileforge.sensors.resting_colours import (
+from tactileforge.errors import ConfigError
+from tactileforge.sensors import (
     COLOURED,
     colour_agreement,
     colour_grid,
@@ -21,6 +21,7 @@ from tactileforge.sensors.resting_colours import (
     known_colours,
     turn_of,
 )
+from tactileforge.specs import spec
 
 #: Largest number of recordings to compare a set with, and of keys named in a line.
 _COMPARED, _NAMED = 64, 8

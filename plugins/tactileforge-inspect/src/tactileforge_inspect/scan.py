@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactileforge.data.labels.align import Lag
-from tactileforge.data.labels.doubts import Doubts, Suspicion, check_labels
-from tactileforge.plugin import DataError, DataNotFoundError, Dataset
-from tactileforge.util.bars import Bar
+from tactileforge.contracts import Dataset
+from tactileforge.data import Doubts, Lag, Suspicion, check_labels
+from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.plugins import Bar
 from tactileforge_inspect import duplicates
 from tactileforge_inspect.checks import (
     REASONS,

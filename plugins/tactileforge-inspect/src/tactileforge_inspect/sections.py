@@ -8,28 +8,28 @@ from collections.abc import Sequence
 
 from markupsafe import Markup
 
-from tactileforge.contracts import LABELS
-from tactileforge.data.frames.crop import size_text
-from tactileforge.data.shards.summary import counted
-from tactileforge.pages import page
-from tactileforge.pages.forces import recording_figure
-from tactileforge.pages.images import figure, image, strip
-from tactileforge.pages.page import (
+from tactileforge.contracts import ACTIONS, LABELS
+from tactileforge.data import counted, size_text
+from tactileforge.pages import (
     MINUS,
     NONE,
     SPLIT_WORDS,
     Section,
+    card,
     cards,
     duration,
+    figure,
     heading,
+    image,
     legend,
     number,
     panel,
     panels,
     paragraph,
+    recording_figure,
+    strip,
     table,
 )
-from tactileforge.plugin import ACTIONS
 from tactileforge_inspect import charts
 from tactileforge_inspect.checks import LAG_CORRELATION, LAG_PROMINENCE, is_sure
 from tactileforge_inspect.counters import source_rows
@@ -137,7 +137,7 @@ def _strip(seen: ScannedRecording) -> Markup:
     below = f"{recording.key} · {len(recording.frames)} frames, {seconds:.3g} s, {rate:.3g} Hz"
     if recording.text:
         below += f" · “{recording.text}”"
-    return page.card(title, body, below)
+    return card(title, body, below)
 
 
 def label_histograms(survey: Scan) -> Section:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactileforge.pages.page import html_page
-from tactileforge.plugin import ConfigError, Dataset, write_text
+from tactileforge.contracts import Dataset
+from tactileforge.errors import ConfigError
+from tactileforge.pages import html_page
+from tactileforge.plugins import write_text
 from tactileforge_inspect import issues, sections
 from tactileforge_inspect.findings import InspectionFindings
 from tactileforge_inspect.scan import scan_dataset

@@ -7,15 +7,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-from tactileforge.plugin import (
-    Command,
-    ConfigError,
-    ContactOptions,
-    LocalPage,
-    build,
-    home_path,
-    locked,
-)
+from tactileforge.cli import Command
+from tactileforge.errors import ConfigError, home_path
+from tactileforge.pages import LocalPage
+from tactileforge.plugins import build, locked
+from tactileforge.sensors import ContactOptions
 from tactileforge_labels.propose import SlipMotion
 
 

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, read_cells, unknown, write_text
+from tactileforge.errors import DataError, unknown
+from tactileforge.plugins import write_text
+from tactileforge.reading import read_cells
 
 #: States of a frame, in the order of their numbers; -1 is a frame without a label.
 STATES = ("free", "contact", "slip")

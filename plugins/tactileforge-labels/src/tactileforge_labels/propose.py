@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, ContactDetector, ContactOptions, Recording
+from tactileforge.contracts import Recording
+from tactileforge.errors import ConfigError
+from tactileforge.sensors import ContactDetector, ContactOptions
 
 #: Side of the averaged squares, pixels: averaging 64 pixels divides independent noise by 8.
 _SQUARE = 8

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import PageAnswer, TactileForgeError, load_json, to_json
+from tactileforge.errors import TactileForgeError
+from tactileforge.pages import PageAnswer, to_json
+from tactileforge.plugins import load_json
 from tactileforge_labels.session import ConflictError, LabelSession
 
 _FILE = Path(__file__).with_name("page.html")

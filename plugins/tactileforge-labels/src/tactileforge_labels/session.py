@@ -12,16 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import (
-    ConfigError,
-    ContactOptions,
-    DataError,
-    Dataset,
-    Recording,
-    TactileForgeError,
-    difference_image,
-    page_jpeg,
-)
+from tactileforge.contracts import Dataset, Recording
+from tactileforge.errors import ConfigError, DataError, TactileForgeError
+from tactileforge.pages import difference_image, page_jpeg
+from tactileforge.sensors import ContactOptions
 from tactileforge_labels.marks import (
     STATES,
     Marks,

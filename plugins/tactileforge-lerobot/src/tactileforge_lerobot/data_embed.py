@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from tactileforge.plugin import Command
+from tactileforge.cli import Command
 from tactileforge_lerobot.data_lerobot import write
 from tactileforge_lerobot.embed import EmbedOptions, TouchVectors
 from tactileforge_lerobot.options import LeRobotOptions

@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import Command, Dataset, build
+from tactileforge.cli import Command
+from tactileforge.contracts import Dataset
+from tactileforge.plugins import build
 from tactileforge_lerobot.options import LeRobotOptions, LeRobotSummary, Vectors
 
 

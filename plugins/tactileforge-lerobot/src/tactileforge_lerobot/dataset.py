@@ -7,16 +7,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactileforge.plugin import (
-    ConfigError,
-    DataError,
-    Guess,
-    Recording,
-    add_once,
-    home_path,
-    is_held_out,
-    unknown,
-)
+from tactileforge.contracts import Guess, Recording
+from tactileforge.errors import ConfigError, DataError, home_path, unknown
+from tactileforge.reading import add_once, is_held_out
 from tactileforge_lerobot.drawn import Drawing
 from tactileforge_lerobot.features import Chosen, written_camera
 from tactileforge_lerobot.read import LeRobotFolder
@@ -215,6 +208,6 @@ class LeRobot:
 
     def plot(self, recording: Recording) -> Figure:
         """Plots a recording."""
-        from tactileforge.plugin import plot_recording
+        from tactileforge.reading import plot_recording
 
         return plot_recording(recording)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, DataNotFoundError
+from tactileforge.errors import DataError, DataNotFoundError
 
 #: Formats of 16 bits a channel, their numpy forms and channels.
 _FORMATS = {

@@ -10,7 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, DataError, TaxelLayout
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.sensors import TaxelLayout
 from tactileforge_lerobot.parquet import read_rows
 from tactileforge_lerobot.rows import EpisodeRows
 
@@ -169,7 +170,7 @@ class DrawnFrames:
         return self.layout.shape
 
     def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
-        """Draws frames; see `tactileforge.plugin.Frames`.
+        """Draws frames; see `tactileforge.contracts.Frames`.
 
         Raises:
             DataError: A taxel of the sensor has no value in a frame.

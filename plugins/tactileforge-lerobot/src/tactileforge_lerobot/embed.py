@@ -8,17 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import (
-    ConfigError,
-    DataError,
-    Recording,
-    held_clips,
-    unknown,
-    warn_of_slow_frames,
-)
+from tactileforge.contracts import Recording
+from tactileforge.data import held_clips
+from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.sensors import warn_of_slow_frames
 
 if TYPE_CHECKING:
-    from tactileforge.plugin import Model
+    from tactileforge.hub import Model
     from tactileforge_lerobot.episode import EpisodeRows
 
 _VECTORS = ("pooled", "cls", "projected", "encode")

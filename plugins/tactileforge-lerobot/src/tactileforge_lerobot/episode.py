@@ -11,7 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, Frames, FrameSubset, Recording, nearest, spec
+from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.data import nearest
+from tactileforge.errors import DataError
+from tactileforge.specs import spec
 from tactileforge_lerobot import folder
 
 

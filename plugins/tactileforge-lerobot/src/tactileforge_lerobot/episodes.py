@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import DataError, DataNotFoundError, load_json, without_companions
+from tactileforge.data import without_companions
+from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.plugins import load_json
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.info import Info
 from tactileforge_lerobot.parquet import WRONG, column_names, read_parquet

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 from tactileforge_lerobot.read import LeRobotFolder
 from tactileforge_lerobot.reading import TouchFeature, check_columns
 from tactileforge_lerobot.sets import expanded

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import NEWTONS, ConfigError, DataError, named_unit
+from tactileforge.data import NEWTONS, named_unit
+from tactileforge.errors import ConfigError, DataError
 from tactileforge_lerobot.reading import Reading, TouchFeature
 from tactileforge_lerobot.rows import EpisodeRows
 

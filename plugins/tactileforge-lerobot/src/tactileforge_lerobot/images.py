@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
 from tactileforge_lerobot.folder import inside
 from tactileforge_lerobot.parquet import read_cell
 

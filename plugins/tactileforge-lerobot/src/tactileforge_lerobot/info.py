@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import DataError, DataNotFoundError, load_json
+from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.plugins import load_json
 from tactileforge_lerobot.folder import (
     CHUNK,
     DATA,

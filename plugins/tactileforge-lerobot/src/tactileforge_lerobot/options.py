@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.episode import EpisodeRows
 

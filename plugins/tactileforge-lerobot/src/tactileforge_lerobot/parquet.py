@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, DataNotFoundError, unknown
+from tactileforge.errors import DataError, DataNotFoundError, unknown
 
 #: Errors raised while reading malformed tables of other programs.
 WRONG = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)

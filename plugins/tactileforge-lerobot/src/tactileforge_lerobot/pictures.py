@@ -10,15 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import (
-    DataError,
-    EncodedFrames,
-    Frames,
-    FrameSubset,
-    LazyImages,
-    TaxelLayout,
-    VideoFrames,
-)
+from tactileforge.contracts import Frames, FrameSubset
+from tactileforge.data import EncodedFrames, LazyImages, VideoFrames
+from tactileforge.errors import DataError
+from tactileforge.sensors import TaxelLayout
 from tactileforge_lerobot.deep import DeepPart, DeepVideo, form_of
 from tactileforge_lerobot.drawn import ColumnValues, Drawing, DrawnFrames, Values
 from tactileforge_lerobot.folder import inside

@@ -10,15 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import (
-    ACTIONS,
-    DataError,
-    Frames,
-    FrameSubset,
-    ImageFrames,
-    Recording,
-    stated,
-)
+from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
+from tactileforge.data import ImageFrames, stated
+from tactileforge.errors import DataError
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.episodes import read_episodes, read_tasks
 from tactileforge_lerobot.forces import Forces

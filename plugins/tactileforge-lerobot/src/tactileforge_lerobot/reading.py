@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from tactileforge.plugin import ConfigError, unknown
+from tactileforge.errors import ConfigError, unknown
 from tactileforge_lerobot.drawn import Drawing
 
 _BACKGROUNDS = ("first", "none")

@@ -5,7 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import SPECS, DataError, Guess, names
+from tactileforge.contracts import Guess
+from tactileforge.errors import DataError
+from tactileforge.plugins import names
+from tactileforge.specs import SPECS
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.info import Info
 from tactileforge_lerobot.sets import find_sets, touch_numbers, touch_pictures, wrenches

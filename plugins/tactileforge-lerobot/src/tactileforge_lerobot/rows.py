@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, unknown
+from tactileforge.errors import DataError, unknown
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.info import Info
 from tactileforge_lerobot.parquet import numbers_of, read_parquet

@@ -6,7 +6,10 @@ import math
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import DataError, Recording, describe_recording, encode_image, load_json
+from tactileforge.contracts import Recording
+from tactileforge.data import describe_recording, encode_image
+from tactileforge.errors import DataError
+from tactileforge.plugins import load_json
 
 #: Keys of a recording stored in columns of the tables.
 _COLUMNS = ("version", "times", "force", "action", "tracks", "image_times")

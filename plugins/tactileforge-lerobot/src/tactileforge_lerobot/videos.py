@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, Frames
+from tactileforge.contracts import Frames
+from tactileforge.errors import DataError
 from tactileforge_lerobot import folder
 
 #: MPEG-4 part 2, in mp4: every build of OpenCV writes it, and every FFmpeg reads it.

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from tactileforge.plugin import ConfigError, Recording, new_part
+from tactileforge.contracts import Recording
+from tactileforge.errors import ConfigError
+from tactileforge.plugins import new_part
 from tactileforge_lerobot.episode import device_word, group_takes
 from tactileforge_lerobot.options import LeRobotOptions, LeRobotSummary, Vectors
 from tactileforge_lerobot.writer import Writer

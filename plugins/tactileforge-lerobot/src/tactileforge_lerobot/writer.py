@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, Recording, encode_image, write_text
+from tactileforge.contracts import Recording
+from tactileforge.data import encode_image
+from tactileforge.errors import DataError
+from tactileforge.plugins import write_text
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.episode import (
     EpisodeRows,

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, TextIO
 
-from tactileforge.plugin import to_json
+from tactileforge.pages import to_json
 from tactileforge.plugins import registry
 
 

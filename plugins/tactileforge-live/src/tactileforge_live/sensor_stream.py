@@ -14,21 +14,20 @@ from tactileforge_depth.reader import DepthReader
 from tactileforge_markers.motion import Motion, marker_motion
 from tactileforge_markers.track import MarkerTracker
 
-from tactileforge.data.frames.pictures import rgb_pixels
-from tactileforge.plugin import (
+from tactileforge.contracts import Frame, Sensor
+from tactileforge.data import rgb_pixels
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.hub import Model
+from tactileforge.plugins import open_picture
+from tactileforge.sensors import (
+    Background,
+    Calibration,
     Capture,
-    ConfigError,
     ContactOptions,
-    DataError,
-    Frame,
-    Model,
-    Sensor,
-    open_picture,
+    Prediction,
+    SlipOptions,
+    TouchStream,
 )
-from tactileforge.sensors.background import Background
-from tactileforge.sensors.calibration.file import Calibration
-from tactileforge.sensors.streaming.contact import SlipOptions
-from tactileforge.sensors.streaming.touch_stream import Prediction, TouchStream
 
 #: Number of readings kept for the page.
 HISTORY = 512

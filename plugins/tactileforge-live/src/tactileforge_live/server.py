@@ -10,8 +10,14 @@ from typing import Any
 from tactileforge_depth.reader import depth_image
 from tactileforge_markers.motion import draw_arrows
 
-from tactileforge.pages.local_page import NOT_FOUND
-from tactileforge.plugin import LocalPage, PageAnswer, difference_image, page_jpeg, to_json
+from tactileforge.pages import (
+    NOT_FOUND,
+    LocalPage,
+    PageAnswer,
+    difference_image,
+    page_jpeg,
+    to_json,
+)
 from tactileforge_live.sensor_stream import SensorStream
 from tactileforge_live.session import LiveSession
 

@@ -13,13 +13,18 @@ import numpy as np
 from tactileforge_depth.reader import depth_readers
 from tactileforge_markers.tracks import check_marker_sensors
 
-from tactileforge.plugin import ConfigError, Model, Sensor, SensorError, unknown
-from tactileforge.sensors.awake import AWAKE_CLOCK
-from tactileforge.sensors.background import Background
-from tactileforge.sensors.calibration.file import load_calibration
-from tactileforge.sensors.capture import check_captures
-from tactileforge.sensors.low_latency_threads import low_latency_threads
-from tactileforge.sensors.opening import open_all, unit_of
+from tactileforge.contracts import Sensor
+from tactileforge.errors import ConfigError, SensorError, unknown
+from tactileforge.hub import Model
+from tactileforge.sensors import (
+    AWAKE_CLOCK,
+    Background,
+    check_captures,
+    load_calibration,
+    low_latency_threads,
+    open_all,
+    unit_of,
+)
 from tactileforge_live.publish import Publisher
 from tactileforge_live.sensor_stream import Reading, SensorStream, StreamOptions, read_background
 

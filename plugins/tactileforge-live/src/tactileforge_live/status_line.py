@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 
-from tactileforge.sensors.status import Status, of_drops
+from tactileforge.sensors import Status, of_drops
 from tactileforge_live.sensor_stream import SensorStream
 from tactileforge_live.session import LiveSession
 

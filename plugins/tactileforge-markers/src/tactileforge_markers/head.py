@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor, nn
 
-from tactileforge.plugin import Batch, Encoder, Views
+from tactileforge.contracts import Batch, Encoder, Views
 
 
 class MarkersHead(nn.Module):

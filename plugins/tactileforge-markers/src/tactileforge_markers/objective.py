@@ -8,7 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.plugin import Batch, Column, Mean, masked_mean
+from tactileforge.contracts import Batch, Column
+from tactileforge.training import Mean, masked_mean
 
 
 class Markers(nn.Module):

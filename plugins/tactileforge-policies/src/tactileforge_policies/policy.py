@@ -12,18 +12,12 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from tactileforge.encoders.views import views_of
-from tactileforge.plugin import (
-    NEUTRAL_BACKGROUND,
-    Batch,
-    ConfigError,
-    DataError,
-    Views,
-    resize_frame,
-)
-from tactileforge.runs import folder as run_folder
-from tactileforge.runs.checkpoint_file import read_checkpoint
-from tactileforge.training.parts import build_parts
+from tactileforge.contracts import NEUTRAL_BACKGROUND, Batch, Views
+from tactileforge.data import resize_frame
+from tactileforge.encoders import views_of
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.runs import BEST, read_checkpoint, read_config
+from tactileforge.training import build_parts
 from tactileforge_policies.heads.base import PolicyHead
 from tactileforge_policies.reference import reference_gain, with_gain
 from tactileforge_policies.robot import Robot
@@ -265,11 +259,11 @@ def load_policy(run: str | Path) -> Policy:
     """
     path = Path(run)
     folder = path.parent.parent if path.is_file() else path
-    config = run_folder.read_config(folder)
+    config = read_config(folder)
     config["facts"] = config.get("facts") or config.get("robot")  # "robot" in older runs
     if not config["facts"]:
         raise ConfigError(f"{folder}: its run trained no policy; train recipe=diffusion_policy")
-    best = folder / run_folder.BEST
+    best = folder / BEST
     state = read_checkpoint(path if path.is_file() or not best.is_file() else best)["state_dict"]
     encoder, heads, _ = build_parts(config, frozenset({"action_chunk"}))
     found = {key: head for key, head in heads.items() if isinstance(head, PolicyHead)}

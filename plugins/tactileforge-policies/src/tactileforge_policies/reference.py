@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
 
 #: Label of a recording: the gain of its finger, see `reference_gain`.
 GAIN_LABEL = "reference_gain"

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from tactileforge.plugin import ConfigError
-from tactileforge.util import strict
+from tactileforge.errors import ConfigError
+from tactileforge.plugins import strict
 
 #: Tracks of a demonstration: the proprioception before each command, float32 (T, S), and the
 #: command, float32 (T, A).

@@ -18,9 +18,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from tactileforge.encoders.plain_vit import PlainViT
-from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.plugin import Backbone, ConfigError, check_names
+from tactileforge.encoders import Backbone, PlainViT, TactileViT
+from tactileforge.errors import ConfigError, check_names
 from tactileforge.plugins import registry
 from tactileforge_published import (
     anytouch,

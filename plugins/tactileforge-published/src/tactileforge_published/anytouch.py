@@ -6,9 +6,8 @@ from typing import Any
 
 from torch import Tensor
 
-from tactileforge.encoders.preprocess import IMAGENET_MEAN, IMAGENET_STD
-from tactileforge.encoders.tactile_vit import PUBLISHED_SENSORS
-from tactileforge.plugin import ANYTOUCH2, ConfigError
+from tactileforge.encoders import ANYTOUCH2, IMAGENET_MEAN, IMAGENET_STD, PUBLISHED_SENSORS
+from tactileforge.errors import ConfigError
 from tactileforge_published.clip import HF_BLOCK
 from tactileforge_published.layout import (
     ConversionPlan,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tactileforge.encoders.preprocess import CLIP_MEAN, CLIP_STD
+from tactileforge.encoders import CLIP_MEAN, CLIP_STD
 from tactileforge_published.layout import (
     ConversionPlan,
     Keys,

@@ -14,7 +14,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 from torch import Tensor
 
-from tactileforge.plugin import DataError, DataNotFoundError
+from tactileforge.errors import DataError, DataNotFoundError
 
 #: Keys of the weights inside a checkpoint of a training program.
 _CONTAINERS = ("state_dict", "model", "model_state_dict")

@@ -8,8 +8,9 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from tactileforge.heads.force import ForceDecoder, Forces
-from tactileforge.plugin import AttentivePooler, Batch, Encoder, Views
+from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.encoders import AttentivePooler
+from tactileforge.heads import ForceDecoder, Forces
 
 #: Attention heads of the published probes of AnyTouch 2.
 _HEADS = 16

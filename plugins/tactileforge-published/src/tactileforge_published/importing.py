@@ -7,11 +7,19 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from tactileforge.hub import cards, files, store
-from tactileforge.plugin import ConfigError, DataError, DataNotFoundError, new_part
-from tactileforge.plugins import registry
-from tactileforge.util.files import disk_errors_named, sha256
-from tactileforge.util.provenance import commit
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.hub import (
+    Card,
+    Weight,
+    fill_weights,
+    find_card,
+    keep_import,
+    list_cards,
+    make_header,
+    save_checkpoint,
+    weights_folder,
+)
+from tactileforge.plugins import commit, disk_errors_named, new_part, registry, sha256
 from tactileforge_published import convert, read_tensors
 from tactileforge_published.published_heads import published_heads
 
@@ -33,7 +41,7 @@ def import_published(model: str, source: str | Path, sensor: str = "") -> Path:
         DataError: The file is not what the model's authors publish; says what it is.
         DataNotFoundError: There is no such file.
     """
-    card, weight = cards.find_card(model)
+    card, weight = find_card(model)
     full = f"{card.name}.{weight.tag}"
     if not weight.layout:
         raise ConfigError(f"{full} is {weight.kind}, not imported: tactileforge.load({full!r})")
@@ -48,12 +56,12 @@ def import_published(model: str, source: str | Path, sensor: str = "") -> Path:
     # before the encoder is built: that of another variant would be built in vain
     _check_variant(card, weight, converted.name, node, source)
     encoder = registry.build("encoders", node)
-    files.fill_weights(encoder, converted.state, str(source))
+    fill_weights(encoder, converted.state, str(source))
     heads, entries = published_heads(converted, encoder, source, sensor)
     # T3 is a folder, and its files have no hash in common
     digest = sha256(source) if source.is_file() else ""
     kept = {} if converted.temperature is None else {"temperature": converted.temperature}
-    header = files.make_header(
+    header = make_header(
         encoder,
         node,
         licence=weight.licence,
@@ -65,14 +73,14 @@ def import_published(model: str, source: str | Path, sensor: str = "") -> Path:
         source={"file": source.name, "sha256": digest, "layout": converted.name, **kept},
         heads=entries,
     )
-    target = store.weights_folder() / f"{full}.safetensors"
+    target = weights_folder() / f"{full}.safetensors"
     with disk_errors_named(target), new_part(target) as part:
-        files.save_checkpoint(part, encoder, header, heads=heads)
-        return store.keep_import(card, weight, part, source.name, digest)
+        save_checkpoint(part, encoder, header, heads=heads)
+        return keep_import(card, weight, part, source.name, digest)
 
 
 def _check_variant(
-    card: cards.Card, weight: cards.Weight, layout: str, node: Mapping[str, Any], source: Path
+    card: Card, weight: Weight, layout: str, node: Mapping[str, Any], source: Path
 ) -> None:
     """Raises a DataError if the file belongs to another model or variant."""
     wanted = _variant(card, weight)
@@ -82,13 +90,13 @@ def _check_variant(
     other = {**node, "layout": layout}
     fits = [
         name
-        for name, of, row in cards.list_cards()
+        for name, of, row in list_cards()
         if row and all(other.get(key) == value for key, value in _variant(of, row).items())
     ]
     hint = f"; it fits {' or '.join(fits)}" if fits else ""
     raise DataError(f"{source} is {variant}, but {card.name}.{weight.tag} is {wanted}{hint}")
 
 
-def _variant(card: cards.Card, weight: cards.Weight) -> dict[str, Any]:
+def _variant(card: Card, weight: Weight) -> dict[str, Any]:
     """Configuration of these weights, for an importer to detect."""
     return {"layout": weight.layout, "frames": card.clip(weight)[0], **weight.encoder}

@@ -11,8 +11,8 @@ from typing import Any, TypeAlias
 import torch
 from torch import Tensor
 
-from tactileforge.encoders.transformer import VIT_SIZES
-from tactileforge.plugin import ConfigError
+from tactileforge.encoders import VIT_SIZES
+from tactileforge.errors import ConfigError
 
 State: TypeAlias = Mapping[str, Tensor]
 #: Sizes of a tensor; None for any size.

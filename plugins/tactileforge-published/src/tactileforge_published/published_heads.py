@@ -8,8 +8,8 @@ from typing import Any
 import torch
 from torch import nn
 
-from tactileforge.hub.files import fill_weights
-from tactileforge.plugin import ConfigError, check_names, unknown
+from tactileforge.errors import ConfigError, check_names, unknown
+from tactileforge.hub import fill_weights
 from tactileforge.plugins import registry
 from tactileforge_published import Converted
 

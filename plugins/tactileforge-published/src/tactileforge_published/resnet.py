@@ -8,8 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge.encoders.convolutional import ConvBackbone
-from tactileforge.encoders.preprocess import AS_THEY_ARE
+from tactileforge.encoders import AS_THEY_ARE, ConvBackbone
 
 _WIDTH = 512
 _STRIDE = 32  # pixels of a frame for one place of the last map

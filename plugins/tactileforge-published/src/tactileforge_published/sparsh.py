@@ -8,8 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from tactileforge.encoders.preprocess import SPARSH
-from tactileforge.plugin import ConfigError
+from tactileforge.encoders import SPARSH
+from tactileforge.errors import ConfigError
 from tactileforge_published.layout import (
     ConversionPlan,
     Keys,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from tactileforge.encoders.preprocess import AS_THEY_ARE
+from tactileforge.encoders import AS_THEY_ARE
 from tactileforge_published.layout import (
     ConversionPlan,
     Keys,

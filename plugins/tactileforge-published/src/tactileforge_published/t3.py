@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tactileforge.plugin import ConfigError, check_names
+from tactileforge.errors import ConfigError, check_names
 from tactileforge_published.layout import (
     ConversionPlan,
     Keys,

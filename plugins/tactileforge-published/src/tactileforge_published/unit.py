@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 
-from tactileforge.encoders.preprocess import AS_THEY_ARE
+from tactileforge.encoders import AS_THEY_ARE
 from tactileforge_published.layout import (
     ConversionPlan,
     Keys,

@@ -8,8 +8,7 @@ from typing import Any
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.encoders.convolutional import ConvBackbone
-from tactileforge.encoders.preprocess import AS_THEY_ARE
+from tactileforge.encoders import AS_THEY_ARE, ConvBackbone
 
 #: Groups and epsilon of a norm, as in the published VQGAN (Esser et al. 2021).
 _GROUPS, _EPS = 32, 1e-6

@@ -13,7 +13,7 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
-from tactileforge.plugin import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 
 #: Ends of the files of bags.
 _ENDS = (".bag", ".db3", ".mcap")

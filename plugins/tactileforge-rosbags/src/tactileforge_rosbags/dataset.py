@@ -8,18 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from tactileforge.plugin import (
-    ConfigError,
-    DataError,
-    Guess,
-    Recording,
-    add_once,
-    check_data_licence,
-    check_names,
-    home_path,
-    is_held_out,
-    unknown,
-)
+from tactileforge.contracts import Guess, Recording
+from tactileforge.errors import ConfigError, DataError, check_names, home_path, unknown
+from tactileforge.reading import add_once, check_data_licence, is_held_out
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -168,7 +159,7 @@ class Rosbags:
 
     def plot(self, recording: Recording) -> Figure:
         """Plots a recording."""
-        from tactileforge.plugin import plot_recording
+        from tactileforge.reading import plot_recording
 
         return plot_recording(recording)
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from tactileforge.plugin import SPECS, DataError, Guess
+from tactileforge.contracts import Guess
+from tactileforge.errors import DataError
+from tactileforge.specs import SPECS
 from tactileforge_rosbags.bags import find_bags
 from tactileforge_rosbags.pictures import KINDS
 

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import ConfigError, check_data_licence, load_yaml, strict
+from tactileforge.errors import ConfigError
+from tactileforge.plugins import load_yaml, strict
+from tactileforge.reading import check_data_licence
 from tactileforge_rosbags.map_keys import BagMap, TouchKeys, finger_of
 
 

@@ -10,13 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import (
-    DataError,
-    EncodedFrames,
-    LazyImages,
-    open_picture,
-    upright_size,
-)
+from tactileforge.data import EncodedFrames, LazyImages, upright_size
+from tactileforge.errors import DataError
+from tactileforge.plugins import open_picture
 from tactileforge_rosbags.bags import Bag
 from tactileforge_rosbags.map_keys import PictureKeys
 from tactileforge_rosbags.series import Scan, Series, placed, scan

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, DataError, Frames, FrameSubset, Recording, spec
+from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.specs import spec
 from tactileforge_rosbags.bags import Bag, changed
 from tactileforge_rosbags.map_keys import BagMap, IntervalKeys, TouchKeys, finger_of
 from tactileforge_rosbags.pictures import KINDS, BagFrames, open_frames

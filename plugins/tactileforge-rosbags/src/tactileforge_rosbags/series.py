@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, nearest
+from tactileforge.data import nearest
+from tactileforge.errors import DataError
 from tactileforge_rosbags.bags import Bag
 
 #: Nanoseconds of a second.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
 from tactileforge_rosbags.bags import Bag
 from tactileforge_rosbags.map_keys import BagMap, TouchKeys, plain
 from tactileforge_rosbags.series import Clock

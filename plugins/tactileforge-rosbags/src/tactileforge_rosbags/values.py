@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
 from tactileforge_rosbags.bags import Bag, changed
 from tactileforge_rosbags.map_keys import WrenchKeys
 from tactileforge_rosbags.series import Clock, Scan, nearest_rows, scan

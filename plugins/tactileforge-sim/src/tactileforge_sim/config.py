@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.data.shards import shards
-from tactileforge.plugin import ConfigError, unknown
-from tactileforge.specs.published import SIMULATED
+from tactileforge.data import CODECS, SHARD_VERSION
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.specs import SIMULATED
 from tactileforge_sim.geometry.shapes import INDENTERS, Shape, shape
 from tactileforge_sim.geometry.textures import TEXTURES
 from tactileforge_sim.mechanics.motions import MOTIONS
@@ -115,8 +115,8 @@ class SimConfig:
             )
         if not 0 <= self.lag < 1:
             raise ConfigError(f"sim: lag is {self.lag} s; give 0 or more, below 1")
-        if self.codec not in shards.CODECS:
-            raise ConfigError(unknown("codec", self.codec, shards.CODECS))
+        if self.codec not in CODECS:
+            raise ConfigError(unknown("codec", self.codec, CODECS))
 
     def shapes(self, split: str) -> list[Shape]:
         """The shapes of a split."""
@@ -150,7 +150,7 @@ class SimConfig:
 
     def digest(self) -> str:
         """Digest of the configuration and of the simulator's code."""
-        text = json.dumps([asdict(self), shards.SHARD_VERSION], sort_keys=True) + _code()
+        text = json.dumps([asdict(self), SHARD_VERSION], sort_keys=True) + _code()
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def scene(self, number: int) -> Scene:

@@ -6,9 +6,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactileforge.data.shards import shards
-from tactileforge.plugin import ConfigError, Recording, cache_folder, unknown
-from tactileforge.reading.drawn import Drawn
+from tactileforge.contracts import Recording
+from tactileforge.data import read_shard
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.plugins import cache_folder
+from tactileforge.reading import Drawn
 
 if TYPE_CHECKING:
     from tactileforge_sim.config import SimConfig
@@ -119,4 +121,4 @@ class Sim(Drawn):
         folder = self.folder
         write_scenes(self.config, folder, numbers[split], self.processes)
         for number in numbers[split]:
-            yield from shards.read_shard(path_of(folder, number))
+            yield from read_shard(path_of(folder, number))

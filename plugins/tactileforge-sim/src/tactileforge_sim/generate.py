@@ -10,13 +10,27 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.data.shards import shards
-from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.plugin import ArrayFrames, ConfigError, Recording, TactileForgeError, strict
-from tactileforge.util.bars import Bar
-from tactileforge.util.files import claim_folder
-from tactileforge.util.processes import end_with_parent, process_count, spread
-from tactileforge.util.threads import one_thread
+from tactileforge.contracts import Recording
+from tactileforge.data import (
+    ArrayFrames,
+    Index,
+    IndexEntry,
+    Packed,
+    describe_recording,
+    encode_image,
+    keep_whole,
+    write_shard,
+)
+from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.plugins import (
+    Bar,
+    claim_folder,
+    end_with_parent,
+    one_thread,
+    process_count,
+    spread,
+    strict,
+)
 from tactileforge_sim.config import FIRST_VAL, SimConfig
 from tactileforge_sim.optics.scene_camera import render_scene_image
 from tactileforge_sim.play import play_scenes
@@ -28,7 +42,7 @@ _TIERS = {"force_trial": 1, "manipulation": 2}
 _MANY = 4
 
 
-def recordings(config: SimConfig, number: int) -> list[shards.Packed]:
+def recordings(config: SimConfig, number: int) -> list[Packed]:
     """One scene on every sensor, encoded."""
     scene = config.scene(number)
     count = len(config.sensors)
@@ -45,14 +59,12 @@ def recordings(config: SimConfig, number: int) -> list[shards.Packed]:
         surface=True,
     ):
         assert shots.surface is not None
-        pictures[shots.sensor] += [shards.encode_image(p, config.codec) for p in shots.pictures]
+        pictures[shots.sensor] += [encode_image(p, config.codec) for p in shots.pictures]
         # Lossless: these images encode displacements, labels of training.
-        surface[shots.sensor] += [shards.encode_image(p, "png") for p in shots.surface]
+        surface[shots.sensor] += [encode_image(p, "png") for p in shots.surface]
         force[shots.sensor].append(shots.force)
         torque[shots.sensor] = max(torque[shots.sensor], float(np.abs(shots.torque).max()))
-    photo = shards.encode_image(
-        render_scene_image(scene.shape, config.size, scene.seed), config.codec
-    )
+    photo = encode_image(render_scene_image(scene.shape, config.size, scene.seed), config.codec)
     kind = "surface" if scene.shape.index is None else "indenter"
     out = []
     felt = zip(config.sensors, pictures, surface, force, torque, strict=True)
@@ -83,9 +95,7 @@ def recordings(config: SimConfig, number: int) -> list[shards.Packed]:
         )
         # The path starts clear of the gel.
         out.append(
-            shards.Packed(
-                shards.describe_recording(about), config.codec, encoded, encoded[:1], [photo], moved
-            )
+            Packed(describe_recording(about), config.codec, encoded, encoded[:1], [photo], moved)
         )
     return out
 
@@ -139,7 +149,7 @@ def _unwritten(folder: Path, error: OSError) -> TactileForgeError:
 
 def _write(config: SimConfig, folder: Path, number: int) -> None:
     with one_thread():  # the bytes must not depend on the machine's number of cores
-        shards.write_shard(path_of(folder, number), recordings(config, number))
+        write_shard(path_of(folder, number), recordings(config, number))
 
 
 def write_seconds(
@@ -175,7 +185,7 @@ def write_seconds(
         total += config.scene(numbers[-1]).path.seconds
     # Claimed before anything is written, and indexed last: an index lists whole shards only.
     claim_folder(folder / "sim.json", asdict(config), "touches")
-    shards.keep_whole(path_of(folder, n) for n in numbers)
+    keep_whole(path_of(folder, n) for n in numbers)
     write_scenes(config, folder, numbers, processes)
     splits = {
         split: [

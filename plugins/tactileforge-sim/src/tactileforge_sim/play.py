@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from tactileforge_depth.gel import Gel
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 from tactileforge_sim.mechanics.sensor_gels import sensor_gel
 from tactileforge_sim.mechanics.surface import DETAIL, GelSurface
 from tactileforge_sim.mechanics.touch import ContactState, contacts

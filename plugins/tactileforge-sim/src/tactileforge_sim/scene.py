@@ -11,8 +11,8 @@ import torch
 from numpy.typing import NDArray
 from tactileforge_depth.gel import Gel
 
-from tactileforge.plugin import ConfigError, spec, unknown
-from tactileforge.specs.published import SIMULATED, simulation
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.specs import SIMULATED, simulation, spec
 from tactileforge_sim.geometry.heightfields import rough
 from tactileforge_sim.geometry.indenter_geometry import DEEP, printed
 from tactileforge_sim.geometry.shapes import Shape

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
-from tactileforge.data.labels import displacement
-from tactileforge.plugin import spec
-from tactileforge.specs.published import pixel_spacing
+from tactileforge.data import encode_displacement, grid_shape
+from tactileforge.specs import pixel_spacing, spec
 from tactileforge_sim.mechanics.surface import Fields, GelSurface
 from tactileforge_sim.mechanics.touch import ContactState
 from tactileforge_sim.optics import sensor_instances
@@ -66,7 +65,7 @@ class SensorView:
         self.restart()
         self.drift = drift
         self.places = drawn.camera.places(height, width, drawn.spacing, device_name)
-        self.cells = displacement.grid_shape(height, width) if surface else None
+        self.cells = grid_shape(height, width) if surface else None
         none = self.places.new_zeros(0, 2)
         dots, image = self.optics.markers, self.places.permute(2, 0, 1)
         self.markers = none if dots is None else dots.places
@@ -116,5 +115,5 @@ class SensorView:
             deep = F.adaptive_avg_pool2d(dent[:, None], self.cells)
             across = torch.where(touched, at_cells, 0.0).mT.reshape(len(dent), 2, *self.cells)
             image = torch.cat([across, deep], 1).permute(0, 2, 3, 1)
-            moved = displacement.encode_displacement(image.cpu().numpy())
+            moved = encode_displacement(image.cpu().numpy())
         return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy()), moved

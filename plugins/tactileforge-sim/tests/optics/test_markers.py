@@ -6,7 +6,7 @@ from tactileforge_sim.optics.markers import Markers, coverage, print_markers
 from tactileforge_sim.optics.sensor_instances import draw_instance
 
 from tactileforge.errors import ConfigError
-from tactileforge.specs.simulation import PUBLISHED
+from tactileforge.specs.simulated import PUBLISHED
 
 PATTERNS = {name: known.pattern for name, known in PUBLISHED.items() if known.pattern}
 

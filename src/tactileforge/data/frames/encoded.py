@@ -92,7 +92,7 @@ class EncodedFrames:
 
     Example:
         >>> import numpy as np
-        >>> from tactileforge.plugin import encode_image
+        >>> from tactileforge.data import encode_image
         >>> picture = encode_image(np.zeros((240, 320, 3), np.uint8))
         >>> EncodedFrames("touch.parquet", [picture, picture], turns=1).read([1]).shape
         (1, 320, 240, 3)

@@ -43,7 +43,7 @@ class ImageFrames(Cropped):
             file with transparent pixels.
 
     Example:
-        >>> from tactileforge.plugin import encode_image
+        >>> from tactileforge.data import encode_image
         >>> _ = Path("0.png").write_bytes(encode_image(np.zeros((240, 320, 3), np.uint8), "png"))
         >>> ImageFrames(["0.png"], crop=(10, 20, 100, 50)).read([0]).shape
         (1, 50, 100, 3)

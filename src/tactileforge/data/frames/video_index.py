@@ -41,7 +41,7 @@ _DEEP = 16
 
 #: Hint for images in place of a video.
 _IMAGES = (
-    "open images as frames: tactileforge.plugin.ImageFrames(sorted(Path(DIR)"
+    "open images as frames: tactileforge.data.ImageFrames(sorted(Path(DIR)"
     '.glob("*.png"))), and give their times'
 )
 #: Hint for a damaged video.

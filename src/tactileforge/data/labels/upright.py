@@ -20,7 +20,7 @@ def is_upright(recording: Recording) -> bool:
 
     Example:
         >>> import numpy as np
-        >>> from tactileforge.plugin import ArrayFrames
+        >>> from tactileforge.data import ArrayFrames
         >>> frames = ArrayFrames(np.zeros((1, 2, 2, 3), np.uint8))
         >>> letters = Recording(key="a", sensor="digit", frames=frames, times=np.zeros(1),
         ...                     no_contact=None, labels={"upright": "yes"})

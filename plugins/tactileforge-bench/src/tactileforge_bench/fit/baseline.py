@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from torch import nn
 
-from tactileforge.encoders.preprocess import Preprocess
-from tactileforge.plugin import ANYTOUCH2
+from tactileforge.encoders import ANYTOUCH2, Preprocess
 
 
 class Baseline(nn.Module):

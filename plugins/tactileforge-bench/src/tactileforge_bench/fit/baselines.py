@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from tactileforge.encoders.feature_groups import STATISTICS_SIZE, statistics_of
+from tactileforge.encoders import STATISTICS_SIZE, statistics_of
 from tactileforge_bench.fit.baseline import Baseline
 from tactileforge_bench.fit.imagenet import ImageNetFeatures
 from tactileforge_bench.fit.pixels import PixelFeatures

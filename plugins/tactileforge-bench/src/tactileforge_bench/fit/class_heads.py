@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactileforge.hub.classify import CLASS_FORMAT, ClassFacts, ClassHead, encoder_hash
-from tactileforge.hub.inputs import uses_background
+from tactileforge.hub import CLASS_FORMAT, ClassFacts, ClassHead, encoder_hash, uses_background
 from tactileforge_bench.fit.baselines import BASELINES
 from tactileforge_bench.fit.evaluate import ProbeResult
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder

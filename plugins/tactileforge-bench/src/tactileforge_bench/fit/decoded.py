@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from tactileforge.plugin import Batch, Clips, write_text
-from tactileforge.util.files import part_name, sweep_parts
+from tactileforge.contracts import Batch
+from tactileforge.data import Clips
+from tactileforge.plugins import part_name, sweep_parts, write_text
 from tactileforge_bench.tasks.source import TaskSource
 
 #: Bytes of clips beyond which they are decoded each time.

@@ -14,11 +14,10 @@ import torch
 from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Subset
 
-from tactileforge.data.batches.clips import collate
-from tactileforge.data.batches.loader import start_worker
-from tactileforge.plugin import Batch, Clips, DataError, locked, write_text
-from tactileforge.util.bars import Bar
-from tactileforge.util.signals import signals_held
+from tactileforge.contracts import Batch
+from tactileforge.data import Clips, collate, start_worker
+from tactileforge.errors import DataError
+from tactileforge.plugins import Bar, locked, signals_held, write_text
 from tactileforge_bench.fit import decoded
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge_bench.tasks.source import TaskSource

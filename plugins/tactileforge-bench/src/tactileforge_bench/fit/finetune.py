@@ -12,8 +12,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from tactileforge.plugin import ConfigError, DataError
-from tactileforge.util.bars import Bar
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.plugins import Bar
 from tactileforge_bench.fit.features import FLIPS, PLAIN, FeatureStore, read_batches, readers
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge_bench.fit.probes.base import Values

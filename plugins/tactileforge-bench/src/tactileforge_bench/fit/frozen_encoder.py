@@ -10,16 +10,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from tactileforge.encoders.feature_groups import (
-    FEATURE_GROUPS,
-    encode_trained,
-    free_groups,
-    group_sizes,
-)
-from tactileforge.hub.forces import fingerprint
-from tactileforge.hub.header import Header
-from tactileforge.hub.words import Language, language_of
-from tactileforge.plugin import Batch, ConfigError
+from tactileforge.contracts import Batch
+from tactileforge.encoders import FEATURE_GROUPS, encode_trained, free_groups, group_sizes
+from tactileforge.errors import ConfigError
+from tactileforge.hub import Header, Language, fingerprint, language_of
 from tactileforge_bench.fit import trained_on
 from tactileforge_bench.fit.baselines import BASELINES
 from tactileforge_bench.fit.probes.base import Probe

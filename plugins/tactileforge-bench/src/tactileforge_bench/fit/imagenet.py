@@ -5,8 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from tactileforge.encoders.efficientnet_lite import EfficientNetLite, on_grid
-from tactileforge.encoders.preprocess import DIFFERENCE_GAIN, difference_picture
+from tactileforge.encoders import DIFFERENCE_GAIN, EfficientNetLite, difference_picture, on_grid
 from tactileforge_bench.fit.baseline import Baseline
 
 _SIZE, _PATCH = 128, 16

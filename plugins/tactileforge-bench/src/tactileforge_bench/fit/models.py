@@ -10,13 +10,21 @@ from typing import Any
 
 import torch
 
-from tactileforge.hub import cards, files, store
-from tactileforge.hub.header import Header, read_header
-from tactileforge.hub.runs import open_run
-from tactileforge.plugin import ConfigError, home_path, unknown
-from tactileforge.plugins import registry
-from tactileforge.runs.folder import read_config
-from tactileforge.util.files import sha256
+from tactileforge.errors import ConfigError, home_path, unknown
+from tactileforge.hub import (
+    Header,
+    card_names,
+    fetch_weights,
+    find_card,
+    is_available,
+    list_cards,
+    make_header,
+    open_model,
+    open_run,
+    read_header,
+)
+from tactileforge.plugins import registry, sha256
+from tactileforge.runs import read_config
 from tactileforge_bench.fit.baselines import BASELINES
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
 
@@ -102,15 +110,15 @@ def model_entry(
         path = home_path(word.removeprefix("file:"))
         read_header(path)
         return ModelEntry(name=word, title=path.stem, open=[lambda: _of_file(word, path, device)])
-    if word.partition(".")[0] not in cards.card_names() and "/" not in word:
-        known = [*BASELINES, *(name for name, _, row in cards.list_cards() if row)]
+    if word.partition(".")[0] not in card_names() and "/" not in word:
+        known = [*BASELINES, *(name for name, _, row in list_cards() if row)]
         fix = "Also file:PATH, run:FOLDER, and untrained: before one of these or of a recipe"
         raise ConfigError(unknown("model", word, known, fix))
-    card, weight = cards.find_card(word)
+    card, weight = find_card(word)
     return ModelEntry(
         name=word,
         title=f"{card.title} ({weight.tag})",
-        open=[lambda: _of_file(word, store.fetch_weights(card, weight), device)],
+        open=[lambda: _of_file(word, fetch_weights(card, weight), device)],
         recipe=card.name,
     )
 
@@ -120,16 +128,16 @@ def _check_shape(of: str, composed: Sequence[str]) -> None:
     if of.startswith(("run:", "file:")):
         model_entry(of)
     elif "." in of:
-        cards.find_card(of)
+        find_card(of)
     else:
         from hydra.errors import MissingConfigException
 
-        from tactileforge.cli.compose import compose
+        from tactileforge import compose
 
         try:
             compose(of, composed)
         except MissingConfigException as error:
-            known = cards.card_names()
+            known = card_names()
             raise ConfigError(unknown("model or recipe behind untrained:", of, known)) from error
 
 
@@ -154,7 +162,7 @@ def baseline_encoder(word: str, device: str = "cpu") -> FrozenEncoder:
     """No encoder of touch at all: see `baselines.BASELINES`."""
     encoder = BASELINES[word][0]()
     # its two frames are as far apart as the first and the last of a clip
-    header = files.make_header(encoder, {"name": word}, licence="Apache-2.0", spacing=0.2)
+    header = make_header(encoder, {"name": word}, licence="Apache-2.0", spacing=0.2)
     return FrozenEncoder(word, encoder, header, device=device)
 
 
@@ -163,22 +171,22 @@ def header_of(word: str, composed: Sequence[str] = ()) -> Header:
     if word.startswith(("run:", "file:")):
         return model_entry(word).open[0]().header
     name, _, tag = word.partition(".")
-    if tag and store.is_available(*cards.find_card(word)):
+    if tag and is_available(*find_card(word)):
         return model_entry(word).open[0]().header
     from omegaconf import OmegaConf
 
-    from tactileforge.cli.compose import compose
+    from tactileforge import compose
 
     config = compose(name, composed)
     plain: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     with torch.random.fork_rng(devices=[]):
         encoder = registry.build("encoders", plain["encoder"])
     spacing = plain["batch"]["spacing"] if encoder.frames > 1 else 0.0
-    return files.make_header(
+    return make_header(
         encoder, plain["encoder"], licence="Apache-2.0", spacing=spacing, recipe=plain
     )
 
 
 def _of_file(name: str, path: Path, device: str) -> FrozenEncoder:
-    encoder, heads, header = files.open_model(path)
+    encoder, heads, header = open_model(path)
     return FrozenEncoder(name, encoder, header, sha256(path), device, heads)

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from tactileforge.encoders.positions import sincos_position_embedding
+from tactileforge.encoders import sincos_position_embedding
 from tactileforge_bench.fit.baseline import Baseline
 
 _SIZE, _PATCH, _SMALL = 64, 8, 16

@@ -12,10 +12,9 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from tactileforge.errors import command
-from tactileforge.plugin import ConfigError, TactileForgeError, check_names, strict, write_text
-from tactileforge.runs.folder import LAST
-from tactileforge.util.processes import run_program
+from tactileforge.errors import ConfigError, TactileForgeError, check_names, command
+from tactileforge.plugins import run_program, strict, write_text
+from tactileforge.runs import LAST
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge_bench.fit.models import ModelEntry, encoder_of_run
 from tactileforge_bench.results.results import LossCurve
@@ -249,7 +248,7 @@ def _open(name: str, job: PretrainJob, device: str) -> FrozenEncoder:
 
 def curves(name: str, folder: Path) -> Iterator[LossCurve]:
     """Loss curves of a run, one for each objective."""
-    from tactileforge.pages.curves import read_metrics
+    from tactileforge.pages import read_metrics
 
     metrics = read_metrics(folder)
     for key, curve in metrics.items():

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, check_names
+from tactileforge.errors import ConfigError, check_names
 from tactileforge_bench.fit.probes import probe_class
 from tactileforge_bench.fit.probes.base import Probe, ProbeTraining
 from tactileforge_bench.results import results

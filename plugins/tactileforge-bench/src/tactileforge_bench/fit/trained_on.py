@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
-from tactileforge.hub.header import Header
+from tactileforge.hub import Header
 
 #: Sets of which the gate holds objects out, and the share that training has to leave out
 #: (`datasets.reading.splits.is_held_out` of the object's name, as `data=gsmini_slip`

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.func import functional_call, vmap
 
-from tactileforge.plugin import ConfigError, DataError
+from tactileforge.errors import ConfigError, DataError
 from tactileforge_bench.fit.features import PLAIN, Array, Flip
 from tactileforge_bench.fit.probes.base import Probe, ProbeTraining, Values
 

@@ -11,9 +11,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from tactileforge.pages.figures import CLASSES, drawing, svg
-from tactileforge.pages.forces import agreement_figure
-from tactileforge.pages.page import MINUS, NONE
+from tactileforge.pages import CLASSES, MINUS, NONE, agreement_figure, drawing, svg
 
 #: Points that are drawn; numbers are of all.
 POINTS = 300

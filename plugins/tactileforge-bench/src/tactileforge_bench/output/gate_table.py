@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import write_text
+from tactileforge.plugins import write_text
 from tactileforge_bench.output.grid import ColumnHead, Table, TableEntry, fixed
 from tactileforge_bench.results import gate
 from tactileforge_bench.results.gate import GateRow

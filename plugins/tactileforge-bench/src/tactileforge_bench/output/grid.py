@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from tactileforge.pages.page import MINUS
+from tactileforge.pages import MINUS
 from tactileforge_bench.results.intervals import Interval
 
 DAGGER = "\N{DAGGER}"

@@ -8,11 +8,19 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from tactileforge.pages.curves import Curve
-from tactileforge.pages.figures import curve_figure
-from tactileforge.pages.page import Section, details, heading, legend, panel, panels, paragraph
-from tactileforge.pages.templating import joined
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
+from tactileforge.pages import (
+    Curve,
+    Section,
+    curve_figure,
+    details,
+    heading,
+    joined,
+    legend,
+    panel,
+    panels,
+    paragraph,
+)
 from tactileforge_bench.output.charts import NAMED, POINTS, confusion, scatter
 from tactileforge_bench.results.predictions import Predictions, read_predictions
 from tactileforge_bench.results.results import LossCurve, Results, ResultTask

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tactileforge.hub import cards
+from tactileforge.hub import card_names, read_card
 from tactileforge_bench.output.comparison_tables import Columns, digits_of, main_models
 from tactileforge_bench.output.grid import ColumnHead, Table, TableEntry, plus_minus
 from tactileforge_bench.results.results import Results, ResultTask
@@ -38,7 +38,7 @@ def published_scores() -> list[PublishedScore]:
     """Published numbers of all cards, in the order of their names."""
     return [
         PublishedScore(f"{card.name}.{r.model}", r.task, r.metric, r.value, r.unit, r.source)
-        for card in map(cards.read_card, cards.card_names())
+        for card in map(read_card, card_names())
         for r in card.results
         if not r.is_ours
     ]

@@ -7,8 +7,7 @@ import textwrap
 
 from markupsafe import Markup
 
-from tactileforge.pages.templating import piece
-from tactileforge.pages.text_tables import markdown_table
+from tactileforge.pages import markdown_table, piece
 from tactileforge_bench.output.grid import ColumnHead, Table, TableEntry
 
 _TEX = {

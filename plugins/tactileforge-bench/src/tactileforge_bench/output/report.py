@@ -9,16 +9,16 @@ from typing import Any
 
 from markupsafe import Markup
 
-from tactileforge.pages.page import (
+from tactileforge.pages import (
     Section,
     details,
     facts,
     html_page,
+    joined,
     paragraph,
     preformatted,
     verdict,
 )
-from tactileforge.pages.templating import joined
 from tactileforge_bench.output import comparison_tables, published, setting_tables
 from tactileforge_bench.output.grid import ColumnHead, Table, TableEntry
 from tactileforge_bench.output.pictures import draw_figures

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tactileforge.plugin import write_text
+from tactileforge.plugins import write_text
 from tactileforge_bench.output import (
     comparison_tables,
     gate_table,

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
 from tactileforge_bench.results.predictions import read_predictions
 
 #: Metrics that are sums over clips.

@@ -9,7 +9,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from tactileforge.plugin import DataError, DataNotFoundError, strict, unknown
+from tactileforge.errors import DataError, DataNotFoundError, unknown
+from tactileforge.plugins import strict
 from tactileforge_bench.results.results import (
     FILE,
     FORMAT,

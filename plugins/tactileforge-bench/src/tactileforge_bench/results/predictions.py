@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
 
 
 @dataclass(frozen=True)

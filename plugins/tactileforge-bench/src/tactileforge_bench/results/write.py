@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.hub.cards import card_names
-from tactileforge.plugin import TactileForgeError, new_part, write_text
-from tactileforge.util.provenance import commit
+from tactileforge.errors import TactileForgeError
+from tactileforge.hub import card_names
+from tactileforge.plugins import commit, new_part, write_text
 from tactileforge_bench.results.load import read_cell
 from tactileforge_bench.results.results import (
     FILE,

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import Recording
+from tactileforge.contracts import Recording
 
 #: Width and height for the comparison: a mean over areas, in which noise of pixels cancels.
 _SIZE = (40, 30)

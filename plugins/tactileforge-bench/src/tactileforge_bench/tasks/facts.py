@@ -6,8 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from tactileforge.errors import nearest_name
-from tactileforge.plugin import ConfigError, unknown
+from tactileforge.errors import ConfigError, nearest_name, unknown
 from tactileforge_bench.tasks.source import TaskSource
 
 

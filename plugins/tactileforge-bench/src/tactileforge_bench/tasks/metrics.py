@@ -19,7 +19,7 @@ from torchmetrics import MeanMetric, Metric
 from torchmetrics.classification import BinaryF1Score, MulticlassAccuracy, MulticlassF1Score
 from torchmetrics.regression import MeanAbsoluteError, MeanSquaredError, PearsonCorrCoef
 
-from tactileforge.plugin import ConfigError, DataError, unknown
+from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge_bench.tasks.targets import TargetPart
 
 #: Millinewton in a newton.

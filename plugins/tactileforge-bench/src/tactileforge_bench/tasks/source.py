@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import Clips, DataError, Dataset, Recording, check_names
+from tactileforge.contracts import Dataset, Recording
+from tactileforge.data import Clips
+from tactileforge.errors import DataError, check_names
 from tactileforge.plugins import registry
 from tactileforge_bench.tasks.suite import ClipSpec
 
@@ -107,7 +109,7 @@ def _node(data: Mapping[str, Any]) -> dict[str, Any]:
     preset = node.pop("preset", None)
     if preset is None:
         return node
-    from tactileforge.cli.compose import option
+    from tactileforge.cli import option
 
     layouts = node.pop("layouts", None)
     words = [f"data.{key}={value}" for key, value in node.items()]

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, DataError
+from tactileforge.errors import ConfigError, DataError
 from tactileforge_bench.tasks.facts import matches_filter, recording_fact, unknown_values
 from tactileforge_bench.tasks.source import TaskSource
 from tactileforge_bench.tasks.suite import SplitPlan, Task

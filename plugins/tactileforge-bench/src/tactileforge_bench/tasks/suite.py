@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from tactileforge.plugin import ConfigError, check_names, strict
+from tactileforge.errors import ConfigError, check_names
+from tactileforge.plugins import strict
 
 
 @dataclass(frozen=True, kw_only=True)

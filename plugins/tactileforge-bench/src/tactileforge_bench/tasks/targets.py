@@ -11,8 +11,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from tactileforge.data.labels.turns import flip_labels
-from tactileforge.plugin import ACTIONS, ConfigError, DataError, Recording, spec, unknown
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.data import flip_labels
+from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.specs import spec
 from tactileforge_bench.tasks import contact
 from tactileforge_bench.tasks.facts import label_text, matches_filter
 from tactileforge_bench.tasks.source import TaskSource

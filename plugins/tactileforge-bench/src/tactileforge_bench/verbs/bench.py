@@ -8,7 +8,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactileforge.plugin import Command, ConfigError, check_names
+from tactileforge.cli import Command
+from tactileforge.errors import ConfigError, check_names
 
 if TYPE_CHECKING:
     from tactileforge_bench.results.write import Writer
@@ -143,7 +144,7 @@ def _run_by(runner: str, config: dict[str, Any]) -> int:
 
 def _opened(config: dict[str, Any], suite: str, folder: Path, facts: dict[str, str]) -> Bench:
     """Opens the data of all tasks."""
-    from tactileforge.plugin import cache_folder
+    from tactileforge.plugins import cache_folder
     from tactileforge_bench.fit.features import FeatureStore
     from tactileforge_bench.fit.resolve import choose_probe, result_task
     from tactileforge_bench.results.write import Writer
@@ -173,7 +174,7 @@ def _opened(config: dict[str, Any], suite: str, folder: Path, facts: dict[str, s
 def _device(device: str) -> str:
     import torch
 
-    from tactileforge.hub.clip_encoder import check_device
+    from tactileforge.hub import check_device
 
     if device != "auto":
         return str(check_device(device))

@@ -9,11 +9,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tactileforge.data.frames.video_clock import FASTEST_RATE
-from tactileforge.data.labels.clock import UNITS
-from tactileforge.data.shards.foreign import is_foreign
-from tactileforge.plugin import NEWTONS, Blob, DataError, Guess, TactileForgeError, named_unit
-from tactileforge.reading.guessed_layout import ASSUMED_FPS, guess_sensor
+from tactileforge.contracts import Guess
+from tactileforge.data import FASTEST_RATE, NEWTONS, UNITS, Blob, is_foreign, named_unit
+from tactileforge.errors import DataError, TactileForgeError
+from tactileforge.reading import ASSUMED_FPS, guess_sensor
 from tactileforge_datasets.samples.members import read_members
 from tactileforge_datasets.samples.opened import shown
 from tactileforge_datasets.samples.places import (

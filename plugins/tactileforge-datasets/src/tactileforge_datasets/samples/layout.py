@@ -7,10 +7,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from tactileforge.plugin import ACTIONS, ConfigError, newtons_of, unknown
-from tactileforge.reading.layout import as_texts, check_sensor, parse_background, without_nulls
-from tactileforge.reading.layout_keys import BackgroundRule
-from tactileforge.util.strict import build, mapping
+from tactileforge.contracts import ACTIONS
+from tactileforge.data import newtons_of
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.plugins import strict
+from tactileforge.reading import (
+    BackgroundRule,
+    as_texts,
+    check_sensor,
+    parse_background,
+    without_nulls,
+)
 from tactileforge_datasets.samples.places import (
     PICTURES,
     TEXTS,
@@ -203,7 +210,7 @@ def parse_samples(config: Any) -> SampleLayout:
         ConfigError: A value is invalid; names the key and the valid values.
     """
     where = "data.layout"
-    layout = build(SampleLayout, where, without_nulls(mapping(where, config)))
+    layout = strict.build(SampleLayout, where, without_nulls(strict.mapping(where, config)))
     check_kind(layout.frames, (*PICTURES, *VIDEOS, "npy"), f"{where}.frames")
     if layout.fps is not None and not 0 < layout.fps < 1e5:
         raise ConfigError(f"{where}.fps is {layout.fps}; give frames per second, e.g. 30")

@@ -9,8 +9,8 @@ from functools import lru_cache
 from io import FileIO
 from pathlib import Path
 
-from tactileforge.data.frames.image_codecs import TAR_BLOCK
-from tactileforge.plugin import Blob, DataError
+from tactileforge.data import TAR_BLOCK, Blob
+from tactileforge.errors import DataError
 
 #: Starts of compressed files, and the programs that unpack them.
 _PACKED = {b"\x1f\x8b": "gunzip", b"BZh": "bunzip2", b"\xfd7zXZ": "unxz", b"(\xb5/\xfd": "unzstd"}

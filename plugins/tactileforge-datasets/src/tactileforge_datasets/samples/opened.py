@@ -9,23 +9,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.frames.crop import check_background_size
-from tactileforge.data.frames.turned import turned
-from tactileforge.data.labels.clock import UNITS
-from tactileforge.plugin import (
-    ACTIONS,
+from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
+from tactileforge.data import (
+    UNITS,
     Blob,
-    ConfigError,
-    DataError,
     EncodedFrames,
-    Frames,
-    FrameSubset,
-    Recording,
+    check_background_size,
     check_rising,
     label_actions,
+    turned,
 )
-from tactileforge.reading.layout import check_action, check_sensor, parse_background
-from tactileforge.reading.tables import number_or_text
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.reading import check_action, check_sensor, number_or_text, parse_background
 from tactileforge_datasets.samples.layout import SampleLayout, newtons
 from tactileforge_datasets.samples.places import (
     VIDEOS,

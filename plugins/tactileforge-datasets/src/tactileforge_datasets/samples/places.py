@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import Blob, ConfigError, DataError, load_json, unknown
+from tactileforge.data import Blob
+from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.plugins import load_json
 
 #: Kinds of parts, by the last ending of their names.
 PICTURES = ("jpg", "jpeg", "png", "webp")

@@ -7,13 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.frames.crop import check_range, size_text
-from tactileforge.data.frames.pixel_contract import channel_fix
-from tactileforge.data.frames.video import VideoFrames
-from tactileforge.data.frames.video_clock import video_times
-from tactileforge.data.frames.video_index import video_inside
-from tactileforge.plugin import Blob, DataError
-from tactileforge.util.untrusted import MAX_PIXELS
+from tactileforge.data import (
+    Blob,
+    VideoFrames,
+    channel_fix,
+    check_range,
+    size_text,
+    video_inside,
+    video_times,
+)
+from tactileforge.errors import DataError
+from tactileforge.plugins import MAX_PIXELS
 from tactileforge_datasets.samples.places import array_header
 
 

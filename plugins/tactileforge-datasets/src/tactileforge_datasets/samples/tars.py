@@ -9,10 +9,9 @@ from pathlib import Path
 
 from braceexpand import braceexpand
 
-from tactileforge.data.shards.fetch import ShardFolder
-from tactileforge.errors import nearest_name
-from tactileforge.plugin import ConfigError, DataNotFoundError
-from tactileforge.reading.files import matching_files
+from tactileforge.data import ShardFolder
+from tactileforge.errors import ConfigError, DataNotFoundError, nearest_name
+from tactileforge.reading import matching_files
 
 #: Most tars of a pattern.
 _MOST = 1_000_000

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
-from tactileforge.data.frames.companions import is_companion
-from tactileforge.plugin import Blob
+from tactileforge.data import Blob, is_companion
 from tactileforge_datasets.samples.layout import FRAME, SampleLayout
 from tactileforge_datasets.samples.members import read_members
 from tactileforge_datasets.samples.places import fields_of

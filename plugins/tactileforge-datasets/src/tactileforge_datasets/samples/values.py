@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import Blob, DataError, stated, unknown
+from tactileforge.data import Blob, stated
+from tactileforge.errors import DataError, unknown
 from tactileforge_datasets.samples.layout import SampleLayout, words_of
 from tactileforge_datasets.samples.places import (
     Place,

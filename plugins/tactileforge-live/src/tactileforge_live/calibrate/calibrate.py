@@ -9,14 +9,19 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, DataError, Recording, check_names, spec
-from tactileforge.sensors.calibration import features
-from tactileforge.sensors.calibration.file import (
+from tactileforge.contracts import Recording
+from tactileforge.errors import ConfigError, DataError, check_names
+from tactileforge.sensors import (
     FORCE_AXES,
+    WITH_MODEL,
     BackgroundLight,
     Calibration,
     ForceModel,
+    ForceReader,
+    frame_chunks,
+    median_background,
 )
+from tactileforge.specs import spec
 from tactileforge_live.calibrate.fit import AxisFit
 from tactileforge_live.calibrate.force import fit_forces
 from tactileforge_live.calibrate.light import estimate_light, light_drift, punch_mm_per_pixel
@@ -87,7 +92,7 @@ def calibrate(
     recordings: Iterable[Recording],
     options: CalibrateOptions,
     reference: Calibration | None = None,
-    model: features.ForceReader | None = None,
+    model: ForceReader | None = None,
 ) -> CalibrationResult:
     """Calibrates one unit.
 
@@ -135,9 +140,9 @@ def _kind(
     first: Recording,
     chosen: Sequence[Recording],
     options: CalibrateOptions,
-    model: features.ForceReader | None,
+    model: ForceReader | None,
 ) -> str:
-    if (options.fit in features.WITH_MODEL) > (model is not None):
+    if (options.fit in WITH_MODEL) > (model is not None):
         raise ConfigError(f"fit={options.fit} needs a model: give model=NAME")
     if options.fit != "auto":
         return options.fit
@@ -154,9 +159,7 @@ def _light(
     if spec(chosen[0].sensor).kind == "array":
         return None, None
     stills = [
-        features.median_background(recording)
-        for recording in chosen
-        if recording.no_contact is not None
+        median_background(recording) for recording in chosen if recording.no_contact is not None
     ]
     if not stills:
         notes.append("no recording has a frame without contact: the light is not calibrated")
@@ -180,8 +183,8 @@ def _scale(chosen: Sequence[Recording], options: CalibrateOptions) -> tuple[floa
         punched = [recording for recording in chosen if recording.object == "punch"] or chosen
         scales = [
             punch_mm_per_pixel(
-                (frame for part in features.frame_chunks(press.frames) for frame in part),
-                features.median_background(press),
+                (frame for part in frame_chunks(press.frames) for frame in part),
+                median_background(press),
                 options.punch_mm,
                 press.key,
             )

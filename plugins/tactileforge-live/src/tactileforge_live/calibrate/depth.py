@@ -16,9 +16,10 @@ from tactileforge_depth.lighting import OpticalCalibration, load_optics
 from tactileforge_depth.presses import Presses, find_circle
 from torch import Tensor
 
-from tactileforge.plugin import ConfigError, DataError, Recording, spec
-from tactileforge.sensors.calibration.features import frame_chunks, median_background
-from tactileforge.specs.published import simulation
+from tactileforge.contracts import Recording
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.sensors import frame_chunks, median_background
+from tactileforge.specs import simulation, spec
 from tactileforge_live.calibrate.depth_options import DepthOptions
 from tactileforge_live.calibrate.unit import recordings_of_unit
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 
 
 @dataclass(frozen=True, kw_only=True)

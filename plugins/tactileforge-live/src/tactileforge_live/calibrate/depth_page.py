@@ -9,15 +9,18 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 from tactileforge_depth.reader import depth_image
 
-from tactileforge.pages.figures import INK, draw_points, drawing, svg
-from tactileforge.pages.images import figure
-from tactileforge.pages.page import (
+from tactileforge.pages import (
+    INK,
     Section,
-    number,
+    draw_points,
+    drawing,
+    figure,
     html_page,
+    number,
     panel,
     panels,
     paragraph,
+    svg,
     table,
     verdict,
 )

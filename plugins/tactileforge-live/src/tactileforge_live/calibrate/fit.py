@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
-from tactileforge.sensors.calibration.file import FORCE_AXES, ForceAxis
+from tactileforge.errors import DataError
+from tactileforge.sensors import FORCE_AXES, ForceAxis
 from tactileforge_live.calibrate.judged import Frames, short
 
 #: Number of blocks of time, held out in turn, and fewest of them to choose a penalty.

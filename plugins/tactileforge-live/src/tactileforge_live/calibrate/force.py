@@ -7,14 +7,18 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, Recording
-from tactileforge.sensors.calibration import features
-from tactileforge.sensors.calibration.file import FORCE_AXES, ForceModel
-from tactileforge.sensors.calibration.pictures import (
+from tactileforge.contracts import Recording
+from tactileforge.errors import DataError
+from tactileforge.sensors import (
     CHANGE_FEATURE,
+    FORCE_AXES,
     MOMENT_FEATURES,
     PICTURE_FEATURES,
     SHAPE_FEATURES,
+    WITH_MODEL,
+    ForceModel,
+    ForceReader,
+    force_features,
 )
 from tactileforge_live.calibrate.fit import (
     BEFORE,
@@ -37,13 +41,13 @@ def fit_forces(
     wanted: Sequence[str],
     max_lag: float,
     notes: list[str],
-    model: features.ForceReader | None,
+    model: ForceReader | None,
 ) -> tuple[ForceModel, dict[str, AxisFit]]:
     """Fits the forces of a unit; also the fit of each kept axis.
 
     Args:
         recordings: Recordings of the unit; those without forces are left out.
-        kind: Kind of features, see `features.force_features`.
+        kind: Kind of features, see `force_features`.
         wanted: Axes to fit, of ``x``, ``y`` and ``z``, in this order.
         max_lag: Largest delay of images behind forces in the search for it, s; 0 for no search.
         notes: Warnings for the user; a line for each axis without a fit is added.
@@ -57,10 +61,10 @@ def fit_forces(
         raise DataError(
             "no recording has forces: record with force=NAME, or give fit=none to leave them out"
         )
-    parts = [features.force_features(press, kind, model) for press in presses]
+    parts = [force_features(press, kind, model) for press in presses]
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     fold = folds([len(press.frames) for press in presses])
-    with_model = kind in features.WITH_MODEL
+    with_model = kind in WITH_MODEL
 
     def earlier(name: str, lag: float) -> NDArray[np.float64]:
         column = FORCE_AXES.index(name)
@@ -155,7 +159,7 @@ def candidates(kind: str, axis: str, inputs: Collection[str]) -> list[Candidate]
     forces along all three, or also what its last layer reads; ``both`` are pictures and forces.
 
     Args:
-        kind: Kind of features, see `features.force_features`.
+        kind: Kind of features, see `force_features`.
         axis: ``x``, ``y`` or ``z``.
         inputs: Names of all inputs.
     """
@@ -163,7 +167,7 @@ def candidates(kind: str, axis: str, inputs: Collection[str]) -> list[Candidate]
     pictures = [[CHANGE_FEATURE], *([name] for name in MOMENT_FEATURES), SHAPE_FEATURES]
     if kind == "pictures":
         return [change, Candidate("pictures", pictures)]
-    if kind not in features.WITH_MODEL:
+    if kind not in WITH_MODEL:
         return [Candidate(kind, [[axis]])]
     forces = [[name] for name in FORCE_AXES]
     hidden = [name for name in inputs if name not in (*FORCE_AXES, *PICTURE_FEATURES)]

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError
-from tactileforge.sensors.calibration.file import BackgroundLight
+from tactileforge.errors import DataError
+from tactileforge.sensors import BackgroundLight
 
 #: Change of a pixel that counts as contact, grey levels.
 _LEAST = 3.0

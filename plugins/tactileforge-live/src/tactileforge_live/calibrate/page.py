@@ -7,21 +7,23 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup
 
-from tactileforge.pages.figures import INK, draw_points, drawing, svg
-from tactileforge.pages.forces import agreement_figure
-from tactileforge.pages.images import figure
-from tactileforge.pages.page import (
+from tactileforge.pages import (
+    INK,
     Section,
-    number,
+    agreement_figure,
+    draw_points,
+    drawing,
+    figure,
     html_page,
+    number,
     panel,
     panels,
     paragraph,
+    svg,
     table,
     verdict,
 )
-from tactileforge.sensors.calibration.file import FORCE_AXES, ForceModel
-from tactileforge.sensors.calibration.pictures import PICTURE_FEATURES, SHAPE_FEATURES
+from tactileforge.sensors import FORCE_AXES, PICTURE_FEATURES, SHAPE_FEATURES, ForceModel
 from tactileforge_live.calibrate.calibrate import CalibrationResult
 from tactileforge_live.calibrate.fit import AxisFit
 from tactileforge_live.calibrate.scale import SCALED

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.sensors.calibration.file import ForceAxis
+from tactileforge.sensors import ForceAxis
 from tactileforge_live.calibrate.fit import BEFORE, LEAST_RANGE, TIE_BEFORE, AxisFit
 from tactileforge_live.calibrate.judged import Frames, short
 

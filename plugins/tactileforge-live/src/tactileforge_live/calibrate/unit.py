@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from tactileforge.plugin import ConfigError, DataError, Recording, unknown
+from tactileforge.contracts import Recording
+from tactileforge.errors import ConfigError, DataError, unknown
 
 
 def recordings_of_unit(

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tactileforge_markers.track import MarkerTracker
 
-from tactileforge.plugin import Frame, encode_image
+from tactileforge.contracts import Frame
+from tactileforge.data import encode_image
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.frames.image_codecs import PackedFrames
-from tactileforge.data.shards import shards
-from tactileforge.plugin import LazyImages, Recording
+from tactileforge.contracts import Recording
+from tactileforge.data import LazyImages, Packed, PackedFrames, describe_recording, read_shard
 
 
-def merge_segments(paths: Sequence[Path]) -> list[shards.Packed]:
+def merge_segments(paths: Sequence[Path]) -> list[Packed]:
     """Merges the recordings of several segments into one per sensor.
 
     Args:
@@ -26,12 +25,12 @@ def merge_segments(paths: Sequence[Path]) -> list[shards.Packed]:
     """
     by_sensor: dict[str, list[Recording]] = {}
     for path in paths:
-        for recording in shards.read_shard(path):
+        for recording in read_shard(path):
             by_sensor.setdefault(recording.key.rpartition("/")[0], []).append(recording)
     return [_one(key, parts) for key, parts in by_sensor.items()]
 
 
-def _one(key: str, parts: Sequence[Recording]) -> shards.Packed:
+def _one(key: str, parts: Sequence[Recording]) -> Packed:
     first, last = parts[0], parts[-1]
     frames = [_packed(part.frames) for part in parts]
     views = [_packed(part.image) for part in parts if part.image is not None]
@@ -54,8 +53,8 @@ def _one(key: str, parts: Sequence[Recording]) -> shards.Packed:
         labels=labels,
         tracks=tracks,
     )
-    return shards.Packed(
-        shards.describe_recording(whole),
+    return Packed(
+        describe_recording(whole),
         frames[0].codec,
         _encoded(frames),
         _encoded([_packed(first.no_contact)] if first.no_contact is not None else []),

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from tactileforge.data.frames.image_codecs import CODECS
-from tactileforge.plugin import ACTIONS, ConfigError, check_data_licence, unknown
-from tactileforge.sensors.background import Background
+from tactileforge.contracts import ACTIONS
+from tactileforge.data import CODECS
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.reading import check_data_licence
+from tactileforge.sensors import Background
 
 
 @dataclass(frozen=True, kw_only=True)

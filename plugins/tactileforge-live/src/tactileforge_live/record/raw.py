@@ -15,8 +15,8 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.shards import shards
-from tactileforge.plugin import DataError
+from tactileforge.data import shard_members
+from tactileforge.errors import DataError
 
 #: Name of a member of a shard with raw values.
 _RAW = re.compile(r"raw\.(?P<name>.+)\.npz")
@@ -61,7 +61,7 @@ def read_raw(path: Path) -> dict[str, Raw]:
         DataError: The file is not a shard, or is damaged.
     """
     values_by_name: dict[str, Raw] = {}
-    for name, content in shards.shard_members(path):
+    for name, content in shard_members(path):
         if match := _RAW.fullmatch(name):
             try:
                 values_by_name[match["name"]] = _arrays(content)

@@ -6,10 +6,9 @@ import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from tactileforge.plugin import ConfigError, Sensor, TactileForgeError, unknown
-from tactileforge.sensors.calibration import file as calibration
-from tactileforge.sensors.low_latency_threads import low_latency_threads
-from tactileforge.sensors.opening import unit_of
+from tactileforge.contracts import Sensor
+from tactileforge.errors import ConfigError, TactileForgeError, unknown
+from tactileforge.sensors import calibration_labels, low_latency_threads, unit_of
 from tactileforge_live.record.options import RecordOptions
 from tactileforge_live.record.rig import Rig
 from tactileforge_live.record.status import RecordStatus, RecordSummary
@@ -69,7 +68,7 @@ def record(
             known = {}
             for name, path in options.calibration.items():
                 kind, unit = devices[name].spec.name, unit_of(devices[name])
-                known[name] = calibration.calibration_labels(path, kind, unit)
+                known[name] = calibration_labels(path, kind, unit)
             count = 0
             while not stop.is_set() and not rig.is_over and count != options.takes:
                 if count and stop.wait(options.pause):

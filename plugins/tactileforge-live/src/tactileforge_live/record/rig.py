@@ -16,11 +16,17 @@ from tactileforge_depth.reader import depth_readers
 from tactileforge_markers.track import MarkerTracker
 from tactileforge_markers.tracks import check_marker_sensors
 
-from tactileforge.plugin import Capture, ConfigError, Frame, Sensor, SensorError, spec
-from tactileforge.sensors import background
-from tactileforge.sensors.awake import AWAKE_CLOCK
-from tactileforge.sensors.capture import check_captures
-from tactileforge.sensors.opening import open_all
+from tactileforge.contracts import Frame, Sensor
+from tactileforge.errors import ConfigError, SensorError
+from tactileforge.sensors import (
+    AWAKE_CLOCK,
+    Capture,
+    check_background,
+    check_captures,
+    open_all,
+    spread_frames,
+)
+from tactileforge.specs import spec
 from tactileforge_live.record.frame_queue import FrameQueue, SampleBuffer
 from tactileforge_live.record.options import RecordOptions
 
@@ -199,10 +205,10 @@ class Rig:
                 step = -(-len(seen) // _LOOKED_AT) or 1  # rounded up
                 frames = [frame.array for frame in seen[::step]]
                 camera = device.sensor.spec.kind == "image"
-                good = background.check_background(device.name, frames, given.threshold, camera)
+                good = check_background(device.name, frames, given.threshold, camera)
                 codec, keeps = self.codec(device), device.keeps
                 assert isinstance(keeps, FrameQueue)
-                chosen = background.spread_frames(good, given.frames)
+                chosen = spread_frames(good, given.frames)
                 device.background = [keeps.encode(frame)[codec] for frame in chosen]
                 still = np.median(chosen, axis=0).astype(np.uint8)
                 if device.name in self.options.markers:

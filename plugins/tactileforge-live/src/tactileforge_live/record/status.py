@@ -7,8 +7,7 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TextIO
 
-from tactileforge.sensors.health import TROUBLES
-from tactileforge.sensors.status import Status
+from tactileforge.sensors import TROUBLES, Status
 from tactileforge_live.record.frame_queue import FrameQueue
 
 if TYPE_CHECKING:

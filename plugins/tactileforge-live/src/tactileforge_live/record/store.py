@@ -15,10 +15,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Self
 
-from tactileforge.data.shards import index, shards
-from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.plugin import DataError, locked
-from tactileforge.util.files import refuse_shards
+from tactileforge.data import INDEX_FILE, Index, IndexEntry, Packed, parse_index, write_shard
+from tactileforge.errors import DataError
+from tactileforge.plugins import locked, refuse_shards
 from tactileforge_live.record.merge_segments import merge_segments
 from tactileforge_live.record.raw import Raw, append_raw, merge_raw
 
@@ -70,10 +69,10 @@ class TakeStore:
         self._open.close()
 
     def _load(self, ours: bool) -> None:
-        path = self.out / index.INDEX_FILE
+        path = self.out / INDEX_FILE
         if path.exists():
             try:
-                held = index.parse_index(path.read_bytes(), str(path))
+                held = parse_index(path.read_bytes(), str(path))
             except DataError as error:
                 self.notes.append(f"the index is made anew: {error}")
             else:
@@ -126,7 +125,7 @@ class TakeStore:
         self,
         take: int,
         number: int,
-        recordings: Sequence[shards.Packed],
+        recordings: Sequence[Packed],
         raw: Mapping[str, Raw],
     ) -> IndexEntry:
         """Writes one segment. On return it is synced to the disk.
@@ -170,13 +169,13 @@ class TakeStore:
     def _commit(
         self,
         name: str,
-        recordings: Sequence[shards.Packed],
+        recordings: Sequence[Packed],
         raw: Mapping[str, Raw],
         instead_of: Sequence[str] = (),
     ) -> IndexEntry:
         part = self.out / NOTES / name
         try:
-            shards.write_shard(part, recordings)
+            write_shard(part, recordings)
             append_raw(part, raw)
             _sync(part)  # before the rename: a name in the folder is a complete file
             entry = IndexEntry.of(part)
@@ -201,8 +200,8 @@ class TakeStore:
             for split in ("train", "val")
         }
         Index("record", splits, made={"by": _BY}).save(self.out / NOTES)
-        _sync(self.out / NOTES / index.INDEX_FILE)
-        (self.out / NOTES / index.INDEX_FILE).replace(self.out / index.INDEX_FILE)
+        _sync(self.out / NOTES / INDEX_FILE)
+        (self.out / NOTES / INDEX_FILE).replace(self.out / INDEX_FILE)
         _sync(self.out)  # the rename itself is durable only once the folder is synced
 
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from tactileforge_markers.find import MarkerGrid
 from tactileforge_markers.tracks import marker_labels, marker_tracks
 
-from tactileforge.data.shards import shards
-from tactileforge.plugin import ACTIONS, ArrayFrames, DataError, Recording, TactileForgeError
-from tactileforge.sensors.capture import check_captures
-from tactileforge.sensors.opening import unit_of
+from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.data import ArrayFrames, Packed, describe_recording
+from tactileforge.errors import DataError, TactileForgeError
+from tactileforge.sensors import check_captures, unit_of
 from tactileforge_live.record.frame_queue import FrameQueue, PendingFrame
 from tactileforge_live.record.raw import Raw
 from tactileforge_live.record.rig import Rig, RigSensor
@@ -170,7 +170,7 @@ class Take:
 
     def _packed(
         self, device: RigSensor, shots: list[PendingFrame], views: Any, known: Mapping[str, Raw]
-    ) -> shards.Packed:
+    ) -> Packed:
         """Recording of one sensor in a segment."""
         options, codec = self.options, self.rig.codec(device)
         times = np.array([shot.time for shot in shots], np.float64)
@@ -204,9 +204,7 @@ class Take:
         )
         pictures = [shot.encoded.result()[codec] for shot in shots]
         seen = [view.encoded.result()[codec] for view in views]
-        return shards.Packed(
-            shards.describe_recording(about), codec, pictures, device.background, seen
-        )
+        return Packed(describe_recording(about), codec, pictures, device.background, seen)
 
     def _tracks(
         self, device: RigSensor, times: NDArray[np.float64], known: Mapping[str, Raw]

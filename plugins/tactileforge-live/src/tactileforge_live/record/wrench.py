@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 
 #: Longest time between two samples for interpolation, s.
 GAP = 0.1

@@ -7,15 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactileforge.plugin import Command, ConfigError, Dataset, Recording, write_text
-from tactileforge.plugins import registry
-from tactileforge.sensors.calibration.file import load_calibration
+from tactileforge.cli import Command
+from tactileforge.contracts import Dataset, Recording
+from tactileforge.errors import ConfigError
+from tactileforge.plugins import registry, write_text
+from tactileforge.sensors import load_calibration
 from tactileforge_live.calibrate.calibrate import CalibrateOptions, CalibrationResult, calibrate
 from tactileforge_live.calibrate.depth_options import DepthOptions
 from tactileforge_live.calibrate.scale import SCALED
 
 if TYPE_CHECKING:
-    from tactileforge.plugin import Model
+    from tactileforge.hub import Model
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,10 +8,10 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
-from tactileforge.pages.local_page import check_port
-from tactileforge.plugin import Command
-from tactileforge.sensors.opening import build_sensors as built_sensors
-from tactileforge.util.signals import stopped_by_signals
+from tactileforge.cli import Command
+from tactileforge.pages import check_port
+from tactileforge.plugins import stopped_by_signals
+from tactileforge.sensors import build_sensors as built_sensors
 from tactileforge_live.publish import JsonLines, Publisher, build_publishers
 from tactileforge_live.session import LiveOptions, LiveSession, run_session
 from tactileforge_live.status_line import LiveStatus
@@ -60,7 +60,7 @@ def _live(keys: _Live, config: dict[str, Any]) -> None:
 
         torch.set_num_threads(keys.threads)
     if keys.model:
-        from tactileforge.hub.loading import load
+        from tactileforge import load
 
         model = load(keys.model, device=keys.device)
     status = LiveStatus()

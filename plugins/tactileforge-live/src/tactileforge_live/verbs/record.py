@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from tactileforge.cli import Command
 from tactileforge.errors import command
-from tactileforge.plugin import Command
-from tactileforge.sensors.opening import build_sensors
-from tactileforge.sensors.status import of_drops
-from tactileforge.util.signals import stopped_by_signals
+from tactileforge.plugins import stopped_by_signals
+from tactileforge.sensors import build_sensors, of_drops
 from tactileforge_live.record.options import RecordOptions
 from tactileforge_live.record.record import record
 from tactileforge_live.record.status import RecordStatus

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from tactileforge.datasets.shards import Shards
-from tactileforge.plugin import ConfigError, CutColumns, Recording, unknown
+from tactileforge.contracts import Recording
+from tactileforge.data import CutColumns
+from tactileforge.datasets import Shards
+from tactileforge.errors import ConfigError, unknown
 from tactileforge_policies.data.episodes import Demonstration, check_alike, episodes_of
 from tactileforge_policies.data.samples import Cutting, EpisodeClips
 

@@ -9,7 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import DataError, Recording, spec
+from tactileforge.contracts import Recording
+from tactileforge.errors import DataError
+from tactileforge.specs import spec
 from tactileforge_policies.robot import ACTIONS_TRACK, STATE_TRACK
 
 #: Largest relative difference of two rates that counts as jitter.

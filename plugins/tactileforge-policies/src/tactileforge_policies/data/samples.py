@@ -14,7 +14,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from tactileforge.plugin import Clips, CutColumns, Recording, spec, take_steps, view_of
+from tactileforge.contracts import Recording
+from tactileforge.data import Clips, CutColumns, take_steps, view_of
+from tactileforge.specs import spec
 from tactileforge_policies.data.episodes import Demonstration, check_alike, episodes_of
 from tactileforge_policies.reference import gain_of, with_gain
 from tactileforge_policies.robot import Robot

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import gymnasium
 
-from tactileforge.plugin import ConfigError, unknown
+from tactileforge.errors import ConfigError, unknown
 
 #: Steps of the longest episode, 20 s.
 STEPS = 120

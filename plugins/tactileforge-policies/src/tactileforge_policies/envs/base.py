@@ -20,7 +20,7 @@ from tactileforge_depth.contact import NotConverged
 from tactileforge_depth.gel import Gel
 from tactileforge_sim.randomise.draw import Choice
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 from tactileforge_policies.envs.fingers import FINGERS, Fingers, mirrored
 from tactileforge_policies.envs.grip import Body, Grip, Held
 from tactileforge_policies.envs.outer import Array, Outer, Solid, placed

@@ -8,8 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge.encoders.transformer import init_weights
-from tactileforge.plugin import AttentivePooler, Batch, Encoder, Transformer, Views
+from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.encoders import AttentivePooler, Transformer, init_weights
 from tactileforge_policies.heads.base import DirectHead
 from tactileforge_policies.heads.observation import POOLER
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 from torch import Tensor, nn
 
-from tactileforge.plugin import Batch, ConfigError, Encoder, Views
+from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.errors import ConfigError
 from tactileforge_policies.heads.example import example
 from tactileforge_policies.heads.observation import Observation
 from tactileforge_policies.heads.ranges import Ranges

@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import torch
 from torch import Tensor, nn
 
-from tactileforge.plugin import EMA, Batch, ConfigError, Encoder, Views, rand_rows
+from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.errors import ConfigError
+from tactileforge.heads import EMA
+from tactileforge.training import rand_rows
 from tactileforge_policies.heads.base import ChunkPrediction, PolicyHead
 from tactileforge_policies.heads.observation import POOLER, Observation, flat
 from tactileforge_policies.heads.unet import UNet

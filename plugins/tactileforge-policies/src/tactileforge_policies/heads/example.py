@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 
-from tactileforge.plugin import Batch
+from tactileforge.contracts import Batch
 from tactileforge_policies.robot import Robot
 
 

@@ -9,7 +9,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from tactileforge.plugin import AttentivePooler, Batch, ConfigError, Encoder, Transformer, Views
+from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.encoders import AttentivePooler, Transformer
+from tactileforge.errors import ConfigError
 from tactileforge_policies.heads.camera import CameraNet
 from tactileforge_policies.heads.ranges import Ranges
 from tactileforge_policies.robot import Robot

@@ -7,7 +7,7 @@ from typing import Any
 
 from torch import Tensor, nn
 
-from tactileforge.plugin import Batch, Encoder, Views
+from tactileforge.contracts import Batch, Encoder, Views
 from tactileforge_policies.heads.base import DirectHead
 from tactileforge_policies.heads.observation import POOLER, flat
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from tactileforge.util import strict
+from tactileforge.plugins import strict
 from tactileforge_policies.manipulation.output import write_outputs
 from tactileforge_policies.manipulation.plan import ManipulationOptions, make_plan
 from tactileforge_policies.manipulation.run import run_plan

@@ -13,9 +13,8 @@ from tactileforge_bench.output.grid import ColumnHead, Notes, Table, TableEntry,
 from tactileforge_bench.output.render import render_html, render_markdown
 from tactileforge_bench.results.bootstrap import GroupedScore, ScoreInterval, compared
 
-from tactileforge.pages.page import MINUS, Section, html_page, paragraph
-from tactileforge.util.files import write_text
-from tactileforge.util.provenance import commit
+from tactileforge.pages import MINUS, Section, html_page, paragraph
+from tactileforge.plugins import commit, write_text
 from tactileforge_policies.manipulation.paired import paired_difference
 from tactileforge_policies.manipulation.plan import Plan, Setting
 from tactileforge_policies.manipulation.run import CellResult

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tactileforge_bench.fit.pretrain import PretrainJob
 
-from tactileforge.plugin import ConfigError, check_names, unknown
+from tactileforge.errors import ConfigError, check_names, unknown
 from tactileforge_policies.rollouts.actors import SCRIPTED
 from tactileforge_policies.rollouts.options import DemonstrationOptions, RolloutOptions, TaskOptions
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from tactileforge_bench.fit.pretrain import pretrain
 
-from tactileforge.plugin import TactileForgeError
-from tactileforge.util.files import write_text
+from tactileforge.errors import TactileForgeError
+from tactileforge.plugins import write_text
 from tactileforge_policies.manipulation.plan import Cell, Plan
 from tactileforge_policies.rollouts.demonstrations import write_demonstrations
 from tactileforge_policies.rollouts.page import rollout_page

@@ -6,7 +6,8 @@ from typing import ClassVar
 
 from torch import nn
 
-from tactileforge.plugin import Batch, Mean, masked_mean
+from tactileforge.contracts import Batch
+from tactileforge.training import Mean, masked_mean
 from tactileforge_policies.heads.base import ChunkPrediction
 
 

@@ -7,7 +7,9 @@ from typing import ClassVar, Literal
 from torch import nn
 from torch.nn import functional as F
 
-from tactileforge.plugin import Batch, ConfigError, Mean, masked_mean
+from tactileforge.contracts import Batch
+from tactileforge.errors import ConfigError
+from tactileforge.training import Mean, masked_mean
 from tactileforge_policies.heads.base import ChunkPrediction
 
 _LOSSES = {"l1": F.l1_loss, "huber": F.smooth_l1_loss}

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError
-from tactileforge.util.files import sha256
+from tactileforge.errors import ConfigError
+from tactileforge.plugins import sha256
 from tactileforge_policies.rollouts.episode import Actor, Forces, Observation
 
 #: Names of the actors without training.
@@ -140,7 +140,7 @@ def fingerprint(word: str) -> str:
         raise ConfigError(
             f"policy={word}: neither {' nor '.join(SCRIPTED)}, nor the folder of a run or a file"
         )
-    from tactileforge.runs.folder import BEST, LAST
+    from tactileforge.runs import BEST, LAST
 
     # The same choice of file as in `load_policy`.
     files = [path] if path.is_file() else [path / BEST, path / LAST]

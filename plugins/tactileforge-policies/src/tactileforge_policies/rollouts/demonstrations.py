@@ -11,13 +11,29 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.data.shards import shards
-from tactileforge.data.shards.index import Index, IndexEntry
-from tactileforge.plugin import ArrayFrames, DataError, Recording, TactileForgeError
-from tactileforge.util.bars import Bar
-from tactileforge.util.files import claim_folder, sealed, unsealed, write_text
-from tactileforge.util.processes import process_count, run_share, spread
-from tactileforge.util.threads import one_thread
+from tactileforge.contracts import Recording
+from tactileforge.data import (
+    ArrayFrames,
+    Index,
+    IndexEntry,
+    Packed,
+    describe_recording,
+    encode_image,
+    keep_whole,
+    write_shard,
+)
+from tactileforge.errors import DataError, TactileForgeError
+from tactileforge.plugins import (
+    Bar,
+    claim_folder,
+    one_thread,
+    process_count,
+    run_share,
+    sealed,
+    spread,
+    unsealed,
+    write_text,
+)
 from tactileforge_policies.reference import GAIN_LABEL, reference_gain
 from tactileforge_policies.rollouts.actors import Expert
 from tactileforge_policies.rollouts.episode import Episode, play_episode
@@ -58,7 +74,7 @@ def write_demonstrations(options: DemonstrationOptions) -> Demonstrations:
     make_environment(options.of_unit(0)).close()  # errors in options show before processes start
     folder = Path(options.out)
     claim_folder(folder / MADE, _made(options), "demonstrations")
-    shards.keep_whole(sorted(folder.glob("episode-*.tar")))
+    keep_whole(sorted(folder.glob("episode-*.tar")))
     _forget_damaged(folder)
     tried = 0
     with Bar(total=options.n, desc="demonstrations", unit="episode") as bar:
@@ -114,7 +130,7 @@ def _write(
             episode = play_episode(env, expert, options.episode_seed(number), options.noise)
             if episode.success:
                 packed = pack_episode(episode, env, f"{options.word}_{number:05d}", options)
-                shards.write_shard(_path(folder, number), packed)
+                write_shard(_path(folder, number), packed)
                 told()
             else:
                 write_text(_failure(folder, number), sealed({"failure": episode.failure}))
@@ -124,7 +140,7 @@ def _write(
 
 def pack_episode(
     episode: Episode, env: Any, name: str, options: DemonstrationOptions
-) -> list[shards.Packed]:
+) -> list[Packed]:
     """Packs one recording per finger; the first has the camera, all have state and actions.
 
     Args:
@@ -163,8 +179,8 @@ def pack_episode(
         )
         views = [*episode.seen("image")[:steps]] if place == 0 else []
         out.append(
-            shards.Packed(
-                shards.describe_recording(about),
+            Packed(
+                describe_recording(about),
                 options.codec,
                 _encoded(episode.seen(finger)[:steps], options.codec),
                 _encoded([episode.background[finger]], options.codec),
@@ -189,7 +205,7 @@ def _gains(episode: Episode, plain: Any) -> dict[str, dict[str, float]]:
 
 
 def _encoded(pictures: Any, codec: str) -> list[bytes]:
-    return [shards.encode_image(picture, codec) for picture in pictures]
+    return [encode_image(picture, codec) for picture in pictures]
 
 
 def _index(options: DemonstrationOptions, folder: Path, tried: int) -> Demonstrations:

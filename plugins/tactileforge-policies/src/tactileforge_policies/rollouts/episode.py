@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import TactileForgeError
+from tactileforge.errors import TactileForgeError
 
 Observation = Mapping[str, NDArray[Any]]
 Forces = Mapping[str, NDArray[np.float32]]

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from tactileforge.data.frames.image_codecs import CODECS
-from tactileforge.plugin import ConfigError, unknown
+from tactileforge.data import CODECS
+from tactileforge.errors import ConfigError, unknown
 
 #: Namespace of the environments of this package.
 NAMESPACE = "tactileforge"

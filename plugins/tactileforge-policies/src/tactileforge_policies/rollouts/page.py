@@ -9,24 +9,25 @@ from itertools import chain, zip_longest
 import numpy as np
 from markupsafe import Markup
 
-from tactileforge.pages.figures import Series
-from tactileforge.pages.forces import force_curves_figure
-from tactileforge.pages.page import (
+from tactileforge.pages import (
     Section,
+    Series,
     card,
     cards,
     facts,
+    force_curves_figure,
+    html_page,
+    joined,
     legend,
     number,
-    html_page,
     panel,
     panels,
     paragraph,
     percent,
+    piece,
     table,
     verdict,
 )
-from tactileforge.pages.templating import joined, piece
 from tactileforge_policies.rollouts.results import EpisodeResult, wilson
 from tactileforge_policies.rollouts.rollout import Rollouts
 

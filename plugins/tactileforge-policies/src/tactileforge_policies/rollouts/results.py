@@ -11,9 +11,8 @@ from pathlib import Path
 from statistics import NormalDist, fmean
 from typing import Any
 
-from tactileforge.plugin import DataError
-from tactileforge.util import strict
-from tactileforge.util.files import sealed, unsealed, write_text
+from tactileforge.errors import DataError
+from tactileforge.plugins import sealed, strict, unsealed, write_text
 
 #: Two-sided 95 % quantile of the normal distribution.
 _Z = NormalDist().inv_cdf(0.975)

@@ -8,10 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tactileforge.util.bars import Bar
-from tactileforge.util.files import claim_folder
-from tactileforge.util.processes import process_count, run_share, spread
-from tactileforge.util.threads import one_thread
+from tactileforge.plugins import Bar, claim_folder, one_thread, process_count, run_share, spread
 from tactileforge_policies.rollouts.actors import SCRIPTED, fingerprint, make_actor
 from tactileforge_policies.rollouts.episode import Episode, play_episode
 from tactileforge_policies.rollouts.options import RolloutOptions, make_environment

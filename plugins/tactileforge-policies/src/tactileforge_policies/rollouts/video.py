@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.util.files import new_part
+from tactileforge.plugins import new_part
 from tactileforge_policies.rollouts.episode import Episode
 
 #: VP9 in MP4: OpenCV's wheels write it, and browsers play it. The wheels cannot write H.264.

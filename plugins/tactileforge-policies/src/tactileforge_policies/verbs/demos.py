@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from tactileforge.cli import Command
 from tactileforge.errors import command
-from tactileforge.plugin import Command
 from tactileforge_policies.rollouts.options import DemonstrationOptions
 
 

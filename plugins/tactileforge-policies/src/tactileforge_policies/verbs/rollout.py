@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from tactileforge.plugin import Command
-from tactileforge.util.files import write_text
+from tactileforge.cli import Command
+from tactileforge.plugins import write_text
 from tactileforge_policies.rollouts.options import RolloutOptions
 
 

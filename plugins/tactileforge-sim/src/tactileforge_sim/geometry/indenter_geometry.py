@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 from tactileforge_sim.geometry.sdf2d import SDF, Array, circle
 
 Height: TypeAlias = Callable[[Array, Array], Array]

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, DataError, DataNotFoundError
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 
 #: Largest size of a mesh file, bytes, its unpacked members included; and most faces, or points.
 MAX_BYTES, MAX_PARTS = 1 << 29, 10_000_000

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, DataError, open_picture
+from tactileforge.errors import ConfigError, DataError
+from tactileforge.plugins import open_picture
 from tactileforge_sim.geometry.indenter_geometry import CELLS, DEEP, REACH, Shape, shape_of
 from tactileforge_sim.geometry.mesh_files import (
     Mesh,

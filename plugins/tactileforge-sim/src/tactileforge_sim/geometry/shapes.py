@@ -6,7 +6,7 @@ these are our own. The tips are 4 to 14 mm wide.
 
 from __future__ import annotations
 
-from tactileforge.plugin import ConfigError, unknown
+from tactileforge.errors import ConfigError, unknown
 from tactileforge_sim.geometry.indenter_geometry import (
     DEEP,
     Height,

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ACTIONS, ConfigError, check_names, unknown
+from tactileforge.contracts import ACTIONS
+from tactileforge.errors import ConfigError, check_names, unknown
 
 #: Phase of a path without an action: the object stays.
 _STAY = "stay"

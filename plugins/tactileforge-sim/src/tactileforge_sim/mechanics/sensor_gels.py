@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 from tactileforge_depth.gel import Gel
 
-from tactileforge.plugin import ConfigError
-from tactileforge.specs.published import simulation
+from tactileforge.errors import ConfigError
+from tactileforge.specs import simulation
 
 #: Upper limit of simulated frames per second; slower sensors keep their own rate.
 FPS = 30.0

@@ -14,7 +14,7 @@ from tactileforge_depth import contact
 from tactileforge_depth.gel import Gel, kernel
 from torch import Tensor
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 from tactileforge_sim.mechanics import friction
 from tactileforge_sim.mechanics.overlap import Overlap, rotated
 

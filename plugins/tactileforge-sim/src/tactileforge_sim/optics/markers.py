@@ -9,7 +9,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from tactileforge.plugin import ConfigError, MarkerPattern
+from tactileforge.contracts import MarkerPattern
+from tactileforge.errors import ConfigError
 
 
 @dataclass(frozen=True)

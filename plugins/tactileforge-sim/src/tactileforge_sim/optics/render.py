@@ -13,7 +13,7 @@ from tactileforge_depth.features import Coarse, fine, normals, places
 from tactileforge_depth.lighting import DEGREE
 from torch import Tensor
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 from tactileforge_sim.optics.camera import FULL, Lens
 from tactileforge_sim.optics.sensor_instances import SensorInstance
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 from tactileforge_sim.geometry.indenter_geometry import DEEP, Shape
 
 #: Side of the visible part of the table, mm; larger shapes are seen from farther away.

@@ -16,8 +16,9 @@ from tactileforge_depth.gel import Gel
 from tactileforge_depth.lighting import OpticalCalibration, polynomial_background
 from torch import Tensor
 
-from tactileforge.plugin import ConfigError, Simulation, spec, unknown
-from tactileforge.specs.published import SIMULATED, pixel_spacing, simulation
+from tactileforge.contracts import Simulation
+from tactileforge.errors import ConfigError, unknown
+from tactileforge.specs import SIMULATED, pixel_spacing, simulation, spec
 from tactileforge_sim.optics.camera import CameraModel
 from tactileforge_sim.optics.markers import Markers, coverage, print_markers
 from tactileforge_sim.optics.stray_light import stray_light

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tactileforge.plugin import ConfigError, unknown
+from tactileforge.errors import ConfigError, unknown
 from tactileforge_sim.randomise.table import TABLE, rng
 
 #: ``none``, ``unit``, ``all``, or names of rows.

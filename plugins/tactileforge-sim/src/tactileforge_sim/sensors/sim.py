@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import Frame, Sensor, TactileForgeError, spec
+from tactileforge.contracts import Frame, Sensor
+from tactileforge.errors import TactileForgeError
+from tactileforge.specs import spec
 
 #: A picture and its force.
 _Shown: TypeAlias = tuple[NDArray[np.uint8], NDArray[np.float32]]

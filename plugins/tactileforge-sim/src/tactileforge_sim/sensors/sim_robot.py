@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, SerialRobot
+from tactileforge.errors import ConfigError
+from tactileforge.sensors import SerialRobot
 from tactileforge_sim.sensors.sim_samples import SimSamples
 
 

@@ -8,8 +8,9 @@ from abc import abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import Frame, Sensor, TactileForgeError
-from tactileforge.sensors.drivers.packet_sensor import NO_PICTURE
+from tactileforge.contracts import Frame, Sensor
+from tactileforge.errors import TactileForgeError
+from tactileforge.sensors import NO_PICTURE
 
 
 class SimSamples(Sensor):

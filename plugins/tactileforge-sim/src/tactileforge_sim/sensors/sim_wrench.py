@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.plugin import ConfigError, ForceTorque
+from tactileforge.errors import ConfigError
+from tactileforge.sensors import ForceTorque
 from tactileforge_sim.sensors.sim_samples import SimSamples
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from tactileforge.cli import Command
 from tactileforge.errors import command
-from tactileforge.plugin import Command
 from tactileforge_sim.config import SimConfig
 from tactileforge_sim.generate import write_seconds
 

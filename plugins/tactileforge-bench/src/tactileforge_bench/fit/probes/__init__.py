@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from tactileforge.plugin import ConfigError, unknown
+from tactileforge.errors import ConfigError, unknown
 from tactileforge_bench.fit.probes.base import Probe
 
 #: Module and class by name.

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.plugin import AttentivePooler, ConfigError
+from tactileforge.encoders import AttentivePooler
+from tactileforge.errors import ConfigError
 from tactileforge_bench.fit.probes.base import Probe, ProbeTraining, Values
 from tactileforge_bench.tasks.targets import TargetPart
 

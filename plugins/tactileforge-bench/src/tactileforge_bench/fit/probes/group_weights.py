@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 from tactileforge_bench.fit.probes.ridge_regression import standardise
 
 #: Steps along each edge of the simplex of weights.

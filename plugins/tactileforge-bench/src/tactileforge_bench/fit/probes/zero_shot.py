@@ -8,7 +8,7 @@ from typing import ClassVar
 from torch import Tensor
 from torch.nn import functional as F
 
-from tactileforge.plugin import ConfigError
+from tactileforge.errors import ConfigError
 from tactileforge_bench.fit.probes.base import Probe, Values
 from tactileforge_bench.tasks.targets import TargetPart
 

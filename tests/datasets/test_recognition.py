@@ -12,7 +12,7 @@ from tactileforge_sim.dataset import Sim
 
 from tactileforge.cli import dispatch
 from tactileforge.contracts import Guess
-from tactileforge.datasets.recognise import recognise
+from tactileforge.datasets.recognition import recognise
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.packing import PackOptions, pack

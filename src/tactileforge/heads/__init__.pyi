@@ -1,0 +1,14 @@
+from tactileforge.heads.align import AlignHead as AlignHead
+from tactileforge.heads.classify import ClassifyHead as ClassifyHead
+from tactileforge.heads.decoder import MaskedDecoder as MaskedDecoder
+from tactileforge.heads.diff import DiffHead as DiffHead
+from tactileforge.heads.dino import DinoHead as DinoHead
+from tactileforge.heads.distill import DistillHead as DistillHead
+from tactileforge.heads.ema import EMA as EMA
+from tactileforge.heads.force import ForceDecoder as ForceDecoder
+from tactileforge.heads.force import ForceHead as ForceHead
+from tactileforge.heads.force import Forces as Forces
+from tactileforge.heads.jepa import JepaHead as JepaHead
+from tactileforge.heads.match import MatchHead as MatchHead
+from tactileforge.heads.pixel import PixelHead as PixelHead
+from tactileforge.heads.surface import SurfaceHead as SurfaceHead

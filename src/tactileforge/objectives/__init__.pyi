@@ -1,0 +1,10 @@
+from tactileforge.objectives.align import Align as Align
+from tactileforge.objectives.classify import Classify as Classify
+from tactileforge.objectives.diff import Diff as Diff
+from tactileforge.objectives.dino import Dino as Dino
+from tactileforge.objectives.distill import Distill as Distill
+from tactileforge.objectives.force import Force as Force
+from tactileforge.objectives.jepa import Jepa as Jepa
+from tactileforge.objectives.match import Match as Match
+from tactileforge.objectives.pixel import Pixel as Pixel
+from tactileforge.objectives.surface import Surface as Surface

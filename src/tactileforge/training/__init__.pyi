@@ -1,0 +1,9 @@
+from tactileforge.training.assemble import build_data as build_data
+from tactileforge.training.curriculum import Curriculum as Curriculum
+from tactileforge.training.fitting import fit as fit
+from tactileforge.training.module import TouchModule as TouchModule
+from tactileforge.training.parts import build_parts as build_parts
+from tactileforge.training.trainer import build_trainer as build_trainer
+from tactileforge.util.distributed import masked_mean as masked_mean
+from tactileforge.util.distributed import rand_rows as rand_rows
+from tactileforge.util.means import Mean as Mean
