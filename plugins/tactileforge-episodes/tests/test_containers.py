@@ -14,7 +14,7 @@ from tactileforge_episodes.dataset import Episodes
 from tactileforge_episodes.members import FolderMembers, TarMembers, ZipMembers
 from tactileforge_episodes.places import Place, find_places, open_place
 
-from tactileforge.plugin import DataError
+from tactileforge.errors import DataError
 
 
 def oxt(root, **options):

@@ -33,3 +33,15 @@ from tactileforge.reading.splits import is_held_out as is_held_out
 from tactileforge.reading.tables import number_or_text as number_or_text
 from tactileforge.reading.tables import read_cells as read_cells
 from tactileforge.util.licences import check_data_licence as check_data_licence
+from tactileforge.reading.container import DEEPEST as DEEPEST
+from tactileforge.reading.container import MOST_BYTES as MOST_BYTES
+from tactileforge.reading.container import MOST_TEXT as MOST_TEXT
+from tactileforge.reading.container import Container as Container
+from tactileforge.reading.container import Facts as Facts
+from tactileforge.reading.container import Values as Values
+from tactileforge.reading.container import check_keys as check_keys
+from tactileforge.reading.container import check_size as check_size
+from tactileforge.reading.container import check_unpacked as check_unpacked
+from tactileforge.reading.regular import open_regular as open_regular
+from tactileforge.reading.regular import read_regular as read_regular
+from tactileforge.reading.regular import stays_inside as stays_inside

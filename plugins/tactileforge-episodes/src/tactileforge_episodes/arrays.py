@@ -8,47 +8,36 @@ from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Lock
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import DataError
+from tactileforge.reading import MOST_BYTES, Facts
 from tactileforge_episodes.members import DAMAGED
+
+if TYPE_CHECKING:
+    from tactileforge.contracts import Frames
 
 #: Memory of kept rows of this process, bytes.
 _KEPT = 1 << 27
 #: Size of a block of numbers that is read ahead, bytes.
 _STEP = 1 << 20
+#: Most bytes of the rows that are asked for at once.
+_ASKED = 1 << 30
 
 
-@dataclass(frozen=True)
-class Facts:
-    """Description of an array.
-
-    Attributes:
-        shape: Its sizes; the first is time, but for an array without rows.
-        dtype: Type of its values; ``object`` for texts or bytes of any length.
-        block: Rows that are decoded together.
-    """
-
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    block: int
-
-    @property
-    def rows(self) -> int:
-        """Number of rows; 1 for a single value."""
-        return self.shape[0] if self.shape else 1
-
-
-class Container(ABC):
-    """Arrays by path in one file or group, and their episodes.
+class ArrayFile(ABC):
+    """Arrays by path in one file or group: a `Container` of tactileforge.
 
     Args:
         name: Path of the file or group, for messages.
+
+    Attributes:
+        left: Arrays and groups that were left out by `keys`, a line each.
     """
 
     #: What mends a damaged file.
@@ -56,6 +45,7 @@ class Container(ABC):
 
     def __init__(self, name: str) -> None:
         self.name = name
+        self.left: dict[str, None] = {}
         self._facts: dict[str, Facts] = {}
 
     @abstractmethod
@@ -69,8 +59,10 @@ class Container(ABC):
             DataError: It is missing, damaged or refused.
         """
         if key not in self._facts:
-            with self._naming(key):
-                self._facts[key] = self._look(key)
+            with self.naming(key):
+                found = self._look(key)
+            block = min(found.block, max(1, MOST_BYTES // _row_bytes(found)))
+            self._facts[key] = replace(found, block=block)
         return self._facts[key]
 
     def read(self, key: str, start: int, stop: int) -> NDArray[Any]:
@@ -80,8 +72,35 @@ class Container(ABC):
             DataError: A chunk is damaged.
         """
         facts = self.facts(key)
-        with self._naming(key, f"rows {start} to {stop - 1}: "):
+        with self.naming(key, f"rows {start} to {stop - 1}: "):
             return self._rows(key, facts, start, stop)
+
+    def array(self, key: str) -> ArrayView:
+        """An array by its name; see `Container.array`."""
+        self.facts(key)
+        return ArrayView(self, key)
+
+    def times(self, key: str) -> None:
+        """None: these formats stamp no rows; a map says which array holds the times."""
+        self.facts(key)
+
+    def frames(self, key: str) -> Frames | None:
+        """Pictures of an array, taken to be RGB; None for other values."""
+        from tactileforge_episodes.frames import pictures_of
+
+        return pictures_of(self.array(key))
+
+    def lost(self, key: str, start: int, stop: int) -> list[int]:
+        """Rows in a range whose chunk is not stored, though others of the array are.
+
+        Raises:
+            DataError: The array is missing or damaged.
+        """
+        return []
+
+    def is_void(self, key: str) -> bool:
+        """Whether an array has rows, and not one of its chunks is stored."""
+        return False
 
     def attribute(self, key: str, name: str) -> Any:
         """An attribute of an array or group; None where there is none."""
@@ -96,7 +115,7 @@ class Container(ABC):
         """Rows of an array of known description."""
 
     @contextmanager
-    def _naming(self, key: str, what: str = "") -> Iterator[None]:
+    def naming(self, key: str, what: str = "") -> Iterator[None]:
         """Gives errors of decoders the name of the array."""
         try:
             yield
@@ -107,9 +126,29 @@ class Container(ABC):
         return DataError(f"{self.name}, {key}: cannot be read ({why}); {self.fix}")
 
 
-def is_sane(shape: Sequence[int], dtype: np.dtype[Any], most: int = 1 << 50) -> bool:
-    """Whether sizes are those of a possible array, of at most so many bytes."""
-    return all(size >= 0 for size in shape) and math.prod(shape) * (dtype.itemsize or 1) <= most
+@dataclass(frozen=True)
+class ArrayView:
+    """An array of an open file.
+
+    Attributes:
+        file: The file.
+        key: Path of the array in it.
+    """
+
+    file: ArrayFile
+    key: str
+
+    def __str__(self) -> str:
+        return f"{self.file.name}, {self.key}"
+
+    @property
+    def facts(self) -> Facts:
+        """Shape and type of the array."""
+        return self.file.facts(self.key)
+
+    def rows(self, rows: Sequence[int] | NDArray[np.int64], ahead: bool = False) -> NDArray[Any]:
+        """Some rows; see `Kept.rows`."""
+        return KEPT.rows(self.file, self.key, rows, ahead)
 
 
 class Kept:
@@ -121,7 +160,7 @@ class Kept:
 
     def rows(
         self,
-        file: Container,
+        file: ArrayFile,
         key: str,
         rows: Sequence[int] | NDArray[np.int64],
         ahead: bool = False,
@@ -150,6 +189,11 @@ class Kept:
             start = int(blocks[0]) * size
             block = self._block(file, key, start, min(start + size, facts.rows))
             return block[numbers - start]
+        if len(numbers) * _row_bytes(facts) > _ASKED:
+            raise DataError(
+                f"{file.name}, {key}: {len(numbers)} rows of {_row_bytes(facts)} bytes at once, "
+                f"where {_ASKED >> 20} MB are the limit; leave it out of the map"
+            )
         out = np.empty((len(numbers), *facts.shape[1:]), facts.dtype)
         for number in np.unique(blocks):
             start = int(number) * size
@@ -158,7 +202,7 @@ class Kept:
             out[wanted] = block[numbers[wanted] - start]
         return out
 
-    def _block(self, file: Container, key: str, start: int, stop: int) -> NDArray[Any]:
+    def _block(self, file: ArrayFile, key: str, start: int, stop: int) -> NDArray[Any]:
         name = (file, key, start, stop)
         with self._lock:
             if name in self._blocks:
@@ -177,9 +221,13 @@ class Kept:
 
 def _block_rows(facts: Facts) -> int:
     """Rows read ahead: whole blocks, of about `_STEP` bytes."""
-    row = max(1, facts.dtype.itemsize * math.prod(facts.shape[1:]))
+    row = _row_bytes(facts)
     block = max(1, facts.block)
     return block * max(1, _STEP // (row * block))
+
+
+def _row_bytes(facts: Facts) -> int:
+    return max(1, facts.dtype.itemsize * math.prod(facts.shape[1:]))
 
 
 #: Kept rows of this process.

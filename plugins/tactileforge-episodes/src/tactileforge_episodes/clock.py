@@ -34,6 +34,8 @@ def episodes_of(arrays: EpisodeArrays, keys: EpisodeMap, rows: int) -> list[tupl
     if ref is None:
         return [(0, rows)]
     ends = ref.whole().reshape(-1)
+    if ref.lost(0, ref.facts.rows) or ref.is_void:
+        raise DataError(f"{ref}: a chunk of the ends of episodes is missing; download it again")
     if ends.dtype.kind not in "iu" or not len(ends):
         raise DataError(f"{ref}: {ends.dtype} {ends.shape}, no ends of episodes; correct the file")
     plain = [int(end) for end in ends]
@@ -78,6 +80,8 @@ def times_of(
     ref = None if time is None else arrays.find(time.key, values)
     if time is None or ref is None:
         return np.arange(rows[1] - rows[0]) / _needed(rate, arrays, "has no times")
+    if lost := ref.lost(*rows):
+        raise DataError(f"{ref}: the chunk with the time of row {lost[0]} is missing; download it")
     found = ref.rows(range(*rows), ahead=True).reshape(rows[1] - rows[0], -1)
     if found.dtype.kind not in "iuf" or found.shape[1] != 1:
         raise DataError(f"{ref}: {found.dtype} {ref.facts.shape} are no times; correct the map")

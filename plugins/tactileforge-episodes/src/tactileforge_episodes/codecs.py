@@ -19,6 +19,8 @@ KNOWN = frozenset(
         *("crc32", "crc32c", "adler32", "fletcher32", "jenkins_lookup3"),
     }
 )
+#: Codecs whose output may be any number of times larger than the chunk.
+PACKERS = frozenset({"blosc", "zstd", "lz4", "zlib", "gzip", "bz2", "lzma"})
 #: Codecs of Python objects: their decoder runs what the file says.
 _UNSAFE = frozenset({"pickle", "msgpack2", "json2", "categorize"})
 #: Package of codecs for pictures, such as JPEG XL.
@@ -35,7 +37,10 @@ def check_codecs(where: str, metadata: Mapping[str, Any]) -> None:
     Raises:
         DataError: A codec can run code, is unknown, or its package is not installed.
     """
-    for name in _names(metadata):
+    names = [*_names(metadata)]
+    if len([name for name in names if name in PACKERS]) > 1:
+        raise DataError(f"{where}: compressed twice ({', '.join(names)}); write it again")
+    for name in names:
         if name in _UNSAFE:
             raise DataError(
                 f"{where}: its codec {name!r} holds Python objects and can run code, so it is not "
@@ -47,50 +52,21 @@ def check_codecs(where: str, metadata: Mapping[str, Any]) -> None:
             raise DataError(f"{where}: {unknown('codec', name, KNOWN)}")
 
 
-def blosc_of(metadata: Mapping[str, Any]) -> str:
-    """Bytes of one block of Blosc: ``chunk``, ``part`` of a shard, or "" for none.
-
-    Args:
-        metadata: Description of an array, see `check_codecs`.
-    """
-    last = (metadata.get("codecs") or [metadata.get("compressor") or {}])[-1]
-    if last.get("name") == "sharding_indexed":
-        inner = last.get("configuration") or {}
-        at_end = inner.get("index_location", "end") == "end"
-        return "part" if at_end and blosc_of({"codecs": inner.get("codecs")}) == "chunk" else ""
-    return "chunk" if "blosc" in (last.get("name"), last.get("id")) else ""
-
-
-def check_blosc(where: str, content: bytes) -> None:
-    """Checks the stated length of a block of Blosc: its decoder would read beyond the end.
-
-    Args:
-        where: Name of the chunk, for messages.
-        content: Bytes of the block.
-
-    Raises:
-        DataError: The block is cut off.
-    """
-    said = int.from_bytes(content[12:16], "little")
-    if len(content) < 16 or said > len(content):
-        raise DataError(f"{where}: {len(content)} bytes, where {said} are said; download it again")
-
-
 def _names(metadata: Mapping[str, Any]) -> Iterator[str]:
     """Names of all codecs of an array, with those inside of shards."""
     if "codecs" in metadata or "index_codecs" in metadata:
         codecs = [*(metadata.get("codecs") or ()), *(metadata.get("index_codecs") or ())]
         for codec in codecs:
             about = codec if isinstance(codec, Mapping) else {"name": codec}
-            yield _plain(about.get("name"))
+            yield plain_name(about.get("name"))
             inner = about.get("configuration")
             yield from _names(inner) if isinstance(inner, Mapping) else ()
     for codec in (metadata.get("compressor"), *(metadata.get("filters") or ())):
         if codec is not None:
-            yield _plain(codec.get("id") if isinstance(codec, Mapping) else codec)
+            yield plain_name(codec.get("id") if isinstance(codec, Mapping) else codec)
 
 
-def _plain(name: Any) -> str:
+def plain_name(name: Any) -> str:
     return re.sub(r"^numcodecs\.", "", str(name))
 
 

@@ -165,7 +165,7 @@ class Episodes:
                     if self._split(file, number) != split:
                         continue
                     try:
-                        for recording in file.recordings(number, self._skip):
+                        for recording in file.recordings(number, self._skip, self._notes.append):
                             opened += 1
                             yield recording
                     except DataError as error:

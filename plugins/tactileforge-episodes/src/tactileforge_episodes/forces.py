@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import prod
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,9 @@ from tactileforge.data import newtons_of
 from tactileforge.errors import DataError
 from tactileforge_episodes.map_keys import ForceKeys
 from tactileforge_episodes.refs import ArrayRef, numbers
+
+#: Most numbers of a row of forces.
+_WIDEST = 4096
 
 
 def newtons(about: ForceKeys, where: str = "map: touch.force") -> float:
@@ -41,6 +46,9 @@ def read_force(
     Raises:
         DataError: The array has no such column.
     """
+    wide = prod(ref.facts.shape[1:])
+    if wide > _WIDEST:
+        raise DataError(f"{ref}: {ref.facts.shape} has {wide} numbers a row, which are no force")
     values = numbers(ref.rows(rows, ahead=True), ref, limit)
     values = values[:, pad] if pad is not None and values.ndim == 3 else values
     most = max((column for column in about.columns if column is not None), default=0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frames
 from tactileforge.data import EncodedFrames, LazyImages
 from tactileforge.errors import DataError
+from tactileforge_episodes.arrays import ArrayView
 from tactileforge_episodes.map_keys import PictureKeys
 from tactileforge_episodes.refs import ArrayRef
 
@@ -59,6 +60,8 @@ class Pictures:
         if self.columns is not None:
             values = values[:, :, slice(*self.columns)]
         pixels = to_pixels(values, self.keys.white, self.ref)
+        if not pixels.any():  # since it was opened, a chunk may have gone
+            check_stored(self.ref, range(self.start + min(indices), self.start + max(indices) + 1))
         return np.ascontiguousarray(pixels[..., ::-1] if self.keys.colours == "bgr" else pixels)
 
 
@@ -137,6 +140,7 @@ def open_pictures(
         DataError: The array holds no pictures.
     """
     facts = ref.facts
+    check_stored(ref, rows)
     if is_encoded(ref):
         is_bgr = (keys.encoded or keys.colours) == "bgr"
         return EncodedFrames(
@@ -158,7 +162,58 @@ def open_pictures(
     return Pictures(ref, rows.start, rows.stop, keys, pad, columns)
 
 
-def _image(ref: ArrayRef, rows: range, i: int) -> bytes:
+def check_stored(ref: ArrayRef, rows: range) -> None:
+    """Raises a `DataError` for pictures of a chunk that is not stored: they would be black."""
+    if len(rows) and ref.facts.rows >= rows.stop and (lost := ref.lost(rows.start, rows.stop)):
+        raise DataError(
+            f"{ref}: {len(lost)} of {len(rows)} pictures, the first of row {lost[0]}, lie in a "
+            "chunk that is missing; download it again"
+        )
+
+
+def pictures_of(values: ArrayView) -> Frames | None:
+    """Pictures of an array, taken to be RGB; None for other values.
+
+    Args:
+        values: The array.
+    """
+    shape, count = values.facts.shape, values.facts.rows
+    if values.facts.dtype == np.uint8 and len(shape) == 4 and shape[3] == 3:
+        return ArrayFrames(str(values), values.rows, shape)
+    if is_encoded(values):
+        return EncodedFrames(str(values), LazyImages(count, partial(_image, values, range(count))))
+    return None
+
+
+@dataclass(frozen=True)
+class ArrayFrames:
+    """All rows of an array of pictures.
+
+    Attributes:
+        name: Name of the array, for messages.
+        rows: Function from numbers of rows to them.
+        sizes: Shape of the array, (T, H, W, 3).
+    """
+
+    name: str
+    rows: Callable[[Sequence[int]], NDArray[np.uint8]]
+    sizes: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return self.sizes[0]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.sizes[1], self.sizes[2]
+
+    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
+        """Reads pictures; see `contracts.Frames.read`."""
+        check_frames(indices, len(self), self.name)
+        return self.rows(indices)
+
+
+def _image(ref: ArrayRef | ArrayView, rows: range, i: int) -> bytes:
     """Bytes of an encoded image: those of a cell, or of a row with zeros after their end."""
     cell = ref.rows([rows[i]])[0]
     if isinstance(cell, str):
@@ -166,7 +221,7 @@ def _image(ref: ArrayRef, rows: range, i: int) -> bytes:
     return cell.tobytes() if isinstance(cell, np.ndarray) else bytes(cell)
 
 
-def is_encoded(ref: ArrayRef) -> bool:
+def is_encoded(ref: ArrayRef | ArrayView) -> bool:
     """Whether an array holds encoded images, one a row."""
     facts = ref.facts
     flat = facts.dtype == np.uint8 and len(facts.shape) == 2

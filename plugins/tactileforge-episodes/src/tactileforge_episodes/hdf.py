@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from importlib.util import find_spec
+from itertools import product
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import DataError
-from tactileforge_episodes.arrays import Container, Facts, is_sane
+from tactileforge.reading import DEEPEST, MOST_TEXT, Facts, check_keys, check_size
+from tactileforge_episodes.arrays import ArrayFile
 from tactileforge_episodes.members import DAMAGED
 from tactileforge_episodes.packages import need
 from tactileforge_episodes.slices import Slice
@@ -21,11 +24,9 @@ if TYPE_CHECKING:
 
 #: Package of filters that h5py does not bring.
 _FILTERS = "hdf5plugin"
-#: Deepest group that is looked into.
-_DEPTH = 12
 
 
-class HdfFile(Container):
+class HdfFile(ArrayFile):
     """Data sets of an HDF5 file. Links to other files are not followed.
 
     Args:
@@ -48,25 +49,41 @@ class HdfFile(Container):
                 error
             )
         self._sets: dict[str, Dataset] = {}
+        self._count = 0
 
     def keys(self) -> list[str]:
-        """Paths of the data sets, in order."""
+        """Paths of the data sets, in order; a group with several names is listed by its first."""
         try:
-            return sorted(self._below("", 0))
+            return sorted(self._below("", 0, {}))
         except DAMAGED as error:
             raise DataError(f"{self.name}: damaged ({error}); download it again") from error
 
-    def _below(self, group: str, depth: int) -> Iterator[str]:
+    def _below(self, group: str, depth: int, seen: dict[int, str]) -> Iterator[str]:
         h5py = self._h5py
         node = self._file[group] if group else self._file
+        address = h5py.h5o.get_info(node.id).addr
+        if address in seen:
+            self.left[f"{self.name}, {group}: the same group as {seen[address] or '/'}"] = None
+            return
+        seen[address] = group
+        if depth > DEEPEST:
+            self.left[f"{self.name}, {group}: more than {DEEPEST} groups in each other"] = None
+            return
+        self._count += len(node)
+        check_keys(self.name, self._count)
         for name in node:
             path = f"{group}/{name}" if group else name
-            if not isinstance(node.get(name, getlink=True), h5py.HardLink):
+            link = node.get(name, getlink=True)
+            if not isinstance(link, h5py.HardLink):
+                outside = isinstance(link, h5py.ExternalLink)
+                where = "to another file" if outside else f"to {link.path}"
+                self.left[f"{self.name}, {path}: a link {where}, which is not followed"] = None
                 continue
-            if issubclass(node.get(name, getclass=True), h5py.Dataset):
+            kind = node.get(name, getclass=True)
+            if issubclass(kind, h5py.Dataset):
                 yield path
-            elif depth < _DEPTH:
-                yield from self._below(path, depth + 1)
+            elif issubclass(kind, h5py.Group):
+                yield from self._below(path, depth + 1, seen)
 
     def _look(self, key: str) -> Facts:
         h5py = self._h5py
@@ -84,8 +101,10 @@ class HdfFile(Container):
         dtype = np.dtype(object) if found.dtype.hasobject else found.dtype
         if found.dtype.names or dtype.kind not in "biufSUO":
             raise self._wrong(key, f"of type {found.dtype}")
-        if not is_sane(found.shape, dtype) or not is_sane(found.chunks or (), dtype, 1 << 32):
-            raise self._wrong(key, f"shape {found.shape} in chunks of {found.chunks}")
+        if found.shape is None:
+            raise self._wrong(key, "an array without values")
+        if why := check_size("chunks", found.shape, dtype, found.chunks or ()):
+            raise self._wrong(key, why)
         self._sets[key] = found
         return Facts(found.shape, dtype, found.chunks[0] if found.chunks else 1)
 
@@ -110,8 +129,44 @@ class HdfFile(Container):
         single[()] = values
         return single
 
+    def lost(self, key: str, start: int, stop: int) -> list[int]:
+        """Rows in a range that were never written; see `ArrayFile.lost`."""
+        facts, found = self.facts(key), self._sets[key]
+        stop = min(stop, facts.rows)
+        if not facts.shape or not all(facts.shape):
+            return []
+        if found.chunks is None:
+            return [] if found.id.get_storage_size() else list(range(start, stop))
+        counts = [-(-size // step) for size, step in zip(found.shape, found.chunks, strict=True)]
+        with self.naming(key):
+            if found.id.get_num_chunks() == prod(counts):
+                return []
+            step, out = found.chunks[0], list[int]()
+            for row in range(start // step, -(-stop // step)):
+                if not all(self._stored(found, (row, *rest)) for rest in _cells(counts[1:])):
+                    out += range(max(start, row * step), min(stop, (row + 1) * step))
+            return out
+
+    def _stored(self, found: Dataset, place: Sequence[int]) -> bool:
+        corner = tuple(i * step for i, step in zip(place, found.chunks, strict=True))
+        return found.id.get_chunk_info_by_coord(corner).byte_offset is not None
+
+    def is_void(self, key: str) -> bool:
+        """Whether no value of an array was ever written."""
+        facts = self.facts(key)
+        return all(facts.shape) and not self._sets[key].id.get_storage_size()
+
     def attribute(self, key: str, name: str) -> Any:
         """An attribute of a data set or group; None where there is none."""
-        with self._naming(key, f"attribute {name}: "):
+        with self.naming(key, f"attribute {name}: "):
             node = self._file[key] if key.strip("/") else self._file
+            if name not in node.attrs:
+                return None
+            about = node.attrs.get_id(name)
+            if prod(about.shape or (0,)) * about.dtype.itemsize > MOST_TEXT:
+                raise self._wrong(key, f"attribute {name} of more than {MOST_TEXT} bytes")
             return node.attrs.get(name)
+
+
+def _cells(counts: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    return product(*map(range, counts))

@@ -15,6 +15,8 @@ from tokenize import TokenError
 from typing import IO, Protocol
 
 from tactileforge.errors import DataError
+from tactileforge.reading import check_unpacked
+from tactileforge.reading import open_regular, stays_inside
 from tactileforge_episodes.slices import Handle, Slice
 
 #: Errors of damaged files, from the decoders of all formats.
@@ -24,14 +26,22 @@ DAMAGED = (
     *(OverflowError, MemoryError),
     TokenError,  # numpy reads headers as literals of Python
 )
-#: Largest member read as a whole, bytes.
-_LARGEST = 1 << 32
+#: Largest compressed member of a zip, bytes: it is unpacked in memory.
+_LARGEST = 1 << 28
+#: Ways of a zip to compress that are unpacked within limits.
+_PACKED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 #: Length of the fixed part of a local header of a zip, and its place of two lengths.
 _LOCAL = struct.Struct("<26xHH")
 
 
 class Members(Protocol):
-    """Files by relative name, with ``/`` between folders."""
+    """Files by relative name, with ``/`` between folders.
+
+    Attributes:
+        left: Folders that were left out, a line each.
+    """
+
+    left: dict[str, None]
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> bytes | None:
         """Bytes of a file, or a part of them; None where there is no such file.
@@ -44,6 +54,14 @@ class Members(Protocol):
         Raises:
             DataError: The file is damaged.
         """
+        ...
+
+    def has(self, name: str) -> bool:
+        """Whether there is a file of this name."""
+        ...
+
+    def files(self, folder: str) -> frozenset[str]:
+        """Names of the files in a folder."""
         ...
 
     def children(self, folder: str) -> tuple[list[str], list[str]]:
@@ -60,19 +78,39 @@ class Members(Protocol):
 
 
 class FolderMembers:
-    """Files of a folder.
+    """Files of a folder. Links that loop or lead out of it are not followed.
 
     Args:
         path: The folder.
+
+    Attributes:
+        left: Folders that were left out, a line each.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.left: dict[str, None] = {}
+        self._names: dict[str, tuple[int, frozenset[str]]] = {}
+
+    def has(self, name: str) -> bool:
+        """Whether there is such a file; see `Members.has`."""
+        return os.path.isfile(f"{self.path}/{name}")
+
+    def files(self, folder: str) -> frozenset[str]:
+        """Names of the files in a folder, listed again once it has changed."""
+        try:
+            changed = os.stat(self.path / folder).st_mtime_ns
+        except OSError:
+            return frozenset()
+        if self._names.get(folder, (0, None))[0] != changed:
+            with os.scandir(self.path / folder) as entries:
+                self._names[folder] = (changed, frozenset(one.name for one in entries))
+        return self._names[folder][1]
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> bytes | None:
         """Bytes of a file; see `Members.read`."""
         try:
-            with open(self.path / name, "rb") as file:
+            with os.fdopen(open_regular(self.path / name, self.path), "rb") as file:
                 return _part(file, start, stop)
         except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
             return None
@@ -85,8 +123,21 @@ class FolderMembers:
             entries = sorted(os.scandir(self.path / folder), key=lambda entry: entry.name)
         except OSError:
             return [], []
-        folders = [entry.name for entry in entries if entry.is_dir()]
-        return folders, [entry.name for entry in entries if entry.is_file()]
+        folders = [entry.name for entry in entries if self._is_folder(entry)]
+        return folders, [entry.name for entry in entries if _is_file(entry)]
+
+    def _is_folder(self, entry: os.DirEntry[str]) -> bool:
+        """Whether an entry is a folder, and no link that loops or leads away."""
+        if not entry.is_symlink():
+            return entry.is_dir(follow_symlinks=False)
+        path = Path(entry.path)
+        above = path.parent.resolve()
+        inside = stays_inside(path, self.path)
+        if inside and not above.is_relative_to(path.resolve()):
+            return path.is_dir()
+        if not inside or path.is_dir():
+            self.left[f"{path}: a link that loops, or leads out of {self.path.name}"] = None
+        return False
 
     def open(self, name: str) -> Slice:
         """A file of the folder; see `Members.open`."""
@@ -107,6 +158,19 @@ class ArchiveMembers:
 
     def __init__(self, path: Path, names: Iterable[str]) -> None:
         self.path, self.folders = path, _tree(names)
+        self._sets: dict[str, frozenset[str]] = {}
+        self.left: dict[str, None] = {}
+
+    def has(self, name: str) -> bool:
+        """Whether there is such a member; see `Members.has`."""
+        folder, _, file = name.rpartition("/")
+        return file in self.files(folder)
+
+    def files(self, folder: str) -> frozenset[str]:
+        """Names of the files in a folder; see `Members.files`."""
+        if folder not in self._sets:
+            self._sets[folder] = frozenset(self.folders.get(folder, ([], []))[1])
+        return self._sets[folder]
 
     def children(self, folder: str) -> tuple[list[str], list[str]]:
         """Names of folders and files; see `Members.children`."""
@@ -152,10 +216,16 @@ class ZipMembers(ArchiveMembers):
             return None
         if entry.compress_type == zipfile.ZIP_STORED:
             return _part(self.open(name), start, stop)
-        if entry.file_size > _LARGEST:
-            raise DataError(f"{self.path}: {name} has {entry.file_size} bytes; unpack the archive")
+        why = check_unpacked(entry.compress_size, entry.file_size)
+        if entry.compress_type not in _PACKED:
+            why = f"compressed by method {entry.compress_type}"
+        if why or entry.file_size > _LARGEST:
+            raise DataError(
+                f"{self.path}: {name}: {why or f'{entry.file_size} bytes'}; unpack the archive"
+            )
         try:
-            return _part(io.BytesIO(self.archive.read(entry)), start, stop)
+            with self.archive.open(entry) as member:
+                return _part(io.BytesIO(member.read(entry.file_size)), start, stop)
         except DAMAGED as error:
             raise self._damaged(name, error) from error
 
@@ -190,6 +260,8 @@ class TarMembers(ArchiveMembers):
         try:
             with tarfile.open(path, "r:") as archive:
                 for entry in archive:
+                    if entry.size < 0:
+                        raise tarfile.ReadError(f"{entry.name!r} has {entry.size} bytes")
                     if entry.isreg() and not entry.issparse():
                         name = entry.name.removeprefix("./")
                         self.places[name] = (entry.offset_data, entry.size)
@@ -226,11 +298,20 @@ def stored_part(file: Slice, entry: zipfile.ZipInfo) -> Slice:
     Raises:
         BadZipFile: There is no such member at its place.
     """
+    if entry.header_offset < 0 or entry.file_size < 0:
+        raise zipfile.BadZipFile("a negative place")
     header = file.part(entry.header_offset, _LOCAL.size).read()
     if len(header) < _LOCAL.size or header[:4] != b"PK\3\4":
         raise zipfile.BadZipFile("no local header")
     start = entry.header_offset + _LOCAL.size + sum(_LOCAL.unpack(header))
     return file.part(start, entry.file_size)
+
+
+def _is_file(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_file()
+    except OSError:  # a link that loops
+        return False
 
 
 def _part(file: IO[bytes] | Slice, start: int, stop: int | None) -> bytes:

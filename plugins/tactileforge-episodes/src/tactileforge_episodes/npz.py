@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import io
+import os
+import tempfile
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -13,10 +15,19 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from tactileforge.errors import DataError
-from tactileforge_episodes.arrays import Container, Facts, is_sane
+from tactileforge.reading import (
+    MOST_BYTES,
+    Facts,
+    check_keys,
+    check_size,
+    check_unpacked,
+)
+from tactileforge_episodes.arrays import ArrayFile
 from tactileforge_episodes.members import DAMAGED, stored_part
-from tactileforge_episodes.slices import Slice
+from tactileforge_episodes.slices import Handle, Slice
 
+#: Bytes that are unpacked at once.
+_STEP = 1 << 22
 #: Readers of the header of an npy file, by its version.
 _HEADERS: dict[tuple[int, int], Callable[..., Any]] = {
     (1, 0): npy.read_array_header_1_0,
@@ -29,15 +40,17 @@ class _Entry:
     """Place of an array.
 
     Attributes:
-        values: Bytes of its values in the file; None where it is compressed.
-        fortran: Whether its first axis changes fastest.
+        start: First byte of its values in the member.
+        size: Bytes of its values.
+        by_columns: Whether its first axis changes fastest, so that no row lies in one piece.
     """
 
-    values: Slice | None
-    fortran: bool
+    start: int
+    size: int
+    by_columns: bool
 
 
-class NpzFile(Container):
+class NpzFile(ArrayFile):
     """Arrays of an npz file; rows of uncompressed ones are read alone.
 
     Args:
@@ -61,9 +74,11 @@ class NpzFile(Container):
                 error
             )
         self._entries: dict[str, _Entry] = {}
+        self._contents: dict[str, Slice] = {}
 
     def keys(self) -> list[str]:
         """Names of the arrays, in order."""
+        check_keys(self.name, len(self._names))
         return sorted(self._names)
 
     def _look(self, key: str) -> Facts:
@@ -79,25 +94,56 @@ class NpzFile(Container):
                 f"{self.name}, {key}: holds Python objects as a pickle, which can run code, so it "
                 "is not read; save it with a fixed type, or leave it out of the map"
             )
-        size = dtype.itemsize * int(np.prod(shape, dtype=np.int64))
-        if not is_sane(shape, dtype) or dtype.names or header + size != entry.file_size:
+        size = dtype.itemsize * prod(shape)
+        if why := check_size("", shape, dtype, ()):
+            raise self._wrong(key, why)
+        if dtype.names or header + size != entry.file_size:
             raise self._wrong(key, f"{dtype} {shape} in {entry.file_size} bytes")
-        is_stored = entry.compress_type == zipfile.ZIP_STORED
-        values = stored_part(self._file, entry).part(header, size) if is_stored else None
-        self._entries[key] = _Entry(values, fortran)
-        lazy = is_stored and not (fortran and len(shape) > 1)
-        return Facts(tuple(shape), dtype, 1 if lazy else max(1, shape[0] if shape else 1))
+        by_columns = fortran and len(shape) > 1
+        if by_columns and size > MOST_BYTES:
+            raise self._wrong(
+                key,
+                f"{size} bytes column by column, of which no row can be read alone; save it "
+                "with np.ascontiguousarray",
+            )
+        self._entries[key] = _Entry(header, size, by_columns)
+        if entry.compress_type == zipfile.ZIP_STORED:
+            self._values(key)  # its place is known before its rows are asked for
+        return Facts(tuple(shape), dtype, max(1, shape[0]) if by_columns else 1)
+
+    def _values(self, key: str) -> Slice:
+        """Bytes of the values of an array; a compressed one is unpacked once."""
+        if key not in self._contents:
+            about = self._entries[key]
+            self._contents[key] = self._content(key).part(about.start, about.size)
+        return self._contents[key]
+
+    def _content(self, key: str) -> Slice:
+        """Bytes of a member; a compressed one is unpacked once, into a file without a name."""
+        entry = self._names[key]
+        if entry.compress_type == zipfile.ZIP_STORED:
+            return stored_part(self._file, entry)
+        why = check_unpacked(entry.compress_size, entry.file_size)
+        if entry.compress_type != zipfile.ZIP_DEFLATED:
+            why = f"compressed by method {entry.compress_type}; save it with np.savez"
+        if why:
+            raise self._wrong(key, why)
+        with self._archive.open(entry) as member, tempfile.TemporaryFile() as unpacked:
+            while block := member.read(_STEP):
+                unpacked.write(block)
+            unpacked.flush()
+            return Slice(Handle.of(os.dup(unpacked.fileno())))
 
     def _rows(self, key: str, facts: Facts, start: int, stop: int) -> NDArray[Any]:
-        entry = self._entries[key]
-        if entry.values is None or entry.fortran:
-            with self._archive.open(self._names[key]) as member:
-                content = io.BytesIO(member.read())
-            values = npy.read_array(content, allow_pickle=False)
-            return np.asarray(values[start:stop] if facts.shape else values)
-        row = facts.dtype.itemsize * int(np.prod(facts.shape[1:], dtype=np.int64))
+        values = self._values(key)
+        if self._entries[key].by_columns:
+            whole = np.frombuffer(values.part(0, self._entries[key].size).read(), facts.dtype)
+            return whole.reshape(facts.shape, order="F")[start:stop]
+        row = facts.dtype.itemsize * prod(facts.shape[1:])
         count = min(stop, facts.rows) - start
-        raw = entry.values.part(start * row, count * row).read()
+        raw = values.part(start * row, count * row).read()
+        if len(raw) != count * row:
+            raise ValueError("cut off")
         return np.frombuffer(raw, facts.dtype).reshape(
             (count, *facts.shape[1:])[: len(facts.shape)]
         )

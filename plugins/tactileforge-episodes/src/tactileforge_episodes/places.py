@@ -7,9 +7,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
+from stat import S_ISDIR, S_ISREG
 
 from tactileforge.errors import DataError
-from tactileforge_episodes.arrays import Container
+from tactileforge.reading import check_keys
+from tactileforge_episodes.arrays import ArrayFile
 from tactileforge_episodes.members import FolderMembers, Members, TarMembers, ZipMembers
 
 #: Kinds of files by suffix.
@@ -56,17 +58,35 @@ def find_places(root: Path, bad: Callable[[str], object]) -> Iterator[Place]:
         root: The folder, or a single file, group or archive.
         bad: Is told of archives that cannot be read, a line each.
     """
-    if root.is_file():
+    yield from _below(root, bad, frozenset(), [0])
+
+
+def _below(
+    root: Path, bad: Callable[[str], object], above: frozenset[tuple[int, int]], seen: list[int]
+) -> Iterator[Place]:
+    """Yields the files and groups below a folder that lies in others; loops of links are named."""
+    seen[0] += 1
+    check_keys(root, seen[0])
+    try:
+        about = root.stat()
+        names = sorted(os.listdir(root)) if S_ISDIR(about.st_mode) else []
+    except OSError as error:
+        if root.suffix in (*KINDS, *ARCHIVES, ".zarr"):
+            bad(f"{root}: cannot be read ({error.strerror})")
+        return
+    if S_ISREG(about.st_mode):
         yield from _of_file(root, bad)
-        return
-    names = sorted(entry.name for entry in os.scandir(root)) if root.is_dir() else []
-    if root.suffix == ".zarr" or _GROUPS & {*names}:
+    elif not S_ISDIR(about.st_mode):
+        if root.suffix in (*KINDS, *ARCHIVES):
+            bad(f"{root}: no regular file but a pipe, socket or device; remove it")
+    elif root.suffix == ".zarr" or _GROUPS & {*names}:
         yield Place(str(root), "", "zarr")
-        return
-    for name in names:
-        path = root / name
-        if _is_data(name):
-            yield from find_places(path, bad)
+    elif (place := (about.st_dev, about.st_ino)) in above:
+        bad(f"{root}: a link to a folder around itself, which is not followed; remove it")
+    else:
+        for name in names:
+            if _is_data(name):
+                yield from _below(root / name, bad, above | {place}, seen)
 
 
 def _of_file(path: Path, bad: Callable[[str], object]) -> Iterator[Place]:
@@ -100,7 +120,7 @@ def _is_data(name: str) -> bool:
     return not name.startswith(".") and name not in _COMPANIONS
 
 
-def open_place(place: Place) -> Container:
+def open_place(place: Place) -> ArrayFile:
     """Opens a file or group; the latest stay open in this process.
 
     Raises:
@@ -119,7 +139,7 @@ def _stamp(path: str) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=32)
-def _opened(process: int, place: Place, stamp: tuple[int, int]) -> Container:
+def _opened(process: int, place: Place, stamp: tuple[int, int]) -> ArrayFile:
     """Opened anew once a file has changed, and in each process, as a fork would share it."""
     path = Path(place.path)
     if place.kind == "zarr":

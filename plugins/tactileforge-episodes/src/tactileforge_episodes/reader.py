@@ -46,6 +46,7 @@ class EpisodeFile:
     ) -> None:
         self.arrays, self.name, self.keys = arrays, name, keys
         self.values, self.reading = dict(values), reading
+        self._note: Callable[[str], object] = lambda _: None
 
     @cached_property
     def touches(self) -> list[Touch]:
@@ -78,17 +79,26 @@ class EpisodeFile:
         """Name of an episode in the data set."""
         return f"{self.name}/{number:06d}" if self.keys.ends else self.name
 
-    def recordings(self, number: int, bad: Callable[[DataError], object]) -> Iterator[Recording]:
+    def recordings(
+        self,
+        number: int,
+        bad: Callable[[DataError], object],
+        note: Callable[[str], object] = lambda _: None,
+    ) -> Iterator[Recording]:
         """Yields the recordings of an episode, one a sensor.
 
         Args:
             number: Index of the episode.
             bad: Is told of sensors that cannot be read.
+            note: Is told of values that are not there.
 
         Raises:
             DataError: A file is damaged, lacks a key, or contradicts itself.
             ConfigError: An option is missing.
         """
+        self._note = note
+        for line in self.arrays.left:
+            note(f"left out: {line}")
         start, stop = self.episodes[number]
         if start == stop:
             raise DataError(f"{self.arrays.place}: episode {number} has no frames")
@@ -134,6 +144,7 @@ class EpisodeFile:
         shared: Mapping[str, Any],
     ) -> Recording:
         keys, entry = self.keys, touch.keys
+        self._lost(touch.ref, rows, "")  # that none is there; some are an error of the frames
         frames, tracks = self._frames(touch, rows), dict(shared["tracks"])
         force, wrench = self._force(touch, rows)
         if wrench is not None:
@@ -241,6 +252,8 @@ class EpisodeFile:
         if about.frame != "gel":
             return None, self._track_of(ref, rows, touch.pad)
         force = read_force(ref, about, rows, touch.pad, self.keys.limit)
+        if lost := self._lost(ref, rows, "so no force is known there"):
+            force[np.asarray(lost) - rows.start] = np.nan
         if about.sign[2] == "mean":
             force[:, 2] *= self.reading.signs.get(touch.entry, 1.0)
         return force, None
@@ -265,8 +278,24 @@ class EpisodeFile:
         found = {self.arrays.find(about.key, values) for about, values in forces}
         return {one.ref for one in self.touches} | {ref for ref in found if ref is not None}
 
+    def _lost(self, ref: ArrayRef, rows: range, then: str) -> list[int]:
+        """Rows of values whose chunk is not stored, which are noted."""
+        lost = ref.lost(rows.start, rows.stop)
+        if lost:
+            self._note(
+                f"{ref}: {len(lost)} of {len(rows)} rows, from row {lost[0]} on, lie in a missing "
+                f"chunk, {then}; download it again, or write it with write_empty_chunks=True"
+            )
+        elif ref.is_void:
+            self._note(
+                f"{ref}: none of its chunks is there, so all values are the fill value; download "
+                "it again if they should not be"
+            )
+        return lost
+
     def _track_of(self, ref: ArrayRef, rows: range, pad: int | None) -> Track:
         shape = self._same_rows(ref, self.rows)
+        self._lost(ref, rows, "and hold the fill value there")
         pads = {touch.ref.facts.shape[1] for touch in self.touches if touch.keys.pads}
         inner = pad is not None and len(shape) > 1 and shape[1] in pads
         return Track((ref,), rows.start, rows.stop, pad if inner else None, 0, self.keys.limit)
@@ -277,6 +306,7 @@ class EpisodeFile:
         refs = tuple(ref for ref in found if ref is not None)
         for ref in refs:
             self._same_rows(ref, self.rows)
+            self._lost(ref, rows, "and hold the fill value there")
         return Track(refs, rows.start, rows.stop, None, 0, self.keys.limit) if refs else None
 
     def _same_rows(self, ref: ArrayRef, rows: int) -> tuple[int, ...]:

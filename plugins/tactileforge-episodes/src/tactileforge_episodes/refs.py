@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import DataError
-from tactileforge_episodes.arrays import KEPT, Facts
+from tactileforge.reading import Facts
+from tactileforge_episodes.arrays import KEPT
 from tactileforge_episodes.places import Place, open_place
 
 
@@ -41,6 +42,17 @@ class ArrayRef:
             DataError: A chunk is damaged, or a row is not there.
         """
         return KEPT.rows(open_place(self.place), self.key, rows, ahead)
+
+    def lost(self, start: int, stop: int) -> list[int]:
+        """Rows in a range whose chunk is not stored; [] where no chunk of the array is."""
+        file = open_place(self.place)
+        found = file.lost(self.key, start, stop)
+        return [] if found and file.is_void(self.key) else found
+
+    @property
+    def is_void(self) -> bool:
+        """Whether the array has rows, and none of its chunks is stored."""
+        return open_place(self.place).is_void(self.key)
 
     def attribute(self, name: str) -> Any:
         """An attribute of the array; None where there is none."""

@@ -7,6 +7,8 @@ import os
 import weakref
 from pathlib import Path
 
+from tactileforge.reading import open_regular
+
 
 class Handle:
     """A file on disk, open for reading by position; closed with its last user.
@@ -16,10 +18,21 @@ class Handle:
 
     Raises:
         OSError: It cannot be opened.
+        DataError: It is no regular file.
     """
 
     def __init__(self, path: Path) -> None:
-        self.descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_CLOEXEC", 0))
+        self._keep(open_regular(path))
+
+    @classmethod
+    def of(cls, descriptor: int) -> Handle:
+        """An open file by its descriptor, which is closed with its last user."""
+        made = cls.__new__(cls)
+        made._keep(descriptor)
+        return made
+
+    def _keep(self, descriptor: int) -> None:
+        self.descriptor = descriptor
         self.size = os.fstat(self.descriptor).st_size
         weakref.finalize(self, os.close, self.descriptor)
 

@@ -18,6 +18,8 @@ from tactileforge_episodes.refs import ArrayRef
 
 #: Most numbers of a label that is a row of numbers.
 _NUMBERS = 32
+#: Most characters of a text.
+_TEXT = 1 << 20
 
 
 class EpisodeArrays:
@@ -47,6 +49,12 @@ class EpisodeArrays:
         for word, place in self.beside.items():
             found += [f"{word}:{key}" for key in open_place(place).keys()]  # noqa: SIM118
         return found
+
+    @property
+    def left(self) -> list[str]:
+        """Arrays and groups that are not listed, such as links to other files, a line each."""
+        places = (self.place, *self.beside.values()) if self.keys else ()
+        return [line for place in places for line in open_place(place).left]
 
     def ref(self, key: str) -> ArrayRef:
         """The array of a key."""
@@ -105,6 +113,8 @@ class EpisodeArrays:
         if found is None:
             return keys.default
         plain = _plain(found)
+        if isinstance(plain, str) and len(plain) > _TEXT:
+            raise DataError(f"{self.place}, {keys.key}: a text of {len(plain)} characters")
         if keys.json:
             try:
                 plain = load_json(str(plain)).get(keys.json, keys.default)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import posixpath
-from collections.abc import AsyncIterator, Iterable, Iterator
+from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
 from functools import cache
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.plugins import load_json
-from tactileforge_episodes.arrays import Container, Facts, is_sane
-from tactileforge_episodes.codecs import blosc_of, check_blosc, check_codecs
+from tactileforge.reading import DEEPEST, MOST_TEXT, Facts, check_keys, check_size
+from tactileforge_episodes.arrays import ArrayFile
+from tactileforge_episodes.codecs import check_codecs
+from tactileforge_episodes.grids import Grid
+from tactileforge_episodes.guards import Guard, guard_of
 from tactileforge_episodes.members import Members
 from tactileforge_episodes.packages import need
 
@@ -23,7 +27,7 @@ if TYPE_CHECKING:
 ARRAY_2, NODE_3 = ".zarray", "zarr.json"
 
 
-class ZarrFile(Container):
+class ZarrFile(ArrayFile):
     """Arrays of a zarr group.
 
     Args:
@@ -36,35 +40,52 @@ class ZarrFile(Container):
         super().__init__(name)
         self.members, self.folder = members, folder
         self._arrays: dict[str, Array[Any]] = {}
+        self._grids: dict[str, Grid] = {}
 
     def keys(self) -> list[str]:
         """Paths of the arrays, in order; folders of chunks are not listed."""
-        return sorted(self._below(""))
+        seen = [0]
+        found = sorted(self._below("", 0, seen))
+        self.left |= self.members.left
+        return found
 
-    def _below(self, group: str) -> Iterator[str]:
+    def _below(self, group: str, depth: int, seen: list[int]) -> Iterator[str]:
+        if depth > DEEPEST:
+            self.left[f"{self.name}, {group}: more than {DEEPEST} groups in each other"] = None
+            return
         folders, _ = self.members.children(posixpath.join(self.folder, group))
         for name in folders:
+            seen[0] += 1
+            check_keys(self.name, seen[0])
             path = posixpath.join(group, name)
             if self._described(path) is None:
-                yield from self._below(path)
+                yield from self._below(path, depth + 1, seen)
             else:
                 yield path
 
     def _described(self, key: str) -> tuple[int, dict[str, Any]] | None:
         """Version and description of an array; None for a group, or any other folder."""
         for version, file in ((2, ARRAY_2), (3, NODE_3)):
-            raw = self.members.read(posixpath.join(self.folder, key, file))
-            if raw is None:
+            about = self._json(key, file)
+            if about is None:
                 continue
-            try:
-                about = load_json(raw)
-            except ValueError as error:
-                raise self._wrong(key, f"{file} is no JSON: {error}") from error
             if not isinstance(about, dict):
                 raise self._wrong(key, f"{file} holds no names and values")
             if version == 2 or about.get("node_type") == "array":
                 return version, about
         return None
+
+    def _json(self, key: str, file: str) -> Any:
+        """Content of a file of an array or group; None without it."""
+        raw = self.members.read(posixpath.join(self.folder, key, file), 0, MOST_TEXT + 1)
+        if raw is None:
+            return None
+        if len(raw) > MOST_TEXT:
+            raise self._wrong(key, f"{file} has more than {MOST_TEXT} bytes")
+        try:
+            return load_json(raw)
+        except ValueError as error:
+            raise self._wrong(key, f"{file} is no JSON: {error}") from error
 
     def _look(self, key: str) -> Facts:
         found = self._described(key)
@@ -72,48 +93,59 @@ class ZarrFile(Container):
             raise self._wrong(key, "no such array")
         version, about = found
         check_codecs(f"{self.name}, {key}", about)
+        self._check_sizes(key, about)
         zarr = need("zarr", self.name)
-        array = zarr.open_array(
-            _store_type()(self.members, self.name, blosc_of(about)),
-            path=posixpath.join(self.folder, key),
-            mode="r",
-            zarr_format=version,
-        )
+        store = _store_type()(self.members, self.name)
+        path = posixpath.join(self.folder, key)
+        array = zarr.open_array(store, path=path, mode="r", zarr_format=version)
         dtype = np.dtype(array.dtype)
-        if not is_sane(array.shape, dtype) or not is_sane(array.chunks, dtype, 1 << 32):
-            raise self._wrong(key, f"shape {array.shape} in chunks of {array.chunks}")
-        self._arrays[key] = array
+        if why := check_size("chunks", array.shape, dtype, array.chunks):
+            raise self._wrong(key, why)
+        store.guard = guard_of(about, dtype.itemsize * prod(array.chunks), dtype.hasobject)
+        self._arrays[key], self._grids[key] = array, Grid.of(self.folder, key, version, about)
         # of a shard, its inner chunks are decoded alone
         rows = int(array.chunks[0]) if array.ndim else 1
         return Facts(tuple(map(int, array.shape)), dtype, rows)
 
+    def _check_sizes(self, key: str, about: Mapping[str, Any]) -> None:
+        """Raises a `DataError` for sizes that zarr itself would stumble over."""
+        if "chunk_grid" in about:
+            if (kind := about["chunk_grid"].get("name")) != "regular":
+                raise self._wrong(
+                    key, f"chunk grid {str(kind)[:40]!r}, where regular ones are read"
+                )
+            chunks = about["chunk_grid"]["configuration"]["chunk_shape"]
+        else:
+            chunks = about["chunks"]
+        for sizes, least in ((about["shape"], 0), (chunks, 1)):
+            if not isinstance(sizes, list) or not all(
+                type(one) is int and least <= one < 1 << 62 for one in sizes
+            ):
+                raise self._wrong(
+                    key, f"shape {str(about['shape'])[:60]} in chunks of {chunks!r:.60}"
+                )
+        if len(chunks) != len(about["shape"]):
+            raise self._wrong(key, f"shape {about['shape']} in chunks of {chunks}")
+
     def _rows(self, key: str, facts: Facts, start: int, stop: int) -> NDArray[Any]:
         array = self._arrays[key]
-        values = np.asarray(array[start:stop] if facts.shape else array[()])
-        if facts.dtype == np.uint8 and values.ndim > 2 and not values.any():
-            self._check_present(key, start)
-        return values
+        return np.asarray(array[start:stop] if facts.shape else array[()])
 
-    def _check_present(self, key: str, row: int) -> None:
-        """Raises a `DataError` if the chunk of black pictures is missing, and not black."""
-        found = self._described(key)
-        if found is None or "storage_transformers" in found[1] or found[0] == 3:
-            return
-        chunks, axes = found[1]["chunks"], len(found[1]["shape"])
-        mark = found[1].get("dimension_separator") or "."
-        name = mark.join([str(row // int(chunks[0])), *["0"] * (axes - 1)])
-        if self.members.read(posixpath.join(self.folder, key, name), 0, 1) is None:
-            raise self._wrong(key, f"chunk {name} with row {row} is missing")
+    def lost(self, key: str, start: int, stop: int) -> list[int]:
+        """Rows in a range whose chunk is not stored; see `ArrayFile.lost`."""
+        facts = self.facts(key)
+        return self._grids[key].lost(self.members, start, min(stop, facts.rows))
+
+    def is_void(self, key: str) -> bool:
+        """Whether no chunk of an array is stored; zarr leaves out those of its fill value."""
+        grid = self._grids[key] if self.facts(key).rows else None
+        return grid is not None and not grid.any(self.members)
 
     def attribute(self, key: str, name: str) -> Any:
         """An attribute of an array or group; None where there is none."""
         for file in (".zattrs", NODE_3):
-            raw = self.members.read(posixpath.join(self.folder, key, file))
-            if raw is not None:
-                try:
-                    about = load_json(raw)
-                except ValueError as error:
-                    raise self._wrong(key, f"{file} is no JSON: {error}") from error
+            about = self._json(key, file)
+            if isinstance(about, dict):
                 values = about.get("attributes", {}) if file == NODE_3 else about
                 return values.get(name) if isinstance(values, dict) else None
         return None
@@ -138,9 +170,9 @@ def _store_type() -> type[Any]:
         supports_deletes = False
         supports_listing = False
 
-        def __init__(self, members: Members, name: str, blosc: str) -> None:
+        def __init__(self, members: Members, name: str) -> None:
             super().__init__(read_only=True)
-            self.members, self.name, self.blosc = members, name, blosc
+            self.members, self.name, self.guard = members, name, Guard()
 
         def __eq__(self, other: object) -> bool:
             return self is other
@@ -159,8 +191,8 @@ def _store_type() -> type[Any]:
             content = self.members.read(key, start, stop)
             whole = byte_range is None and not key.endswith((ARRAY_2, NODE_3, ".zattrs"))
             part = isinstance(byte_range, RangeByteRequest)
-            if content is not None and {"chunk": whole, "part": part}.get(self.blosc):
-                check_blosc(f"{self.name}, {key}", content)
+            if content is not None and {"chunk": whole, "part": part}.get(self.guard.where):
+                self.guard.check(f"{self.name}, {key}", content)
             return None if content is None else prototype.buffer.from_bytes(content)
 
         async def get_partial_values(
