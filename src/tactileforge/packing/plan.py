@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.checks.doors import frame_lines
 from tactileforge.checks.doubts import Doubts
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.frames.stamp import stamp_of
@@ -93,8 +92,8 @@ def plan_pack(dataset: Dataset, out: Path, options: PackOptions) -> PackPlan:
     doubts = Doubts()
     for recording in chain.from_iterable(by_split.values()):
         doubts.add(recording)
-    seen = frame_lines(by_split["train"], by_split["val"], hasattr(type(dataset), "layouts"))
-    told = [*doubts.of_each(), *doubts.of_all({"force"}), *seen]
+    # labels only: frames are decoded by the workers, which a damaged file may take down
+    told = [*doubts.of_each(), *doubts.of_all({"force"})]
     notes = [*getattr(dataset, "notes", ()), *told]
     return PackPlan(jobs, skipped, sum(map(len, by_split.values())), whole, notes)
 

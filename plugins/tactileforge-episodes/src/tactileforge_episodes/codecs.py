@@ -67,6 +67,7 @@ def _names(metadata: Mapping[str, Any]) -> Iterator[str]:
 
 
 def plain_name(name: Any) -> str:
+    """Name of a codec without the prefix of numcodecs."""
     return re.sub(r"^numcodecs\.", "", str(name))
 
 

@@ -15,8 +15,7 @@ from tokenize import TokenError
 from typing import IO, Protocol
 
 from tactileforge.errors import DataError
-from tactileforge.reading import check_unpacked
-from tactileforge.reading import open_regular, stays_inside
+from tactileforge.reading import check_unpacked, open_regular, stays_inside
 from tactileforge_episodes.slices import Handle, Slice
 
 #: Errors of damaged files, from the decoders of all formats.
