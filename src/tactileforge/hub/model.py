@@ -129,8 +129,7 @@ class Model(nn.Module):
         """Vector of `encode` without groups: ``summary``; ``projected`` of imported weights.
 
         A linear probe on the summary of a model trained here reads more than on its projected class
-        token (on real touches .736 against .681, and .510 against .425 held out; see
-        docs/reports/gate.md). Imported weights give the vector that their authors use.
+        token (docs/reports/gate.md). Imported weights give the vector that their authors use.
         """
         return self.clips_reader.reading
 

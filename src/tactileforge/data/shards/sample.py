@@ -9,7 +9,7 @@ from tactileforge.data.shards.shards import read_shard
 
 
 def sample_touch() -> Recording:
-    """A simulated touch: a key is pressed on a GelSight Mini and dragged, 40 frames in 2.7 s.
+    """A simulated touch: a key is pressed on a GelSight Mini and dragged, 40 frames in 2.2 s.
 
     Returns:
         Recording with uint8 frames (40, 240, 320, 3), times in seconds, the frame without contact
