@@ -41,7 +41,9 @@ def read(touch: Any) -> tuple[Array, Array, Array]:
     frames, rest = touch.frames.read(range(len(touch.frames))), np.asarray(touch.background())
     ends = np.arange(3, len(frames))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # forces are shown in shape, shear and normal by their largest
+        warnings.simplefilter(
+            "ignore"
+        )  # forces are shown in shape, shear and normal by their largest
         forces = np.stack(
             [model.force(frames[end - 3 : end + 1], rest, touch.sensor)[-1] for end in ends]
         )

@@ -132,7 +132,7 @@ _moved: dict[str, str] = {}
 
 
 def _set(config: dict[str, Any], path: str, value: str) -> None:
-    """Sets a value at a path of nested mappings, which has to be there.
+    """Sets a value at an existing path of nested mappings.
 
     Raises:
         ConfigError: The run has no such key.

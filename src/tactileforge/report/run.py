@@ -118,6 +118,6 @@ def _progress(folder: Path, curves: Mapping[str, Curve]) -> tuple[int, float | N
         # steps are logged from 0 on
         return max((int(curve.steps[-1]) + 1 for curve in curves.values()), default=0), None
     state = read_checkpoint(folder)
-    timer = state.get("callbacks", {}).get("Timer", {})
+    timer = state.get("callbacks", {}).get("JobTimer", {})
     seconds = timer.get("time_elapsed", {}).get("train")
     return int(state["global_step"]), seconds

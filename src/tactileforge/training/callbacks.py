@@ -73,10 +73,10 @@ class WeightAveraging(lightning_callbacks.EMAWeightAveraging):
 
 
 class TotalLoss(Callback):
-    """Gives the sum of the validation losses to callbacks that monitor ``val/loss``."""
+    """Sum of the validation losses, for callbacks monitoring ``val/loss``."""
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Adds up the losses of the objectives that were validated."""
+        """Adds up the losses of the validated objectives."""
         logged = trainer.callback_metrics
         names = [f"val/{key}" for key in getattr(pl_module, "objectives", ())]
         losses = [logged[name] for name in names if name in logged]

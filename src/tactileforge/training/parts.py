@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf
 from torch import Tensor, nn
 
 from tactileforge.contracts import Batch, ColumnSize
@@ -87,7 +87,11 @@ def plain(config: Mapping[str, Any]) -> dict[str, Any]:
     """A configuration as plain data, resolved."""
     if isinstance(config, DictConfig):
         return OmegaConf.to_container(config, resolve=True)  # type: ignore[return-value]
-    return dict(config)
+    nodes = (DictConfig, ListConfig)  # as in {**composed, "encoder": ...}
+    return {
+        key: OmegaConf.to_container(value, resolve=True) if isinstance(value, nodes) else value
+        for key, value in config.items()
+    }
 
 
 def build_parts(

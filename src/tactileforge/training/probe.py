@@ -1,4 +1,4 @@
-"""Online probe: what frozen features read of held-out touches, while an encoder is trained."""
+"""Online probe of held-out touches during training."""
 
 from __future__ import annotations
 

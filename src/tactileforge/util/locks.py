@@ -76,7 +76,7 @@ def is_locked(path: Path) -> bool:
 
 
 def _take(file: IO[str], path: Path, waits: bool) -> Callable[[], object]:
-    """Takes the lock of an open file, and returns a function that gives it back.
+    """Takes the lock of an open file, and returns a function for its release.
 
     Raises:
         BlockingIOError: Another process holds it, and ``waits`` is false.

@@ -1,4 +1,4 @@
-"""A touch that comes with the package, for first steps without data or a sensor."""
+"""The touch of the package, for first steps without data or a sensor."""
 
 from __future__ import annotations
 
