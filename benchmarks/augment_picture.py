@@ -14,8 +14,9 @@ import numpy as np
 import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from readme_picture import INK, touch
+from readme_picture import INK
 
+from tactileforge import sample_touch as touch
 from tactileforge.contracts import ACTIONS, Batch, Recording
 from tactileforge.data import Augment, Clips, collate
 

@@ -64,6 +64,7 @@ def test_it_is_listed_by_the_command_line(run):
     rows = [row for row in json.loads(done.stdout) if row["distribution"] == "tactileforge-example"]
     assert {(row["kind"], row["name"], row["status"]) for row in rows} == {
         ("sensor", "dummy", "ok"),
+        ("check", "worn_gel", "ok"),
         ("dataset", "dummy_presses", "ok"),
         ("encoder", "small_cnn", "ok"),
         ("optimizer", "muon", "ok"),
@@ -110,12 +111,10 @@ def test_its_type_of_sensor_is_known_to_data_and_encoder(example):
 def test_it_is_an_option_of_every_command(example):
     config = compose(
         overrides=[
-            *("+sensor=dummy", "sensor.dummy.gain=3"),
             *("data=dummy_presses", "data.count=4"),
             *("objective=[pixel,contact_area]", "objective.contact_area.threshold=5"),
         ]
     )
-    assert config.sensor.dummy == {"name": "dummy", "gain": 3, "rest": 2.0}
     assert config.data == {
         "name": "dummy_presses",
         "sensor": "dummy",

@@ -181,7 +181,7 @@ print(*(file for file in loaded if file and file.endswith(".py")), sep="\\n")
 
 
 @pytest.mark.slow
-def test_training_on_shards_reads_half_of_the_core(tmp_path: Path) -> None:
+def test_training_on_shards_reads_three_fifths_of_the_core(tmp_path: Path) -> None:
     """As the page says of a training: the rooms of other products stay closed."""
     pack(Sim(scenes=3, val=1, size=32), "sim", tmp_path / "packed", PackOptions(processes=1))
     words = ["train", "scale=demo", "debug=steps", "objective=[pixel]", "encoder.image_size=32"]
@@ -200,4 +200,4 @@ def test_training_on_shards_reads_half_of_the_core(tmp_path: Path) -> None:
     rooms = {path.relative_to(core).parts[0] for path in files}
     assert "api.py" in rooms
     assert not rooms & CLOSED
-    assert read < whole / 2
+    assert read < 0.6 * whole

@@ -68,7 +68,10 @@ def test_grey_and_pale_gels_have_no_order():
 def test_a_model_says_it_once_a_call(door):
     read = getattr(tiny(), door)
     assert swapped_said(lambda: read(CLIP, STILL, "gelsight_mini")) == []
-    assert swapped_said(lambda: read(BGR, "first", "gelsight_mini")) == []
+    said = swapped_said(lambda: read(BGR, "first", "gelsight_mini"))
+    assert [
+        one for one in said if not one.startswith("TF306")
+    ] == []  # the background is swapped, too
     assert len(swapped_said(lambda: read(BGR, STILL, "gelsight_mini"))) == 1
     batch = np.stack([CLIP, BGR, BGR])
     (said,) = swapped_said(lambda: read(batch, STILL, "gelsight_mini"))

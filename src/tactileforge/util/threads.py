@@ -64,4 +64,5 @@ def usable_after_fork() -> None:
     matrices in the child would never end. A child with one thread asks for no other; it may start
     some of its own by ``torch.set_num_threads``, if the parent had one alone.
     """
-    os.register_at_fork(after_in_child=lambda: torch.set_num_threads(1))
+    if hasattr(os, "register_at_fork"):  # Windows forks none
+        os.register_at_fork(after_in_child=lambda: torch.set_num_threads(1))

@@ -9,6 +9,7 @@ from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from importlib import import_module
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
@@ -86,7 +87,8 @@ class ArrayFile(ABC):
 
     def frames(self, key: str) -> Frames | None:
         """Pictures of an array, taken to be RGB; None for other values."""
-        from tactileforge_episodes.frames import pictures_of
+        # late: pictures build on arrays
+        pictures_of = import_module("tactileforge_episodes.frames").pictures_of
 
         return pictures_of(self.array(key))
 
