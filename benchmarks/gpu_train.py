@@ -163,7 +163,7 @@ def count(subject: Subject, batch: Batch, device: torch.device) -> int:
     Blocks run uncompiled: a block that torch first sees under a counter is never compiled.
     """
     counter = FlopCounterMode(display=False)
-    few = {key: value[:1] for key, value in batch.items() if key != "skipped"}
+    few = {key: value[:1] for key, value in batch.items() if key not in ("skipped", "paired")}
     size = len(batch["frames"])
     stance = torch.compiler.set_stance("force_eager")
     autocast = torch.autocast(device.type, torch.bfloat16)

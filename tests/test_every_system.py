@@ -15,7 +15,7 @@ for name in ("fcntl", "resource", "termios", "pty", "tty", "pwd", "grp"):
 for name in ("sched_getaffinity", "register_at_fork", "fork", "forkpty", "killpg", "setsid"):
     if hasattr(os, name):
         delattr(os, name)
-for name in ("SIGHUP", "SIGUSR1", "SIGUSR2", "SIGCHLD", "pthread_sigmask", "SIGALRM"):
+for name in ("SIGHUP", "SIGUSR2", "SIGCHLD", "pthread_sigmask", "SIGALRM"):
     if hasattr(signal, name):
         delattr(signal, name)
 """

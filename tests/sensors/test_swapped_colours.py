@@ -67,14 +67,15 @@ def test_grey_and_pale_gels_have_no_order():
 @pytest.mark.parametrize("door", ["encode", "features", "force", "surface"])
 def test_a_model_says_it_once_a_call(door):
     read = getattr(tiny(), door)
-    assert swapped_said(lambda: read(CLIP, STILL, "gelsight_mini")) == []
-    said = swapped_said(lambda: read(BGR, "first", "gelsight_mini"))
-    assert [
-        one for one in said if not one.startswith("TF306")
-    ] == []  # the background is swapped, too
-    assert len(swapped_said(lambda: read(BGR, STILL, "gelsight_mini"))) == 1
-    batch = np.stack([CLIP, BGR, BGR])
-    (said,) = swapped_said(lambda: read(batch, STILL, "gelsight_mini"))
+
+    def told(*given):
+        said = swapped_said(lambda: read(*given, "gelsight_mini"))
+        return [one for one in said if not one.startswith("TF306")]  # of the drawn background
+
+    assert told(CLIP, STILL) == []
+    assert told(BGR, "first") == []
+    assert len(told(BGR, STILL)) == 1
+    (said,) = told(np.stack([CLIP, BGR, BGR]), STILL)
     assert said.startswith("clips: 2 of 3 have the colours of their background with red and blue")
 
 
