@@ -849,8 +849,9 @@ def test_two_at_once(tmp_path: Path) -> None:
 
 
 def test_the_table_is_what_was_found() -> None:
-    if len(ROWS) < 16:  # each row was compared; what else the page has, one process cannot tell
-        pytest.skip("run the whole file: pytest tests/chaos")
+    # each row was compared; what else the page has, one of several processes cannot tell
+    if len(ROWS) < 16 or "PYTEST_XDIST_WORKER" in os.environ:
+        pytest.skip("run the whole file: pytest -n 0 tests/chaos")
     table = "| what was done | times | what came of it |\n|---|---|---|\n" + _rows(ROWS)
     before, held, after = _page()
     if os.environ.get("TACTILEFORGE_WRITE"):

@@ -63,7 +63,7 @@ def test_an_unknown_verb_shows_the_usage(capsys: pytest.CaptureFixture[str]) -> 
         ("batch.size=0", "batch.size=0: give a whole number, 1 or more"),
         ("batch.workers=-1", "batch.workers=-1: give a whole number, 0 or more"),
         ("+batch.foo=1", "unknown key of batch 'foo'"),
-        ("+augment.foo=1", "unknown key of augment 'foo'"),
+        ("+augment.foo=1", "unknown key 'augment.foo'; did you mean 'augment.colour'"),
     ],
 )
 def test_mistakes_are_named_before_training(

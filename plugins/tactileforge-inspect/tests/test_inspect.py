@@ -109,7 +109,7 @@ def test_faults_are_counted_and_the_worst_come_first(
         f"made/{i}" for i in range(20, 32)
     ]
     words = words_of(text)
-    assert "Frozen: 3 of 21 recordings that were looked at" in words
+    assert "Frozen (TF103): 3 of 21 recordings that were looked at" in words
     assert words.index("made/12, digit, training") < words.index("made/10, digit, training")
     first, *kinds = str(findings).splitlines()
     assert first == "21 recordings, 1890 frames, 63 s, of digit; 21 looked at"

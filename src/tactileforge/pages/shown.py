@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -52,21 +51,13 @@ class Shown:
 
     def _repr_html_(self) -> str:
         """The page in a frame of its own, or the table where there is no page."""
+        from tactileforge.pages.templating import piece
+
         if self.page is not None and self.page.is_file():
-            text = escape(self.page.read_text("utf-8"), quote=True)
-            return (
-                f'<iframe srcdoc="{text}" width="100%" height="{_HEIGHT}" frameborder="0"></iframe>'
-            )
-        if not self.rows:
-            return f"<code>{escape(str(self.path))}</code>"
-        head = "".join(f"<th>{escape(str(key))}</th>" for key in self.rows[0])
-        body = "".join(
-            "<tr>"
-            + "".join(f"<td>{escape(_said(row.get(k)))}</td>" for k in self.rows[0])
-            + "</tr>"
-            for row in self.rows
-        )
-        return f"<code>{escape(str(self.path))}</code><table><tr>{head}</tr>{body}</table>"
+            # a plain string, whose markup is escaped: the whole page is one attribute
+            return str(piece("shown_page", self.page.read_text("utf-8"), _HEIGHT))
+        rows = [{key: _said(row.get(key)) for key in self.rows[0]} for row in self.rows]
+        return str(piece("shown_rows", self.path, rows))
 
 
 def _said(value: Any) -> str:
