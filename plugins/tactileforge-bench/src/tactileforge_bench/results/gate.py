@@ -26,16 +26,11 @@ FILE = "gate.json"
 AGAINST = ("random", "pixels")
 #: What the mean of all counted tasks is compared with: all that a user has without touch, in words.
 COMPARED = {gates.BENCH_NAMES[name]: words for name, words in gates.COMPARED.items()}
-#: What a probe reads of each model that is compared with, besides ``untrained:NAME``.
-_BASELINES = {
-    "pixels": "pooled",
-    "statistics": "pooled",
-    "imagenet": "summary",
-    "motion": "pooled",
-    "hog": "pooled",
-    "background": "pooled",
-    "chance": "pooled",
-}
+#: Baselines, besides ``untrained:NAME``. Those that can be read in several ways are compared with
+#: at their best: photographs' groups have the free groups, pictures and statistics, too.
+_BASELINES = ("pixels", "statistics", "imagenet", "motion", "hog", "background", "chance")
+#: Tallies of the networks of a task by model and reading.
+_Cells = Mapping[tuple[str, str], list[GroupedScore]]
 #: Name of the row of all tasks together, whose metrics are all 1 at best.
 MEAN = "mean"
 
@@ -50,6 +45,8 @@ class GateRow:
         reading: Features for the probe; see `Ridge.readings`.
         score: Score of the model.
         above: Lead over ``random``, baselines and other models, by name.
+        without: In the row of all tasks, the leads of ``value`` over each of `COMPARED` without the
+            task that carries most of it.
     """
 
     task: str
@@ -57,6 +54,7 @@ class GateRow:
     reading: str
     score: ScoreInterval
     above: Mapping[str, ScoreInterval] = field(default_factory=dict)
+    without: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def beats(self) -> bool:
@@ -78,44 +76,65 @@ def compute_gate(folder: Path, results: Results) -> list[GateRow]:
     """
     gate_rows = []
     by_task = {task.name: _cells(folder, results, task) for task in gate_tasks(results)}
+    # in the order of the tasks: the seed of a task's draws is its place in the mean
+    counted = {task.name: by_task[task.name] for task in gate_tasks(results) if task.counted}
+    best = best_readings(counted or by_task)
     for name, cells in by_task.items():
         for model in results.models:
             for reading in dict.fromkeys(key[1] for key in cells if key[0] == model.name):
                 networks = cells[model.name, reading]
                 above = {
                     other: compared(networks, tallies)
-                    for other, tallies in _others(cells, model.name, reading).items()
+                    for other, tallies in _others(cells, model.name, reading, best).items()
                 }
                 gate_rows.append(GateRow(name, model.name, reading, compared(networks), above))
-    # in the order of the tasks: the seed of a task's draws is its place in the mean
-    counted = {task.name: by_task[task.name] for task in gate_tasks(results) if task.counted}
-    means = [_mean_row(counted, row) for row in gate_rows if row.task == next(iter(counted), "")]
+    means = [
+        _mean_row(counted, row, best) for row in gate_rows if row.task == next(iter(counted), "")
+    ]
     return gate_rows + [row for row in means if row and len(counted) > 1]
 
 
+def best_readings(by_task: Mapping[str, _Cells]) -> dict[str, str]:
+    """The reading of each baseline with the highest mean over tasks, by name.
+
+    Args:
+        by_task: Tallies of each task, by model and reading; readings that a task lacks are left
+            out.
+    """
+    every = list(by_task.values())
+    common = [key for key in (every[0] if every else ()) if all(key in cells for cells in every)]
+    best: dict[str, tuple[float, str]] = {}
+    for name, reading in common:
+        if name in _BASELINES:
+            mean = sum(compared(cells[name, reading]).value for cells in every)
+            best[name] = max(best.get(name, (mean, reading)), (mean, reading))
+    return {name: reading for name, (_, reading) in best.items()}
+
+
 def _mean_row(
-    by_task: Mapping[str, Mapping[tuple[str, str], list[GroupedScore]]], row: GateRow
+    by_task: Mapping[str, _Cells], row: GateRow, best: Mapping[str, str]
 ) -> GateRow | None:
     """The row of all counted tasks; None where the model was not run on one of them."""
     key = row.model, row.reading
     every = list(by_task.values())
     if any(key not in cells for cells in every):
         return None
-    others = [_others(cells, row.model, row.reading) for cells in every]
-    above = {
-        name: compared_over_tasks(
-            [(cells[key], other[name]) for cells, other in zip(every, others, strict=True)]
-        )
-        for name in row.above
-        if all(name in other for other in others)
+    others = [_others(cells, row.model, row.reading, best) for cells in every]
+    named = [name for name in row.above if all(name in other for other in others)]
+    pairs = {
+        name: [(cells[key], other[name]) for cells, other in zip(every, others, strict=True)]
+        for name in named
     }
+    above = {name: compared_over_tasks(tasks) for name, tasks in pairs.items()}
+    without = {}
+    for name in COMPARED.keys() & pairs.keys():
+        leads = [compared(*task).value for task in pairs[name]]
+        without[name] = (sum(leads) - max(leads)) / (len(leads) - 1) if len(leads) > 1 else 0.0
     score = compared_over_tasks([(cells[key], ()) for cells in every])
-    return GateRow(MEAN, row.model, row.reading, score, above)
+    return GateRow(MEAN, row.model, row.reading, score, above, without)
 
 
-def _cells(
-    folder: Path, results: Results, task: ResultTask
-) -> dict[tuple[str, str], list[GroupedScore]]:
+def _cells(folder: Path, results: Results, task: ResultTask) -> _Cells:
     tallies: dict[tuple[str, str], list[GroupedScore]] = {}
     for cell in results.cells:
         if cell.task == task.name and (reading := str(cell.setting.get("reading", ""))):
@@ -126,17 +145,17 @@ def _cells(
 
 
 def _others(
-    cells: Mapping[tuple[str, str], list[GroupedScore]], model: str, reading: str
+    cells: _Cells, model: str, reading: str, best: Mapping[str, str]
 ) -> dict[str, list[GroupedScore]]:
-    """Tallies of a model's competitors: baselines in one reading each, and other models."""
+    """Tallies of a model's competitors: baselines at their best, and other models read alike."""
     if is_baseline(model):
         return {}
     # random weights are read alike: another reading would be compared with another feature
     random = cells.get((f"untrained:{model}", reading))
     others = {"random": random} if random else {}
-    for name, own_reading in _BASELINES.items():
-        if (name, own_reading) in cells:
-            others[name] = cells[name, own_reading]
+    for name in _BASELINES:
+        if (name, best.get(name, "")) in cells:
+            others[name] = cells[name, best[name]]
     for (name, other_reading), tallies in cells.items():
         if other_reading == reading and name != model and not is_baseline(name):
             others[name] = tallies
@@ -154,7 +173,8 @@ def gate_outcome(
     """Tasks won with each kind of features, and the kinds with a pass in this suite.
 
     A kind passes if the mean of all counted tasks is above all of `COMPARED` beyond the interval
-    (``mean_above``), and no task is below random weights beyond it (``below_random``).
+    (``mean_above``), in value still without the task that carries most of each lead
+    (``carried_by_one``), and no task is below random weights beyond it (``below_random``).
 
     Args:
         gate_rows: Rows of all models.
@@ -172,8 +192,10 @@ def gate_outcome(
         leads = means[reading].above if reading in means else {}
         above = [name for name in COMPARED if name in leads and leads[name].low > 0]
         out[reading] = {"tasks": len(readings), "won": won, "below_random": below}
-        out[reading]["mean_above"] = above
-        if above == list(COMPARED) and not below:
+        without = means[reading].without if reading in means else {}
+        carried = [name for name in COMPARED if without.get(name, 1.0) <= 0]
+        out[reading] |= {"mean_above": above, "carried_by_one": carried}
+        if above == list(COMPARED) and not below and not carried:
             out["passes"].append(reading)
     return out
 
@@ -191,6 +213,7 @@ def gate_to_plain(gate_rows: Sequence[GateRow], results: Results) -> dict[str, A
     return {
         "suite": results.suite,
         "versions": dict(results.versions),
+        "baselines_read_by": _best_of(gate_rows),
         "tasks": {
             task.name: {"title": task.title, "metric": task.main, "counted": task.counted}
             for task in gate_tasks(results)
@@ -206,9 +229,17 @@ def gate_to_plain(gate_rows: Sequence[GateRow], results: Results) -> dict[str, A
             {"task": row.task, "model": row.model, "reading": row.reading, **_score(row.score)}
             | {"above": {name: _score(difference) for name, difference in row.above.items()}}
             | ({"beats": row.beats} if row.above else {})
+            | ({"without": {k: round(v, 4) for k, v in row.without.items()}} if row.without else {})
             for row in gate_rows
         ],
     }
+
+
+def _best_of(gate_rows: Sequence[GateRow]) -> dict[str, str]:
+    """Reading of each baseline with the highest mean; as `best_readings`, from the rows."""
+    means = [row for row in gate_rows if row.task == MEAN and row.model in _BASELINES]
+    ranked = sorted(means, key=lambda row: (row.score.value, row.reading))
+    return {row.model: row.reading for row in ranked}
 
 
 def _score(score: ScoreInterval) -> dict[str, float]:
