@@ -81,7 +81,7 @@ def rows(good: bool = True, tokens: str = "summary") -> list[Gate]:
 def test_means_of_both_suites_have_to_be_above_everything() -> None:
     assert gate_passes(rows(), "summary")
     assert gate_verdict(rows(), "summary") == "passes with summary"
-    words = "random weights, pixels, picture statistics, photographs alone"
+    words = "random weights, pixels, picture statistics, photographs with all that is free"
     fault = f"fails with summary: real_held_out not above {words}"
     assert gate_verdict(rows(good=False), "summary") == fault
     assert gate_verdict([], "summary") == "not measured"
@@ -102,6 +102,18 @@ def test_no_task_that_counts_may_be_below_random_weights() -> None:
     assert gate_passes([*rows(), replace(lost, counted=False)], "summary")
     # beyond the interval: one that reaches above it is level
     assert gate_passes([*rows(), replace(lost, random=[-0.2, -0.3, 0.01])], "summary")
+
+
+def test_no_task_may_carry_the_mean() -> None:
+    big, none = [0.4, 0.3, 0.5], [0.0, -0.1, 0.1]
+    changed = [
+        x if x.metric == MEAN else replace(x, photographs=big if "Task 1" in x.task else none)
+        for x in rows()
+    ]
+    said = "above photographs with all that is free by one task alone: Task 1: 'a', \"b\""
+    assert gate_faults(changed, "summary") == [f"{suite} {said}" for suite in SUITES]
+    third = [row("3", suite, photographs=[0.01, -0.1, 0.1]) for suite in SUITES]
+    assert gate_passes([*changed, *third], "summary")
 
 
 def test_means_without_their_tasks_are_not_enough() -> None:

@@ -25,7 +25,7 @@ SIZE = ["encoder=timm", "encoder.image_size=64"]
 
 
 def run(folder, *words):
-    train(compose("anytouch2", [*SMALL, *SIZE, *words]), folder)
+    train(compose("anytouch2", [*SMALL, *SIZE, *words]), folder=folder)
     return folder
 
 

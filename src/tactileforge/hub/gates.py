@@ -100,8 +100,21 @@ def gate_faults(rows: Sequence[Gate], tokens: str) -> list[str]:
     single = [row for row in read if row.metric != MEAN]
     measured = {row.suite for row in single}
     faults += [f"{suite} without single tasks" for suite in means if suite not in measured]
+    for suite in means:
+        faults += _carried([row for row in single if row.suite == suite and row.counted])
     below = [row.task for row in single if row.is_below_random]
     return faults + [f"below random weights: {task}" for task in below]
+
+
+def _carried(counted: Sequence[Gate]) -> list[str]:
+    """Leads of a suite that are none without one task, in words."""
+    faults = []
+    for name, words in COMPARED.items() if len(counted) > 1 else ():
+        leads = {row.task: getattr(row, name)[0] for row in counted}
+        most = max(leads, key=leads.__getitem__)
+        if sum(leads.values()) > 0 >= sum(leads.values()) - leads[most]:
+            faults.append(f"{counted[0].suite} above {words} by one task alone: {most}")
+    return faults
 
 
 def gate_passes(rows: Sequence[Gate], tokens: str) -> bool:
