@@ -221,9 +221,9 @@ class LayoutReader:
             return recording
         if isinstance(keys, tuple):
             return self._tables.ranged(recording, keys, touch.paths[0])
-        path = self._path(keys.file.replace("{crop}", crop), touch)
+        path, note = self._path(keys.file.replace("{crop}", crop), touch), partial(self._doubt, touch)
         if path.is_file():
-            return self._tables.tracked(recording, keys, path, touch.paths)
+            return self._tables.tracked(recording, keys, path, touch.paths, note)
         self._doubt(touch, "has no file of tracks")  # labels by hand grow: said, and no error
         return recording
 
@@ -236,8 +236,8 @@ class LayoutReader:
         if action == "force" and force is not None:
             return label_actions(times, force)
         if isinstance(action, FrameTable):
-            path = self._path(action.file, touch)
-            return self._tables.actions(action, path, len(times), touch.paths)
+            path, note = self._path(action.file, touch), partial(self._doubt, touch)
+            return self._tables.actions(action, path, len(times), touch.paths, note)
         actions = np.full(len(times), -1, np.int64)
         if isinstance(action, str):
             for frame, row in self._rows(touch, action):

@@ -1,0 +1,92 @@
+"""Folders as cameras and clusters leave them: dropped frames, two sensors, links, pointers."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactileforge.contracts import Recording
+from tactileforge.datasets.recordings import Recordings
+from tactileforge.errors import DataError
+
+Write = Callable[[str, str], Path]
+FIRST = {"sensor": "digit", "background": {"first": 1}}
+SEQUENCE = FIRST | {"images": "*/*.png", "each": "sequence", "fps": 30}
+BY_FRAME = {"file": "{stem}/f.csv", "frame": "frame", "columns": [None, None, "fz"]}
+
+
+def read(root: Path, **layout: Any) -> tuple[list[Recording], list[str]]:
+    """The recordings of one layout, none held out, and the notes."""
+    data = Recordings(str(root), {"a": layout}, val=0)
+    return list(data.recordings("train")), data.notes
+
+
+def _forces(rows: range | list[int]) -> str:
+    """A table whose newtons are the numbers of the frames."""
+    return "frame,fz\n" + "".join(f"{n},{n}\n" for n in rows)
+
+
+HOLES = [n for n in range(12) if n not in (3, 4)]
+
+
+@pytest.mark.parametrize(
+    ("names", "rows", "by_name", "is_noted"),
+    [
+        (HOLES, range(5, 9), True, True),  # of the contact alone: fits either way
+        (HOLES, range(12), True, False),  # rows of dropped frames have no image
+        (HOLES, range(10), False, False),  # a row an image, as the label page writes
+        ([0, 2, 4, 6, 8, 10], [4, 6, 8], True, False),  # every second frame was kept
+        (range(1, 9), range(1, 9), True, False),  # as ffmpeg counts
+        (range(1, 9), range(8), False, False),
+        (range(1, 9), range(3, 6), True, True),
+        (range(100, 108), range(2, 5), False, False),
+        (range(100, 108), range(102, 105), True, False),
+    ],
+)
+def test_a_frame_of_a_table_is_the_number_in_the_name(
+    tmp_path: Path,
+    make_images: Callable[..., None],
+    write: Write,
+    names: list[int],
+    rows: list[int],
+    by_name: bool,
+    is_noted: bool,
+) -> None:
+    make_images("press/frame_{:05d}.png", names)
+    write("press/f.csv", _forces(rows))
+    (one,), notes = read(tmp_path, **SEQUENCE, force=BY_FRAME, action="none")
+    assert one.force is not None
+    want = [
+        n if n in rows else np.nan for n in (names if by_name else range(len(one.frames)))
+    ]
+    np.testing.assert_array_equal(one.force[:, 2], want)
+    assert any("'frame' is taken for the numbers in names" in line for line in notes) == is_noted
+    even = SEQUENCE | {"times": "even", "force": BY_FRAME, "action": "none"}
+    if max(rows) < len(one.frames):
+        (one,), _ = read(tmp_path, **even)
+        assert one.force is not None
+        assert np.flatnonzero(np.isfinite(one.force[:, 2])).tolist() == list(rows), "it counts"
+
+
+def test_actions_and_tracks_follow_the_names_too(
+    tmp_path: Path, make_images: Callable[..., None], write: Write
+) -> None:
+    make_images("press/{}.png", HOLES)
+    write("press/f.csv", "frame,what,contact\n10,press,1\n11,leave,0\n")
+    action = {"file": "{stem}/f.csv", "frame": "frame", "column": "what"}
+    tracks = {"file": "{stem}/f.csv", "frame": "frame", "columns": ["contact"]}
+    (one,), _ = read(tmp_path, **SEQUENCE, action=action, tracks=tracks)
+    assert one.action is not None
+    assert np.flatnonzero(one.action >= 0).tolist() == [8, 9]
+    np.testing.assert_array_equal(one.tracks["contact"][8:], [1, 0])
+
+
+def test_a_frame_beyond_the_names_is_named(
+    tmp_path: Path, make_images: Callable[..., None], write: Write
+) -> None:
+    make_images("press/{}.png", HOLES)
+    write("press/f.csv", _forces(range(5, 14)))
+    with pytest.raises(DataError, match=r"row 9: frame 12 does not exist, names .* have 0 to 11"):
+        read(tmp_path, **SEQUENCE, force=BY_FRAME)
