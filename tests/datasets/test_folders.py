@@ -58,9 +58,7 @@ def test_a_frame_of_a_table_is_the_number_in_the_name(
     write("press/f.csv", _forces(rows))
     (one,), notes = read(tmp_path, **SEQUENCE, force=BY_FRAME, action="none")
     assert one.force is not None
-    want = [
-        n if n in rows else np.nan for n in (names if by_name else range(len(one.frames)))
-    ]
+    want = [n if n in rows else np.nan for n in (names if by_name else range(len(one.frames)))]
     np.testing.assert_array_equal(one.force[:, 2], want)
     assert any("'frame' is taken for the numbers in names" in line for line in notes) == is_noted
     even = SEQUENCE | {"times": "even", "force": BY_FRAME, "action": "none"}
@@ -90,3 +88,73 @@ def test_a_frame_beyond_the_names_is_named(
     write("press/f.csv", _forces(range(5, 14)))
     with pytest.raises(DataError, match=r"row 9: frame 12 does not exist, names .* have 0 to 11"):
         read(tmp_path, **SEQUENCE, force=BY_FRAME)
+
+
+@pytest.mark.parametrize(
+    ("patterns", "series"),
+    [
+        (("left_{:04d}", "right_{:04d}"), ["left", "right"]),
+        (("{:04d}_left", "{:04d}_right"), ["left", "right"]),
+        (("cam0_{:04d}", "cam1_{:04d}"), ["cam0", "cam1"]),
+        (("gel-1 {}", "gel-2 {}"), ["gel1", "gel2"]),
+        (("tactile_{:03d}", "{:03d}"), ["images", "tactile"]),
+        (("L{}", "R{}"), ["l", "r"]),
+        (("left_1763000000{}00", "right_1763000000{}50"), ["left", "right"]),
+    ],
+)
+def test_two_sensors_in_one_folder_are_two_recordings(
+    tmp_path: Path, make_image: Callable[..., Path], patterns: tuple[str, str], series: list[str]
+) -> None:
+    for side, pattern in enumerate(patterns):
+        for i in range(5):
+            make_image(f"take/{pattern.format(i + 1)}.png", 10 * side + i)
+    found, notes = read(tmp_path, **SEQUENCE | {"times": "even"})
+    assert sorted(one.key for one in found) == [f"a/take/{name}" for name in series]
+    shown = [[round(float(p.mean()) / 7) for p in one.frames.read(range(5))] for one in found]
+    assert sorted(shown) == [list(range(5)), list(range(10, 15))], "neither mixed nor out of order"
+    assert [len(one.times) for one in found] == [5, 5]
+    assert len(notes) == 1
+    assert "2 series of images in one folder" in notes[0]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        [f"slide_{'left' if i < 5 else 'right'}_{i}" for i in range(10)],  # phases of one take
+        [f"{i:02d}_{'contact' if i in (3, 4) else 'free'}" for i in range(10)],
+        [f"{1763000000 + i // 5}_{i % 5 * 200:03d}" for i in range(10)],  # seconds, milliseconds
+        [f"20261105_12300{i // 5}_{i % 5}" for i in range(10)],
+        ["apple", "bread", "cup"],
+    ],
+)
+def test_names_of_one_take_stay_one_recording(
+    tmp_path: Path, make_image: Callable[..., Path], names: list[str]
+) -> None:
+    for i, name in enumerate(names):
+        make_image(f"take/{name}.png", i)
+    (one,), _ = read(tmp_path, **SEQUENCE)
+    assert (one.key, len(one.frames)) == ("a/take", len(names))
+
+
+def test_the_pattern_of_a_note_reads_one_series(
+    tmp_path: Path, make_image: Callable[..., Path], write: Write
+) -> None:
+    for side in ("left", "right"):
+        for i in range(4):
+            make_image(f"take/{side}_{i}.png", i)
+        make_image(f"take/rest_{side}.png", 9)
+    rows = [f"take/{side}_{i}.png,{side} mug" for side in ("left", "right") for i in range(4)]
+    write("labels.csv", "\n".join(["file,object", *rows]))
+    still = {"background": {"file": "{stem}/rest_{series}.png"}}
+    labels = {"labels": {"file": "labels.csv"}, "object": "{object}"}
+    found, notes = read(tmp_path, **SEQUENCE | still | labels)
+    assert [(one.key.rpartition("/")[2], one.object) for one in found] == [
+        ("left", "left mug"),
+        ("right", "right mug"),
+    ]
+    assert [one.background() is not None for one in found] == [True, True]
+    assert "2 series" in notes[0]
+    (pattern,) = [line.split("'")[-4] for line in notes if "series" in line]
+    assert pattern == "*/left_*.png"
+    (one,), notes = read(tmp_path, **SEQUENCE | {"images": pattern})
+    assert (len(one.frames), notes) == (4, [])

@@ -19,6 +19,7 @@ from tactileforge.errors import TactileForgeError
 from tactileforge.reading.files import read_rows
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_keys
+from tactileforge.reading.series import series_of
 from tactileforge.specs.published import SPECS
 
 _VIDEOS = frozenset({".avi", ".mp4", ".mov", ".mkv", ".webm"})
@@ -97,7 +98,7 @@ def _frames(root: Path, media: Sequence[Path], doubts: list[str]) -> dict[str, A
     folders: dict[Path, list[Path]] = {}
     for path in media:
         folders.setdefault(path.parent, []).append(path)
-    largest = max(folders.values(), key=len)
+    largest = max(series_of(max(folders.values(), key=len)).values(), key=len)
     keys = name_keys(largest)
     largest.sort(key=lambda path: keys[path])
     if not _follow_each_other(largest):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from tactileforge.reading.files import deeper, kind_of, matching_files
 from tactileforge.reading.frame_clock import Clocks, FrameClock
 from tactileforge.reading.frame_tables import FrameTables
 from tactileforge.reading.image_rows import ImageRows
-from tactileforge.reading.label_rows import LabelRow, match_labels
+from tactileforge.reading.label_rows import LabelRow, match_labels, row_of_series
 from tactileforge.reading.layout import (
     DatasetLayout,
     check_action,
@@ -28,6 +29,7 @@ from tactileforge.reading.layout import (
 )
 from tactileforge.reading.layout_keys import FrameTable
 from tactileforge.reading.order import order_doubt
+from tactileforge.reading.series import names_of, series_of
 from tactileforge.reading.tables import number_or_text
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.touch import FileFrames, LayoutTouch, open_files
@@ -88,9 +90,10 @@ class LayoutReader:
             named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
         self._of(ImageRows(self.folder, files))
         labels = match_labels(self.layout, self.folder, named)
-        return self._without_backgrounds(
-            [LayoutTouch(name, paths, labels[name]) for name, paths in named.items()]
-        )
+        touches = [LayoutTouch(name, paths, labels[name]) for name, paths in named.items()]
+        if self.layout.each == "sequence" and not self.layout.order:
+            touches = [*chain(*map(self._series, touches))]
+        return self._without_backgrounds(touches)
 
     def _without_backgrounds(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
         """Touches without the background images, and without touches left empty."""
@@ -115,6 +118,27 @@ class LayoutReader:
             self._doubt(touch, "" if self.layout.order else order_doubt(paths))
             out.append(replace(touch, paths=paths))
         return out
+
+    def _series(self, touch: LayoutTouch) -> Iterator[LayoutTouch]:
+        """The touch, or one for each series of its folder."""
+        found = series_of(touch.paths)
+        if len(found) == 1:
+            yield touch
+            return
+        names = [repr(name) for name, paths in found.items() if len(paths) > 1]
+        more = ", ..." if len(names) > 3 else ""
+        above, slash, _ = self.layout.globs[0].rpartition("/")
+        pattern = above + slash + names_of(next(iter(found.values())))
+        self._doubt(
+            touch,
+            f"{len(names)} series of images in one folder, {', '.join(names[:3])}{more}, are each "
+            f"taken for a recording; images: {pattern!r} would read {names[0]} alone",
+        )
+        for name, paths in found.items():
+            images = [path.relative_to(self.folder).as_posix() for path in paths]
+            row = row_of_series(touch.row, name, images, self.layout)
+            key = f"{touch.name}/{name}".removeprefix("./")
+            yield replace(touch, name=key, paths=paths, row=row)
 
     def open(self, touch: LayoutTouch) -> FileFrames:
         """Opens the frames of a touch; decodes nothing.
@@ -221,7 +245,10 @@ class LayoutReader:
             return recording
         if isinstance(keys, tuple):
             return self._tables.ranged(recording, keys, touch.paths[0])
-        path, note = self._path(keys.file.replace("{crop}", crop), touch), partial(self._doubt, touch)
+        path, note = (
+            self._path(keys.file.replace("{crop}", crop), touch),
+            partial(self._doubt, touch),
+        )
         if path.is_file():
             return self._tables.tracked(recording, keys, path, touch.paths, note)
         self._doubt(touch, "has no file of tracks")  # labels by hand grow: said, and no error
