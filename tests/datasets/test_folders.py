@@ -158,3 +158,53 @@ def test_the_pattern_of_a_note_reads_one_series(
     assert pattern == "*/left_*.png"
     (one,), notes = read(tmp_path, **SEQUENCE | {"images": pattern})
     assert (len(one.frames), notes) == (4, [])
+
+
+def test_what_belongs_to_a_trial_is_held_out_together(
+    tmp_path: Path, make_images: Callable[..., None]
+) -> None:
+    for trial in range(20):
+        for side in ("left", "right"):
+            make_images(f"trial_{trial:02d}/{side}/{{}}.png", range(2))
+    layout = SEQUENCE | {"images": "*/*/*.png"}
+    data = Recordings(str(tmp_path), {"a": layout}, val=0.3)
+    sides = [{one.key.split("/")[1] for one in data.recordings(s)} for s in ("train", "val")]
+    assert [len(trials) for trials in sides] == [13, 7]
+    assert not sides[0] & sides[1]
+    assert data.notes == []
+    (line,) = data.held_out
+    assert "40 recordings of 20 trials, by trials, with all sensors" in line
+    assert line.endswith("14 recordings held out")
+
+    alone = Recordings(str(tmp_path), {"a": layout | {"split": "recording"}}, val=0.3)
+    assert len([*alone.recordings("val")]) == 11
+    (line,) = alone.notes
+    assert "trials, such as 'trial_" in line
+    assert "are in training and validation, by split: recording" in line
+
+
+def test_two_series_of_a_folder_are_held_out_together_and_by_a_folder_on_request(
+    tmp_path: Path, make_images: Callable[..., None]
+) -> None:
+    for take in range(12):
+        for side in ("tactile", "depth"):
+            make_images(f"day{take % 3}/{take}/{side}_{{}}.png", range(2))
+    for split, unit in (("trial", 2), ("{folder}", 1)):
+        layout = SEQUENCE | {"images": "*/*/*.png", "split": split}
+        data = Recordings(str(tmp_path), {"a": layout}, val=0.3)
+        train, val = (
+            {"/".join(one.key.split("/")[1 : 1 + unit]) for one in data.recordings(s)}
+            for s in ("train", "val")
+        )
+        assert train, split
+        assert val, split
+        assert not train & val
+
+
+def test_a_folder_of_another_split_is_no_unit(
+    tmp_path: Path, make_images: Callable[..., None]
+) -> None:
+    make_images("test/a/{}.png", range(2))
+    layout = SEQUENCE | {"images": "*/*/*.png", "split": "{folder}"}
+    with pytest.raises(DataError, match=r"the split is 'test', but must be train or val"):
+        [*Recordings(str(tmp_path), {"a": layout}).recordings("train")]

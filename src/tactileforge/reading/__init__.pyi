@@ -44,4 +44,5 @@ from tactileforge.reading.splits import check_split as check_split
 from tactileforge.reading.splits import is_held_out as is_held_out
 from tactileforge.reading.tables import number_or_text as number_or_text
 from tactileforge.reading.tables import read_cells as read_cells
+from tactileforge.reading.trials import trial_of as trial_of
 from tactileforge.util.licences import check_data_licence as check_data_licence

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +29,13 @@ from tactileforge.reading.layout import (
     check_sensor,
 )
 from tactileforge.reading.layout_keys import FrameTable
+from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import order_doubt
 from tactileforge.reading.series import names_of, series_of
 from tactileforge.reading.tables import number_or_text
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.touch import FileFrames, LayoutTouch, open_files
+from tactileforge.reading.trials import TRIAL, trials_of
 
 
 class LayoutReader:
@@ -138,7 +141,31 @@ class LayoutReader:
             images = [path.relative_to(self.folder).as_posix() for path in paths]
             row = row_of_series(touch.row, name, images, self.layout)
             key = f"{touch.name}/{name}".removeprefix("./")
-            yield replace(touch, name=key, paths=paths, row=row)
+            # sensors of one take, but not takes of one folder, are held out together
+            folder = "" if TRIAL.match(name) else touch.name
+            yield replace(touch, name=key, paths=paths, row=row, folder=folder)
+
+    def trials(self, touches: Sequence[LayoutTouch]) -> list[str]:
+        """Names of the trials of touches, which are held out together; see `trials.trials_of`.
+
+        Args:
+            touches: All touches of the layout.
+        """
+        names = [touch.folder or touch.name for touch in touches]
+        if self.layout.each != "sequence":  # without the endings of files
+            names = [str(PurePosixPath(name).with_suffix("")) for name in names]
+        spans = {}
+        for name, touch in zip(names, touches, strict=True):
+            found = name_times([touch.paths[0].stem, touch.paths[-1].stem], None)
+            if found.start is not None and found.times is not None:
+                spans[name] = (found.start, found.start + float(found.times[-1]))
+        trials = trials_of(names, spans)
+        alone = Counter(trials)
+        # a recording without others keeps its own name, whatever words are in it
+        return [
+            trial if alone[trial] > 1 else touch.name
+            for trial, touch in zip(trials, touches, strict=True)
+        ]
 
     def open(self, touch: LayoutTouch) -> FileFrames:
         """Opens the frames of a touch; decodes nothing.

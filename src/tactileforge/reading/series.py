@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations, pairwise
-from os.path import commonprefix
+from itertools import combinations, pairwise, takewhile
 from pathlib import Path
 from typing import Any, TypeAlias
 
 _TOKEN = re.compile(r"\d+|[^\W\d_]+")
 #: Words of one sensor or camera of several.
-SIDES = frozenset(
-    "left right l r lh rh top bottom upper lower front back inner outer thumb index middle ring "
-    "pinky little finger leftfinger rightfinger lefthand righthand palm wrist".split()
+SIDES = re.compile(
+    r"left|right|l|r|lh|rh|top|bottom|upper|lower|front|back|inner|outer|thumb|index|middle|ring|"
+    r"pinky|little|finger|leftfinger|rightfinger|lefthand|righthand|palm|wrist"
 )
 #: Words before the number of a sensor or camera, and before that of a take.
 _DEVICE = re.compile(
@@ -69,9 +68,16 @@ def names_of(paths: Sequence[Path]) -> str:
         'left_*.png'
     """
     names = [path.name for path in paths]
-    start = commonprefix(names).rstrip("0123456789")
-    end = commonprefix([name[len(start) :][::-1] for name in names])[::-1].lstrip("0123456789")
+    start = _common(names).rstrip("0123456789")
+    end = _common([name[len(start) :][::-1] for name in names])[::-1].lstrip("0123456789")
     return f"{start}*{end}" if len(names) > 1 else names[0]
+
+
+def _common(names: Sequence[str]) -> str:
+    """The letters with which all names begin."""
+    first, last = min(names), max(names)
+    same = takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
+    return "".join(letter for letter, _ in same)
 
 
 def _by_place(names: Mapping[int, Sequence[str]]) -> Groups | None:
@@ -86,7 +92,9 @@ def _by_place(names: Mapping[int, Sequence[str]]) -> Groups | None:
             for at, tokens in names.items():
                 groups.setdefault("_".join(_word(tokens, one) for one in places), []).append(at)
             counts = {at: int(tokens[counter]) for at, tokens in names.items()}
-            by_device = all(one in numbers or values[one] <= SIDES for one in places)
+            by_device = all(
+                one in numbers or all(map(SIDES.fullmatch, values[one])) for one in places
+            )
             if _are_series(groups, counts, by_device):
                 return groups
     return None
