@@ -208,3 +208,42 @@ def test_a_folder_of_another_split_is_no_unit(
     layout = SEQUENCE | {"images": "*/*/*.png", "split": "{folder}"}
     with pytest.raises(DataError, match=r"the split is 'test', but must be train or val"):
         [*Recordings(str(tmp_path), {"a": layout}).recordings("train")]
+
+
+@pytest.mark.parametrize("pattern", ["**/*.avi", "*/*.avi"])
+def test_links_to_folders_are_entered_and_others_are_named(
+    tmp_path: Path, make_video: Callable[..., Path], pattern: str
+) -> None:
+    make_video("in/day0/a.avi", count=8)
+    make_video("elsewhere/b.avi", count=9)
+    root = tmp_path / "in"
+    (root / "day1").symlink_to(tmp_path / "elsewhere", target_is_directory=True)
+    (root / "day2").symlink_to(tmp_path / "gone", target_is_directory=True)
+    data = Recordings(str(root), {"a": FIRST | {"videos": pattern}}, val=0)
+    found = {one.key: len(one.frames) for one in data.recordings("train")}
+    assert found == {"a/day0/a.avi": 8, "a/day1/b.avi": 9}
+    assert data.skipped == [f"{root / 'day2'}: no file but a link to nothing; left out"]
+
+
+def test_a_folder_under_two_names_is_read_once(
+    tmp_path: Path, make_video: Callable[..., Path]
+) -> None:
+    make_video("in/day0/deep/a.avi", count=8)
+    root = tmp_path / "in"
+    (root / "day0/around").symlink_to(root, target_is_directory=True)
+    (root / "again").symlink_to(root / "day0/deep", target_is_directory=True)
+    data = Recordings(str(root), {"a": FIRST | {"videos": "**/*.avi"}}, val=0)
+    assert [one.key for one in data.recordings("train")] == ["a/day0/deep/a.avi"]
+    assert sorted(data.skipped) == [
+        f"{path}: no file but a link to a folder that is read by another name; left out"
+        for path in (root / "again", root / "day0/around")
+    ]
+
+
+def test_a_guess_sees_behind_links(tmp_path: Path, make_video: Callable[..., Path]) -> None:
+    make_video("elsewhere/b.avi", count=9)
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in/day").symlink_to(tmp_path / "elsewhere", target_is_directory=True)
+    guess = Recordings.recognise(tmp_path / "in")
+    assert guess is not None
+    assert guess.options["layouts"]["guessed"]["videos"] == "*/*.avi"

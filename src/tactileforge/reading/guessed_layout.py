@@ -17,6 +17,7 @@ from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.files import read_rows
+from tactileforge.reading.linked import matches
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_keys
 from tactileforge.reading.series import series_of
@@ -54,7 +55,7 @@ def guess_layout(root: Path) -> Guess | None:
     Returns:
         Options of the data set ``recordings``; None for a folder without videos and images.
     """
-    found = (path for path in sorted(root.rglob("*")) if path.is_file())
+    found = (path for path in sorted(matches(root, "**/*")) if path.is_file())
     files = list(islice((x for x in found if not is_companion(x.relative_to(root))), _MOST_FILES))
     # videos first: stills beside them are usually backgrounds
     media = _of(files, _VIDEOS) or _of(files, _IMAGES)
