@@ -286,7 +286,8 @@ class Dataset(Protocol):
     further keys of its samples, and ``facts``, plain data by name that is passed to heads as
     ``facts`` and kept in the configuration of the run.
     ``skipped`` gets one line, with the name of the file, for each file that `recordings` cannot
-    read. ``notes``, if there is one, gets a line for each recording that was read with doubt.
+    read. ``notes``, if there is one, gets a line for each recording that was read with doubt,
+    and ``held_out`` says what is held out together.
 
     A large data set may also have ``sources(split)``, see `data.batches.sources.Sharded`: it is
     then opened part by part while it is read, and not as a whole.

@@ -73,6 +73,12 @@ class Mixture(Drawn):
         noted = ((name, getattr(data, "notes", ())) for name, data in self.datasets.items())
         return [f"{name}: {line}" for name, lines in noted for line in lines]
 
+    @property
+    def held_out(self) -> list[str]:
+        """What each of the data sets holds out together."""
+        said = ((name, getattr(data, "held_out", ())) for name, data in self.datasets.items())
+        return [f"{name}: {line}" for name, lines in said for line in lines]
+
     def sources(self, split: str) -> list[Source]:
         """The sources of all data sets; see `data.batches.sources.Sharded`."""
         return [

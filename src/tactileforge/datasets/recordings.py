@@ -21,7 +21,13 @@ from tactileforge.errors import (
 from tactileforge.reading.drawn import Drawn
 from tactileforge.reading.files import DamagedFileError, read_text
 from tactileforge.reading.guessed_layout import guess_layout
-from tactileforge.reading.layout import EXAMPLE, SPLITS, DatasetLayout, parse_layout
+from tactileforge.reading.layout import (
+    EXAMPLE,
+    FILE_COLUMNS,
+    SPLITS,
+    DatasetLayout,
+    parse_layout,
+)
 from tactileforge.reading.notes import Notes, add_once
 from tactileforge.reading.reader import LayoutReader
 from tactileforge.reading.splits import (
@@ -30,12 +36,17 @@ from tactileforge.reading.splits import (
     is_held_out,
     split_parts,
 )
+from tactileforge.reading.templates import template_columns
 from tactileforge.reading.touch import LayoutTouch
 from tactileforge.util.strict import build
 from tactileforge.util.untrusted import load_yaml
 
 #: Name of a file in the root with the layouts of its data.
 LAYOUT_FILE = "tactileforge.yaml"
+#: Names of folders that mean a split, and no unit of holding out.
+_SPLIT_WORDS = frozenset(
+    {"train", "training", "val", "valid", "validation", "test", "testing", "eval", "dev"}
+)
 
 
 @dataclass(frozen=True)
@@ -77,6 +88,7 @@ class Recordings(Drawn):
         self.tracks = tracks
         self.skipped: list[str] = []
         self._noted = Notes()
+        self._split_up: dict[str, _SplitUp] = {}
         given = _as_plain(layouts or {})
         self._given = {name: layout for name, layout in given.items() if layout is not None}
         self._left_out = sorted(given.keys() - self._given.keys())
@@ -115,7 +127,13 @@ class Recordings(Drawn):
     @property
     def notes(self) -> list[str]:
         """Doubts about the recordings read so far, one line per kind."""
-        return self._noted.lines()
+        doubts = {name: of.doubt for name, of in self._split_up.items()}
+        return [*self._noted.lines(), *(f"{name}: {one}" for name, one in doubts.items() if one)]
+
+    @property
+    def held_out(self) -> list[str]:
+        """What is held out together, one line per layout read so far."""
+        return [f"{name}: {of.held_out}" for name, of in self._split_up.items()]
 
     def recordings(self, split: str) -> Iterator[Recording]:
         """Yields the recordings of a split, layout by layout, files in natural order.
@@ -140,9 +158,14 @@ class Recordings(Drawn):
             touches = reader.touches()
             for line in reader.odd:
                 add_once(self.skipped, line)
-            for touch in touches:
-                # the side before anything is opened: a split must not depend on readable files
-                side = _side(reader.layout, touch, self.val)
+            # the side before anything is opened: a split must not depend on readable files
+            trials = reader.trials(touches)
+            sides = [
+                _side(reader.layout, touch, trial, self.val)
+                for touch, trial in zip(touches, trials, strict=True)
+            ]
+            self._split_up[reader.layout.name] = _SplitUp(reader.layout, trials, sides)
+            for touch, side in zip(touches, sides, strict=True):
                 if side not in (split, "time"):
                     continue
                 labelled = _labelled(reader, touch)
@@ -183,16 +206,55 @@ def _labelled(reader: LayoutReader, touch: LayoutTouch) -> list[Recording] | str
         return str(error)
 
 
-def _side(layout: DatasetLayout, touch: LayoutTouch, val: float) -> str:
+@dataclass(frozen=True)
+class _SplitUp:
+    """The trial and the side of each recording of a layout."""
+
+    layout: DatasetLayout
+    trials: list[str]
+    sides: list[str]
+
+    @property
+    def held_out(self) -> str:
+        """What is held out together, in words."""
+        unit, count = self.layout.split, len(set(self.trials))
+        what = f"{len(self.trials)} recordings of {count} trials"
+        if unit in ("train", "val"):
+            return f"{what}, all for {unit}"
+        if unit == "time":
+            return f"{what}, blocks of time of each"
+        by = {"trial": "trials, with all sensors, cameras and repetitions of one"}
+        by |= {"recording": "recordings, each alone", "object": "objects"}
+        return f"{what}, by {by.get(unit, unit)}: {self.sides.count('val')} recordings held out"
+
+    @property
+    def doubt(self) -> str:
+        """That trials are on both sides, as a phrase; "" where none is."""
+        sides: dict[str, set[str]] = {}
+        for trial, side in zip(self.trials, self.sides, strict=True):
+            sides.setdefault(trial, set()).add(side)
+        both = [trial for trial, of in sides.items() if len(of) > 1]
+        if not both or self.layout.split == "object":
+            return ""
+        return (
+            f"{len(both)} trials, such as {both[0]!r}, are in training and validation, by split: "
+            f"{self.layout.split}; split: trial holds out all sensors of one"
+        )
+
+
+def _side(layout: DatasetLayout, touch: LayoutTouch, trial: str, val: float) -> str:
     """``train``, ``val``, or ``time`` for a touch with frames in both."""
-    row = touch.row
-    side = row.fill(layout.split)
-    if side == "recording":
-        return "val" if is_held_out(f"{layout.name}/{touch.name}", val) else "train"
-    if side == "object":
-        name = row.fill(layout.object) if layout.object else None
-        return "val" if is_held_out(name or f"{layout.name}/{touch.name}", val) else "train"
-    if side not in SPLITS:
+    row, split = touch.row, layout.split
+    side = row.fill(split)
+    unit = {"trial": trial, "recording": touch.name, "object": trial}.get(split)
+    if split == "object" and layout.object and (name := row.fill(layout.object)):
+        return "val" if is_held_out(name, val) else "train"
+    of_file = set(template_columns(split)) <= {*FILE_COLUMNS} and split not in SPLITS
+    if of_file and side and side.casefold() not in _SPLIT_WORDS:
+        unit = side
+    if unit is not None:
+        return "val" if is_held_out(f"{layout.name}/{unit}", val) else "train"
+    if side not in ("train", "val", "time"):
         column = layout.split.strip("{}")
         raise DataError(
             f"{row.where}: the split is {side or ''!r}, but must be train or val; layout "

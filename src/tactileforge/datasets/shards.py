@@ -142,6 +142,11 @@ class Shards(Drawn):
             ]
         return loaded_source(next((source.name for source in stored["train"]), ""), content)
 
+    @property
+    def held_out(self) -> list[str]:
+        """What is held out together, beyond the shards of validation."""
+        return [f"by {self.hold_out}, of the training shards"] if self.val else []
+
     def _stored(self, split: str) -> list[Source]:
         """One source of the shards of a split."""
         index, folder = self.index, self.folder

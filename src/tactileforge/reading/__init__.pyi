@@ -22,6 +22,8 @@ from tactileforge.reading.layout import parse_background as parse_background
 from tactileforge.reading.layout import parse_layout as parse_layout
 from tactileforge.reading.layout import without_nulls as without_nulls
 from tactileforge.reading.layout_keys import BackgroundRule as BackgroundRule
+from tactileforge.reading.linked import folders_below as folders_below
+from tactileforge.reading.linked import matches as matches
 from tactileforge.reading.notes import add_once as add_once
 from tactileforge.reading.official import ALL_FOR_TRAINING as ALL_FOR_TRAINING
 from tactileforge.reading.official import OfficialSplit as OfficialSplit
@@ -44,4 +46,5 @@ from tactileforge.reading.splits import check_split as check_split
 from tactileforge.reading.splits import is_held_out as is_held_out
 from tactileforge.reading.tables import number_or_text as number_or_text
 from tactileforge.reading.tables import read_cells as read_cells
+from tactileforge.reading.trials import trial_of as trial_of
 from tactileforge.util.licences import check_data_licence as check_data_licence

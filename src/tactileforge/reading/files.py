@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import codecs
 import csv
+import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 from tactileforge.data.frames.companions import is_companion
 from tactileforge.errors import ConfigError, DataError
+from tactileforge.reading.linked import matches
 from tactileforge.reading.order import name_keys, natural
 
 #: Byte order marks of UTF-32 and UTF-16. UTF-32 first: the mark of UTF-16 LE begins UTF-32 LE's.
@@ -91,7 +93,9 @@ def read_rows(path: Path) -> list[list[str]]:
 def matching_files(
     folder: Path, patterns: Sequence[str], layout: str
 ) -> tuple[list[Path], list[Path]]:
-    """Files matching any pattern, each once, in natural order; and matches other than files.
+    """Files matching any pattern, each once, in natural order; and other matches, and closed links.
+
+    ``**`` enters links to folders, each folder once.
 
     Numbers in names sort by value, 2 before 10 and 8.27 before 8.5; see `order.name_keys`. The
     ending matches in any case: ``*.png`` finds ``0.PNG``. Hidden files, and companion files of an
@@ -107,9 +111,10 @@ def matching_files(
         DataError: Two files differ only in the spelling of their ending, jpg and JPG or jpeg.
     """
     found: dict[Path, bool] = {}  # whether a pattern with a file ending has matched
+    closed: dict[Path, None] = {}
     for pattern in patterns:
         is_for_files = "." in pattern.rpartition("/")[2]
-        for path in _matches(folder, pattern, layout):
+        for path in _matches(folder, pattern, layout, closed.setdefault):
             found[path] = found.get(path, False) or is_for_files
     seen: dict[Path, Path] = {}
     for path in found:
@@ -129,13 +134,19 @@ def matching_files(
     paths = sorted(found, key=place)
     # a folder may match "*" by chance, but not a pattern with an ending
     odd = [path for path in paths if not path.is_file() and (found[path] or not path.is_dir())]
+    odd += [path for path in closed if path not in odd]
     return [path for path in paths if path.is_file()], odd
 
 
-def _matches(folder: Path, pattern: str, layout: str) -> list[Path]:
+def _matches(
+    folder: Path,
+    pattern: str,
+    layout: str,
+    left_out: Callable[[Path], object] = lambda path: None,
+) -> list[Path]:
     try:
         # a camera writes .MP4, a program .mp4, and glob tells them apart on Linux
-        paths = list(folder.glob(_any_case(pattern)))
+        paths = matches(folder, _any_case(pattern), left_out)
         hidden = any(part.startswith(".") for part in Path(pattern).parts)  # named explicitly
         return [path for path in paths if hidden or not is_companion(path.relative_to(folder))]
     except (ValueError, NotImplementedError) as error:
@@ -178,4 +189,8 @@ def kind_of(path: Path) -> str:
     """Kind of a path other than a file, in words."""
     if path.is_symlink() and not path.exists():
         return "a link to nothing"
-    return "a folder" if path.is_dir() else "a pipe, socket or device"
+    if path.is_symlink() and path.is_dir():
+        return "a link to a folder that is read by another name"
+    if path.is_dir():
+        return "a folder" if os.access(path, os.R_OK | os.X_OK) else "a folder that cannot be read"
+    return "a pipe, socket or device"

@@ -17,8 +17,9 @@ from tactileforge.reading.frame_clock import FrameClock
 from tactileforge.reading.image_rows import ImageRows, names_images
 from tactileforge.reading.layout import DatasetLayout
 from tactileforge.reading.layout_keys import FrameTable, TrackKeys, TrackRanges
+from tactileforge.reading.name_times import frame_numbers
 from tactileforge.reading.table_clock import on_frames
-from tactileforge.reading.tables import Row, read_actions, read_force, read_tracks
+from tactileforge.reading.tables import Row, read_actions, read_cells, read_force, read_tracks
 from tactileforge.reading.templates import template_columns
 
 
@@ -54,10 +55,16 @@ class FrameTables:
             note: Callback for doubts, see `table_clock.on_frames`.
         """
         fit = partial(on_frames, start=clock.start, note=note)
-        return read_force(table, path, clock.times, sensor, fit, self._images(table, path, paths))
+        images = self._images(table, path, paths, note)
+        return read_force(table, path, clock.times, sensor, fit, images)
 
     def actions(
-        self, table: FrameTable, path: Path, count: int, paths: Sequence[Path]
+        self,
+        table: FrameTable,
+        path: Path,
+        count: int,
+        paths: Sequence[Path],
+        note: Callable[[str], None],
     ) -> NDArray[np.int64]:
         """Actions per frame, (T,); see `tables.read_actions`.
 
@@ -66,11 +73,17 @@ class FrameTables:
             path: Path of the CSV.
             count: Number of frames.
             paths: Files of the touch.
+            note: Callback for doubts.
         """
-        return read_actions(table, path, count, self._images(table, path, paths))
+        return read_actions(table, path, count, self._images(table, path, paths, note))
 
     def tracked(
-        self, recording: Recording, keys: TrackKeys, path: Path, paths: Sequence[Path]
+        self,
+        recording: Recording,
+        keys: TrackKeys,
+        path: Path,
+        paths: Sequence[Path],
+        note: Callable[[str], None],
     ) -> Recording:
         """The recording with its tracks, without the frames to drop; see `tables.read_tracks`.
 
@@ -79,6 +92,7 @@ class FrameTables:
             keys: Columns of the values.
             path: Path of the CSV.
             paths: Files of the touch.
+            note: Callback for doubts.
 
         Raises:
             DataError: Every frame is to be dropped.
@@ -86,7 +100,7 @@ class FrameTables:
         columns = tuple(dict.fromkeys([*keys.columns, *([keys.drop] if keys.drop else [])]))
         table = FrameTable(keys.file, keys.frame, columns, key=keys.key)
         count = len(recording.times)
-        found = read_tracks(table, path, count, self._images(table, path, paths))
+        found = read_tracks(table, path, count, self._images(table, path, paths, note))
         recording = replace(recording, tracks={name: found[name] for name in keys.columns})
         dropped = np.zeros(count, bool) if keys.drop is None else found[keys.drop] > 0
         if dropped.all():
@@ -124,9 +138,15 @@ class FrameTables:
         return replace(recording, tracks=tracks)
 
     def _images(
-        self, table: FrameTable, path: Path, paths: Sequence[Path]
+        self,
+        table: FrameTable,
+        path: Path,
+        paths: Sequence[Path],
+        note: Callable[[str], None],
     ) -> Mapping[int, Row] | None:
-        """Rows by frame for a table with image names; None for another kind of table."""
+        """Rows by frame of a table that names images or their numbers; None for other tables."""
+        if table.frame and self.layout.each == "sequence" and self.layout.times != "even":
+            return _numbered(table, path, [one.stem for one in paths], note)
         if table.frame or table.time or self.layout.each == "video":
             return None
         is_shared = not template_columns(table.file)
@@ -137,3 +157,38 @@ class FrameTables:
             return None
         columns = [name for name in table.columns if name]
         return self.rows.find(path, table.key, columns, paths, is_shared)
+
+
+def _numbered(
+    table: FrameTable, path: Path, stems: Sequence[str], note: Callable[[str], None]
+) -> Mapping[int, Row] | None:
+    """Rows by frame of a table with the numbers in the names of images; None if it counts images.
+
+    Rows of numbers between those of the first and last image are of dropped frames, and left out.
+    """
+    assert table.frame is not None
+    numbers, counts = frame_numbers(stems), range(len(stems))
+    if not numbers or numbers == list(counts):
+        return None
+    rows = read_cells(path, [*(name for name in table.columns if name), table.frame])
+    cells = [row[table.frame] for _, row in rows]
+    written = {int(cell): row for cell, row in zip(cells, rows, strict=True) if cell.isdecimal()}
+    if len(written) < len(rows):  # no numbers, or one twice: `read_force` and the like name it
+        return None
+    is_counted = all(number in counts for number in written)
+    wrong = [number for number in written if not numbers[0] <= number <= numbers[-1]]
+    if wrong and not is_counted:
+        raise DataError(
+            f"{written[wrong[0]][0]}: frame {wrong[0]} does not exist, names of images have "
+            f"{numbers[0]} to {numbers[-1]}; remove the row, or give the CSV of this recording"
+        )
+    # a row for each image, numbered with no regard to holes, was written by counting
+    if wrong or (is_counted and len(written) == len(counts)):
+        return None
+    if is_counted:
+        note(
+            f"{path.name}: {table.frame!r} is taken for the numbers in names ({stems[0]!r} is "
+            f"{numbers[0]}); if it counts images from 0, say times: even"
+        )
+    places = {number: place for place, number in enumerate(numbers)}
+    return {places[number]: row for number, row in written.items() if number in places}

@@ -17,8 +17,10 @@ from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.files import read_rows
+from tactileforge.reading.linked import matches
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_keys
+from tactileforge.reading.series import series_of
 from tactileforge.specs.published import SPECS
 
 _VIDEOS = frozenset({".avi", ".mp4", ".mov", ".mkv", ".webm"})
@@ -53,7 +55,7 @@ def guess_layout(root: Path) -> Guess | None:
     Returns:
         Options of the data set ``recordings``; None for a folder without videos and images.
     """
-    found = (path for path in sorted(root.rglob("*")) if path.is_file())
+    found = (path for path in sorted(matches(root, "**/*")) if path.is_file())
     files = list(islice((x for x in found if not is_companion(x.relative_to(root))), _MOST_FILES))
     # videos first: stills beside them are usually backgrounds
     media = _of(files, _VIDEOS) or _of(files, _IMAGES)
@@ -97,7 +99,7 @@ def _frames(root: Path, media: Sequence[Path], doubts: list[str]) -> dict[str, A
     folders: dict[Path, list[Path]] = {}
     for path in media:
         folders.setdefault(path.parent, []).append(path)
-    largest = max(folders.values(), key=len)
+    largest = max(series_of(max(folders.values(), key=len)).values(), key=len)
     keys = name_keys(largest)
     largest.sort(key=lambda path: keys[path])
     if not _follow_each_other(largest):

@@ -236,6 +236,23 @@ def _merged(name: str, rows: Mapping[str, LabelRow], layout: DatasetLayout) -> L
     return LabelRow(where, cells, words | names, images, mixed)
 
 
+def row_of_series(
+    row: LabelRow, series: str, images: Iterable[str], layout: DatasetLayout
+) -> LabelRow:
+    """The row of one of several series of images in a folder, with the column ``series``.
+
+    Args:
+        row: The row of the folder.
+        series: Name of the series.
+        images: Its images, as paths relative to the folder of the layout.
+        layout: The layout.
+    """
+    own = {name: row.images[name] for name in images if name in row.images}
+    name = row.words["file"]
+    merged = _merged(name, own, layout) if own else row
+    return replace(merged, words={**merged.words, **_names(name, layout), "series": series})
+
+
 def _names(name: str, layout: DatasetLayout) -> dict[str, str]:
     path = Path(name)
     folder = path.parent

@@ -30,7 +30,7 @@ from tactileforge.specs.published import spec
 from tactileforge.util.licences import check_data_licence
 from tactileforge.util.strict import build, mapping
 
-SPLITS = ("recording", "object", "time", "train", "val")
+SPLITS = ("trial", "recording", "object", "time", "train", "val")
 CHANNELS = ("rgb", "bgr")
 ROTATIONS = (0, 90, 180, 270)
 MIRRORS = ("none", "x", "y")

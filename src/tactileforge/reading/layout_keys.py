@@ -210,4 +210,4 @@ class LayoutKeys:
     source: str = ""
     licence: str = ""
     tier: int = 5
-    split: str = "recording"
+    split: str = "trial"

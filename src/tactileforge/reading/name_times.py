@@ -106,6 +106,27 @@ def name_times(stems: Sequence[str], fps: float | None, unit: str | None = None)
     return _counted([int(number) for number in numbers], fps)
 
 
+def frame_numbers(stems: Sequence[str]) -> list[int]:
+    """The numbers by which names count frames, ascending; [] where they are stamps, or no counter.
+
+    Args:
+        stems: Names without their endings, oldest first.
+
+    Example:
+        >>> frame_numbers(["f_00010", "f_00014"]), frame_numbers(["1763000000.1", "1763000000.2"])
+        ([10, 14], [])
+    """
+    dates, columns = _dates(stems), _columns(stems)
+    stamps = _stamps(columns, None)
+    if any(found is not None and not _is_counter(found) for found in (dates, stamps)):
+        return []
+    rising = [column for column in columns if all(a < b for a, b in pairwise(column))]
+    if not rising or len(stems) < 2 or any(number != int(number) for number in rising[-1]):
+        return []
+    numbers = [int(number) for number in rising[-1]]
+    return numbers if np.median(np.diff(numbers)) <= _DROPPED else []
+
+
 def _columns(stems: Sequence[str]) -> list[list[Decimal]]:
     """Differing numbers in the names, by position; [] if names differ beyond their numbers."""
     if len({_NUMBER.sub("0", stem) for stem in stems}) > 1:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
+from itertools import chain
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +22,20 @@ from tactileforge.reading.files import deeper, kind_of, matching_files
 from tactileforge.reading.frame_clock import Clocks, FrameClock
 from tactileforge.reading.frame_tables import FrameTables
 from tactileforge.reading.image_rows import ImageRows
-from tactileforge.reading.label_rows import LabelRow, match_labels
+from tactileforge.reading.label_rows import LabelRow, match_labels, row_of_series
 from tactileforge.reading.layout import (
     DatasetLayout,
     check_action,
     check_sensor,
 )
 from tactileforge.reading.layout_keys import FrameTable
+from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import order_doubt
+from tactileforge.reading.series import names_of, series_of
 from tactileforge.reading.tables import number_or_text
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.touch import FileFrames, LayoutTouch, open_files
+from tactileforge.reading.trials import TRIAL, trials_of
 
 
 class LayoutReader:
@@ -88,9 +93,10 @@ class LayoutReader:
             named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
         self._of(ImageRows(self.folder, files))
         labels = match_labels(self.layout, self.folder, named)
-        return self._without_backgrounds(
-            [LayoutTouch(name, paths, labels[name]) for name, paths in named.items()]
-        )
+        touches = [LayoutTouch(name, paths, labels[name]) for name, paths in named.items()]
+        if self.layout.each == "sequence" and not self.layout.order:
+            touches = [*chain(*map(self._series, touches))]
+        return self._without_backgrounds(touches)
 
     def _without_backgrounds(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
         """Touches without the background images, and without touches left empty."""
@@ -115,6 +121,51 @@ class LayoutReader:
             self._doubt(touch, "" if self.layout.order else order_doubt(paths))
             out.append(replace(touch, paths=paths))
         return out
+
+    def _series(self, touch: LayoutTouch) -> Iterator[LayoutTouch]:
+        """The touch, or one for each series of its folder."""
+        found = series_of(touch.paths)
+        if len(found) == 1:
+            yield touch
+            return
+        names = [repr(name) for name, paths in found.items() if len(paths) > 1]
+        more = ", ..." if len(names) > 3 else ""
+        above, slash, _ = self.layout.globs[0].rpartition("/")
+        pattern = above + slash + names_of(next(iter(found.values())))
+        self._doubt(
+            touch,
+            f"{len(names)} series of images in one folder, {', '.join(names[:3])}{more}, are each "
+            f"taken for a recording; images: {pattern!r} would read {names[0]} alone",
+        )
+        for name, paths in found.items():
+            images = [path.relative_to(self.folder).as_posix() for path in paths]
+            row = row_of_series(touch.row, name, images, self.layout)
+            key = f"{touch.name}/{name}".removeprefix("./")
+            # sensors of one take, but not takes of one folder, are held out together
+            folder = "" if TRIAL.match(name) else touch.name
+            yield replace(touch, name=key, paths=paths, row=row, folder=folder)
+
+    def trials(self, touches: Sequence[LayoutTouch]) -> list[str]:
+        """Names of the trials of touches, which are held out together; see `trials.trials_of`.
+
+        Args:
+            touches: All touches of the layout.
+        """
+        names = [touch.folder or touch.name for touch in touches]
+        if self.layout.each != "sequence":  # without the endings of files
+            names = [str(PurePosixPath(name).with_suffix("")) for name in names]
+        spans = {}
+        for name, touch in zip(names, touches, strict=True):
+            found = name_times([touch.paths[0].stem, touch.paths[-1].stem], None)
+            if found.start is not None and found.times is not None:
+                spans[name] = (found.start, found.start + float(found.times[-1]))
+        trials = trials_of(names, spans)
+        alone = Counter(trials)
+        # a recording without others keeps its own name, whatever words are in it
+        return [
+            trial if alone[trial] > 1 else touch.name
+            for trial, touch in zip(trials, touches, strict=True)
+        ]
 
     def open(self, touch: LayoutTouch) -> FileFrames:
         """Opens the frames of a touch; decodes nothing.
@@ -221,9 +272,12 @@ class LayoutReader:
             return recording
         if isinstance(keys, tuple):
             return self._tables.ranged(recording, keys, touch.paths[0])
-        path = self._path(keys.file.replace("{crop}", crop), touch)
+        path, note = (
+            self._path(keys.file.replace("{crop}", crop), touch),
+            partial(self._doubt, touch),
+        )
         if path.is_file():
-            return self._tables.tracked(recording, keys, path, touch.paths)
+            return self._tables.tracked(recording, keys, path, touch.paths, note)
         self._doubt(touch, "has no file of tracks")  # labels by hand grow: said, and no error
         return recording
 
@@ -236,8 +290,8 @@ class LayoutReader:
         if action == "force" and force is not None:
             return label_actions(times, force)
         if isinstance(action, FrameTable):
-            path = self._path(action.file, touch)
-            return self._tables.actions(action, path, len(times), touch.paths)
+            path, note = self._path(action.file, touch), partial(self._doubt, touch)
+            return self._tables.actions(action, path, len(times), touch.paths, note)
         actions = np.full(len(times), -1, np.int64)
         if isinstance(action, str):
             for frame, row in self._rows(touch, action):

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.reading.trials import trial_of
 
 #: Splits of data sets without one of their own.
 SPLITS = ("train", "val")
@@ -69,7 +70,7 @@ def held_out(recording: Recording, share: float, unit: str, split: str) -> Itera
 
 
 def take_of(recording: Recording) -> str:
-    """Name of the take of a recording, common to its sensors, tiles and segments.
+    """Name of the take of a recording, common to its sensors, tiles and segments; see `trial_of`.
 
     Args:
         recording: A recording with a key from `record` or a layout.
@@ -78,7 +79,7 @@ def take_of(recording: Recording) -> str:
         return "/".join(recording.key.split("/")[:-2]) or recording.key
     if "episode" in recording.labels:
         return str(recording.labels["episode"])
-    return recording.key.partition("[")[0].partition("#")[0]
+    return trial_of(recording.key.partition("[")[0].partition("#")[0])
 
 
 def split_parts(recording: Recording, share: float, split: str) -> Iterator[Recording]:

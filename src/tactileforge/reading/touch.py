@@ -22,11 +22,13 @@ class LayoutTouch:
         name: Path of its file, or of its folder for an image sequence, from the layout's folder.
         paths: Paths of its files.
         row: Labels of the touch.
+        folder: Name of the folder of several series, which are held out together; "" for others.
     """
 
     name: str
     paths: list[Path]
     row: LabelRow
+    folder: str = ""
 
 
 def open_files(paths: list[Path]) -> FileFrames:

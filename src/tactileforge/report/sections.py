@@ -180,6 +180,8 @@ def data_section(data: TouchData, skipped: Sequence[str]) -> Section:
     body = table("recordings", head, rows, "Recordings with a label are counted, whole or in part.")
     if data.val is None:
         body += paragraph("No recordings are held out for validation.", soft=True)
+    for line in getattr(data.dataset, "held_out", ()):
+        body += paragraph(f"Held out: {line}.")
     lines = [
         (source or "not given", f"text|{licence or 'not given'}", str(tier), str(count))
         for (source, licence, tier), count in sorted(sources.items())

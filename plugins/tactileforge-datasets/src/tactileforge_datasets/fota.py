@@ -16,7 +16,7 @@ from tactileforge.contracts import Guess, Recording
 from tactileforge.data import Blob, EncodedFrames
 from tactileforge.errors import DataError
 from tactileforge.plugins import load_json
-from tactileforge.reading import OfficialSplit, PublishedDataset, RecordingItem, add_once
+from tactileforge.reading import OfficialSplit, PublishedDataset, RecordingItem, add_once, matches
 from tactileforge_datasets.checks import POSE, numbers, pose_track
 
 _OFFICIAL = OfficialSplit(
@@ -86,7 +86,9 @@ class FoTa(PublishedDataset):
 
     def _items(self) -> Iterator[RecordingItem]:
         root = self._folder(".")
-        tars = sorted(path for side in ("train", "val") for path in root.rglob(f"{side}/data*.tar"))
+        tars = sorted(
+            path for side in ("train", "val") for path in matches(root, f"**/{side}/data*.tar")
+        )
         if not tars:
             raise self._missing(f"no file SET/train/data-000000.tar in {root}")
         for path in tars:

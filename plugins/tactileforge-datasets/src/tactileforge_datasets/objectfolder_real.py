@@ -15,6 +15,7 @@ from tactileforge.reading import (
     PublishedDataset,
     RecordingItem,
     frame_times,
+    matches,
     read_rows,
 )
 
@@ -55,7 +56,7 @@ class ObjectFolderReal(PublishedDataset):
     def _items(self) -> Iterator[RecordingItem]:
         tactile = self._folder("tactile", "real/tactile", ".")
         views = _views(tactile)
-        folders = sorted(path for path in tactile.rglob("gelsight") if path.is_dir())
+        folders = sorted(path for path in matches(tactile, "**/gelsight") if path.is_dir())
         if not folders:
             raise self._missing(f"no folder gelsight in {tactile}")
         for folder in folders:

@@ -18,6 +18,7 @@ from tactileforge.reading import (
     check_sensor,
     frame_rate,
     frame_times,
+    matches,
     still_background,
 )
 
@@ -60,7 +61,7 @@ class TouchdMani(PublishedDataset):
     doubts = ("a neutral layout: that of the release is not public",)
 
     def _items(self) -> Iterator[RecordingItem]:
-        files = sorted(self._folder(".").rglob("episode.json"))
+        files = sorted(matches(self._folder("."), "**/episode.json"))
         if not files:
             raise self._missing(f"no folder with episode.json in {self.root}")
         for path in files:

@@ -6,7 +6,13 @@ from collections.abc import Iterator
 from functools import partial
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.reading import NumberedImages, PublishedDataset, RecordingItem, frame_times
+from tactileforge.reading import (
+    NumberedImages,
+    PublishedDataset,
+    RecordingItem,
+    frame_times,
+    matches,
+)
 
 
 class VisGel(PublishedDataset):
@@ -40,7 +46,7 @@ class VisGel(PublishedDataset):
 
     def _items(self) -> Iterator[RecordingItem]:
         touch = self._folder("images/touch", "touch")
-        for folder in sorted(path for path in touch.rglob("*") if path.is_dir()):
+        for folder in sorted(path for path in matches(touch, "**/*") if path.is_dir()):
             files = NumberedImages(folder, r"frame\d+")
             if files.files:
                 key = folder.relative_to(touch).as_posix()

@@ -149,6 +149,14 @@ class WebDataset(Drawn):
                 yield recording
         self._check(opened, split)
 
+    @property
+    def held_out(self) -> list[str]:
+        """What is held out together."""
+        if self.val_tars:
+            return [f"the tars {', '.join(self.val_tars)}"]
+        unit = self.layout.unit or "trial, with all sensors, cameras and repetitions in its name"
+        return [f"by {unit}"] if self.val else []
+
     def _parts(self, split: str) -> list[_TarPart]:
         """Tars of a split, not indexed yet."""
         check_split(split)

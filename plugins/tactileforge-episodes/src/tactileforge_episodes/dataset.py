@@ -228,6 +228,13 @@ class Episodes:
         unit = fill(template, file.values) if template else file.key(number)
         return "val" if is_held_out(unit, self.val) else "train"
 
+    @property
+    def held_out(self) -> list[str]:
+        """What is held out together."""
+        template = self.keys.hold_out if self.hold_out is None else self.hold_out
+        unit = template or "episode"
+        return [f"by {unit}, with all its sensors and cameras"] if self.val else []
+
     def plot(self, recording: Recording) -> Figure:
         """Plots a recording."""
         from tactileforge.reading import plot_recording

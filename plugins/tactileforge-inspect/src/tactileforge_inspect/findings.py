@@ -95,6 +95,7 @@ class InspectionFindings:
         notes: Line for each kind of doubt about the set: notes of its reader, constant forces, a
             single class.
         looks: Line for each kind of odd resting pictures, with the names of the recordings.
+        held_out: Lines about what is held out together.
     """
 
     totals: dict[tuple[str, str], Total]
@@ -107,6 +108,7 @@ class InspectionFindings:
     unreadable: list[str]
     notes: list[str] = field(default_factory=list)
     looks: list[str] = field(default_factory=list)
+    held_out: list[str] = field(default_factory=list)
 
     @property
     def recordings(self) -> int:
@@ -135,6 +137,7 @@ class InspectionFindings:
                 worst = self.worst.get(name)
                 of = f", the worst {worst[0].key}: {worst[0].words}" if worst else ""
                 lines.append(f"{count} {name.replace('_', ' ')}{of}")
+        lines += [f"held out: {line}" for line in self.held_out]
         lines += self.looks
         counted = (
             ("recording", " cannot be read", self.unreadable),

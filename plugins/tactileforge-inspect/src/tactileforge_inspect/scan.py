@@ -171,6 +171,7 @@ def scan_dataset(dataset: Dataset, limit: int, progress: bool) -> Scan:
         looks=looks,
         unreadable=list(dict.fromkeys([*dataset.skipped, *unreadable])),
         notes=[*getattr(dataset, "notes", ()), *doubts.of_all()],
+        held_out=[*getattr(dataset, "held_out", ())],
     )
     strips = [item for item in seen if item.of.order in stripped]
     return Scan(tally, seen, strips, lags, same, similar, findings)

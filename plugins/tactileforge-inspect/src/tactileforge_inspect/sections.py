@@ -60,6 +60,8 @@ def totals(survey: Scan) -> Section:
         for source, licence, tier, count in source_rows(survey.tally.names, _SOURCES)
     ]
     body = table("recordings", head, rows, note)
+    for line in survey.findings.held_out:
+        body += paragraph(f"Held out: {line}.")
     body += table("sources", ("Source", "text|licence", "tier", "recordings"), lines)
     if names > _SOURCES:
         body += paragraph(f"And {names - _SOURCES} more sources.", soft=True)

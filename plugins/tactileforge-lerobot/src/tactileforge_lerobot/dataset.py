@@ -206,6 +206,12 @@ class LeRobot:
         failed.append(error)
         add_once(self.skipped, error)
 
+    @property
+    def held_out(self) -> list[str]:
+        """What is held out together."""
+        unit = "data set" if self.reading.objects else "episode"
+        return [f"by {unit}, with all its sensors and cameras"] if self.val else []
+
     def plot(self, recording: Recording) -> Figure:
         """Plots a recording."""
         from tactileforge.reading import plot_recording

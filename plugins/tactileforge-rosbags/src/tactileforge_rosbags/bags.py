@@ -14,6 +14,7 @@ from threading import RLock
 from typing import Any
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.reading import folders_below
 
 #: Ends of the files of bags.
 _ENDS = (".bag", ".db3", ".mcap")
@@ -132,16 +133,16 @@ def find_bags(root: Path) -> Iterator[Bag]:
 
 
 def _walk(root: Path) -> Iterator[Path]:
-    if not root.is_dir():
-        return
-    names = _names(root)
-    if _METADATA in names and any(name.endswith(_ENDS + _PACKED) for name in names):
-        yield root
-        return
-    yield from (one for one in _files(root) if one.suffix in _ENDS)
-    for one in sorted(root.iterdir()):
-        if one.is_dir() and not one.is_symlink() and not one.name.startswith("."):
-            yield from _walk(one)
+    bags: list[Path] = []
+    for place in folders_below(root) if root.is_dir() else ():
+        names = _names(place)
+        if any(place.is_relative_to(bag) for bag in bags):
+            continue
+        if _METADATA in names and any(name.endswith(_ENDS + _PACKED) for name in names):
+            bags.append(place)
+            yield place
+        else:
+            yield from (one for one in _files(place) if one.suffix in _ENDS)
 
 
 def _files(folder: Path) -> list[Path]:

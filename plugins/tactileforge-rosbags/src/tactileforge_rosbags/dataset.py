@@ -157,6 +157,11 @@ class Rosbags:
         self._failed = error
         add_once(self.skipped, error)
 
+    @property
+    def held_out(self) -> list[str]:
+        """What is held out together."""
+        return ["by bag, with all its sensors and cameras"] if self.val else []
+
     def plot(self, recording: Recording) -> Figure:
         """Plots a recording."""
         from tactileforge.reading import plot_recording

@@ -20,7 +20,13 @@ from tactileforge.data import (
     turned,
 )
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.reading import check_action, check_sensor, number_or_text, parse_background
+from tactileforge.reading import (
+    check_action,
+    check_sensor,
+    number_or_text,
+    parse_background,
+    trial_of,
+)
 from tactileforge_datasets.samples.layout import SampleLayout, newtons
 from tactileforge_datasets.samples.places import (
     VIDEOS,
@@ -62,7 +68,7 @@ class SampleOpener:
         """Name of the unit held out together."""
         template = self.layout.unit
         if not template:
-            return unit.name
+            return trial_of(unit.name)
         try:
             values = UnitValues(self.layout, unit, f"{self.path}, {unit.name}")
             return values.text(template) or unit.name

@@ -1,0 +1,80 @@
+"""Search of folders whose folders may be links, as clusters keep their data."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from tactileforge.data.frames.companions import is_companion
+
+
+def folders_below(
+    root: Path, left_out: Callable[[Path], object] = lambda path: None, hidden: bool = False
+) -> Iterator[Path]:
+    """Yields a folder and those below it, behind links too, each once by whatever name.
+
+    Args:
+        root: The folder.
+        left_out: Is told of links to nothing, links to folders that are yielded already (such as
+            one around the link), and folders that cannot be entered.
+        hidden: Whether hidden folders, and those of an operating system, are entered.
+    """
+    seen: set[tuple[int, int]] = set()
+    # links last: a folder that lies below the root itself keeps its own name
+    places, links = [root], []
+    while places or links:
+        place = places.pop() if places else links.pop(0)
+        try:
+            about = place.stat()
+            if (about.st_dev, about.st_ino) in seen:
+                left_out(place)
+                continue
+            with os.scandir(place) as entries:
+                inner = sorted(entries, key=lambda entry: entry.name, reverse=True)
+        except OSError:
+            left_out(place)
+            continue
+        seen.add((about.st_dev, about.st_ino))
+        yield place
+        for entry in inner:
+            path = place / entry.name
+            if not hidden and is_companion(Path(entry.name)):
+                continue
+            if entry.is_symlink():
+                # a link to nothing may have been one to a folder; one with an ending, to a file
+                if path.is_dir() or not (path.suffix or path.exists()):
+                    links.append(path)
+            elif entry.is_dir():
+                places.append(path)
+
+
+def matches(
+    root: Path, pattern: str, left_out: Callable[[Path], object] = lambda path: None
+) -> list[Path]:
+    """Paths below a folder that match a pattern, whose ``**`` enters links to folders too.
+
+    Args:
+        root: The folder.
+        pattern: Glob pattern, see `Path.glob`.
+        left_out: Is told of links and folders that are not entered, see `folders_below`.
+
+    Raises:
+        ValueError: The pattern is invalid.
+        NotImplementedError: It is an absolute path.
+    """
+    parts = pattern.split("/")
+    if "**" not in parts:
+        for place, part in enumerate(parts[:-1], 1):
+            for path in root.glob("/".join(parts[:place])) if "*" in part else ():
+                if path.is_symlink() and not path.exists():
+                    left_out(path)
+        return list(root.glob(pattern))
+    place = parts.index("**")
+    above, below = "/".join(parts[:place]), "/".join(parts[place + 1 :])
+    hidden = any(part.startswith(".") for part in parts if part not in (".", ".."))
+    found: dict[Path, None] = {}
+    for start in root.glob(above) if above else [root]:
+        for folder in folders_below(start, left_out, hidden) if start.is_dir() else ():
+            found |= dict.fromkeys(matches(folder, below, left_out) if below else [folder])
+    return list(found)
