@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
 from tactileforge.data.frames.crop import check_background_size
-from tactileforge.data.frames.lazy import Crop, ImageFrames, VideoFrames
+from tactileforge.data.frames.lazy import Crop, ImageFrames
+from tactileforge.data.frames.stacks import open_film
 from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.errors import DataError, DataNotFoundError
@@ -122,8 +123,8 @@ class LayoutReader:
         Raises:
             DataError: The frames cannot be read, or all of them are background.
         """
-        is_video = self.layout.each == "video"
-        frames = VideoFrames(touch.paths[0]) if is_video else ImageFrames(touch.paths)
+        is_film = self.layout.each == "video"
+        frames = open_film(touch.paths[0]) if is_film else ImageFrames(touch.paths)
         background = self.layout.background
         least = 0 if background is None or background.file else background.first + background.last
         if background is not None and background.frames and not background.file:
@@ -147,7 +148,7 @@ class LayoutReader:
             ConfigError: A label names an unknown sensor or action.
         """
         layout, row = self.layout, touch.row
-        video = frames if isinstance(frames, VideoFrames) else None
+        video = None if isinstance(frames, ImageFrames) else frames
         clock = self._clocks.times(touch.paths, video, partial(self._path, touch=touch))
         self._doubt(touch, clock.doubt)
         if layout.labels and not row.cells:
@@ -275,7 +276,7 @@ class LayoutReader:
         background = self._backgrounds[path]
         other = str(touch.paths[0])
         check_background_size(background.full_shape, frames.full_shape, str(path), other)
-        if isinstance(background, VideoFrames) and not (rule.first + rule.last or rule.frames):
+        if not isinstance(background, ImageFrames) and not (rule.first + rule.last or rule.frames):
             raise DataError(f"{path}: a video as background: say which frames with first or last")
         return background
 
