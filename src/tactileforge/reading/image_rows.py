@@ -75,6 +75,8 @@ class ImageRows:
     def _check(
         self, path: Path, table: dict[str, Row], images: Sequence[Path], is_shared: bool
     ) -> None:
+        if "*" in path.name:  # a file a row: others may lie beside those of images
+            return
         known = {name for image in images for name in self._spellings(image, path, is_shared)}
         for name, (where, _) in table.items():
             # A row may name an existing file outside the layout's pattern.

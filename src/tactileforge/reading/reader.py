@@ -96,8 +96,11 @@ class LayoutReader:
     def _without_backgrounds(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
         """Touches without the background images, and without touches left empty."""
         rule = self.layout.background
-        if rule is None or rule.file is None or self.layout.each == "video":
+        if rule is None or rule.file is None:
             return self._in_order(touches)
+        # a video may name itself, with the frames in it: one file for all is no touch
+        if self.layout.each == "video" and template_columns(rule.file):
+            return touches
         names = {touch.row.fill(rule.file) for touch in touches}
         still = {self.folder / name for name in names if name is not None}
         kept = [

@@ -26,9 +26,10 @@ STACK_SUFFIXES = _TIFF | {".npy"}
 
 
 class StackFrames(Cropped):
-    """Frames of a stack: pages of a TIFF, or uint8 (T, H, W, 3), RGB, or (T, H, W), grey, of a .npy.
+    """Frames of a stack: pages of a TIFF, or an array of a .npy.
 
-    Opening reads headers only; a stack knows no times.
+    The array is uint8 (T, H, W, 3), RGB, or (T, H, W), grey. Opening reads headers only; a stack
+    knows no times.
 
     Args:
         path: Path of the file.
