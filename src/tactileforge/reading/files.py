@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import csv
+import os
 import shlex
 from collections.abc import Sequence
 from io import StringIO
@@ -172,6 +173,11 @@ def _any_case(pattern: str) -> str:
     if not dot or not ending.isalnum() or not ending.isascii():
         return pattern
     return start + dot + "".join(f"[{c.lower()}{c.upper()}]" if c.isalpha() else c for c in ending)
+
+
+def names_below(folder: Path) -> frozenset[str]:
+    """Names of all files below a folder, without their folders."""
+    return frozenset(name for _, _, names in os.walk(folder) for name in names)
 
 
 def kind_of(path: Path) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from posixpath import normpath
 
 from tactileforge.errors import ConfigError, DataError
+from tactileforge.reading.files import names_below
 from tactileforge.reading.tables import Row, read_cells
 
 #: Largest number of names that a slip is compared with.
@@ -78,9 +79,14 @@ class ImageRows:
         if "*" in path.name:  # a file a row: others may lie beside those of images
             return
         known = {name for image in images for name in self._spellings(image, path, is_shared)}
+        elsewhere: frozenset[str] | None = None
         for name, (where, _) in table.items():
             # A row may name an existing file outside the layout's pattern.
             if name in known or any((base / name).exists() for base in (self.folder, path.parent)):
+                continue
+            if elsewhere is None:
+                elsewhere = names_below(self.folder) - {image.name for image in images}
+            if name in elsewhere:
                 continue
             fix = "correct the row, or remove it"
             if sum(image.name == name for image in images) > 1:

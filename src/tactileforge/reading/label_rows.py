@@ -12,6 +12,7 @@ from posixpath import normpath
 
 from tactileforge.data.labels.missing import stated
 from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.reading.files import names_below
 from tactileforge.reading.layout import DatasetLayout
 from tactileforge.reading.tables import Row, read_cells
 from tactileforge.reading.templates import template_columns, template_parts
@@ -149,9 +150,10 @@ def match_labels(
         if found in mine:
             raise DataError(f"{row.where}: {found!r} has a row already ({mine[found].where})")
         mine[found] = replace(row, words={**row.words, **_names(found, layout)})
+    elsewhere = names_below(folder) if missed else frozenset()
     for written, row in missed:
         plain = names.plain(written)
-        is_there = (folder / plain).exists() or any(folder.rglob(_literal(plain)))
+        is_there = (folder / plain).exists() or plain in elsewhere
         # one CSV may label the files of several layouts: theirs pass, once some are ours
         if of_touch and is_there and not names.any_below(plain):
             continue
@@ -269,11 +271,6 @@ class _Names:
         last = name.rpartition("/")[2].casefold()
         alike = [one for one in self.all if one.rpartition("/")[2].casefold() == last]
         return get_close_matches(name, (alike or self.all)[:_COMPARED], 1, 0.0)[0]
-
-
-def _literal(name: str) -> str:
-    """A name as a pattern of itself, one that matches nothing for a whole path."""
-    return re.sub(r"([*?[])", r"[\1]", name.rpartition("/")[2]) if "/" not in name else "\0"
 
 
 def _forward(path: str) -> str:

@@ -84,6 +84,16 @@ def name_keys(paths: Iterable[Path]) -> Mapping[Path, tuple[Any, ...]]:
     return keys
 
 
+def name_prefix(stem: str) -> str:
+    """What stands before the last number of a name, and before its date or parts.
+
+    Example:
+        >>> name_prefix("mug_1700000000.033"), name_prefix("mug_2_00012"), name_prefix("00012")
+        ('mug', 'mug_2', '')
+    """
+    return re.sub(r"[\d.]*\d\D*$", "", stem).rstrip("_-. ")
+
+
 def by_pattern(paths: Sequence[Path], pattern: str, layout: str) -> list[Path]:
     """Images sorted by a number in their names, found by a pattern.
 

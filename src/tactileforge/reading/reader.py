@@ -28,7 +28,7 @@ from tactileforge.reading.layout import (
     check_sensor,
 )
 from tactileforge.reading.layout_keys import FrameTable
-from tactileforge.reading.order import order_doubt
+from tactileforge.reading.order import name_prefix, order_doubt
 from tactileforge.reading.tables import number_or_text
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.touch import FileFrames, LayoutTouch, open_files
@@ -83,15 +83,34 @@ class LayoutReader:
                 f"{deeper(self.folder, self.layout.globs, self.layout.name)}; set data.root to the "
                 f"folder of the data, or correct the pattern of layout {self.layout.name!r}"
             )
-        named: dict[str, list[Path]] = {}
-        for path in files:
-            touch = path.parent if self.layout.each == "sequence" else path
-            named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
+        named = self._grouped(files)
         self._of(ImageRows(self.folder, files))
         labels = match_labels(self.layout, self.folder, named)
         return self._without_backgrounds(
             [LayoutTouch(name, paths, labels[name]) for name, paths in named.items()]
         )
+
+    def _grouped(self, files: list[Path]) -> dict[str, list[Path]]:
+        """Files of each touch, by its name from the folder of the layout."""
+        layout, named = self.layout, dict[str, list[Path]]()
+        rows: dict[str, LabelRow] = {}
+        if layout.recording:
+            each = {path.relative_to(self.folder).as_posix(): [path] for path in files}
+            rows = match_labels(replace(layout, each="touch"), self.folder, each)
+        for path in files:
+            touch = path.parent if layout.each == "sequence" else path
+            if layout.recording:
+                row = rows[path.relative_to(self.folder).as_posix()]
+                row = replace(row, words={**row.words, "prefix": name_prefix(path.stem)})
+                group = row.fill(layout.recording)
+                if not group:
+                    raise DataError(
+                        f"{row.where}: no value for recording: {layout.recording!r}; fill it in, "
+                        "or move the image out"
+                    )
+                touch /= group
+            named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
+        return named
 
     def _without_backgrounds(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
         """Touches without the background images, and without touches left empty."""
