@@ -70,7 +70,7 @@ def test_images_that_follow_each_other_are_recordings(tmp_path: Path, stamped: b
     layout = guess.options["layouts"]["guessed"]
     assert (layout.get("times"), layout.get("fps")) == (("names", None) if stamped else (None, 30))
     assert layout["sensor"] == "digit", "by the name of the folder"
-    assert layout["force"]["file"] == "{stem}/{stem}.csv"
+    assert layout["force"]["file"] == "{file}/{stem}.csv"
     found = read(tmp_path, guess)
     assert [len(touch.frames) for touch in found] == [24] * 3
     assert found[0].force[20, 2] == pytest.approx(2, abs=0.1)

@@ -14,13 +14,13 @@ from tactileforge.data.labels.missing import stated
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.reading.files import names_below
 from tactileforge.reading.layout import DatasetLayout
-from tactileforge.reading.tables import Row, read_cells
+from tactileforge.reading.tables import read_cells
 from tactileforge.reading.templates import template_columns, template_parts
 
 #: Largest number of names compared with an unknown one for a suggestion.
 _COMPARED = 2000
 #: Ending of a file: starts with a letter, other than the last number of 8.5.
-_ENDING = re.compile(r"\.[A-Za-z]\w*$")
+ENDING = re.compile(r"\.[A-Za-z]\w*$")
 
 
 @dataclass(frozen=True)
@@ -174,31 +174,33 @@ def _own_rows(
 ) -> dict[str, LabelRow]:
     """The row of each touch from a file of its own, or of its folder; see `match_labels`."""
     found: dict[str, LabelRow] = {}
-    last: tuple[Path, list[Row]] | None = None  # touches of one folder share its file
-    for name, paths in files.items():
+    of_file: dict[Path, list[str]] = {}  # touches of one folder share its file
+    for name in files:
         filled = LabelRow(name, {}, _names(name, layout)).fill(template)
-        path = folder / (filled or "")
-        if last is None or last[0] != path:
-            is_there = any(path.parent.glob(path.name)) if "*" in path.name else path.is_file()
-            last = path, read_cells(path, [*layout.words]) if is_there else []
-        if not last[1]:
+        of_file.setdefault(folder / (filled or ""), []).append(name)
+    for path, touches in of_file.items():
+        many = "*" in path.name
+        if not (any(path.parent.glob(path.name)) if many else path.is_file()):
             continue
-        rows = last[1]
-        if len(rows) == 1 and "*" not in path.name:
-            found[name] = _row(name, *rows[0], layout)
+        rows = read_cells(path, [*layout.words])
+        if len(rows) == 1 and not many:
+            found |= {name: _row(name, *rows[0], layout) for name in touches}
             continue
-        names = _Names([one.relative_to(folder).as_posix() for one in paths], folder, path.parent)
-        mine = {}
+        touch_of = {
+            one.relative_to(folder).as_posix(): name for name in touches for one in files[name]
+        }
+        touch_of |= {name: name for name in touches}
+        names = _Names(touch_of, folder, path.parent)
+        mine: dict[str, dict[str, LabelRow]] = {}
         for where, cells in rows:
             if layout.key not in cells:
                 raise ConfigError(
-                    f"{path}: {len(rows)} rows of one recording, so key: names the column of its "
-                    f"images: {unknown('column', layout.key, cells)}"
+                    f"{path}: {len(rows)} rows, so key: names the column of the files that they "
+                    f"are of: {unknown('column', layout.key, cells)}"
                 )
-            if image := names.find(cells[layout.key]):
-                mine[image] = _row(image, where, cells, layout)
-        if mine:
-            found[name] = _merged(name, mine, layout)
+            if file := names.find(cells[layout.key]):
+                mine.setdefault(touch_of[file], {})[file] = _row(file, where, cells, layout)
+        found |= {name: _merged(name, inside, layout) for name, inside in mine.items()}
     header = dict.fromkeys((column for row in found.values() for column in row.words), "")
     return {
         name: replace(found[name], words=header | dict(found[name].words))
@@ -233,7 +235,7 @@ class _Names:
         self._short: dict[str, str | None] = {}
         for plain, name in self._exact.items():
             bare = plain.rpartition("/")[2]
-            for short in {bare, _ENDING.sub("", bare), _ENDING.sub("", plain)}:
+            for short in {bare, ENDING.sub("", bare), ENDING.sub("", plain)}:
                 known = self._short.setdefault(short, name)
                 self._short[short] = name if known == name else None
 
