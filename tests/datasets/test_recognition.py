@@ -68,7 +68,9 @@ def test_images_that_follow_each_other_are_recordings(tmp_path: Path, stamped: b
         (folder / f"take_{number}.csv").write_text("t,fx [N],fy [N],fz [N]\n" + rows)
     guess = guess_layout(tmp_path / "digit_set")
     layout = guess.options["layouts"]["guessed"]
-    assert (layout.get("times"), layout.get("fps")) == (("names", None) if stamped else (None, 30))
+    of_table = {"file": "{file}/{stem}.csv", "column": "t"}
+    assert layout["times"] == ("names" if stamped else of_table)
+    assert "fps" not in layout
     assert layout["sensor"] == "digit", "by the name of the folder"
     assert layout["force"]["file"] == "{file}/{stem}.csv"
     found = read(tmp_path, guess)

@@ -157,12 +157,12 @@ def _units(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Unit
     count = len(frames) if frames is not None else len(first)
     own = getattr(frames, "times", None)
     seconds = float(own[-1]) if own is not None else count / layout.get("fps", ASSUMED_FPS)
-    is_dated = False
-    if layout.get("times") == "names":
+    is_dated, is_timed = False, layout.get("times") == "names"
+    if is_timed:
         clock = name_times([path.stem for path in first], None)
         is_dated = clock.start is not None
         seconds = seconds if clock.times is None else float(clock.times[-1])
-    return Units(root, each, files, count, seconds, is_dated)
+    return Units(root, each, files, count, seconds, is_timed, is_dated)
 
 
 def _stacks(files: Sequence[Path]) -> list[Path]:
@@ -375,7 +375,8 @@ def _object(
 ) -> dict[str, Any]:
     """Keys of objects by folder."""
     above = {path.parent for path in media} - {root}
-    if layout.get("each") == "touch" and len(above) > 1:
-        doubts.append("object: named by the folder of an image")
-        return {"object": "{folder}"}
-    return {}
+    if layout.get("each") != "touch" or len(above) < 2:
+        return {}
+    is_sensor = bool(folder) and all(path.name == folder for path in above)
+    doubts.append(f"object: named by the folder of {'a sensor' if is_sensor else 'an image'}")
+    return {"object": "{parent}" if is_sensor else "{folder}"}

@@ -16,6 +16,7 @@ from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.reading.label_rows import ENDING
+from tactileforge.reading.order import name_prefix
 from tactileforge.reading.records import FILE_COLUMN, RECORDS, conversion
 from tactileforge.reading.tables import read_cells
 from tactileforge.specs.published import spec
@@ -69,7 +70,8 @@ class Units:
             of its files.
         count: Frames of the first recording.
         seconds: Duration of the first recording.
-        is_dated: Whether its frames have times since 1970.
+        is_timed: Whether names tell the times of its frames.
+        is_dated: Whether these are since 1970.
     """
 
     root: Path
@@ -77,6 +79,7 @@ class Units:
     files: Mapping[Parts, Sequence[Path]]
     count: int
     seconds: float
+    is_timed: bool
     is_dated: bool
 
 
@@ -158,6 +161,7 @@ class _Places:
     def __init__(self, units: Units) -> None:
         self.units = units
         self._exact: dict[tuple[Parts, str], Parts] = {}
+        self._prefix: dict[tuple[Parts, str], Parts] = {}
         self._stem: dict[str, Parts] = {}
         self._inside: dict[Parts, list[Parts]] = {}
         self._below: dict[Parts, Parts] = {}
@@ -165,6 +169,7 @@ class _Places:
         for parts, paths in units.files.items():
             stem = self._name(parts)
             self._exact.setdefault((parts[:-1], stem), parts)
+            self._prefix.setdefault((parts[:-1], name_prefix(stem)), parts)
             self._stem.setdefault(stem, parts)
             self._inside.setdefault(parts[:-1], []).append(parts)
             inside = parts if units.each == "sequence" else parts[:-1]
@@ -193,7 +198,13 @@ class _Places:
         unit = self._exact.get((folder, stem)) or self._exact.get((folder[:-1], stem))
         if unit is None:
             beside = [one for one in self._inside.get(folder, ()) if _starts(stem, self._name(one))]
-            unit = max(beside, key=len, default=None) or self._stem.get(stem) or below
+            unit = max(beside, key=len, default=None) or self._stem.get(stem)
+        prefix = name_prefix(stem)
+        if unit is None and self.units.each == "video" and prefix:
+            unit = self._prefix.get((folder, prefix))
+            if unit is not None:
+                stem = "{prefix}" + stem[len(prefix) :]
+        unit = below if unit is None else unit
         name = self._name(unit)
         above = unit[-2] if len(unit) > 1 else ""
         if unit and _starts(stem, name):
@@ -235,7 +246,8 @@ def _filled(family: Family, units: Units) -> Iterator[bool]:
         padded = ("", "", *unit)
         stem = padded[-1] if units.each == "sequence" else PurePath(padded[-1]).stem
         name = family.template.replace("{file}", "/".join(unit)).replace("{stem}", stem)
-        yield name.replace("{folder}", padded[-2]).replace("{parent}", padded[-3]) in there
+        name = name.replace("{prefix}", name_prefix(stem)).replace("{folder}", padded[-2])
+        yield name.replace("{parent}", padded[-3]) in there
 
 
 def is_for_all(family: Family, units: Units) -> bool:
@@ -264,6 +276,8 @@ def guess_times(
             continue
         values = _numbers(family, column)
         if len(values) < 2 or not (np.diff(values) > 0).all():
+            continue
+        if units.is_timed and (units.is_dated or not date_unit(values)):
             continue
         # a key of single images alone: in a table of all, one of recordings says nothing of frames
         by_name = family.key is not None and units.each == "sequence"
@@ -464,7 +478,7 @@ def _key(rows: Cells, names: set[str]) -> str | None:
     """Column with the names of files; None without one."""
     for title in rows[0]:
         cells = [row[title] for row in rows if stated(row[title])]
-        found = sum(cell.replace("\\", "/").rpartition("/")[2] in names for cell in cells)
-        if cells and found >= _ABOUT * len(cells):
+        found = {cell for cell in cells if cell.replace("\\", "/").rpartition("/")[2] in names}
+        if cells and len(found) >= _ABOUT * len(cells):  # each once: zeros are no names
             return title
     return None

@@ -10,6 +10,7 @@ from posixpath import normpath
 
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.files import names_below
+from tactileforge.reading.records import RECORDS
 from tactileforge.reading.tables import Row, read_cells
 
 #: Largest number of names that a slip is compared with.
@@ -112,8 +113,11 @@ class ImageRows:
 
 def names_images(path: Path) -> bool:
     """Whether the rows of a CSV name images, by a column of `KEYS`."""
-    first = next(iter(read_cells(path, [])), None)
-    return first is not None and any(name in first[1] for name in KEYS)
+    rows = read_cells(path, [])
+    # a JSON of one image has its values, and no need of its name: {"name": "mug", "force": 2}
+    if not rows or (len(rows) == 1 and path.suffix.lower() in RECORDS):
+        return False
+    return any(name in rows[0][1] for name in KEYS)
 
 
 def _table(path: Path, key: str | None, columns: Sequence[str]) -> dict[str, Row]:

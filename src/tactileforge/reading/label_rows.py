@@ -30,8 +30,8 @@ class LabelRow:
     Attributes:
         where: CSV and line, or the file itself without a row.
         cells: Values of the CSV by column; "" for a missing one.
-        words: Values by column, with ranks as words, and ``file``, ``stem``, ``folder`` and
-            ``parent``.
+        words: Values by column, with ranks as words, and ``file``, ``stem``, ``prefix``, ``folder``
+            and ``parent``.
         images: Rows of the images of a folder, by file; empty for a folder with one row.
         mixed: Description of the difference, by column, for columns of unequal rows of a folder.
     """
@@ -318,7 +318,13 @@ def _names(name: str, layout: DatasetLayout) -> dict[str, str]:
     path = Path(name)
     folder = path.parent
     stem = path.name if layout.each == "sequence" else path.stem  # a folder has no ending
-    return {"file": name, "stem": stem, "folder": folder.name, "parent": folder.parent.name}
+    return {
+        "file": name,
+        "stem": stem,
+        "prefix": name_prefix(stem),
+        "folder": folder.name,
+        "parent": folder.parent.name,
+    }
 
 
 def _word(words: Mapping[str, str] | None, value: str, where: str) -> str:

@@ -36,7 +36,7 @@ ROTATIONS = (0, 90, 180, 270)
 MIRRORS = ("none", "x", "y")
 
 #: Columns of every file, independent of its labels.
-FILE_COLUMNS = ("file", "stem", "folder", "parent")
+FILE_COLUMNS = ("file", "stem", "prefix", "folder", "parent")
 
 EXAMPLE = """layouts:
   my_touches:

@@ -28,7 +28,7 @@ from tactileforge.reading.layout import (
     check_sensor,
 )
 from tactileforge.reading.layout_keys import FrameTable
-from tactileforge.reading.order import name_prefix, order_doubt
+from tactileforge.reading.order import order_doubt
 from tactileforge.reading.tables import number_or_text
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.touch import FileFrames, LayoutTouch, open_files
@@ -101,7 +101,6 @@ class LayoutReader:
             touch = path.parent if layout.each == "sequence" else path
             if layout.recording:
                 row = rows[path.relative_to(self.folder).as_posix()]
-                row = replace(row, words={**row.words, "prefix": name_prefix(path.stem)})
                 group = row.fill(layout.recording)
                 if not group:
                     raise DataError(
