@@ -14,6 +14,7 @@ from tactileforge.data.labels.missing import stated
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.reading.files import names_below
 from tactileforge.reading.layout import DatasetLayout
+from tactileforge.reading.order import name_prefix
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.templates import template_columns, template_parts
 
