@@ -109,6 +109,7 @@ def test_the_command_reads_keeps_and_says_what_is_doubtful(
     assert "a folder of videos, read by data=recordings" in told
     assert "to be checked: sensor: no name tells the type" in told
     assert "24 recordings" in told
+    assert "To be checked: sensor: no name tells the type" in page.read_text()
     kept = load_yaml(page.with_suffix(".yaml").read_text())
     (videos / "tactileforge.yaml").write_text(page.with_suffix(".yaml").read_text())
     assert kept["layouts"]["guessed"]["object"] == "{object}"
