@@ -68,9 +68,11 @@ def test_images_that_follow_each_other_are_recordings(tmp_path: Path, stamped: b
         (folder / f"take_{number}.csv").write_text("t,fx [N],fy [N],fz [N]\n" + rows)
     guess = guess_layout(tmp_path / "digit_set")
     layout = guess.options["layouts"]["guessed"]
-    assert (layout.get("times"), layout.get("fps")) == (("names", None) if stamped else (None, 30))
+    of_table = {"file": "{file}/{stem}.csv", "column": "t"}
+    assert layout["times"] == ("names" if stamped else of_table)
+    assert "fps" not in layout
     assert layout["sensor"] == "digit", "by the name of the folder"
-    assert layout["force"]["file"] == "{stem}/{stem}.csv"
+    assert layout["force"]["file"] == "{file}/{stem}.csv"
     found = read(tmp_path, guess)
     assert [len(touch.frames) for touch in found] == [24] * 3
     assert found[0].force[20, 2] == pytest.approx(2, abs=0.1)
@@ -107,6 +109,7 @@ def test_the_command_reads_keeps_and_says_what_is_doubtful(
     assert "a folder of videos, read by data=recordings" in told
     assert "to be checked: sensor: no name tells the type" in told
     assert "24 recordings" in told
+    assert "To be checked: sensor: no name tells the type" in page.read_text()
     kept = load_yaml(page.with_suffix(".yaml").read_text())
     (videos / "tactileforge.yaml").write_text(page.with_suffix(".yaml").read_text())
     assert kept["layouts"]["guessed"]["object"] == "{object}"

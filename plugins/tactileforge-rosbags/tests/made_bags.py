@@ -55,8 +55,13 @@ class Messages:
         height, width = pixels.shape[:2]
         if encoding == "bgr8":
             pixels = pixels[..., ::-1]
-        elif encoding == "mono8":
+        elif encoding in ("mono8", "8UC1"):
             pixels = pixels[..., :1]
+        elif encoding in ("rgba8", "bgra8", "8UC4"):
+            colours = pixels if encoding == "rgba8" else pixels[..., ::-1]
+            pixels = np.dstack([colours, np.full((height, width), 9, np.uint8)])
+        elif encoding == "8UC3":
+            pixels = pixels[..., ::-1]
         rows = np.ascontiguousarray(pixels).reshape(height, -1)
         rows = np.pad(rows, ((0, 0), (0, pad)), constant_values=7)
         return self.make(

@@ -20,6 +20,7 @@ from rosbags import rosbag1, rosbag2
 from tactileforge_rosbags import bags, pictures
 from tactileforge_rosbags.dataset import Rosbags
 
+from tactileforge.errors import DataError
 from tactileforge.testing import check
 
 each = pytest.mark.parametrize("kind", KINDS)
@@ -79,14 +80,50 @@ def test_they_travel_to_workers(kind, tmp_path):
     np.testing.assert_array_equal(other.frames.read([5]), found["right"].frames.read([5]))
 
 
-@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "mono8"])
+@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "mono8", "8UC1", "rgba8", "bgra8"])
 def test_raw_pictures_with_padded_rows(encoding, tmp_path):
     write(tmp_path / "one", "mcap", frame_rows("mcap", "/gel", 3, raw=encoding, pad=3))
     (one,) = Rosbags(str(tmp_path), {"/gel": "digit"}, val=0).recordings("train")
     wanted = picture(2)
-    if encoding == "mono8":
+    if encoding in ("mono8", "8UC1"):
         wanted = np.repeat(wanted[..., :1], 3, axis=2)
     np.testing.assert_array_equal(one.frames.read([2])[0], wanted)
+
+
+@pytest.mark.parametrize("encoding", ["8UC3", "8UC4"])
+def test_an_encoding_without_an_order_of_channels_is_read_where_the_map_says_it(encoding, tmp_path):
+    write(tmp_path / "set/one", "mcap", frame_rows("mcap", "/gel", 3, raw=encoding))
+    for said, wanted in (("true", picture(2)), ("false", picture(2)[..., ::-1])):
+        (tmp_path / "m.yaml").write_text(
+            f"touch: [{{topic: /gel, sensor: digit, exchanged: {said}}}]"
+        )
+        data = Rosbags(str(tmp_path / "set"), map=str(tmp_path / "m.yaml"), val=0)
+        (one,) = data.recordings("train")
+        np.testing.assert_array_equal(one.frames.read([2])[0], wanted)
+    unsaid = Rosbags(str(tmp_path / "set"), {"/gel": "digit"}, val=0)
+    with pytest.raises(
+        DataError, match=rf"'{encoding}' does not say .* exchanged: true where blue"
+    ):
+        list(unsaid.recordings("train"))
+
+
+@pytest.mark.parametrize(
+    ("encoding", "order"),
+    [("yuv422", "uyvy"), ("uyvy", "uyvy"), ("yuv422_yuy2", "yuyv"), ("yuyv", "yuyv")],
+)
+def test_pairs_of_pixels_with_one_colour(encoding, order, tmp_path):
+    make = Messages("mcap")
+    # red, white, black and grey of BT.601: y, u, v
+    colours = ((81, 90, 240), (235, 128, 128), (16, 128, 128), (126, 128, 128))
+    values = {"y": 0, "u": 1, "v": 2}
+    row = [colour[values[one]] for colour in colours for one in order]
+    pixels = np.tile(np.array(row, np.uint8).reshape(8, 2), (4, 1, 1))
+    write(tmp_path / "one", "mcap", [("/gel", BEGIN, make.raw(0, pixels, encoding, pad=2))])
+    (one,) = Rosbags(str(tmp_path), {"/gel": "digit"}, val=0).recordings("train")
+    wanted = [[254, 0, 0], [255, 255, 255], [0, 0, 0], [128, 128, 128]]
+    read = one.frames.read([0])[0].astype(int)
+    assert abs(read[3, ::2] - wanted).max() <= 1
+    np.testing.assert_array_equal(read[:, ::2], read[:, 1::2])
 
 
 def test_exchanged_colours_are_put_right(tmp_path):

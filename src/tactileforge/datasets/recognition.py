@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import logging
 from functools import cache
+from itertools import islice
 from pathlib import Path
 
 from tactileforge.contracts import Guess
 from tactileforge.errors import DataNotFoundError, PluginError
 from tactileforge.plugins import registry
+from tactileforge.reading.records import conversion
+
+#: Largest number of files looked at for one that can be converted.
+_MOST = 10_000
 
 log = logging.getLogger(__name__)
 
@@ -39,6 +44,10 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
         else:
             found += [] if guess is None else [(name, guess)]
     if not found:
+        files = path.rglob("*") if path.is_dir() else [path]
+        told = [f"{one} is {how}" for one in islice(files, _MOST) if (how := conversion(one))]
+        if told:
+            raise DataNotFoundError(f"{path}: no installed data set recognises it; {told[0]}")
         raise DataNotFoundError(
             f"{path}: no installed data set recognises it, and it has no videos or images; "
             "tactileforge plugins list shows what is installed, docs/datasets.md what can be"

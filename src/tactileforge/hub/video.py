@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frames
 from tactileforge.data.frames.cut import clip_rows, clip_step, frame_period
 from tactileforge.data.frames.lazy import ArrayFrames, VideoFrames
+from tactileforge.data.frames.stacks import open_film
 from tactileforge.data.frames.video_clock import video_times
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.sensors.streaming.buffer import warn_of_slow_frames
@@ -30,7 +31,7 @@ def open_video(video: Video) -> Frames:
         DataError: The file is no video, or the array is of another type or shape.
     """
     if isinstance(video, str | Path):
-        return VideoFrames(video)
+        return open_film(video)
     return ArrayFrames(video) if isinstance(video, np.ndarray) else video
 
 

@@ -185,6 +185,11 @@ def _any_case(pattern: str) -> str:
     return start + dot + "".join(f"[{c.lower()}{c.upper()}]" if c.isalpha() else c for c in ending)
 
 
+def names_below(folder: Path) -> frozenset[str]:
+    """Names of all files below a folder, without their folders."""
+    return frozenset(name for _, _, names in os.walk(folder) for name in names)
+
+
 def kind_of(path: Path) -> str:
     """Kind of a path other than a file, in words."""
     if path.is_symlink() and not path.exists():

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.data.frames.stacks import StackFrames
 from tactileforge.data.frames.video import VideoFrames
 from tactileforge.data.frames.video_clock import rate_doubt, video_times
 from tactileforge.data.labels.clock import UNITS, check_rising, date_unit
@@ -55,18 +56,22 @@ class Clocks:
         self.rows = rows
 
     def times(
-        self, paths: list[Path], video: VideoFrames | None, file: Callable[[str], Path]
+        self,
+        paths: list[Path],
+        video: VideoFrames | StackFrames | None,
+        file: Callable[[str], Path],
     ) -> FrameClock:
         """The times of the frames of a touch.
 
         Args:
             paths: Files of the touch.
-            video: Frames of the video; None for images.
+            video: Frames of the video or stack; None for images.
             file: Function from a template of the layout to a path.
 
         Raises:
             DataError: The times do not increase, are not one per frame, or look like another unit.
-            ConfigError: The layout takes times from names without any times.
+            ConfigError: The layout takes times from names without any times, or says none of a
+                stack.
         """
         layout = self.layout
         if isinstance(layout.times, ClockKeys) and layout.times.file is not None:
@@ -80,6 +85,8 @@ class Clocks:
         if layout.fps:
             return FrameClock(np.arange(len(video)) / layout.fps)
         fix = f"give layout {layout.name!r} the rate of the camera: fps: 30"
+        if isinstance(video, StackFrames):
+            raise ConfigError(f"{video.path}: a stack has no times; {fix}, or times: of a CSV")
         return FrameClock(video_times(video, fix), doubt=rate_doubt(video))
 
     def ordered(self, paths: list[Path], file: Callable[[str], Path]) -> list[Path]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,24 @@ import numpy as np
 
 from tactileforge.contracts import Frames, Guess
 from tactileforge.data.frames.companions import is_companion
-from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
-from tactileforge.data.labels.missing import stated
-from tactileforge.data.labels.newtons import NEWTONS, named_unit
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.frames.stacks import is_stack, open_film
 from tactileforge.errors import TactileForgeError
-from tactileforge.reading.files import read_rows
+from tactileforge.reading.guessed_tables import (
+    SIDES,
+    Units,
+    families,
+    guess_force,
+    guess_labels,
+    guess_times,
+    is_for_all,
+    left_out,
+    templates,
+)
 from tactileforge.reading.linked import matches
 from tactileforge.reading.name_times import name_times
-from tactileforge.reading.order import name_keys
+from tactileforge.reading.order import name_keys, name_prefix
+from tactileforge.reading.records import RECORDS, conversion
 from tactileforge.reading.series import series_of
 from tactileforge.specs.published import SPECS
 
@@ -32,18 +43,16 @@ _MOST_FILES = 50_000
 _COMPARED, _SMOOTH = 24, 0.6
 #: Frames per second where nothing tells them: the usual rate of the cameras in such sensors.
 ASSUMED_FPS = 30
-#: Smallest share of files or names in a table, for the table to be about them.
-_ABOUT = 0.8
 _BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
-#: Headers of columns, without the unit behind them.
-_FORCES = {
-    axis: re.compile(rf"(?:force|f)[_ .]?{axis}\b.*|{axis}[_ .]?force\b.*") for axis in "xyz"
+#: Endings of tables that are read, and of files of labels that have to be converted.
+_TABLES = frozenset({".csv"}) | RECORDS
+#: Names of folders that are parts of a set.
+_SPLITS = {
+    **dict.fromkeys(("train", "training"), "train"),
+    **dict.fromkeys(("val", "valid", "validation", "dev", "eval", "test", "testing"), "val"),
 }
-_TIME = re.compile(
-    r"t|times?(?:tamps?)?(?:_s)?|(?:\w+\.)*(?:(?:time)?stamp[._])?(?:secs?|seconds?)"
-)
-_FRAME = re.compile(r"frame(?:_?i?d?x?)?")
-_OBJECT = re.compile(r"object(?:_name)?|label|class|name|material")
+#: Largest number of arrays whose headers are read.
+_MOST_ARRAYS = 500
 
 
 def guess_layout(root: Path) -> Guess | None:
@@ -58,48 +67,147 @@ def guess_layout(root: Path) -> Guess | None:
     found = (path for path in sorted(matches(root, "**/*")) if path.is_file())
     files = list(islice((x for x in found if not is_companion(x.relative_to(root))), _MOST_FILES))
     # videos first: stills beside them are usually backgrounds
-    media = _of(files, _VIDEOS) or _of(files, _IMAGES)
+    media = _of(files, _VIDEOS) or _stacks(files) or _of(files, _IMAGES)
     if not media:
         return None
-    doubts: list[str] = []
-    tables = [(path, rows) for path in _of(files, {".csv"}) if (rows := _rows(path))]
     touches = [path for path in media if not _BACKGROUND.search(path.stem.lower())] or media
-    layout = _frames(root, touches, doubts)
-    layout |= _sensor(root, touches, doubts)
-    layout |= _background(root, files, layout, doubts)
-    layout |= _force(root, touches, layout, tables, doubts)
-    layout |= _object(root, touches, layout, tables, doubts)
-    untold = [path for path in _of(files, {".csv"}) if not any(path.name in x for x in doubts)]
-    doubts += _left_out(root, untold, layout)
+    doubts: list[str] = []
+    layouts: dict[str, dict[str, Any]] = {}
+    read: set[Path] = set()
+    parts = _parts(root, touches)
+    for folder, own in parts.items():
+        told: list[str] = []
+        layouts[re.sub(r"\W+", "_", folder) or "guessed"] = layout = _layout(
+            root, folder, own, files, told, read
+        )
+        doubts += [f"{folder}: {line}" if folder else line for line in told]
+    labels = [path for path in files if path.suffix.lower() in _TABLES or conversion(path)]
+    seen = {*read, *media}
+    unread = [path for path in labels if path not in seen and path.suffix not in (".yaml", ".yml")]
+    doubts += left_out([path for path in unread if not any(path.name in x for x in doubts)], root)
+    (layout, *_) = layouts.values()
     kind = "videos" if "videos" in layout else f"images, each {layout['each']} a recording"
-    options = {"root": str(root), "layouts": {"guessed": layout}}
+    options = {"root": str(root), "layouts": layouts}
     return Guess(options=options, format=f"a folder of {kind}", score=0.1, doubts=doubts)
+
+
+def _parts(root: Path, media: Sequence[Path]) -> dict[str, list[Path]]:
+    """Files of each layout: by folders named by sensors or splits, or all of them (``""``)."""
+    paths = [path.relative_to(root).parts[:-1] for path in media]
+    for depth in range(min(map(len, paths))):
+        folders: dict[str, list[Path]] = {}
+        for path, parts in zip(media, paths, strict=True):
+            folders.setdefault(parts[depth], []).append(path)
+        sensors = {sensor for name in folders if (sensor := named_sensor(name))}
+        if len(sensors) > 1 or (
+            len(folders) > 1 and {x.lower() for x in folders} <= _SPLITS.keys()
+        ):
+            return folders
+    return {"": list(media)}
+
+
+def _layout(
+    root: Path,
+    folder: str,
+    media: Sequence[Path],
+    files: Sequence[Path],
+    doubts: list[str],
+    read: set[Path],
+) -> dict[str, Any]:
+    """The layout of media of one sensor or split; ``read`` gets the tables that it reads."""
+    layout = _frames(root, media, files, doubts)
+    layout |= _sensor(root, folder, media, doubts)
+    units = _units(root, media, layout)
+    tables = [path for path in _of(files, _TABLES) if path not in set(media)]
+    own = folder and [path for path in tables if folder in path.relative_to(root).parts]
+    found = families(
+        [*own, *[path for path in tables if path not in own]] if own else tables, units
+    )
+    times, is_dated = guess_times(found, units, doubts)
+    units = replace(units, is_dated=is_dated)
+    force, of_force = guess_force(found, units, doubts)
+    labels, of_labels = guess_labels(found, units, doubts)
+    if times:
+        layout.pop("fps", None)
+        doubts[:] = [line for line in doubts if not line.startswith("fps:")]
+    layout |= times | _background(root, folder, media, files, layout, doubts) | force
+    if "sensor" in labels:
+        doubts[:] = [line for line in doubts if not line.startswith("sensor:")]
+    layout |= labels if labels else {}
+    if "object" not in layout:
+        layout |= _object(root, folder, media, layout, doubts)
+    if folder.lower() in _SPLITS:
+        layout["split"] = _SPLITS[folder.lower()]
+    used = {times["times"]["file"]} if times else set()
+    read |= {
+        path
+        for family in found
+        if family in (*of_force, *of_labels) or family.template in used
+        for path in family.files
+    }
+    return layout
+
+
+def _units(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Units:
+    each = "video" if "videos" in layout else layout["each"]
+    files: dict[tuple[str, ...], list[Path]] = {}
+    for path in media:
+        unit = path.parent if each == "sequence" else path
+        files.setdefault(unit.relative_to(root).parts, []).append(path)
+    first = next(iter(files.values()))
+    frames = _open(first[0]) if each == "video" else None
+    count = len(frames) if frames is not None else len(first)
+    own = getattr(frames, "times", None)
+    seconds = float(own[-1]) if own is not None else count / layout.get("fps", ASSUMED_FPS)
+    is_dated, is_timed = False, layout.get("times") == "names"
+    if is_timed:
+        clock = name_times([path.stem for path in first], None)
+        is_dated = clock.start is not None
+        seconds = seconds if clock.times is None else float(clock.times[-1])
+    return Units(root, each, files, count, seconds, is_timed, is_dated)
+
+
+def _stacks(files: Sequence[Path]) -> list[Path]:
+    """Stacks of pictures: TIFF of several pages, or arrays of pixels."""
+    tiffs = _of(files, {".tif", ".tiff"})
+    if tiffs and is_stack(tiffs[0]):
+        return tiffs
+    found, names = [], dict[str, bool]()
+    for path in _of(files, {".npy"}):
+        # files of one name hold the same
+        if path.name not in names and len(names) < _MOST_ARRAYS:
+            names[path.name] = _open(path) is not None
+        if names.get(path.name):
+            found.append(path)
+    return found
 
 
 def _of(files: Sequence[Path], endings: frozenset[str] | set[str]) -> list[Path]:
     return [path for path in files if path.suffix.lower() in endings]
 
 
-def _rows(path: Path) -> list[list[str]]:
-    try:
-        return read_rows(path)
-    except TactileForgeError:  # the reader names it, once it is told to read it
-        return []
-
-
-def _frames(root: Path, media: Sequence[Path], doubts: list[str]) -> dict[str, Any]:
+def _frames(
+    root: Path, media: Sequence[Path], files: Sequence[Path], doubts: list[str]
+) -> dict[str, Any]:
     """Keys of the files and of their times."""
-    depths = {len(path.relative_to(root).parts) for path in media}
-    above = "*/" * (depths.pop() - 1) if len(depths) == 1 else "**/"
-    endings = sorted({path.suffix.lower() for path in media})
-    patterns = [f"{above}*{ending}" for ending in endings]
-    pattern = patterns[0] if len(patterns) == 1 else patterns
-    if media[0].suffix.lower() in _VIDEOS:
+    pattern = _pattern(root, media, files)
+    ending = media[0].suffix.lower()
+    if ending in _VIDEOS:
         return {"videos": pattern}
+    if is_stack(media[0]):
+        doubts.append(f"fps: {ASSUMED_FPS} is assumed, a stack tells no times")
+        return {"videos": pattern, "fps": ASSUMED_FPS}
     folders: dict[Path, list[Path]] = {}
+    named: dict[tuple[Path, str], list[Path]] = {}
     for path in media:
         folders.setdefault(path.parent, []).append(path)
-    largest = max(series_of(max(folders.values(), key=len)).values(), key=len)
+        named.setdefault((path.parent, name_prefix(path.stem)), []).append(path)
+    series = series_of(max(folders.values(), key=len))
+    largest = max(series.values(), key=len)
+    # series that count alike are those of several sensors; others are recordings
+    prefixes = _told_apart(named) if len(series) == 1 else []
+    if prefixes:
+        largest = max(named.values(), key=len)
     keys = name_keys(largest)
     largest.sort(key=lambda path: keys[path])
     if not _follow_each_other(largest):
@@ -107,10 +215,57 @@ def _frames(root: Path, media: Sequence[Path], doubts: list[str]) -> dict[str, A
         return {"images": pattern, "each": "touch"}
     doubts.append("each: neighboring images are alike, so a folder is taken for one recording")
     layout: dict[str, Any] = {"images": pattern, "each": "sequence"}
+    if prefixes:
+        doubts[-1] = f"recording: images of one folder are told apart by {' and '.join(prefixes)}"
+        layout["recording"] = "{prefix}"
     if name_times([path.stem for path in largest], None).times is not None:
         return layout | {"times": "names"}
     doubts.append(f"fps: {ASSUMED_FPS} is assumed, names tell no times")
     return layout | {"fps": ASSUMED_FPS}
+
+
+def _told_apart(folders: Mapping[tuple[Path, str], Sequence[Path]]) -> list[str]:
+    """Starts of names that tell recordings of one folder apart; [] where they do not."""
+    of_folder: dict[Path, list[str]] = {}
+    for folder, prefix in folders:
+        of_folder.setdefault(folder, []).append(prefix)
+    several = {folder: names for folder, names in of_folder.items() if len(names) > 1}
+    for folder, names in several.items():
+        is_few = any(len(folders[folder, name]) < 3 for name in names)
+        # sides are sensors of one recording, and no recordings
+        if "" in names or is_few or {name.lower() for name in names} <= SIDES:
+            return []
+    shown = sorted({name for names in several.values() for name in names})
+    return [*shown[:2], "others"] if len(shown) > 2 else shown
+
+
+def _pattern(root: Path, media: Sequence[Path], files: Sequence[Path]) -> str | list[str]:
+    """Pattern of files, with the folders that all of them share by name."""
+    paths = [path.relative_to(root) for path in media]
+    depths = {len(path.parts) for path in paths}
+    others = {path.relative_to(root).parts[:-1] for path in files} - {
+        path.parts[:-1] for path in paths
+    }
+    above = "**/"
+    if len(depths) == 1:
+        columns = list(zip(*(path.parts[:-1] for path in paths), strict=True))
+        # a folder by its name where others lie beside it
+        above = "".join(
+            f"{column[0]}/"
+            if len(set(column)) == 1 and any(len(o) > i and o[i] != column[0] for o in others)
+            else "*/"
+            for i, column in enumerate(columns)
+        )
+    endings = sorted({path.suffix.lower() for path in media})
+    patterns = [f"{above}*{ending}" for ending in endings]
+    if endings == [".npy"]:  # other arrays lie beside those of frames
+        ends = [path.name.rpartition("_")[2] for path in media]
+        names = {path.name for path in media}
+        if len(names) == 1:
+            patterns = [f"{above}{media[0].name}"]
+        elif len(set(ends)) == 1:
+            patterns = [f"{above}*_{ends[0]}"]
+    return patterns[0] if len(patterns) == 1 else patterns
 
 
 def _follow_each_other(images: Sequence[Path]) -> bool:
@@ -129,7 +284,17 @@ def _follow_each_other(images: Sequence[Path]) -> bool:
     return bool(following <= _SMOOTH * apart)
 
 
-def _sensor(root: Path, media: Sequence[Path], doubts: list[str]) -> dict[str, Any]:
+def named_sensor(name: str) -> str:
+    """The type of a sensor in a name, the longest one; "" without any."""
+    words = name.lower().replace("-", "_").replace("gsmini", "gelsight_mini")
+    named = [spec for spec in SPECS if re.search(rf"(?<![a-z]){spec}(?![a-z])", words)]
+    return max(named, key=len, default="")
+
+
+def _sensor(root: Path, folder: str, media: Sequence[Path], doubts: list[str]) -> dict[str, Any]:
+    if folder and (sensor := named_sensor(folder)):
+        doubts.append(f"sensor: {sensor}, by the name of the folder")
+        return {"sensor": sensor}
     words = "_".join([root.name, *media[0].relative_to(root).parts])
 
     def shape() -> tuple[int, int]:
@@ -160,18 +325,26 @@ def guess_sensor(
 
 
 def _open(path: Path) -> Frames | None:
+    is_film = path.suffix.lower() in _VIDEOS or is_stack(path)
     try:
-        return VideoFrames(path) if path.suffix.lower() in _VIDEOS else ImageFrames([path])
+        return open_film(path) if is_film else ImageFrames([path])
     except TactileForgeError:
         return None
 
 
 def _background(
-    root: Path, files: Sequence[Path], layout: Mapping[str, Any], doubts: list[str]
+    root: Path,
+    folder: str,
+    media: Sequence[Path],
+    files: Sequence[Path],
+    layout: Mapping[str, Any],
+    doubts: list[str],
 ) -> dict[str, Any]:
-    still = [path for path in _of(files, _IMAGES) if _BACKGROUND.search(path.stem.lower())]
-    if still:
-        return {"background": {"file": still[0].relative_to(root).as_posix()}}
+    stills = [path for path in _of(files, _IMAGES) if _BACKGROUND.search(path.stem.lower())]
+    if folder:
+        stills = [path for path in stills if _is_of(path.relative_to(root), folder)]
+    if stills and (name := _still(root, media, stills, layout)):
+        return {"background": {"file": name}}
     if layout.get("each") == "touch":
         doubts.append("background: none was found, so nothing is subtracted")
         return {"background": "none"}
@@ -179,107 +352,34 @@ def _background(
     return {"background": {"first": 1}}
 
 
-def _force(
-    root: Path,
-    media: Sequence[Path],
-    layout: Mapping[str, Any],
-    tables: Sequence[tuple[Path, list[list[str]]]],
-    doubts: list[str],
-) -> dict[str, Any]:
-    """Keys of forces: one table of all images, or one beside each recording."""
-    for path, rows in tables:
-        columns = [_column(rows[0], _FORCES[axis]) for axis in "xyz"]
-        if columns[2] is None:
-            continue
-        table: dict[str, Any] = {"columns": columns}
-        names = {one.stem for one in media} if "videos" in layout else set()
-        if layout.get("each") == "sequence":
-            names = {one.parent.name for one in media}
-        if layout.get("each") == "touch" and (key := _key(rows, media)):
-            table |= {"file": path.relative_to(root).as_posix(), "key": key}
-        elif path.stem in names:
-            table["file"] = _beside(root, path, media, layout)
-            if time := _column(rows[0], _TIME):
-                table["time"] = time
-            elif frame := _column(rows[0], _FRAME):
-                table["frame"] = frame
-        else:
-            continue
-        units = {unit for name in columns if name and (unit := named_unit(name))} or {"N"}
-        if len(units) > 1 or not units <= NEWTONS.keys():
-            doubts.append(f"force: {path.name} has it in {' and '.join(sorted(units))}, left out")
-            return {}
-        (unit,) = units
-        table |= {} if unit == "N" else {"force_unit": unit}
-        said = "newton" if unit == "N" else unit
-        doubts.append(
-            f"force: taken for {said}, x right, y down, z into the gel, pressing positive"
-        )
-        return {"force": table}
-    return {}
+def _is_of(still: Path, folder: str) -> bool:
+    """Whether a background lies in a folder, or is named by it and nothing else."""
+    rest = _BACKGROUND.sub("", still.stem.lower()).strip("_-. ")
+    return folder in still.parts[:-1] or rest in (folder.lower(), named_sensor(folder))
 
 
-def _beside(root: Path, table: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> str:
-    """Path of the table of a recording, with its names in braces."""
-    files = media if "videos" in layout else sorted({path.parent for path in media})
-    own = next(path for path in files if path.stem == table.stem or path.name == table.stem)
-    parts = list(table.relative_to(root).parts[:-1])
-    if parts and parts[-1] == own.parent.name and own.parent != root:
-        parts[-1] = "{folder}"
-    elif parts and parts[-1] == own.name:
-        parts[-1] = "{stem}"
-    return "/".join([*parts, "{stem}" + table.suffix])
+def _still(
+    root: Path, media: Sequence[Path], stills: Sequence[Path], layout: Mapping[str, Any]
+) -> str:
+    """Path of the background of each recording, with names in braces, or of one for all."""
+    units = _units(root, media, layout)
+    for family in templates(stills, units):
+        if len(family.files) > 1 and is_for_all(family, units):
+            return family.template
+    shared = min(stills, key=lambda path: len(path.parts))
+    of_frames, of_still = _open(media[0]), _open(shared)
+    if of_frames is None or of_still is None or of_frames.shape != of_still.shape:
+        return ""
+    return shared.relative_to(root).as_posix()
 
 
 def _object(
-    root: Path,
-    media: Sequence[Path],
-    layout: Mapping[str, Any],
-    tables: Sequence[tuple[Path, list[list[str]]]],
-    doubts: list[str],
+    root: Path, folder: str, media: Sequence[Path], layout: Mapping[str, Any], doubts: list[str]
 ) -> dict[str, Any]:
-    """Keys of objects: of a table, or by folder."""
-    names = media
-    if layout.get("each") == "sequence":
-        names = [*media, *sorted({path.parent for path in media})]
-    for path, rows in tables:
-        key, column = _key(rows, names), _column(rows[0], _OBJECT)
-        if key and column and key != column:
-            labels = {"file": path.relative_to(root).as_posix(), "key": key}
-            return {"labels": labels, "object": f"{{{column}}}"}
-    if layout.get("each") == "touch" and len({path.parent for path in media} - {root}) > 1:
-        doubts.append("object: named by the folder of an image")
-        return {"object": "{folder}"}
-    return {}
-
-
-def _left_out(root: Path, tables: Sequence[Path], layout: Mapping[str, Any]) -> list[str]:
-    """Doubt about unread tables."""
-    read = [re.escape(layout[key]["file"]) for key in ("force", "labels") if key in layout]
-    pattern = re.compile(
-        "|".join(read).replace(r"\{stem\}", "[^/]+").replace(r"\{folder\}", "[^/]+")
-    )
-    names = sorted(path.relative_to(root).as_posix() for path in tables)
-    left = [name for name in names if not pattern.fullmatch(name)]
-    if not left:
-        return []
-    more = f" and {len(left) - 1} more are" if len(left) > 1 else " is"
-    fix = "give force: or labels: of the layout, if it has some (commas, decimals with points)"
-    return [
-        f"labels: {left[0]}{more} left out, since no force and no name of an object was seen; {fix}"
-    ]
-
-
-def _column(header: Sequence[str], pattern: re.Pattern[str]) -> str | None:
-    return next((name for name in header if pattern.fullmatch(name.strip().lower())), None)
-
-
-def _key(rows: Sequence[Sequence[str]], files: Sequence[Path]) -> str | None:
-    """Column with the names of the files; None without one."""
-    names = {path.name for path in files} | {path.stem for path in files}
-    for number, title in enumerate(rows[0]):
-        cells = [row[number] for row in rows[1:] if number < len(row) and stated(row[number])]
-        found = sum(cell.replace("\\", "/").rpartition("/")[2] in names for cell in cells)
-        if cells and found >= _ABOUT * len(cells):
-            return title
-    return None
+    """Keys of objects by folder."""
+    above = {path.parent for path in media} - {root}
+    if layout.get("each") != "touch" or len(above) < 2:
+        return {}
+    is_sensor = bool(folder) and all(path.name == folder for path in above)
+    doubts.append(f"object: named by the folder of {'a sensor' if is_sensor else 'an image'}")
+    return {"object": "{parent}" if is_sensor else "{folder}"}

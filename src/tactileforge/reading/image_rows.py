@@ -9,6 +9,8 @@ from pathlib import Path
 from posixpath import normpath
 
 from tactileforge.errors import ConfigError, DataError
+from tactileforge.reading.files import names_below
+from tactileforge.reading.records import RECORDS
 from tactileforge.reading.tables import Row, read_cells
 
 #: Largest number of names that a slip is compared with.
@@ -75,10 +77,17 @@ class ImageRows:
     def _check(
         self, path: Path, table: dict[str, Row], images: Sequence[Path], is_shared: bool
     ) -> None:
+        if "*" in path.name:  # a file a row: others may lie beside those of images
+            return
         known = {name for image in images for name in self._spellings(image, path, is_shared)}
+        elsewhere: frozenset[str] | None = None
         for name, (where, _) in table.items():
             # A row may name an existing file outside the layout's pattern.
             if name in known or any((base / name).exists() for base in (self.folder, path.parent)):
+                continue
+            if elsewhere is None:
+                elsewhere = names_below(self.folder) - {image.name for image in images}
+            if name in elsewhere:
                 continue
             fix = "correct the row, or remove it"
             if sum(image.name == name for image in images) > 1:
@@ -104,8 +113,11 @@ class ImageRows:
 
 def names_images(path: Path) -> bool:
     """Whether the rows of a CSV name images, by a column of `KEYS`."""
-    first = next(iter(read_cells(path, [])), None)
-    return first is not None and any(name in first[1] for name in KEYS)
+    rows = read_cells(path, [])
+    # a JSON of one image has its values, and no need of its name: {"name": "mug", "force": 2}
+    if not rows or (len(rows) == 1 and path.suffix.lower() in RECORDS):
+        return False
+    return any(name in rows[0][1] for name in KEYS)
 
 
 def _table(path: Path, key: str | None, columns: Sequence[str]) -> dict[str, Row]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,12 +12,16 @@ from posixpath import normpath
 
 from tactileforge.data.labels.missing import stated
 from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.reading.files import names_below
 from tactileforge.reading.layout import DatasetLayout
+from tactileforge.reading.order import name_prefix
 from tactileforge.reading.tables import read_cells
-from tactileforge.reading.templates import template_parts
+from tactileforge.reading.templates import template_columns, template_parts
 
 #: Largest number of names compared with an unknown one for a suggestion.
 _COMPARED = 2000
+#: Ending of a file: starts with a letter, other than the last number of 8.5.
+ENDING = re.compile(r"\.[A-Za-z]\w*$")
 
 
 @dataclass(frozen=True)
@@ -26,8 +31,8 @@ class LabelRow:
     Attributes:
         where: CSV and line, or the file itself without a row.
         cells: Values of the CSV by column; "" for a missing one.
-        words: Values by column, with ranks as words, and ``file``, ``stem``, ``folder`` and
-            ``parent``.
+        words: Values by column, with ranks as words, and ``file``, ``stem``, ``prefix``, ``folder``
+            and ``parent``.
         images: Rows of the images of a folder, by file; empty for a folder with one row.
         mixed: Description of the difference, by column, for columns of unequal rows of a folder.
     """
@@ -83,15 +88,20 @@ def read_labels(layout: DatasetLayout, folder: Path) -> dict[str, LabelRow]:
         name = cells[layout.key]
         if name in rows:
             raise DataError(f"{where}: {name!r} has a row already ({rows[name].where})")
-        values, words = {layout.key: name}, {layout.key: name}
-        for column, value in cells.items():
-            if column != layout.key:
-                known = layout.words.get(column)
-                is_word = known is not None and value in known  # "none" may be a rank of its own
-                values[column] = value if is_word else stated(value)
-                words[column] = _word(known, values[column], f"{where}, column {column!r}")
-        rows[name] = LabelRow(where, values, words | _names(name, layout))
+        rows[name] = _row(name, where, cells, layout)
     return rows
+
+
+def _row(name: str, where: str, cells: Mapping[str, str], layout: DatasetLayout) -> LabelRow:
+    """A row of a touch or of one of its images, with its words."""
+    values, words = {layout.key: name}, {layout.key: name}
+    for column, value in cells.items():
+        if column != layout.key:
+            known = layout.words.get(column)
+            is_word = known is not None and value in known  # "none" may be a rank of its own
+            values[column] = value if is_word else stated(value)
+            words[column] = _word(known, values[column], f"{where}, column {column!r}")
+    return LabelRow(where, values, words | _names(name, layout))
 
 
 def label_row(name: str, rows: Mapping[str, LabelRow], layout: DatasetLayout) -> LabelRow:
@@ -107,8 +117,10 @@ def match_labels(
 ) -> dict[str, LabelRow]:
     """The row of each touch; without one, a row with all columns of the labels empty.
 
-    Rows may write a file with ``./``, with backslashes, as an absolute path, or in another case.
-    For a touch that is a folder, a row names the folder or one of its images.
+    Rows may write a file with ``./``, with backslashes, as an absolute path, from the folder of the
+    CSV on, in another case, without its ending, or by its name alone if that is unique. For a touch
+    that is a folder, a row names the folder or one of its images. Labels in a file of its own
+    (``{folder}/meta.json``) are one row, or rows of its images.
 
     Args:
         layout: The layout.
@@ -118,6 +130,8 @@ def match_labels(
     Raises:
         DataError: A row names no touch, or two rows name one; see also `read_labels`.
     """
+    if layout.labels and template_columns(layout.labels):
+        return _own_rows(layout, layout.labels, folder, files)
     rows = read_labels(layout, folder)
     if not rows:
         return {name: label_row(name, rows, layout) for name in files}
@@ -125,7 +139,7 @@ def match_labels(
     if layout.each == "sequence":
         for name, paths in files.items():
             images |= dict.fromkeys((path.relative_to(folder).as_posix() for path in paths), name)
-    names = _Names([*files, *images], folder)
+    names = _Names([*files, *images], folder, (folder / (layout.labels or "")).parent)
     of_touch: dict[str, dict[str, LabelRow]] = {}
     missed = []
     for written, row in rows.items():
@@ -137,9 +151,10 @@ def match_labels(
         if found in mine:
             raise DataError(f"{row.where}: {found!r} has a row already ({mine[found].where})")
         mine[found] = replace(row, words={**row.words, **_names(found, layout)})
+    elsewhere = names_below(folder) if missed else frozenset()
     for written, row in missed:
         plain = names.plain(written)
-        is_there = (folder / plain).exists()
+        is_there = (folder / plain).exists() or plain in elsewhere
         # one CSV may label the files of several layouts: theirs pass, once some are ours
         if of_touch and is_there and not names.any_below(plain):
             continue
@@ -155,11 +170,61 @@ def match_labels(
     return {name: merged.get(name) or label_row(name, {"": header}, layout) for name in files}
 
 
-class _Names:
-    """Look-up of touches by name, tolerant of a row's spelling."""
+def _own_rows(
+    layout: DatasetLayout, template: str, folder: Path, files: Mapping[str, Sequence[Path]]
+) -> dict[str, LabelRow]:
+    """The row of each touch from a file of its own, or of its folder; see `match_labels`."""
+    found: dict[str, LabelRow] = {}
+    of_file: dict[Path, list[str]] = {}  # touches of one folder share its file
+    for name in files:
+        filled = LabelRow(name, {}, _names(name, layout)).fill(template)
+        of_file.setdefault(folder / (filled or ""), []).append(name)
+    for path, touches in of_file.items():
+        many = "*" in path.name
+        if not (any(path.parent.glob(path.name)) if many else path.is_file()):
+            continue
+        rows = read_cells(path, [*layout.words])
+        if len(rows) == 1 and not many:
+            found |= {name: _row(name, *rows[0], layout) for name in touches}
+            continue
+        touch_of = {
+            one.relative_to(folder).as_posix(): name for name in touches for one in files[name]
+        }
+        touch_of |= {name: name for name in touches}
+        names = _Names(touch_of, folder, path.parent)
+        mine: dict[str, dict[str, LabelRow]] = {}
+        for where, cells in rows:
+            if layout.key not in cells:
+                raise ConfigError(
+                    f"{path}: {len(rows)} rows, so key: names the column of the files that they "
+                    f"are of: {unknown('column', layout.key, cells)}"
+                )
+            if file := names.find(cells[layout.key]):
+                mine.setdefault(touch_of[file], {})[file] = _row(file, where, cells, layout)
+        found |= {name: _merged(name, inside, layout) for name, inside in mine.items()}
+    header = dict.fromkeys((column for row in found.values() for column in row.words), "")
+    return {
+        name: replace(found[name], words=header | dict(found[name].words))
+        if name in found
+        else LabelRow(name, {}, header | _names(name, layout))
+        for name in files
+    }
 
-    def __init__(self, names: Iterable[str], folder: Path) -> None:
+
+class _Names:
+    """Look-up of touches by name, tolerant of a row's spelling.
+
+    Args:
+        names: Names of touches and images, from the folder of the layout.
+        folder: Folder of the layout.
+        table: Folder of the CSV, from which rows may name them as well.
+    """
+
+    def __init__(self, names: Iterable[str], folder: Path, table: Path) -> None:
         self.all = list(dict.fromkeys(names))
+        self._inside = ""
+        if table != folder and table.is_relative_to(folder):
+            self._inside = f"{table.relative_to(folder).as_posix()}/"
         # rows may hold the path through a link, or the one behind it
         self._folders = [_forward(str(path)) for path in (folder.absolute(), folder.resolve())]
         self._exact = {_composed(name): name for name in self.all}
@@ -167,6 +232,13 @@ class _Names:
         for plain, name in self._exact.items():
             twice = plain.casefold() in self._folded  # ambiguous: only the exact case matches
             self._folded[plain.casefold()] = None if twice else name
+        # less than a whole path, without folders or ending: where that is unique
+        self._short: dict[str, str | None] = {}
+        for plain, name in self._exact.items():
+            bare = plain.rpartition("/")[2]
+            for short in {bare, ENDING.sub("", bare), ENDING.sub("", plain)}:
+                known = self._short.setdefault(short, name)
+                self._short[short] = name if known == name else None
 
     def plain(self, written: str) -> str:
         """The path in a row, relative to the folder of the layout."""
@@ -184,7 +256,14 @@ class _Names:
     def find(self, written: str) -> str | None:
         """The touch named by a row; None for no touch, or several."""
         plain = _composed(self.plain(written))
-        return self._exact.get(plain) or self._folded.get(plain.casefold())
+        inside = self._inside + plain
+        return (
+            self._exact.get(plain)
+            or self._folded.get(plain.casefold())
+            or self._exact.get(inside)
+            or self._short.get(plain)
+            or self._short.get(inside)
+        )
 
     def any_below(self, folder: str) -> bool:
         """Whether a touch lies in a folder."""
@@ -257,7 +336,13 @@ def _names(name: str, layout: DatasetLayout) -> dict[str, str]:
     path = Path(name)
     folder = path.parent
     stem = path.name if layout.each == "sequence" else path.stem  # a folder has no ending
-    return {"file": name, "stem": stem, "folder": folder.name, "parent": folder.parent.name}
+    return {
+        "file": name,
+        "stem": stem,
+        "prefix": name_prefix(stem),
+        "folder": folder.name,
+        "parent": folder.parent.name,
+    }
 
 
 def _word(words: Mapping[str, str] | None, value: str, where: str) -> str:

@@ -36,7 +36,7 @@ ROTATIONS = (0, 90, 180, 270)
 MIRRORS = ("none", "x", "y")
 
 #: Columns of every file, independent of its labels.
-FILE_COLUMNS = ("file", "stem", "folder", "parent")
+FILE_COLUMNS = ("file", "stem", "prefix", "folder", "parent")
 
 EXAMPLE = """layouts:
   my_touches:
@@ -70,6 +70,7 @@ class DatasetLayout:
     path: str
     globs: tuple[str, ...]
     each: str
+    recording: str
     sensor: str | None
     fps: float | None
     times: ClockKeys | str
@@ -126,6 +127,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         path=keys.path,
         globs=globs,
         each=each,
+        recording=keys.recording or "",
         sensor=sensor,
         fps=keys.fps,
         times=parse_times(keys.times, each, where),
@@ -178,6 +180,11 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
     is_open = each == "sequence" and keys.times is None
     if (is_open and keys.fps is None) or (keys.fps is not None and keys.fps <= 0):
         raise ConfigError(f"{where}: fps is {keys.fps}; give frames per second, e.g. fps: 30")
+    if keys.recording and (each != "sequence" or not template_columns(keys.recording)):
+        raise ConfigError(
+            f"{where}: recording is {keys.recording!r}; give what tells the recordings of one "
+            "folder of each: sequence apart: {column} of the labels, or {prefix}"
+        )
     tables = (keys.force, keys.action, keys.tracks)
     if each == "video" and any(getattr(table, "key", None) for table in tables):
         raise ConfigError(f"{where}: key: names images, and these are videos; give frame: or time:")

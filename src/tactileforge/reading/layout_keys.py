@@ -189,6 +189,7 @@ class LayoutKeys:
     videos: str | tuple[str, ...] | None = None
     images: str | tuple[str, ...] | None = None
     each: str | None = None
+    recording: str | None = None
     path: str = "."
     sensor: str | None = None
     fps: float | None = None

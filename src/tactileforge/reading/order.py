@@ -84,6 +84,19 @@ def name_keys(paths: Iterable[Path]) -> Mapping[Path, tuple[Any, ...]]:
     return keys
 
 
+def name_prefix(stem: str) -> str:
+    """What stands before the last number or word of a name.
+
+    Example:
+        >>> name_prefix("mug_1700000000.033"), name_prefix("mug_2_00012"), name_prefix("00012")
+        ('mug', 'mug_2', '')
+        >>> name_prefix("trial_0_frames"), name_prefix("frames")
+        ('trial_0', '')
+    """
+    last = r"\d[\d.]*$" if stem[-1:].isdigit() else r"(?:^|[_\-. ])[^_\-. ]*$"
+    return re.sub(last, "", stem).rstrip("_-. ")
+
+
 def by_pattern(paths: Sequence[Path], pattern: str, layout: str) -> list[Path]:
     """Images sorted by a number in their names, found by a pattern.
 

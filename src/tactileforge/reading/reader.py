@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
 from tactileforge.data.frames.crop import check_background_size
-from tactileforge.data.frames.lazy import Crop, ImageFrames, VideoFrames
+from tactileforge.data.frames.lazy import Crop, ImageFrames
+from tactileforge.data.frames.stacks import open_film
 from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.errors import DataError, DataNotFoundError
@@ -87,10 +88,7 @@ class LayoutReader:
                 f"{deeper(self.folder, self.layout.globs, self.layout.name)}; set data.root to the "
                 f"folder of the data, or correct the pattern of layout {self.layout.name!r}"
             )
-        named: dict[str, list[Path]] = {}
-        for path in files:
-            touch = path.parent if self.layout.each == "sequence" else path
-            named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
+        named = self._grouped(files)
         self._of(ImageRows(self.folder, files))
         labels = match_labels(self.layout, self.folder, named)
         touches = [LayoutTouch(name, paths, labels[name]) for name, paths in named.items()]
@@ -98,11 +96,35 @@ class LayoutReader:
             touches = [*chain(*map(self._series, touches))]
         return self._without_backgrounds(touches)
 
+    def _grouped(self, files: list[Path]) -> dict[str, list[Path]]:
+        """Files of each touch, by its name from the folder of the layout."""
+        layout, named = self.layout, dict[str, list[Path]]()
+        rows: dict[str, LabelRow] = {}
+        if layout.recording:
+            each = {path.relative_to(self.folder).as_posix(): [path] for path in files}
+            rows = match_labels(replace(layout, each="touch"), self.folder, each)
+        for path in files:
+            touch = path.parent if layout.each == "sequence" else path
+            if layout.recording:
+                row = rows[path.relative_to(self.folder).as_posix()]
+                group = row.fill(layout.recording)
+                if not group:
+                    raise DataError(
+                        f"{row.where}: no value for recording: {layout.recording!r}; fill it in, "
+                        "or move the image out"
+                    )
+                touch /= group
+            named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
+        return named
+
     def _without_backgrounds(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
         """Touches without the background images, and without touches left empty."""
         rule = self.layout.background
-        if rule is None or rule.file is None or self.layout.each == "video":
+        if rule is None or rule.file is None:
             return self._in_order(touches)
+        # a video may name itself, with the frames in it: one file for all is no touch
+        if self.layout.each == "video" and template_columns(rule.file):
+            return touches
         names = {touch.row.fill(rule.file) for touch in touches}
         still = {self.folder / name for name in names if name is not None}
         kept = [
@@ -173,8 +195,8 @@ class LayoutReader:
         Raises:
             DataError: The frames cannot be read, or all of them are background.
         """
-        is_video = self.layout.each == "video"
-        frames = VideoFrames(touch.paths[0]) if is_video else ImageFrames(touch.paths)
+        is_film = self.layout.each == "video"
+        frames = open_film(touch.paths[0]) if is_film else ImageFrames(touch.paths)
         background = self.layout.background
         least = 0 if background is None or background.file else background.first + background.last
         if background is not None and background.frames and not background.file:
@@ -198,7 +220,7 @@ class LayoutReader:
             ConfigError: A label names an unknown sensor or action.
         """
         layout, row = self.layout, touch.row
-        video = frames if isinstance(frames, VideoFrames) else None
+        video = None if isinstance(frames, ImageFrames) else frames
         clock = self._clocks.times(touch.paths, video, partial(self._path, touch=touch))
         self._doubt(touch, clock.doubt)
         if layout.labels and not row.cells:
@@ -329,7 +351,7 @@ class LayoutReader:
         background = self._backgrounds[path]
         other = str(touch.paths[0])
         check_background_size(background.full_shape, frames.full_shape, str(path), other)
-        if isinstance(background, VideoFrames) and not (rule.first + rule.last or rule.frames):
+        if not isinstance(background, ImageFrames) and not (rule.first + rule.last or rule.frames):
             raise DataError(f"{path}: a video as background: say which frames with first or last")
         return background
 

@@ -21,6 +21,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unkno
 from tactileforge.reading.files import read_text
 from tactileforge.reading.layout import check_action
 from tactileforge.reading.layout_keys import FrameTable
+from tactileforge.reading.records import RECORDS, conversion, read_many, read_records
 from tactileforge.reading.split_times import part_of_second
 from tactileforge.reading.table_clock import on_frames
 
@@ -196,10 +197,11 @@ def _per_frame(
 def read_cells(
     path: Path, needed: Sequence[str], whole: bool = False
 ) -> list[tuple[str, dict[str, str]]]:
-    r"""Place and cells of each row of a CSV.
+    r"""Place and cells of each row of a CSV, or of another table; see `records.read_records`.
 
     Args:
-        path: Path of the CSV; its first line names the columns.
+        path: Path of the CSV, whose first line names the columns; or of a JSON, JSON lines, YAML or
+            .npy, or a pattern of such (``mug/*.json``).
         needed: Required columns.
         whole: Whether an empty line is an error: the parser skips it, which shifts rows by frame.
 
@@ -214,8 +216,18 @@ def read_cells(
         >>> cells["object"]
         'mug'
     """
-    if not path.is_file():
+    many = "*" in path.name
+    if not (any(path.parent.glob(path.name)) if many else path.is_file()):
         raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
+    if convert := conversion(path):
+        raise DataError(f"{path}: not a CSV but {convert}")
+    if many or path.suffix.lower() in RECORDS:
+        rows = read_many(path) if many else read_records(path)
+        header = list(rows[0][1]) if rows else []
+        for name in needed:
+            if name not in header:
+                raise ConfigError(f"{path}: {unknown('column', name, header)}")
+        return rows
     try:
         return _rows(path, needed, whole)
     except csv.Error as error:

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TypeAlias
 
 from tactileforge.data.frames.lazy import VIDEO_SUFFIXES, ImageFrames, VideoFrames
+from tactileforge.data.frames.stacks import StackFrames, is_stack, open_film
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.reading.files import DamagedFileError
 from tactileforge.reading.label_rows import LabelRow
 
-FileFrames: TypeAlias = VideoFrames | ImageFrames
+FileFrames: TypeAlias = VideoFrames | StackFrames | ImageFrames
 
 
 @dataclass(frozen=True)
@@ -35,15 +36,16 @@ def open_files(paths: list[Path]) -> FileFrames:
     """Opens a background or a camera view of a touch.
 
     Args:
-        paths: Path of a video, or paths of images.
+        paths: Path of a video or stack, or paths of images.
 
     Raises:
         DataNotFoundError: A file does not exist.
         DamagedFileError: A file cannot be read.
     """
-    is_video = len(paths) == 1 and paths[0].suffix.lower() in VIDEO_SUFFIXES
+    alone = paths[0] if len(paths) == 1 else None
+    is_film = alone and (alone.suffix.lower() in VIDEO_SUFFIXES or is_stack(alone))
     try:
-        return VideoFrames(paths[0]) if is_video else ImageFrames(paths)
+        return open_film(paths[0]) if is_film else ImageFrames(paths)
     except DataNotFoundError:  # a slip of the layout, which is no damage of one touch
         raise
     except DataError as error:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.cli import Command
+from tactileforge.errors import home_path
 from tactileforge.pages import Shown
 from tactileforge.plugins import build, dump_yaml, write_text
 from tactileforge_inspect.guess import guess_words
@@ -29,11 +30,14 @@ class _Inspect:
 
 def _inspect(keys: _Inspect, config: dict[str, Any]) -> Shown:
     """Writes a page about a data set, to look at before training."""
-    from tactileforge.datasets import LAYOUT_FILE
+    from tactileforge.datasets import LAYOUT_FILE, recognise
     from tactileforge_inspect.write import inspect
 
     node, out = config["data"], Path(keys.out)
-    found = inspect(build("datasets", node, "data"), node["name"], out, keys.recordings)
+    # known since `guess_words` looked at the path
+    doubts = recognise(home_path(keys.path))[0][1].doubts if keys.path else ()
+    data = build("datasets", node, "data")
+    found = inspect(data, node["name"], out, keys.recordings, doubts=doubts)
     print(found)
     shown = Shown(out, out, value=found)
     print(f"page: {keys.out}")

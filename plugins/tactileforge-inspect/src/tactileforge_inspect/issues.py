@@ -34,8 +34,8 @@ from tactileforge_inspect.sections import recording_card
 _SHOWN, _LINES = 12, 100
 
 
-def top_section(name: str, survey: Scan) -> Markup:
-    """Top of the page: the data set in brief, and the verdict on it."""
+def top_section(name: str, survey: Scan, doubts: Sequence[str] = ()) -> Markup:
+    """Top of the page: the data set in brief, what was guessed of it, and the verdict on it."""
     all_of = survey.findings
     carried = [
         label
@@ -51,7 +51,8 @@ def top_section(name: str, survey: Scan) -> Markup:
         "Labels": ", ".join(carried) or "none",
         "Looked at": f"{all_of.looked:,} recordings",
     }
-    return facts(about) + verdict(_verdict(survey))
+    guessed = (("plain", f"To be checked: {line}.") for line in doubts)
+    return facts(about) + verdict([*guessed, *_verdict(survey)])
 
 
 def _verdict(survey: Scan) -> Iterator[tuple[str, str]]:

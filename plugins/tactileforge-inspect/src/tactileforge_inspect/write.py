@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from tactileforge.contracts import Dataset
@@ -14,7 +15,12 @@ from tactileforge_inspect.scan import scan_dataset
 
 
 def inspect(
-    dataset: Dataset, name: str, path: Path, recordings: int = 400, progress: bool = True
+    dataset: Dataset,
+    name: str,
+    path: Path,
+    recordings: int = 400,
+    progress: bool = True,
+    doubts: Sequence[str] = (),
 ) -> InspectionFindings:
     """Write a page on a data set: its content, its images and its problems.
 
@@ -28,6 +34,7 @@ def inspect(
         path: Path of the page, one HTML file without links to the network.
         recordings: Number of recordings to decode.
         progress: Whether to show progress bars.
+        doubts: What was guessed of the data set and has to be checked, a line each.
 
     Returns:
         The findings; as text, a summary of a few lines.
@@ -48,5 +55,7 @@ def inspect(
         issues.duplicates_section(contents),
         issues.suspicious_section(contents),
     ]
-    write_text(path, html_page(f"Data set {name}", issues.top_section(name, contents), parts))
+    write_text(
+        path, html_page(f"Data set {name}", issues.top_section(name, contents, doubts), parts)
+    )
     return contents.findings

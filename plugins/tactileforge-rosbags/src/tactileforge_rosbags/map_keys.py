@@ -37,13 +37,16 @@ class PictureKeys:
     """A topic of pictures.
 
     Attributes:
-        topic: Topic of `sensor_msgs` ``CompressedImage``, or of ``Image`` in rgb8, bgr8 or mono8.
-        exchanged: Whether red and blue are exchanged in the pictures.
+        topic: Topic of `sensor_msgs` ``CompressedImage``, or of ``Image`` in rgb8, bgr8, rgba8,
+            bgra8, mono8, 8UC1, yuv422 (uyvy) or yuv422_yuy2 (yuyv); 8UC3 and 8UC4 need
+            ``exchanged``.
+        exchanged: Whether red and blue are exchanged in the pictures; null for no, and an error
+            where the encoding does not say the order of channels.
         turns: Quarter turns, counter-clockwise, to put a picture upright.
     """
 
     topic: str
-    exchanged: bool = False
+    exchanged: bool | None = None
     turns: int = 0
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from io import BytesIO
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,8 +21,16 @@ from tactileforge_rosbags.series import Scan, Series, placed, scan
 #: Types of messages of pictures.
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 KINDS = ("sensor_msgs/msg/Image", COMPRESSED)
-#: Channels of the raw encodings that are read.
-_RAW = {"rgb8": 3, "bgr8": 3, "mono8": 1}
+#: Bytes a pixel of the raw encodings that are read.
+_RAW = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1}
+#: Those of OpenCV, which do not say the order of channels.
+_UNORDERED = {"8UC3": 3, "8UC4": 4}
+#: Pairs of pixels with one colour, and what converts them.
+_PAIRS = {
+    **dict.fromkeys(("yuv422", "uyvy"), cv2.COLOR_YUV2RGB_UYVY),
+    **dict.fromkeys(("yuv422_yuy2", "yuyv"), cv2.COLOR_YUV2RGB_YUY2),
+}
+_BYTES = _RAW | _UNORDERED | dict.fromkeys(_PAIRS, 2)
 #: Last bytes of whole pictures, by the format's name in Pillow, and how near the end they lie.
 _ENDS = {"JPEG": b"\xff\xd9", "PNG": b"IEND"}
 _NEAR = 64
@@ -32,6 +41,8 @@ _BETWEEN = 4
 def image_of(message: Any) -> bytes | NDArray[np.uint8]:
     """Picture of a message: bytes of an image file, or uint8 RGB (H, W, 3).
 
+    An alpha is left out: cameras fill it. 8UC3 and 8UC4 are taken for RGB; see `size_of`.
+
     Raises:
         DataError: Its encoding is not read, or it has too few bytes.
     """
@@ -40,28 +51,44 @@ def image_of(message: Any) -> bytes | NDArray[np.uint8]:
             raise DataError(f"format {message.format!r} is a depth, and no picture; leave it out")
         return bytes(message.data)
     height, width, step = message.height, message.width, message.step
-    if message.encoding not in _RAW:
+    encoding = message.encoding
+    if encoding not in _BYTES:
         raise DataError(
-            f"encoding {message.encoding!r}, where {', '.join(_RAW)} are read; convert the topic"
+            f"encoding {encoding!r}, where {', '.join(_BYTES)} are read; convert the topic"
         )
-    row = width * _RAW[message.encoding]
+    row = width * _BYTES[encoding]
     if not height or not row or step < row or len(message.data) < height * step:
         raise DataError(
             f"{len(message.data)} bytes for {height} x {width} pixels in rows of {step} bytes"
         )
     rows = np.asarray(message.data)[: height * step].reshape(height, step)[:, :row]
     pixels = rows.reshape(height, width, -1)
-    if message.encoding == "mono8":
+    if encoding in _PAIRS:
+        if width % 2:
+            raise DataError(f"encoding {encoding!r} of {width} pixels a row: they come in pairs")
+        converted: NDArray[np.uint8] = cv2.cvtColor(np.ascontiguousarray(pixels), _PAIRS[encoding])
+        return converted
+    if pixels.shape[2] == 1:
         return np.repeat(pixels, 3, axis=2)
-    return np.ascontiguousarray(pixels[..., ::-1] if message.encoding == "bgr8" else pixels)
+    pixels = pixels[..., :3]
+    return np.ascontiguousarray(pixels[..., ::-1] if encoding.startswith("bgr") else pixels)
 
 
-def size_of(message: Any) -> tuple[int, int]:
+def size_of(message: Any, is_ordered: bool = False) -> tuple[int, int]:
     """Height and width of the picture of a message, by its header.
 
+    Args:
+        message: The message.
+        is_ordered: Whether the map says which of red and blue comes first.
+
     Raises:
-        DataError: It is damaged, cut off, or of an unknown format.
+        DataError: It is damaged, cut off, of an unknown format, or of one that needs that.
     """
+    if not is_ordered and getattr(message, "encoding", "") in _UNORDERED:
+        raise DataError(
+            f"encoding {message.encoding!r} does not say the order of channels; say it in a map: "
+            "exchanged: true where blue comes first (OpenCV, cv_bridge), or exchanged: false"
+        )
     image = image_of(message)
     if isinstance(image, np.ndarray):
         return int(image.shape[0]), int(image.shape[1])
@@ -100,7 +127,7 @@ class BagFrames:
         clip = EncodedFrames(
             str(self.series),
             LazyImages(len(self), images.__getitem__),
-            bgr=self.keys.exchanged,
+            bgr=bool(self.keys.exchanged),
             turns=self.keys.turns,
         )
         clip.shape = self.shape
@@ -136,7 +163,7 @@ def open_frames(bag: Bag, keys: PictureKeys, changed: int) -> tuple[BagFrames, s
     Raises:
         DataError: The topic is not there, of another type, empty, or none of its pictures is good.
     """
-    found = _scan(bag, keys.topic, changed)
+    found = _scan(bag, keys.topic, changed, keys.exchanged is not None)
     sizes = found.values
     height, width = sizes[0]
     same = np.array([size == sizes[0] for size in sizes])
@@ -151,5 +178,5 @@ def open_frames(bag: Bag, keys: PictureKeys, changed: int) -> tuple[BagFrames, s
 
 
 @lru_cache(maxsize=64)
-def _scan(bag: Bag, topic: str, changed: int) -> Scan:
-    return scan(bag, topic, KINDS, size_of)
+def _scan(bag: Bag, topic: str, changed: int, is_ordered: bool) -> Scan:
+    return scan(bag, topic, KINDS, partial(size_of, is_ordered=is_ordered))

@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import Crop, Cropped, check_range, size_text
-from tactileforge.data.frames.pictures import check_depth, orientation, rgb_pixels, upright_size
+from tactileforge.data.frames.pictures import (
+    check_depth,
+    check_single,
+    orientation,
+    rgb_pixels,
+    upright_size,
+)
 from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
 from tactileforge.data.frames.video import VIDEO_SUFFIXES, VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError
@@ -125,6 +131,7 @@ def _image(path: str, read: Callable[[Image.Image], T]) -> T:
     try:
         with open_picture(path) as image:
             check_depth(image, path)
+            check_single(image, path)
             return read(image)
     except FileNotFoundError:
         raise DataNotFoundError(f"{path}: no such file; correct the path") from None

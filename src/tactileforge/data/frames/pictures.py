@@ -72,6 +72,32 @@ def upright_size(image: Image.Image) -> tuple[int, int]:
     return (image.width, image.height) if sideways else (image.height, image.width)
 
 
+def pages(image: Image.Image) -> list[int]:
+    """Numbers of the pictures of a file; small copies of a TIFF's picture do not count.
+
+    A photograph with a second view behind it (MPO) is one picture.
+    """
+    if image.format == "MPO" or getattr(image, "n_frames", 1) == 1:
+        return [0]
+    if image.format != "TIFF":
+        return list(range(image.n_frames))
+    out = []
+    for page in range(image.n_frames):
+        image.seek(page)
+        # 254 is NewSubfileType (TIFF 6.0, section 8): bit 0 for a reduced copy, bit 2 for a mask
+        if not int(image.tag_v2.get(254, 0)) & 5:  # type: ignore[attr-defined]
+            out.append(page)
+    image.seek(0)
+    return out or [0]
+
+
+def check_single(image: Image.Image, where: str) -> None:
+    """Raises a `DataError` for a file of several pictures, of which one would be read."""
+    if (count := len(pages(image))) > 1:
+        fix = "give videos: and its pattern" if image.format == "TIFF" else "save each by itself"
+        raise DataError(f"{where}: {count} pictures in one file; {fix}")
+
+
 def rgb_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
     """Decode a picture to uint8 (H, W, 3), upright by its EXIF orientation.
 
@@ -80,9 +106,16 @@ def rgb_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
         where: Name of the picture, for messages.
 
     Raises:
-        DataError: An error of `check_depth`, or a transparent pixel, as it has no colour.
+        DataError: An error of `check_depth` or `check_single`, or a transparent pixel, as it has
+            no colour.
         OSError: It cannot be decoded.
     """
+    check_single(image, where)
+    return page_pixels(image, where)
+
+
+def page_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
+    """Decode the current page of a file of pictures; see `rgb_pixels`."""
     check_depth(image, where)
     # before the pixels, which may be followed by a tag that no other door reads
     turned = orientation(image)

@@ -8,6 +8,7 @@ from typing import Any
 from tactileforge.contracts import Frames, FrameSubset
 from tactileforge.data.frames.image_codecs import PackedFrames
 from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
+from tactileforge.data.frames.stacks import StackFrames
 from tactileforge.data.frames.turned import TurnedFrames
 
 
@@ -20,7 +21,7 @@ def stamp_of(frames: Frames | None) -> Any:
     match frames:
         case FrameSubset():
             return [[int(row) for row in frames.rows], stamp_of(frames.base)]
-        case VideoFrames():
+        case VideoFrames() | StackFrames():
             return [_changed(frames.path), list(frames.box)]
         case ImageFrames():
             return [[_changed(path) for path in frames.paths], list(frames.box)]

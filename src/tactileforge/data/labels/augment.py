@@ -7,8 +7,9 @@ and a mirrored force has another colour.
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import torch
@@ -16,7 +17,9 @@ from torch import Tensor, nn
 
 from tactileforge.contracts import ACTIONS, Batch, Column
 from tactileforge.data.labels import displacement, pixels
+from tactileforge.data.labels.directions import LANGUAGES, mirrored_caption, undeclared_words
 from tactileforge.data.labels.turns import (
+    SLIDE_SLACK,
     flip_labels,
     frame_change,
     rotation,
@@ -25,6 +28,8 @@ from tactileforge.data.labels.turns import (
 )
 from tactileforge.errors import ConfigError, check_names
 from tactileforge.specs.published import spec
+
+log = logging.getLogger(__name__)
 
 #: Phrases of captions by action; "" stands for an unknown one.
 PHRASES = {
@@ -70,6 +75,7 @@ class Augment(nn.Module):
     scale move the picture as another place or lens of the camera would: newtons, millimetres and
     poses stay. Clips of taxel arrays stay unchanged. Clips marked ``upright``, and those that
     are paired with one of these or of an array, are not mirrored, turned, shifted or scaled.
+    Captions follow: see `directions.mirrored_caption`.
 
     Args:
         horizontal: Chance of a flip left to right.
@@ -83,9 +89,11 @@ class Augment(nn.Module):
         noise: Largest deviation of the noise of frames, grey levels of 255.
         chance: Share of the clips for which each of these seven is drawn, by name; 1 where absent.
         jitter: Largest relative change of brightness, contrast and saturation; 0 for none.
+        languages: Languages of captions, of `directions.LANGUAGES`.
 
     Raises:
-        ConfigError: A chance or range is out of bounds, or a name in ``chance`` is unknown.
+        ConfigError: A chance or range is out of bounds, or a name in ``chance`` or a language is
+            unknown.
     """
 
     def __init__(
@@ -101,8 +109,12 @@ class Augment(nn.Module):
         noise: float = 0.0,
         chance: Mapping[str, float] | None = None,
         jitter: float = 0.0,
+        languages: Sequence[str] = ("en",),
     ) -> None:
         super().__init__()
+        check_names("language of augment.languages", languages, LANGUAGES)
+        self.languages = tuple(languages)
+        self._is_said = False
         self.horizontal, self.vertical = horizontal, vertical
         self.rotate, self.shift, self.scale = rotate, shift, scale
         self.blur, self.gain, self.colour, self.noise = blur, gain, colour, noise
@@ -175,11 +187,34 @@ class Augment(nn.Module):
             angle, drawn["warp"] = self._draw_moves(first, fixed, batch["aspect"])
             drawn["warp_turn"] = rotation(angle)
             turn_labels(batch, angle)
+        self._change_captions(batch, flip, angle)
         if self._lights:
             drawn["relight"] = self._draw_light(coded)
         # a mirror first, then a turn, as `forward` treats the pixels
         turn_columns(batch, columns, frame_change(flip, angle), flip, drawn.get("warp"))
         return batch | drawn
+
+    def _change_captions(self, batch: Batch, flip: Tensor, angle: Tensor) -> None:
+        """Change the captions of mirrored and turned clips in place, or leave them out."""
+        texts = list(batch.get("text", ()))
+        if not texts or not (self.horizontal or self.vertical or self.rotate):
+            return
+        turned = (angle.abs() > SLIDE_SLACK).tolist()
+        for i, (text, (across, along)) in enumerate(zip(texts, flip.tolist(), strict=True)):
+            if not text or not (across or along or turned[i]):
+                continue
+            texts[i] = mirrored_caption(text, across, along, turned[i], self.languages)
+            if not self._is_said and (word := undeclared_words(text, self.languages)):
+                self._is_said = True
+                log.warning(
+                    "captions have %s, of no language in augment.languages=[%s]: in mirrored clips "
+                    "its directions stay as they are, and are wrong; add the language (%s), or "
+                    "leave mirrors out: augment.horizontal=0 augment.vertical=0",
+                    word,
+                    ",".join(self.languages),
+                    ", ".join(LANGUAGES),
+                )
+        batch["text"] = texts
 
     def _draw_moves(self, first: Tensor, fixed: Tensor, aspect: Tensor) -> tuple[Tensor, Tensor]:
         """Angles (B,), degrees, and warps (B, 2, 3); the first clip of a group draws for all."""

@@ -1,0 +1,484 @@
+"""Guesses of what the tables beside recordings are: forces, times of frames, objects, sensors."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.data.labels.clock import UNITS, date_unit
+from tactileforge.data.labels.missing import stated
+from tactileforge.data.labels.newtons import NEWTONS, named_unit
+from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.reading.label_rows import ENDING
+from tactileforge.reading.order import name_prefix
+from tactileforge.reading.records import FILE_COLUMN, RECORDS, conversion
+from tactileforge.reading.tables import read_cells
+from tactileforge.specs.published import spec
+
+Cells: TypeAlias = Sequence[Mapping[str, str]]
+Parts: TypeAlias = tuple[str, ...]
+
+#: Smallest share of files or names in a table, for the table to be about them.
+_ABOUT = 0.8
+#: Name of what stands before a value of a message (``field.wrench.force.x``), or of a file.
+_BEFORE = r"(?:\S*[./])?"
+#: Headers of columns, without the unit behind them.
+_FORCES = {
+    axis: re.compile(
+        rf"{_BEFORE}(?:(?:forces?|f)[_ .]?{axis}\b.*|{axis}[_ .]?force\b.*"
+        rf"|(?:forces?|wrench|ft)[_.]{place})"
+    )
+    for place, axis in enumerate("xyz")
+}
+_TIME = re.compile(
+    r"t|%?times?(?:[_ ]?stamps?)?(?:[_ (\[]{1,2}(?:[mun]?s|secs?|seconds?)[)\]]?)?"
+    r"|t[_ (\[]{1,2}[mun]?s[)\]]?|stamps?|(?:\w+\.)+(?:time)?stamp"
+    r"|(?:\w+\.)*(?:(?:time)?stamp[._])?(?:secs?|seconds?)"
+)
+_TIME_UNIT = re.compile(r"[_ (\[]([mun]s)[)\]]?$")
+_FRAME = re.compile(r"frame(?:_?(?:i?d?x?|number|no|count))?|index")
+_OBJECT = re.compile(r"object(?:_name)?|label|class|name|material|item")
+_SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
+_TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
+#: Stems of arrays by what they hold: an array has no headers.
+_FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|wrench(?:es)?|ft|fxyz|f)")
+_TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
+#: Names of several sensors of one touch.
+SIDES = frozenset(("left", "right", "l", "r", "lh", "rh", "top", "bottom", "up", "down"))
+SIDES |= {"upper", "lower", "front", "back", "inner", "outer", "first", "second", "a", "b"}
+SIDES |= {"thumb", "index", "middle", "ring", "pinky", "little"}
+#: Ratio of durations up to which two clocks have one unit.
+_AS_LONG = 2.5
+#: Largest plausible step of frames, s.
+_SLOW = 2.0
+
+
+@dataclass(frozen=True)
+class Units:
+    """Recordings of a guess.
+
+    Attributes:
+        root: Folder of the layout.
+        each: ``video``, ``touch`` or ``sequence``.
+        files: Path of each recording from the root (a file, or a folder of images), with the paths
+            of its files.
+        count: Frames of the first recording.
+        seconds: Duration of the first recording.
+        is_timed: Whether names tell the times of its frames.
+        is_dated: Whether these are since 1970.
+    """
+
+    root: Path
+    each: str
+    files: Mapping[Parts, Sequence[Path]]
+    count: int
+    seconds: float
+    is_timed: bool
+    is_dated: bool
+
+
+@dataclass
+class Family:
+    """Tables of one template.
+
+    Attributes:
+        template: Path from the root, with the names of a recording in braces.
+        files: Paths of the tables.
+        unit: A recording of the first table.
+        rows: Cells of that table.
+        key: Column with the names of images or recordings; None without one.
+    """
+
+    template: str
+    unit: Parts
+    files: list[Path] = field(default_factory=list)
+    rows: Cells = ()
+    key: str | None = None
+
+    @property
+    def is_own(self) -> bool:
+        """Whether each recording has a table, or shares it with those of its folder."""
+        return "{" in self.template
+
+    def column(self, pattern: re.Pattern[str]) -> str | None:
+        """The first column of a pattern."""
+        header = self.rows[0] if self.rows else {}
+        return next((name for name in header if pattern.fullmatch(name.strip().lower())), None)
+
+
+def templates(files: Sequence[Path], units: Units) -> list[Family]:
+    """Files beside recordings by their template, without rows.
+
+    Args:
+        files: Paths of the files.
+        units: The recordings.
+    """
+    place = _Places(units)
+    found: dict[str, Family] = {}
+    for path in files:
+        template, unit = place.of(path.relative_to(units.root))
+        found.setdefault(template, Family(template, unit)).files.append(path)
+    return list(found.values())
+
+
+def families(tables: Sequence[Path], units: Units) -> list[Family]:
+    """Tables by template, each with the rows of the first one; those that cannot be read are not.
+
+    Args:
+        tables: Paths of tables.
+        units: The recordings.
+    """
+    names = {path.name for paths in units.files.values() for path in paths}
+    names |= {parts[-1] for parts in units.files if parts}
+    names |= {ENDING.sub("", name) for name in names}
+    out = []
+    for family in templates(tables, units):
+        path = family.files[0]
+        if family.template.rpartition("/")[2].startswith("*"):
+            path, family.key = path.with_name(f"*{path.suffix}"), FILE_COLUMN
+        try:
+            family.rows = [cells for _, cells in read_cells(path, [])]
+        except TactileForgeError:  # the reader names it, once it is told to read it
+            continue
+        if not family.rows:
+            continue
+        family.key = family.key or _key(family.rows, names)
+        if len(family.files) == 1 and family.key and "*" not in family.template:
+            family.template = family.files[0].relative_to(units.root).as_posix()
+        out.append(family)
+    return out
+
+
+class _Places:
+    """Templates of tables by where they lie beside the recordings."""
+
+    def __init__(self, units: Units) -> None:
+        self.units = units
+        self._exact: dict[tuple[Parts, str], Parts] = {}
+        self._prefix: dict[tuple[Parts, str], Parts] = {}
+        self._stem: dict[str, Parts] = {}
+        self._inside: dict[Parts, list[Parts]] = {}
+        self._below: dict[Parts, Parts] = {}
+        self._images: dict[Parts, frozenset[str]] = {}
+        for parts, paths in units.files.items():
+            stem = self._name(parts)
+            self._exact.setdefault((parts[:-1], stem), parts)
+            self._prefix.setdefault((parts[:-1], name_prefix(stem)), parts)
+            self._stem.setdefault(stem, parts)
+            self._inside.setdefault(parts[:-1], []).append(parts)
+            inside = parts if units.each == "sequence" else parts[:-1]
+            for depth in range(len(inside) + 1):
+                self._below.setdefault(inside[:depth], parts)
+            if units.each == "sequence":
+                self._images[parts] = frozenset(path.stem for path in paths)
+
+    def _name(self, unit: Parts) -> str:
+        last = unit[-1] if unit else ""
+        return last if self.units.each == "sequence" else PurePath(last).stem
+
+    def of(self, table: PurePath) -> tuple[str, Parts]:
+        """Template of a table, and one of its recordings."""
+        folder, stem = table.parts[:-1], table.stem
+        below = next(
+            self._below[folder[:depth]]
+            for depth in range(len(folder), -1, -1)
+            if folder[:depth] in self._below
+        )
+        if self.units.each == "sequence":
+            # a file an image: {file}/*.json
+            for unit in (folder, below):
+                if stem in self._images.get(unit, ()) and table.suffix.lower() in RECORDS:
+                    return f"{self._folder(folder, unit)}/*{table.suffix}".lstrip("/"), unit
+        unit = self._exact.get((folder, stem)) or self._exact.get((folder[:-1], stem))
+        if unit is None:
+            beside = [one for one in self._inside.get(folder, ()) if _starts(stem, self._name(one))]
+            unit = max(beside, key=len, default=None) or self._stem.get(stem)
+        prefix = name_prefix(stem)
+        if unit is None and self.units.each == "video" and prefix:
+            unit = self._prefix.get((folder, prefix))
+            if unit is not None:
+                stem = "{prefix}" + stem[len(prefix) :]
+        unit = below if unit is None else unit
+        name = self._name(unit)
+        above = unit[-2] if len(unit) > 1 else ""
+        if unit and _starts(stem, name):
+            stem = "{stem}" + stem[len(name) :]
+        elif _starts(stem, above):
+            stem = "{folder}" + stem[len(above) :]
+        inner = self._folder(folder, unit)
+        return (f"{inner}/" if inner else "") + stem + table.suffix, unit
+
+    def _folder(self, folder: Parts, unit: Parts) -> str:
+        """Folder of a table, with the names of the folders of a recording in braces."""
+        if self.units.each == "sequence" and folder == unit:
+            return "{file}" if folder else ""
+        words = {len(unit) - 2: "{folder}", len(unit) - 3: "{parent}"}
+        out = [
+            words.get(i, part) if folder[: i + 1] == unit[: i + 1] else part
+            for i, part in enumerate(folder)
+        ]
+        if out and out[-1] == folder[-1] and len(unit) > 1 and folder[-1] == unit[-2]:
+            out[-1] = "{folder}"
+        if out and unit and folder[-1] == self._name(unit):
+            out[-1] = "{stem}"
+        return "/".join(out)
+
+
+def _starts(stem: str, name: str) -> bool:
+    """Whether the name of a table is that of a recording, or begins with it."""
+    return bool(name) and (stem == name or re.match(rf"{re.escape(name)}[_.\- ]", stem) is not None)
+
+
+def _filled(family: Family, units: Units) -> Iterator[bool]:
+    """Whether each recording has its table."""
+    there = {path.relative_to(units.root).as_posix() for path in family.files}
+    if "*" in family.template:
+        there = {
+            f"{name.rpartition('/')[0]}/*{PurePath(name).suffix}".lstrip("/") for name in there
+        }
+    for unit in units.files:
+        padded = ("", "", *unit)
+        stem = padded[-1] if units.each == "sequence" else PurePath(padded[-1]).stem
+        name = family.template.replace("{file}", "/".join(unit)).replace("{stem}", stem)
+        name = name.replace("{prefix}", name_prefix(stem)).replace("{folder}", padded[-2])
+        yield name.replace("{parent}", padded[-3]) in there
+
+
+def is_for_all(family: Family, units: Units) -> bool:
+    """Whether each recording has its own table, or all share one."""
+    if family.is_own:
+        return all(_filled(family, units))
+    names = {PurePath(unit[-1]).stem.lower() for unit in units.files if unit}
+    return bool(family.key) or len(units.files) == 1 or names <= SIDES
+
+
+def guess_times(
+    found: Sequence[Family], units: Units, doubts: list[str]
+) -> tuple[dict[str, Any], bool]:
+    """Guess the key of the times of frames, and whether these are since 1970.
+
+    Args:
+        found: Families of tables.
+        units: The recordings.
+        doubts: Lines, added to.
+    """
+    usable = []
+    for family in found:
+        column = _time_column(family)
+        has_force = _force_columns(family)[2] is not None
+        if column is None or not is_for_all(family, units) or units.each == "touch":
+            continue
+        values = _numbers(family, column)
+        if len(values) < 2 or not (np.diff(values) > 0).all():
+            continue
+        if units.is_timed and (units.is_dated or not date_unit(values)):
+            continue
+        # a key of single images alone: in a table of all, one of recordings says nothing of frames
+        by_name = family.key is not None and units.each == "sequence"
+        if by_name or len(values) == units.count:
+            usable.append((has_force, family, column, values, by_name))
+    if not usable:
+        return {}, units.is_dated
+    _, family, column, values, by_name = min(usable, key=lambda one: one[0])
+    keys: dict[str, Any] = {"file": family.template, "column": column}
+    doubts.append(f"times: those of frames are {column} of {family.template}")
+    if by_name:
+        keys["key"] = family.key
+    date = date_unit(values)
+    unit = "" if date else _step_unit(column, float(np.median(np.diff(values))))
+    if unit:
+        keys["unit"] = unit
+        doubts[-1] += f", taken for {unit}"
+    return {"times": keys}, bool(date)
+
+
+def _step_unit(column: str, step: float) -> str:
+    """Unit of the times of frames, by the name of their column or the step; "" for seconds."""
+    if found := _TIME_UNIT.search(column.lower()):
+        return found[1]
+    small = [unit for unit in ("ms", "us", "ns") if step * UNITS[unit] < _SLOW]
+    return "" if step < _SLOW else (small or ["ns"])[0]
+
+
+def guess_force(
+    found: Sequence[Family], units: Units, doubts: list[str]
+) -> tuple[dict[str, Any], list[Family]]:
+    """Guess the key of forces, and the family that it reads.
+
+    Args:
+        found: Families of tables.
+        units: The recordings, with what is known of their times.
+        doubts: Lines, added to.
+    """
+    for family in found:
+        columns = _force_columns(family)
+        if columns[2] is None:
+            continue
+        if not is_for_all(family, units):
+            if family.is_own:
+                doubts.append(f"force: not every recording has its {family.template}; left out")
+            continue
+        clock = _clock(family, units, doubts)
+        if clock is None:
+            continue
+        stated_units = {unit for name in columns if name and (unit := named_unit(name))} or {"N"}
+        if len(stated_units) > 1 or not stated_units <= NEWTONS.keys():
+            said = " and ".join(sorted(stated_units))
+            doubts.append(f"force: {family.files[0].name} has it in {said}, left out")
+            return {}, [family]
+        (unit,) = stated_units
+        table = {"file": family.template, "columns": columns, **clock}
+        table |= {} if unit == "N" else {"force_unit": unit}
+        said = "newton" if unit == "N" else unit
+        doubts.append(
+            f"force: taken for {said}, x right, y down, z into the gel, pressing positive"
+        )
+        return {"force": table}, [family]
+    return {}, []
+
+
+def _force_columns(family: Family) -> list[str | None]:
+    if family.files[0].suffix.lower() == ".npy":
+        width = len(family.rows[0])
+        if not _FORCE_STEM.fullmatch(family.files[0].stem.lower()) or "0" not in family.rows[0]:
+            return [None] * 3
+        return ["0", "1", "2"] if width >= 3 else [None, None, "0"]
+    return [family.column(_FORCES[axis]) for axis in "xyz"]
+
+
+def _time_column(family: Family) -> str | None:
+    path = family.files[0]
+    if path.suffix.lower() == ".npy":
+        is_times = _TIME_STEM.fullmatch(path.stem.lower()) and list(family.rows[0]) == ["0"]
+        return "0" if is_times else None
+    names = [name for name in family.rows[0] if _TIME.fullmatch(name.strip().lower())]
+    # the stamp of a message before the time at which it was received
+    return next((name for name in names if "stamp" in name.lower()), names[0] if names else None)
+
+
+def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | None:
+    """Keys of what a row of forces is of; None where they cannot be told."""
+    if family.key and units.each != "video":
+        return {"key": family.key}
+    if units.each == "touch":
+        return {} if len(family.rows) == 1 else None
+    frame, time = family.column(_FRAME), _time_column(family)
+    per_frame = len(family.rows) == units.count
+    if frame and (per_frame or time is None):
+        return {"frame": frame}
+    if time is None:
+        return {} if per_frame else None
+    values = _numbers(family, time)
+    date = date_unit(values) if len(values) else ""
+    if date and not units.is_dated:
+        if per_frame:
+            return {}
+        doubts.append(
+            f"force: {family.template} has dates in {time} and frames have none; give the times "
+            "of the frames (times:), or seconds since the first"
+        )
+        return None
+    if date or len(values) < 2:
+        return {"time": time}
+    span = float(values[-1] - values[0])
+    named = _TIME_UNIT.search(time.lower())
+    fits = [
+        unit
+        for unit, seconds in UNITS.items()
+        if 1 / _AS_LONG < span * seconds / max(units.seconds, 1e-9) < _AS_LONG
+    ]
+    unit = named[1] if named else fits[0] if fits else "s"
+    if unit == "s":
+        return {"time": time}
+    doubts.append(f"force: {time} of {family.template} is taken for {unit}")
+    return {"time": time, "unit": unit}
+
+
+def guess_labels(
+    found: Sequence[Family], units: Units, doubts: list[str]
+) -> tuple[dict[str, Any], list[Family]]:
+    """Guess the keys of objects, captions and types of sensors, and the families that they read.
+
+    Args:
+        found: Families of tables.
+        units: The recordings.
+        doubts: Lines, added to.
+    """
+    best: tuple[int, dict[str, Any], Family] | None = None
+    for family in found:
+        per_image = "*" in family.template
+        is_row = family.is_own and (len(family.rows) == 1 or per_image)
+        if not (is_row or family.key):
+            continue
+        given: dict[str, Any] = {}
+        for name, pattern in (("object", _OBJECT), ("text", _TEXT)):
+            column = family.column(pattern)
+            if column and column != family.key:
+                given[name] = f"{{{column}}}"
+        sensor = family.column(_SENSOR)
+        if sensor and all(_is_sensor(row[sensor]) for row in family.rows):
+            given["sensor"] = f"{{{sensor}}}"
+        if given and (best is None or len(given) > best[0]):
+            labels = {"file": family.template}
+            if family.key:
+                labels["key"] = family.key
+            best = len(given), {"labels": labels, **given}, family
+    if best is None:
+        return {}, []
+    _, keys, family = best
+    named = " and ".join(name for name in keys if name != "labels")
+    doubts.append(f"labels: {named} by {family.template}")
+    return keys, [family]
+
+
+def _is_sensor(name: str) -> bool:
+    try:
+        spec(name)
+    except ConfigError:
+        return False
+    return True
+
+
+def left_out(unread: Iterable[Path], root: Path) -> list[str]:
+    """Lines about tables and files of labels that a guess does not read, one a kind."""
+    kinds: dict[str, list[str]] = {}
+    for path in unread:
+        kinds.setdefault(conversion(path) and path.suffix.lower(), []).append(
+            path.relative_to(root).as_posix()
+        )
+    lines = []
+    for kind, names in sorted(kinds.items()):
+        first = sorted(names)[0]
+        more = f" and {len(names) - 1} more are" if len(names) > 1 else " is"
+        if kind:
+            lines.append(f"labels: {first}{more} left out: {conversion(root / first)}")
+            continue
+        lines.append(
+            f"labels: {first}{more} left out, since no force and no name of an object was seen; "
+            "give force: or labels: of the layout, if it has some (commas, decimals with points)"
+        )
+    return lines
+
+
+def _numbers(family: Family, column: str) -> NDArray[np.float64]:
+    """The numbers of a column; empty where a cell is none."""
+    try:
+        return np.array([float(row[column]) for row in family.rows])
+    except ValueError:
+        return np.array([])
+
+
+def _key(rows: Cells, names: set[str]) -> str | None:
+    """Column with the names of files; None without one."""
+    for title in rows[0]:
+        cells = [row[title] for row in rows if stated(row[title])]
+        found = {cell for cell in cells if cell.replace("\\", "/").rpartition("/")[2] in names}
+        if cells and len(found) >= _ABOUT * len(cells):  # each once: zeros are no names
+            return title
+    return None

@@ -1,0 +1,203 @@
+"""Rows of files that are no CSV: JSON, JSON lines, YAML and arrays of NumPy; and of many at once.
+
+Values within others are named by a point: ``{"force": {"z": 2}}`` has the column ``force.z``, and
+``{"force": [0, 0, 2]}`` the columns ``force.0`` to ``force.2``.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactileforge.data.frames.stacks import load_array
+from tactileforge.errors import DataError
+from tactileforge.reading.files import read_text
+from tactileforge.util.untrusted import load_json, load_yaml
+
+#: Endings of tables that are read here.
+RECORDS = frozenset({".json", ".jsonl", ".ndjson", ".yaml", ".yml", ".npy"})
+#: Column of the name of the file that a row is from, where there is one a row.
+FILE_COLUMN = "file"
+#: Columns of equal length from which these are rows; a shorter list is a vector, such as a wrench.
+_ROWS = 8
+#: Largest number of values in one row: what has more is no row of labels.
+_CELLS = 200
+
+_PANDAS = "python -c \"import pandas; pandas.{}('{}').to_csv('{}', index=False)\""
+_OFFICE = "libreoffice --headless --convert-to csv {}"
+_MAT = (
+    "python -c \"import numpy, scipy.io; numpy.savez('{1}', **{{k: v for k, v in "
+    "scipy.io.loadmat('{0}').items() if k[0] != '_'}})\""
+)
+#: MATLAB's arrays lie in HDF5 with their axes turned round.
+_MAT_73 = (
+    "python -c \"import h5py, numpy; numpy.savez('{1}', **{{k: numpy.transpose(v) for k, v in "
+    "h5py.File('{0}').items() if hasattr(v, 'shape')}})\""
+)
+
+
+def conversion(path: Path) -> str:
+    """What a file of labels is that nothing here reads, and how to convert it; "" for another.
+
+    Example:
+        >>> conversion(Path("forces.xlsx"))
+        'a spreadsheet: libreoffice --headless --convert-to csv forces.xlsx'
+    """
+    name, ending = shlex.quote(path.name), path.suffix.lower()
+    csv, npz = f"{path.stem}.csv", f"{path.stem}.npz"
+    match ending:
+        case ".xlsx" | ".xls" | ".xlsm" | ".ods":
+            return f"a spreadsheet: {_OFFICE.format(name)}"
+        case ".mat":
+            is_hdf5 = _starts_with(path, b"MATLAB 7.3")
+            told = "MATLAB 7.3, an HDF5" if is_hdf5 else "MATLAB"
+            return f"{told}: {(_MAT_73 if is_hdf5 else _MAT).format(path.name, npz)}"
+        case ".parquet" | ".feather":
+            return f"a {ending[1:]}: {_PANDAS.format(f'read_{ending[1:]}', path.name, csv)}"
+        case ".tsv":
+            return f"separated by tabs: tr '\\t' ',' < {name} > {csv}"
+        case ".pkl" | ".pickle":
+            return "a pickle, which runs code when it is read: save it as CSV or npz"
+    return ""
+
+
+def _starts_with(path: Path, start: bytes) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(start)) == start
+    except OSError:
+        return False
+
+
+def read_records(path: Path) -> list[tuple[str, dict[str, str]]]:
+    """Place and cells of each row of a JSON, JSON lines, YAML or .npy; "" for a missing value.
+
+    A JSON or YAML is a list of rows; one row; rows by the name of their file (column ``file``); a
+    list of rows among values that all share; or columns, lists of one length of 8 or more. Row
+    ``i`` of an array has the columns ``0``, ``1`` and so on.
+
+    Raises:
+        DataError: The file is damaged, or has no rows.
+    """
+    if path.suffix.lower() == ".npy":
+        return _array_rows(path)
+    if path.suffix.lower() in (".jsonl", ".ndjson"):
+        lines = read_text(path).splitlines()
+        return _filled(
+            [
+                (f"{path}, row {number}", _cells(_parsed(path, line, number), path))
+                for number, line in enumerate(lines, 1)
+                if line.strip()
+            ]
+        )
+    rows = _rows_of(_parsed(path, read_text(path)))
+    is_one = len(rows) == 1
+    places = [
+        str(path) if is_one else f"{path}, row {number}" for number in range(1, len(rows) + 1)
+    ]
+    return _filled([(where, _cells(row, path)) for where, row in zip(places, rows, strict=True)])
+
+
+def read_many(pattern: Path) -> list[tuple[str, dict[str, str]]]:
+    """Place and cells of the rows of all files of a pattern (``mug/*.json``), in order.
+
+    Each row has the file's name without its ending in the column ``file``, unless it has one.
+
+    Raises:
+        DataError: A file is damaged, or no row of a table.
+    """
+    rows = []
+    for path in sorted(pattern.parent.glob(pattern.name)):
+        for where, cells in read_records(path):
+            rows.append((where, {FILE_COLUMN: path.stem} | cells))
+    return _filled(rows)
+
+
+def _parsed(path: Path, text: str, line: int = 0) -> Any:
+    is_yaml = path.suffix.lower() in (".yaml", ".yml")
+    try:
+        return load_yaml(text) if is_yaml else load_json(text)
+    except ValueError as error:
+        where = f"{path}, row {line}" if line else str(path)
+        raise DataError(
+            f"{where}: not {'YAML' if is_yaml else 'JSON'} ({error}); correct it"
+        ) from error
+
+
+def _rows_of(content: Any) -> list[Any]:
+    """Rows of the content of a file; see `read_records`."""
+    if not isinstance(content, Mapping):
+        return list(content) if isinstance(content, list) else [content]
+    values = list(content.values())
+    if len(values) > 1 and _are_rows(values):
+        if all(value.keys() == values[0].keys() for value in values[1:]):
+            return [{FILE_COLUMN: str(name), **value} for name, value in content.items()]
+        return [content]
+    lists = {name: value for name, value in content.items() if isinstance(value, list)}
+    tables = [name for name, rows in lists.items() if rows and _are_rows(rows)]
+    if len(tables) == 1:
+        shared = {name: value for name, value in content.items() if name != tables[0]}
+        return [{**shared, **row} for row in lists[tables[0]]]
+    lengths = {len(value) for value in lists.values()}
+    if len(lengths) == 1 and min(lengths) >= _ROWS:
+        shared = {name: value for name, value in content.items() if name not in lists}
+        columns = zip(*lists.values(), strict=True)
+        return [{**shared, **dict(zip(lists, row, strict=True))} for row in columns]
+    return [content]
+
+
+def _are_rows(rows: Sequence[Any]) -> bool:
+    return all(isinstance(row, Mapping) for row in rows)
+
+
+def _cells(row: Any, path: Path) -> dict[str, str]:
+    if not isinstance(row, Mapping):
+        raise DataError(
+            f"{path}: {type(row).__name__} where a row of named values is wanted; write it as "
+            '{"force": [0, 0, 2], "object": "mug"}'
+        )
+    return dict(_flat(row, ""))
+
+
+def _flat(value: Any, name: str) -> Iterator[tuple[str, str]]:
+    """Names and texts of a value and those within; lists beyond the limit are left out."""
+    if isinstance(value, Mapping | list) and len(value) <= _CELLS:
+        inner = value.items() if isinstance(value, Mapping) else enumerate(value)
+        for key, one in inner:
+            yield from _flat(one, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, bool):
+        yield name, str(int(value))
+    elif value is None:
+        yield name, ""
+    elif isinstance(value, str | int | float):
+        yield name, str(value).strip()
+
+
+def _filled(rows: list[tuple[str, dict[str, str]]]) -> list[tuple[str, dict[str, str]]]:
+    """Rows with all columns, in the order in which they first come."""
+    header = dict.fromkeys((name for _, cells in rows for name in cells), "")
+    return [(where, header | cells) for where, cells in rows]
+
+
+def _array_rows(path: Path) -> list[tuple[str, dict[str, str]]]:
+    array = load_array(path)
+    if array.dtype.names:
+        names = [name for name in array.dtype.names if array.dtype[name].kind in "biufUS"]
+        columns = [array[name].astype(str) for name in names]
+    elif array.ndim in (1, 2) and array.dtype.kind in "biuf":
+        table = np.asarray(array).reshape(len(array), -1)
+        if table.shape[1] > _CELLS:
+            raise DataError(f"{path}: {table.shape[1]} columns, where a table has few")
+        names, columns = [str(i) for i in range(table.shape[1])], list(table.T)
+    else:
+        raise DataError(
+            f"{path}: an array of {array.dtype} {array.shape}, where a table has rows and columns "
+            "of numbers"
+        )
+    texts = [[str(value) for value in column.tolist()] for column in columns]
+    rows = zip(*texts, strict=True)
+    return [(f"{path}, row {i}", dict(zip(names, row, strict=True))) for i, row in enumerate(rows)]
