@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from tactileforge.contracts import Guess
-from tactileforge.errors import DataNotFoundError, PluginError
+from tactileforge.errors import DataError, DataNotFoundError, PluginError
 from tactileforge.plugins import registry
 
 log = logging.getLogger(__name__)
@@ -17,7 +17,8 @@ log = logging.getLogger(__name__)
 def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
     """Names of the data sets for a folder or file, with their guesses, best first.
 
-    A package that cannot be imported, or fails, is logged and left out.
+    A package that cannot be imported, or fails, is logged and left out. What a data set says of
+    files of its kind without a meaning is the error where no other recognises them.
 
     Args:
         path: Folder or file.
@@ -28,16 +29,21 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
     if not path.exists():
         raise DataNotFoundError(f"{path}: no such folder or file; correct the path")
     found: list[tuple[str, Guess]] = []
+    unclear: list[str] = []
     for name in registry.names("datasets"):
         try:
             look = getattr(registry.get("datasets", name), "recognise", None)
             guess = None if look is None else look(path)
         except PluginError as error:
             log.warning("%s", error)
+        except DataError as error:
+            unclear.append(str(error))
         except Exception as error:  # a fault of one package does not hide the others
             log.warning("data set %s cannot look at %s: %r", name, path, error)
         else:
             found += [] if guess is None else [(name, guess)]
+    if not found and unclear:
+        raise DataNotFoundError("; ".join(unclear))
     if not found:
         raise DataNotFoundError(
             f"{path}: no installed data set recognises it, and it has no videos or images; "

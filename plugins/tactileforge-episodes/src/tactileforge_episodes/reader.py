@@ -34,6 +34,7 @@ class EpisodeFile:
         keys: The map.
         values: Values of the placeholders of its path.
         reading: What the user says.
+        split: The split that its file states, "" for none; None where it states no splits.
     """
 
     def __init__(
@@ -43,8 +44,9 @@ class EpisodeFile:
         keys: EpisodeMap,
         values: Mapping[str, str],
         reading: Reading,
+        split: str | None = None,
     ) -> None:
-        self.arrays, self.name, self.keys = arrays, name, keys
+        self.arrays, self.name, self.keys, self.split = arrays, name, keys, split
         self.values, self.reading = dict(values), reading
         self._note: Callable[[str], object] = lambda _: None
 
