@@ -22,6 +22,7 @@ from made_episodes import (
 from tactileforge_episodes.dataset import Episodes
 from tactileforge_episodes.map_files import preset_names, read_preset
 
+from tactileforge.errors import DataError
 from tactileforge.plugin import TaxelLayout
 from tactileforge.testing import check
 
@@ -82,15 +83,18 @@ def test_a_format_is_recognised_and_its_doubts_are_said(preset, tmp_path):
 def test_other_files_are_not_recognised(tmp_path):
     assert Episodes.recognise(tmp_path) is None
     (tmp_path / "x.hdf5").write_bytes(b"no such file")
-    assert Episodes.recognise(tmp_path) is None
+    with pytest.raises(DataError, match="not a readable HDF5 file"):
+        Episodes.recognise(tmp_path)
     write_hdf5(tmp_path / "x.hdf5", {"a/b": np.zeros((4, 3))})
-    assert Episodes.recognise(tmp_path) is None
+    with pytest.raises(DataError, match=r"no array of pictures or touch\. It has a/b float64"):
+        Episodes.recognise(tmp_path)
     images = {
         "observations/images/front": pictures(3, 8, 8, 3),
         "observations/qpos": np.ones((3, 2)),
     }
     write_hdf5(tmp_path / "x.hdf5", {**images, "action": np.ones((3, 2))})
-    assert Episodes.recognise(tmp_path) is None  # ALOHA, but no touch
+    with pytest.raises(DataError, match="no array is called touch"):  # ALOHA
+        Episodes.recognise(tmp_path)
 
 
 def test_open_x_tactile(tmp_path):

@@ -141,9 +141,8 @@ class Episodes:
                 f"{self.root}: no zarr, HDF5 or npz is there; set data.root to the folder of the "
                 "files (docs/episodes.md)"
             )
-        self._notes.append(
-            f"{self.root}: read as {found.format}; data.preset or data.map says another"
-        )
+        other = "data.preset says another" if "preset" in found.options else "data.map says more"
+        self._notes.append(f"{self.root}: recognised as {found.format}; {other}")
         return found.options
 
     @property

@@ -62,30 +62,28 @@ def _recognise(root: Path, places: Sequence[Place]) -> Guess | None:
 
 def _guess_map(root: Path, places: Sequence[Place], touch: Sequence[str]) -> Guess:
     """A map of the first file that has touch by its names, and of others of its kind."""
-    found: MapGuess | None = None
-    first: DataError | None = None
+    found: list[tuple[Place, MapGuess]] = []
+    failed: list[DataError] = []
     for place in places:
-        if found is not None and place.kind != kind:
-            continue
-        try:
-            one = MapGuess(open_place(place), _shown(root, place), root, touch)
-        except DataError as error:
-            first = first or error
-            continue
-        if found is None:
-            found, kind = one, place.kind
-        else:
-            found.add(one)
-    if found is None:
-        raise first or DataError(f"{root}: no arrays")
-    keys = found.keys
+        if not found or place.kind == found[0][0].kind:
+            try:
+                one = MapGuess(open_place(place), _shown(root, place), root, touch)
+            except DataError as error:
+                failed.append(error)
+            else:
+                found.append((place, one))
+    if not found:
+        raise failed[0]
+    kind, keys = found[0][0].kind, found[0][1].keys
+    for _, one in found[1:]:
+        found[0][1].add(one)
     drawn = all("taxels" in one for one in keys["touch"])
     streams = ", ".join(one["finger"] for one in keys["touch"])
     return Guess(
         options={"root": str(root), "map": keys},
         format=f"{kind} with names of its own, touch: {streams}",
         score=0.05 if drawn else 0.5,
-        doubts=[*keys["doubts"], "licence: nothing says it (data.licence)"],
+        doubts=["licence: nothing says it (data.licence)"],  # the reader says those of the map
     )
 
 
@@ -120,7 +118,7 @@ def _fits(keys: EpisodeMap, places: Sequence[Place]) -> int:
 def _options(root: Path, preset: str, keys: EpisodeMap) -> tuple[dict[str, object], list[str]]:
     """Options for a folder, and statements to be made or checked by the user."""
     options: dict[str, object] = {"root": str(root), "preset": preset}
-    doubts = [*keys.doubts]
+    doubts: list[str] = []  # the reader says those of the map
     if not keys.licence:
         doubts.append("each set of this format has a licence of its own: data.licence")
     file = next(iter(find_files(root, keys, Reading(), [], [])), None)

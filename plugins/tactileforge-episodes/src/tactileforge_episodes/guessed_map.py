@@ -41,6 +41,11 @@ _STATES = {"state", "states", "qpos", "proprio", "proprioception"}
 _BODY = _ROBOT - {"torque", "torques", "cmd", "command", "action"} | {"hand", "pose", "robot0"}
 _NO_STATES = {"vel", "velocity", "qvel", "effort", "acc", "object", "sim", "next"} | _ACTIONS
 _TEXTS = {"instruction", "instructions", "language", "lang", "text", "caption", "prompt"}
+#: Words of groups and units, which tell no finger.
+_PLAIN = {
+    *("data", "obs", "observation", "observations", "sensor", "sensors", "values", "frames"),
+    *("n", "mn", "newton", "newtons", "gf", "kgf", "lbf"),
+}
 #: Words of the view of a scene that is taken before others.
 _FIRST_VIEWS = ("front", "agentview", "scene", "external", "top", "high", "main", "third", "head")
 _RATES = (
@@ -116,15 +121,12 @@ class MapGuess:
     def _attribute(self, key: str, name: str) -> Any:
         read = getattr(self.file, "attribute", None)
         found = None if read is None else read(key, name)
-        found = (
-            found.item()
-            if isinstance(found, np.ndarray | np.generic) and found.size == 1
-            else found
-        )
+        if isinstance(found, np.ndarray | np.generic) and found.size == 1:
+            found = found.item()
         return found.decode("utf-8", "replace") if isinstance(found, bytes) else found
 
     def _map(self, entries: dict[str, dict[str, Any]], every: Sequence[str]) -> dict[str, Any]:
-        keys: dict[str, Any] = {"about": f"{self.name}, by its names", "touch": [*entries.values()]}
+        keys: dict[str, Any] = {"about": f"{self.name}, guessed", "touch": [*entries.values()]}
         if self.within:
             keys["within"] = self.within
             if splits := find_splits(every):
@@ -302,8 +304,12 @@ class MapGuess:
         robot = [look for look in found if look.has(_ROBOT)]
         free = [look for look in found if look not in robot]
         for key, entry in entries.items():
-            own = self._own(self.looks[key])
-            fits = [look for look in free if self._own(look) == own]
+            fits = [
+                look
+                for look in free
+                if self._own(look)
+                if [k for k in entries if self._own(look) <= self._own(self.looks[k])] == [key]
+            ]
             if not fits and len(entries) == 1 and not entry.get("pads"):
                 fits = free
             if len(fits) > 1:
@@ -332,13 +338,8 @@ class MapGuess:
 
     def _own(self, look: Look) -> set[str]:
         """Words that tell one finger from another."""
-        return {
-            word
-            for word in look.words
-            if word
-            not in _FORCES | VIEWS | {"data", "obs", "observation", "observations", "sensor"}
-            if not says_touch([word])
-        }
+        plain = {word for word in look.words if not says_touch([word])}
+        return plain - _FORCES - VIEWS - _PLAIN
 
     def _camera(self) -> dict[str, Any]:
         views = [
@@ -350,10 +351,8 @@ class MapGuess:
         ]
         if not views:
             return {}
-        order = [word for word in _FIRST_VIEWS for key in views if word in self.looks[key].words]
-        best = next(
-            (key for word in order for key in views if word in self.looks[key].words), views[0]
-        )
+        first = (k for word in _FIRST_VIEWS for k in views if word in self.looks[k].words)
+        best = next(first, views[0])
         self._used.add(best)
         self.doubts.append(f"camera: {best} is the view of the scene")
         return {"camera": {"key": f"{best}?", **self.pictures[best]}}
@@ -417,8 +416,8 @@ class MapGuess:
         return DataError(
             f"{self.name}: {why}. It has {listed(self.looks.values(), self.within)}. Say which is "
             f"touch: data=episodes data.root={self.root} 'data.touch=[{shown}]'; or fill in a map: "
-            f"'data.map={{about: mine, {within}touch: [{{key: {shown!r}, sensor: digit}}], fps: 30}}' "
-            "(docs/episodes.md)"
+            f"'data.map={{about: mine, {within}touch: [{{key: {shown!r}, sensor: digit}}], fps: "
+            "30}' (docs/episodes.md)"
         )
 
 
@@ -446,7 +445,8 @@ def _short(keys: Sequence[str]) -> dict[str, str]:
         if len({len(one) for one in parts.values()}) == 1:
             varied = [len({*column}) > 1 for column in zip(*parts.values(), strict=True)]
             parts = {
-                k: [p for p, v in zip(one, varied, strict=True) if v] for k, one in parts.items()
+                key: [part for part, own in zip(one, varied, strict=True) if own]
+                for key, one in parts.items()
             }
     else:
         parts = {key: one[-1:] for key, one in parts.items()}
