@@ -38,7 +38,9 @@ def episodes_of(arrays: EpisodeArrays, keys: EpisodeMap, rows: int) -> list[tupl
     if ref is None:
         return [(0, rows)]
     ends = _ends(ref, keys.ends_are, rows)
-    if ref.lost(0, ref.facts.rows) or ref.is_void:
+    # writers leave chunks of zeros out, and numbers begin with them
+    whole = keys.ends_are == "numbers" or not ref.lost(0, ref.facts.rows)
+    if not whole or ref.is_void:
         raise DataError(f"{ref}: a chunk of the ends of episodes is missing; download it again")
     if ends.dtype.kind not in "iu" or not len(ends):
         raise DataError(f"{ref}: {ends.dtype} {ends.shape}, no ends of episodes; correct the file")
@@ -62,7 +64,10 @@ def _ends(ref: ArrayRef, are: str, rows: int) -> NDArray[Any]:
     if are == "lengths":
         return np.cumsum(values)
     if are == "numbers":
-        return np.append(np.flatnonzero(values[1:] != values[:-1]) + 1, len(values))
+        ends = np.append(np.flatnonzero(values[1:] != values[:-1]) + 1, len(values))
+        if len(np.unique(values)) != len(ends):
+            raise DataError(f"{ref}: the rows of an episode are apart; correct the file")
+        return ends
     return values
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.reading import Container
-from tactileforge_episodes.looks import FINGERS, VIEWS, Look, says_touch, words_of
+from tactileforge_episodes.looks import FINGERS, VIEWS, Arrays, Look, says_touch, words_of
+from tactileforge_episodes.names import natural
 
 #: Words of an episode in the names of groups and arrays.
 _EPISODE = {
@@ -31,7 +31,7 @@ _SPLITS = {"train": ("train",), "val": ("valid", "val", "validation", "test")}
 
 
 def find_groups(keys: Sequence[str]) -> tuple[str, str]:
-    """Template of the groups that are an episode each, and the first of them; "" for none.
+    """Template of the groups that are an episode each, and the fullest of them; "" for none.
 
     Example:
         >>> find_groups(["data/demo_0/obs/x", "data/demo_0/actions", "mask/train"])
@@ -56,7 +56,8 @@ def find_groups(keys: Sequence[str]) -> tuple[str, str]:
     template = max(found, key=lambda one: sum(found[one].values()), default="")
     if not template or 2 * sum(found[template].values()) < len(keys) or "{" in template[:-9]:
         return "", ""
-    return template, min(found[template], key=lambda one: int(re.sub(r".*?(\d+)$", r"\1", one)))
+    counts = found[template]
+    return template, min(counts, key=lambda group: (-counts[group], natural(group)))
 
 
 def find_splits(keys: Sequence[str]) -> dict[str, str]:
@@ -69,7 +70,7 @@ def find_splits(keys: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def find_ends(file: Container, looks: Sequence[Look], rows: int) -> dict[str, Any]:
+def find_ends(file: Arrays, looks: Sequence[Look], rows: int) -> dict[str, Any]:
     """Keys of a map for episodes that are rows of all arrays; {} for none.
 
     Args:

@@ -13,7 +13,7 @@ import numpy as np
 from tactileforge.data import NEWTONS, named_unit
 from tactileforge.errors import DataError, unknown
 from tactileforge.plugins import load_json
-from tactileforge.reading import ASSUMED_FPS, Container, guess_sensor
+from tactileforge.reading import ASSUMED_FPS, Container, Values, guess_sensor
 from tactileforge_episodes.groups import find_ends, find_groups, find_splits
 from tactileforge_episodes.looks import (
     DERIVED,
@@ -92,7 +92,7 @@ class MapGuess:
         self.pictures = {
             key: found
             for key, look in self.looks.items()
-            if (found := picture_keys(self, look)) is not None
+            if (found := self._picture(look)) is not None
         }
         entries = self._touch(touch)
         self.rows = self.looks[next(iter(entries))].facts.rows
@@ -106,14 +106,20 @@ class MapGuess:
             if one["key"] not in known and one["finger"] not in fingers:
                 self.keys["touch"].append(one)
 
-    # the container, of keys below the group of an episode
-    def array(self, key: str) -> Any:
+    def array(self, key: str) -> Values:
         """An array of the episode that is looked at."""
         return self.file.array(self._top + key)
 
     def _look(self, key: str) -> Look | None:
         try:
             return Look(key, self.array(key).facts, words_of(key))
+        except DataError as error:
+            self.doubts.append(f"left out: {error}")
+            return None
+
+    def _picture(self, look: Look) -> dict[str, Any] | None:
+        try:
+            return picture_keys(self, look)
         except DataError as error:
             self.doubts.append(f"left out: {error}")
             return None

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data import UNITS
-from tactileforge.reading import Container, Facts
+from tactileforge.reading import Facts, Values
 
 #: Parts of words that mean touch, and whole words that do.
 _TOUCH_PARTS = (
@@ -53,6 +53,14 @@ _DATES = 1e9, 4.2e9
 _RATES = 2.0, 500.0
 #: Share of the steps that rise in times, of which a few may be damaged.
 _RISING = 0.99
+
+
+class Arrays(Protocol):
+    """Arrays by name: a container, or an episode in it."""
+
+    def array(self, key: str) -> Values:
+        """An array by its name."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -104,11 +112,11 @@ def words_of(name: str) -> tuple[str, ...]:
     return tuple(re.findall(r"[a-z]+|\d+", spaced.lower()))
 
 
-def picture_keys(file: Container, look: Look) -> dict[str, Any] | None:
+def picture_keys(file: Arrays, look: Look) -> dict[str, Any] | None:
     """Keys of a map that read an array as pictures; None for other values.
 
     Args:
-        file: The container.
+        file: The container or episode.
         look: The array.
 
     Raises:

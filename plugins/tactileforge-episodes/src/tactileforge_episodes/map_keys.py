@@ -55,8 +55,8 @@ class PictureKeys:
         key: Path of the array.
         colours: Order of the channels: ``rgb`` or ``bgr``.
         encoded: Order of the channels of decoded images; null for ``colours``.
-        axes: ``hwc``, ``chw`` with channels first, or ``hw`` for grey. A single channel is grey, too;
-            a fourth, alpha, is left out.
+        axes: ``hwc``, ``chw`` with channels first, or ``hw`` for grey. A single channel is grey,
+            too; a fourth, alpha, is left out.
         white: Value of white in pictures of fractions; null where there are none.
     """
 
