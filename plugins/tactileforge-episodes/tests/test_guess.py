@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import zarr
-from made_episodes import jpegs, pictures, write_hdf5, write_zarr
+from made_episodes import jpegs, pictures, write_hdf5, write_zarr, zipped
 from tactileforge_episodes.dataset import Episodes
 
 from tactileforge import cli
@@ -496,3 +496,79 @@ def test_numbers_of_episodes_with_a_lost_chunk_are_refused(tmp_path):
     data = Episodes(**options, val=0)
     with pytest.raises(DataError, match="the rows of an episode are apart"):
         list(data.recordings("train"))
+
+
+def test_times_of_each_sensor(tmp_path):
+    shown = {side: pictures(9, 24, 32, 3, seed=i) for i, side in enumerate(("thumb", "index"))}
+    arrays = {f"tactile/{side}/rgb": frames for side, frames in shown.items()}
+    arrays |= {"tactile/thumb/stamp": np.arange(9) * 40, "tactile/index/stamp": np.arange(9) * 50}
+    arrays |= {"robot/time": np.arange(9) / 7, "tactile/index/force": np.ones((9, 3), "f4")}
+    write_hdf5(tmp_path / "a.h5", arrays)
+    found, _ = read(tmp_path)
+    for side, step in (("thumb", 40), ("index", 50)):
+        one = found[f"a/{side}"]
+        np.testing.assert_array_equal(pixels(one), shown[side])
+        np.testing.assert_array_equal(one.times, np.arange(9) * step * 1e-3)
+    assert found["a/thumb"].force is None
+    np.testing.assert_array_equal(found["a/index"].force, arrays["tactile/index/force"])
+
+
+def test_groups_of_a_split(tmp_path):
+    shown = {
+        f"{split}/episode_{i}/tactile": pictures(6, 24, 32, 3, seed=i)
+        for split, i in (("train", 0), ("train", 1), ("val", 0))
+    }
+    write_hdf5(tmp_path / "a.h5", shown)
+    assert [*read(tmp_path)[0]] == ["a/train/episode_0/tactile", "a/train/episode_1/tactile"]
+    assert [*read(tmp_path, "val")[0]] == ["a/val/episode_0/tactile"]
+
+
+def test_the_only_pictures_are_touch(tmp_path):
+    """The names of a data review: ``frames``, ``times`` and ``forces``."""
+    arrays = {
+        "frames": pictures(9, 24, 32, 3),
+        "times": np.arange(9) / 20,
+        "forces": np.random.default_rng(1).normal(0, 1, (9, 3)).astype("f4"),
+    }
+    for i in range(3):
+        write_npz(tmp_path / f"trial_{i}.npz", arrays)
+    found, notes = read(tmp_path)
+    assert [*found] == [f"trial_{i}/frames" for i in range(3)]
+    one = found["trial_2/frames"]
+    np.testing.assert_array_equal(pixels(one), arrays["frames"])
+    np.testing.assert_array_equal(one.force, arrays["forces"])
+    np.testing.assert_array_equal(one.times, arrays["times"])
+    assert "touch: frames is the only array of pictures" in "\n".join(notes)
+
+
+def test_forces_of_pads(tmp_path):
+    force = np.random.default_rng(1).normal(0, 1, (9, 2, 3)).astype("f4")
+    arrays = {"tactile": pictures(9, 2, 24, 32, 3), "tactile_force": force}
+    write_npz(tmp_path / "a.npz", arrays)
+    found, _ = read(tmp_path)
+    for i in range(2):
+        np.testing.assert_array_equal(found[f"a/tactile_{i}"].force, force[:, i])
+
+
+@pytest.mark.parametrize("side", ["left", "l"])
+def test_the_force_of_its_own_side(side, tmp_path):
+    force = np.random.default_rng(1).normal(0, 1, (9, 6)).astype("f4")
+    arrays = {
+        "obs/gelsight_mini_left": pictures(9, 24, 32, 3),
+        f"obs/{side}_force_torque": force,
+        "obs/right_force_torque": -force,
+    }
+    write_npz(tmp_path / "gelslim_rig/a.npz", arrays)
+    (one,) = read(tmp_path)[0].values()
+    assert one.sensor == "gelsight_mini"  # its own name before that of its folder
+    np.testing.assert_array_equal(one.force, force[:, :3])
+    np.testing.assert_array_equal(one.tracks["right_force_torque"], -force)
+
+
+def test_a_zip_of_zarr(tmp_path):
+    arrays = buffer()
+    zipped(write_zarr(tmp_path / "made/x.zarr", arrays), tmp_path / "replay_buffer.zarr.zip")
+    found, _ = read(tmp_path / "replay_buffer.zarr.zip")
+    assert len(found) == 4
+    one = found["replay_buffer/000001/tactile_right"]
+    np.testing.assert_array_equal(pixels(one), arrays["data/tactile_right"][12:])

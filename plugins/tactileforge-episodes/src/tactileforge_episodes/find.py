@@ -12,6 +12,7 @@ import numpy as np
 from tactileforge.errors import DataError, unknown
 from tactileforge_episodes.clock import splits_of
 from tactileforge_episodes.forces import read_force
+from tactileforge_episodes.groups import SPLITS
 from tactileforge_episodes.map_keys import EpisodeMap, SplitKeys
 from tactileforge_episodes.names import fill, match, match_end, natural, placeholders
 from tactileforge_episodes.places import KINDS, Place, find_places, open_place
@@ -98,6 +99,10 @@ def _groups(
     shared = keys.within[: keys.within.index("{")].count("/")
     names = {group: "/".join(group.split("/")[shared:]) for group in sorted(found, key=natural)}
     said = splits_of(place, keys.splits or SplitKeys(), {*listed}, names.values())
+    for group, own in names.items():
+        for split, words in SPLITS.items():
+            if found[group].get("split") in words:
+                said.setdefault(own, split)
     if left := [one for one, split in said.items() if not split]:
         notes.append(f"{place}: {len(left)} episodes, such as {left[0]}, are in no split: left out")
     for group, own in names.items():

@@ -27,7 +27,10 @@ _HOLDS = {
 #: Largest array that says where episodes are, and deepest group that is one.
 _MOST, _DEEPEST = 10_000_000, 3
 #: Names of the arrays with the names of the episodes of a split.
-_SPLITS = {"train": ("train",), "val": ("valid", "val", "validation", "test")}
+SPLITS: dict[str, tuple[str, ...]] = {
+    "train": ("train",),
+    "val": ("valid", "val", "validation", "test"),
+}
 
 
 def find_groups(keys: Sequence[str]) -> tuple[str, str]:
@@ -45,16 +48,18 @@ def find_groups(keys: Sequence[str]) -> tuple[str, str]:
             words = words_of(fits[1]) if fits else ()
             if fits is None or (words and words[-1] not in _EPISODE):
                 continue
-            above = words_of("/".join(parts[:depth]))
-            if not words and (says_touch(above) or not (FINGERS | VIEWS).isdisjoint(above)):
+            place = words_of("/".join(parts[:depth]))
+            if not words and (says_touch(place) or not (FINGERS | VIEWS).isdisjoint(place)):
                 continue  # sensors that are counted
-            template = "/".join([*parts[:depth], fits[1] + "{number#}"])
+            split = depth > 0 and parts[depth - 1] in sum(SPLITS.values(), ())
+            above = [*parts[: depth - 1], "{split}"] if split else parts[:depth]
+            template = "/".join([*above, fits[1] + "{number#}"])
             counts = found.setdefault(template, {})
             group = "/".join(parts[: depth + 1])
             counts[group] = counts.get(group, 0) + 1
             break
     template = max(found, key=lambda one: sum(found[one].values()), default="")
-    if not template or 2 * sum(found[template].values()) < len(keys) or "{" in template[:-9]:
+    if not template or 2 * sum(found[template].values()) < len(keys) or template.count("{") > 2:
         return "", ""
     counts = found[template]
     return template, min(counts, key=lambda group: (-counts[group], natural(group)))
@@ -63,7 +68,7 @@ def find_groups(keys: Sequence[str]) -> tuple[str, str]:
 def find_splits(keys: Sequence[str]) -> dict[str, str]:
     """Arrays with names of the episodes of each split, of ``mask/train`` and the like."""
     found: dict[str, str] = {}
-    for split, names in _SPLITS.items():
+    for split, names in SPLITS.items():
         places = [f"{top}/{name}" for name in names for top in ("mask", "masks", "split", "splits")]
         if there := [key for key in places if key in keys]:
             found[split] = there[0]

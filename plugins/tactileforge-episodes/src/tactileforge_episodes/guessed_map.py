@@ -30,21 +30,23 @@ from tactileforge_episodes.looks import (
 
 _TIMES = {"time", "times", "timestamp", "timestamps", "stamp", "stamps", "t", "clock", "secs"}
 _NO_TIMES = {"delta", "dt", "duration", "exposure", "remaining", "step", "steps"}
-_FORCES = {"force", "forces", "ft", "wrench", "wrenches", "loadcell"}
-#: Words of forces of the robot and of torques, which are none on the gel.
+_FORCES = {
+    *("force", "forces", "ft", "fts", "wrench", "wrenches", "loadcell", "forcetorque", "netft"),
+    *("fz", "fxyz"),
+}
+#: Words of forces of the robot, which are none on the gel.
 _ROBOT = {
     *("robot", "tcp", "flange", "wrist", "arm", "ee", "eef", "gripper", "base", "joint", "joints"),
-    *("torque", "torques", "motor", "cmd", "command", "action"),
+    *("motor", "cmd", "command", "action"),
 }
 _ACTIONS = {"action", "actions"}
 _STATES = {"state", "states", "qpos", "proprio", "proprioception"}
-_BODY = _ROBOT - {"torque", "torques", "cmd", "command", "action"} | {"hand", "pose", "robot0"}
+_BODY = _ROBOT - {"cmd", "command", "action"} | {"hand", "pose", "robot0"}
 _NO_STATES = {"vel", "velocity", "qvel", "effort", "acc", "object", "sim", "next"} | _ACTIONS
 _TEXTS = {"instruction", "instructions", "language", "lang", "text", "caption", "prompt"}
-#: Words of groups and units, which tell no finger.
-_PLAIN = {
-    *("data", "obs", "observation", "observations", "sensor", "sensors", "values", "frames"),
-    *("n", "mn", "newton", "newtons", "gf", "kgf", "lbf"),
+#: Words of a finger, and their short forms.
+_SIDES = {"l": "left", "r": "right", "lf": "left", "rf": "right"} | {
+    word: word for word in ("left", "right", "thumb", "index", "middle", "ring", "pinky", "little")
 }
 #: Words of the view of a scene that is taken before others.
 _FIRST_VIEWS = ("front", "agentview", "scene", "external", "top", "high", "main", "third", "head")
@@ -141,7 +143,7 @@ class MapGuess:
         else:
             keys |= find_ends(self, [*self.looks.values()], self.rows)
             self._used |= {keys["ends"]} if "ends" in keys else set()
-        keys |= self._time(str(keys.get("ends", "")))
+        keys |= self._time(entries, str(keys.get("ends", "")))
         self._forces(entries)
         keys |= self._camera() | self._numbers() | self._text()
         if any("taxels" not in one and "reference" not in one for one in entries.values()):
@@ -157,7 +159,8 @@ class MapGuess:
             named = [key for key, look in self.looks.items() if says_touch(look.words)]
             shown = [key for key in named if key in self.pictures]
             fingers = [key for key in self.pictures if self.looks[key].has(FINGERS)]
-            chosen = self._whole(shown) or self._whole(fingers) or self._taxels(named)
+            chosen = self._whole(shown) or self._whole(fingers) or self._only(named)
+            chosen = chosen or self._taxels(named)
         if not chosen:
             why = "no array is called touch" if self.pictures else "no array of pictures or touch"
             raise self.unclear(why)
@@ -193,6 +196,16 @@ class MapGuess:
         plain = [key for key in keys if not self.looks[key].has(DERIVED | STILL)]
         return plain or [key for key in keys if not self.looks[key].has(STILL | {"next"})]
 
+    def _only(self, named: Sequence[str]) -> list[str]:
+        """The only array of pictures, where it is called no view of a scene."""
+        if named or len(self.pictures) != 1:
+            return []
+        (key,) = self.pictures
+        if self.looks[key].has({*_FIRST_VIEWS, "wrist", "camera", "cam", "cameras", "view"}):
+            return []
+        self.doubts.append(f"touch: {key} is the only array of pictures, so it is taken for touch")
+        return [key]
+
     def _taxels(self, keys: Sequence[str]) -> list[str]:
         beside = _TIMES | _FORCES | DERIVED | STILL | _ACTIONS
         return [
@@ -220,9 +233,11 @@ class MapGuess:
         keys = self.pictures[look.key]
         sizes = look.width[1:] if keys.get("pads") else look.width
         shape = (1, 1) if len(sizes) < 2 else sizes[1:] if keys.get("axes") == "chw" else sizes[:2]
-        doubts: list[str] = []
-        words = "/".join([*self.name.split("/")[-2:], look.key])
-        found = guess_sensor(words, lambda: (shape[0], shape[1]), doubts)
+        for words in (look.key, "/".join([*self.name.split("/")[-2:], look.key])):
+            doubts: list[str] = []
+            found = guess_sensor(words, lambda: (shape[0], shape[1]), doubts)
+            if not doubts:
+                break
         self.doubts += [f"{line} ({look.key})" for line in doubts]
         return str(found["sensor"])
 
@@ -238,32 +253,53 @@ class MapGuess:
                 return {"reference": key}
         return {}
 
-    def _time(self, ends: str) -> dict[str, Any]:
-        """Key of the times, else the rate."""
+    def _time(self, entries: dict[str, dict[str, Any]], ends: str) -> dict[str, Any]:
+        """Keys of the times of each touch, or of all, else the rate."""
         found = [
             look
             for look in self.looks.values()
             if look.has(_TIMES) and not look.has(_NO_TIMES) and look.is_numbers
             if look.facts.shape in ((self.rows,), (self.rows, 1)) and look.key not in self._used
         ]
-        found.sort(key=lambda look: (not says_touch(look.words), len(look.words)))
-        found.sort(key=lambda look: len({*look.words} - _TIMES) > 3)
+        elsewhere = _ROBOT | VIEWS
+        found.sort(key=lambda one: (not says_touch(one.words), one.has(elsewhere), len(one.words)))
+        shared: dict[str, Any] = {}
         for look in found:
-            values = self.array(look.key).rows(range(self._first(ends))).reshape(-1)
-            try:
-                unit, why = time_unit(look.words, values)
-            except ValueError as error:
-                raise DataError(
-                    f"{self.name}: {look}: {error}; correct the name, or say the unit in a map: "
-                    f"time: {{key: {look.key}, unit: s}}"
-                ) from error
-            if unit and unit != "frames":
-                self._used.add(look.key)
-                self.doubts.append(f"time: {look.key} in {unit}, {why}")
-                return {"time": {"key": look.key, "unit": unit}}
-            if unit != "frames":
-                self.doubts.append(f"time: {look.key} is left out, as {why}")
-        return self._rate()
+            touch = self._whose(look, entries)
+            if len(touch) == 1 < len(entries):
+                entry = entries[touch[0]]
+                entry |= {} if "time" in entry else self._read_time(look, ends)
+            elif not shared:
+                shared = self._read_time(look, ends)
+        return {} if all("time" in entry for entry in entries.values()) else shared or self._rate()
+
+    def _read_time(self, look: Look, ends: str) -> dict[str, Any]:
+        """Key of times; {} for an array that has none."""
+        values = self.array(look.key).rows(range(self._first(ends))).reshape(-1)
+        try:
+            unit, why = time_unit(look.words, values)
+        except ValueError as error:
+            raise DataError(
+                f"{self.name}: {look}: {error}; correct the name, or say the unit in a map: "
+                f"time: {{key: {look.key}, unit: s}}"
+            ) from error
+        if unit == "frames":
+            return {}
+        if not unit:
+            self.doubts.append(f"time: {look.key} is left out, as {why}")
+            return {}
+        self._used.add(look.key)
+        self.doubts.append(f"time: {look.key} in {unit}, {why}")
+        return {"time": {"key": look.key, "unit": unit}}
+
+    def _whose(self, look: Look, entries: Mapping[str, Any]) -> list[str]:
+        """Touch that an array is of, by the words that tell one from another; all for none."""
+        words = {key: {_SIDES.get(word, word) for word in self.looks[key].words} for key in entries}
+        apart = set.union(*words.values()) - set.intersection(*words.values())
+        own = {_SIDES.get(word, word) for word in look.words}
+        if len(entries) == 1:
+            apart = {*_SIDES.values()}
+        return [key for key in entries if own & apart <= words[key]]
 
     def _first(self, ends: str) -> int:
         """Rows of the first episode."""
@@ -305,19 +341,16 @@ class MapGuess:
             look
             for look in self.looks.values()
             if look.has(_FORCES) and look.is_numbers and look.facts.rows == self.rows
-            if look.key not in self._used and look.width in ((), (1,), (3,), (6,))
+            if look.key not in self._used and look.width[-1:] in ((), (1,), (3,), (6,))
         ]
-        robot = [look for look in found if look.has(_ROBOT)]
-        free = [look for look in found if look not in robot]
         for key, entry in entries.items():
+            robot = _ROBOT - {*self.looks[key].words}
             fits = [
                 look
-                for look in free
-                if self._own(look)
-                if [k for k in entries if self._own(look) <= self._own(self.looks[k])] == [key]
+                for look in found
+                if self._whose(look, entries) == [key] and not look.has(robot)
+                if look.width[:-1] == (self.looks[key].width[:1] if entry.get("pads") else ())
             ]
-            if not fits and len(entries) == 1 and not entry.get("pads"):
-                fits = free
             if len(fits) > 1:
                 names = " or ".join(look.key for look in fits)
                 self.doubts.append(f"force: of {key} it may be {names}, so they are tracks alone")
@@ -328,10 +361,10 @@ class MapGuess:
             if unit not in NEWTONS:
                 self.doubts.append(f"force: {look.key} is in {unit} by its name, so it is a track")
                 continue
-            columns = [0, 1, 2] if look.width in ((3,), (6,)) else [None, None, 0]
+            columns = [0, 1, 2] if look.width[-1:] in ((3,), (6,)) else [None, None, 0]
             entry["force"] = {"key": f"{look.key}?", "columns": columns}
             entry["force"] |= {} if unit == "N" else {"unit": unit}
-            if look.width != (6,):  # torques are a track
+            if look.width[-1:] != (6,):  # torques are a track
                 self._used.add(look.key)
             self.doubts.append(
                 f"force: {look.key} is taken for that on {key}, in {unit}, x right, y down, z into "
@@ -341,11 +374,6 @@ class MapGuess:
         for look in found:
             if look.key not in forces:
                 self.doubts.append(f"force: {look.key} is a track, as it is not of one touch alone")
-
-    def _own(self, look: Look) -> set[str]:
-        """Words that tell one finger from another."""
-        plain = {word for word in look.words if not says_touch([word])}
-        return plain - _FORCES - VIEWS - _PLAIN
 
     def _camera(self) -> dict[str, Any]:
         views = [

@@ -138,6 +138,7 @@ class TouchKeys(PictureKeys):
         draw: Which numbers are touch: ``all``, or ``grids`` alone.
         reference: Key of the picture without contact; "" for none.
         force: Force; null for none.
+        time: Times of its own; null for those of the map.
         tracks: Further values by name; placeholders that the key of the touch has not stand for
             every array that fits, and is no touch itself.
         labels: Further labels of the recording.
@@ -151,6 +152,7 @@ class TouchKeys(PictureKeys):
     draw: Literal["all", "grids"] = "all"
     reference: str = ""
     force: ForceKeys | None = None
+    time: TimeKeys | None = None
     tracks: Mapping[str, Keys] = field(default_factory=dict)
     labels: Mapping[str, str | ReadKeys] = field(default_factory=dict)
 

@@ -104,11 +104,17 @@ class EpisodeFile:
         start, stop = self.episodes[number]
         if start == stop:
             raise DataError(f"{self.arrays.place}: episode {number} has no frames")
-        times = times_of(self.arrays, self.keys.time, self.values, self.rate, (start, stop))
+        span = (start, stop)
+        if not all(touch.keys.time for touch in self.touches):
+            times = times_of(self.arrays, self.keys.time, self.values, self.rate, span)
         shared = self._shared(number, start, stop)
         for touch in self.touches:
             try:
-                yield self._recording(touch, number, times, range(start, stop), shared)
+                if touch.keys.time:
+                    own = times_of(self.arrays, touch.keys.time, touch.values, self.rate, span)
+                else:
+                    own = times
+                yield self._recording(touch, number, own, range(start, stop), shared)
             except DataError as error:
                 bad(error)
 
