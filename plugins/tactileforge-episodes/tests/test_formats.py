@@ -404,3 +404,12 @@ def test_files_of_htt_with_one_name_are_held_out_together(tmp_path):
     for val in (0.0, 0.2, 0.5, 0.9):
         data = Episodes(str(tmp_path), preset="htt", fps=25, val=val)
         assert [len(list(data.recordings(split))) for split in ("train", "val")] in ([2, 0], [0, 2])
+
+
+def test_robomimic_has_every_sensor_of_each_demonstration(tmp_path):
+    found = made(tmp_path, "robomimic")
+    sides = ("tactile_left", "right_tactile_image")
+    assert {*found} == {f"demo/demo_{i}/{side}" for i in (0, 1) for side in sides}
+    one = found["demo/demo_1/right_tactile_image"]
+    np.testing.assert_array_equal(one.frames.read(range(6)), pictures(6, 24, 32, 3, seed=5))
+    np.testing.assert_allclose(one.times, np.arange(6) / 20)
