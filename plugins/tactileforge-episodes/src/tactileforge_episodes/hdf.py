@@ -49,12 +49,12 @@ class HdfFile(ArrayFile):
                 error
             )
         self._sets: dict[str, Dataset] = {}
-        self._count = 0
+        self._count, self._listed = 0, set[str]()
 
-    def keys(self) -> list[str]:
-        """Paths of the data sets, in order; a group with several names is listed by its first."""
-        try:
-            return sorted(self._below("", 0, {}))
+    def _list(self) -> list[str]:
+        self._count = 0
+        try:  # a group with several names is listed by its first
+            return [*self._below("", 0, {})]
         except DAMAGED as error:
             raise DataError(f"{self.name}: damaged ({error}); download it again") from error
 
@@ -81,6 +81,7 @@ class HdfFile(ArrayFile):
                 continue
             kind = node.get(name, getclass=True)
             if issubclass(kind, h5py.Dataset):
+                self._listed.add(path)
                 yield path
             elif issubclass(kind, h5py.Group):
                 yield from self._below(path, depth + 1, seen)
@@ -105,6 +106,8 @@ class HdfFile(ArrayFile):
         return Facts(found.shape, dtype, found.chunks[0] if found.chunks else 1)
 
     def _check_links(self, key: str) -> None:
+        if key in self._listed:
+            return
         names = key.strip("/").split("/")
         for depth in range(len(names)):
             link = self._file.get("/".join(names[: depth + 1]), getlink=True)
