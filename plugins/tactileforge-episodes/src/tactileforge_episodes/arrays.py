@@ -93,7 +93,8 @@ class ArrayFile(ABC):
         # late: pictures build on arrays
         pictures_of = import_module("tactileforge_episodes.frames").pictures_of
 
-        return pictures_of(self.array(key))
+        found: Frames | None = pictures_of(self.array(key))
+        return found
 
     def lost(self, key: str, start: int, stop: int) -> list[int]:
         """Rows in a range whose chunk is not stored, though others of the array are.

@@ -115,7 +115,7 @@ class Episodes:
         """
         from tactileforge_episodes.map_files import parse_map, read_map, read_preset
 
-        options = {"preset": self.preset, "map": self.map}
+        options: Mapping[str, Any] = {"preset": self.preset, "map": self.map}
         if not self.preset and not self.map:
             options = self._guessed()
         if preset := options.get("preset"):

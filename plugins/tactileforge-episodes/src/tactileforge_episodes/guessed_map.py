@@ -295,7 +295,8 @@ class MapGuess:
     def _whose(self, look: Look, entries: Mapping[str, Any]) -> list[str]:
         """Touch that an array is of, by the words that tell one from another; all for none."""
         words = {key: {_SIDES.get(word, word) for word in self.looks[key].words} for key in entries}
-        apart = set.union(*words.values()) - set.intersection(*words.values())
+        apart = set.union(*words.values())
+        apart -= {word for word in apart if all(word in own for own in words.values())}
         own = {_SIDES.get(word, word) for word in look.words}
         if len(entries) == 1:
             apart = {*_SIDES.values()}
