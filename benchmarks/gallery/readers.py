@@ -70,7 +70,7 @@ GENERAL: dict[str, tuple[str, tuple[str, ...], tuple[str, ...], str]] = {
         "[LeRobot](lerobot.md)",
     ),
     "episodes": (
-        "Episodes in zarr, HDF5 and npz: eleven formats of other labs (`tactileforge-episodes`).",
+        "Episodes in zarr, HDF5 and npz: twelve formats of other labs (`tactileforge-episodes`).",
         ("gelsight_mini",),
         ("image", "text", "force"),
         "[Zarr, HDF5 and npz](episodes.md)",

@@ -258,6 +258,20 @@ def omnisharing(root: Path, top: str = "dataset/") -> Path:
     return path
 
 
+def robomimic(root: Path) -> Path:
+    """Two demonstrations of one file."""
+    arrays: dict[str, Any] = {"mask/train": np.array([b"demo_0", b"demo_1"])}
+    for i in range(2):
+        arrays |= {
+            f"data/demo_{i}/actions": np.ones((6, 7)),
+            f"data/demo_{i}/obs/robot0_eef_pos": np.ones((6, 3)),
+            f"data/demo_{i}/obs/agentview_image": pictures(6, 24, 32, 3, seed=i),
+            f"data/demo_{i}/obs/tactile_left": pictures(6, 24, 32, 3, seed=i + 2),
+            f"data/demo_{i}/obs/right_tactile_image": pictures(6, 24, 32, 3, seed=i + 4),
+        }
+    return write_hdf5(root / "demo.hdf5", arrays)
+
+
 def htt(root: Path) -> Path:
     """A slide with labels of slip, and a press of the same probe without."""
     rng = np.random.default_rng(14)
@@ -311,6 +325,7 @@ FORMATS: dict[str, tuple[Callable[[Path], Path], dict[str, Any]]] = {
     "manifeel": (manifeel, {}),
     "freetacman": (freetacman, {"sensors": {"any": "digit"}}),
     "aloha": (aloha, {"sensors": {"any": "gelsight_mini"}, "fps": 50}),
+    "robomimic": (robomimic, {"sensors": {"any": "digit"}}),
     "vtouch": (vtouch, {"sensors": {"any": "digit"}}),
     "omnisharing": (omnisharing, {"span": 2.0}),
     "htt": (htt, {"fps": 25}),

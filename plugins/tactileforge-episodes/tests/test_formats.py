@@ -22,6 +22,7 @@ from made_episodes import (
 from tactileforge_episodes.dataset import Episodes
 from tactileforge_episodes.map_files import preset_names, read_preset
 
+from tactileforge.errors import DataError
 from tactileforge.plugin import TaxelLayout
 from tactileforge.testing import check
 
@@ -66,7 +67,7 @@ def test_a_preset_reads_its_format_and_conforms(preset, tmp_path):
         assert colours(one.frames.read(range(len(one.frames)))) == RGB
 
 
-@pytest.mark.parametrize("preset", FORMATS)
+@pytest.mark.parametrize("preset", [name for name in FORMATS if read_preset(name).signature])
 def test_a_format_is_recognised_and_its_doubts_are_said(preset, tmp_path):
     make, options = FORMATS[preset]
     make(tmp_path)
@@ -82,15 +83,18 @@ def test_a_format_is_recognised_and_its_doubts_are_said(preset, tmp_path):
 def test_other_files_are_not_recognised(tmp_path):
     assert Episodes.recognise(tmp_path) is None
     (tmp_path / "x.hdf5").write_bytes(b"no such file")
-    assert Episodes.recognise(tmp_path) is None
+    with pytest.raises(DataError, match="not a readable HDF5 file"):
+        Episodes.recognise(tmp_path)
     write_hdf5(tmp_path / "x.hdf5", {"a/b": np.zeros((4, 3))})
-    assert Episodes.recognise(tmp_path) is None
+    with pytest.raises(DataError, match=r"no array of pictures or touch\. It has a/b float64"):
+        Episodes.recognise(tmp_path)
     images = {
         "observations/images/front": pictures(3, 8, 8, 3),
         "observations/qpos": np.ones((3, 2)),
     }
     write_hdf5(tmp_path / "x.hdf5", {**images, "action": np.ones((3, 2))})
-    assert Episodes.recognise(tmp_path) is None  # ALOHA, but no touch
+    with pytest.raises(DataError, match="no array is called touch"):  # ALOHA
+        Episodes.recognise(tmp_path)
 
 
 def test_open_x_tactile(tmp_path):
@@ -400,3 +404,12 @@ def test_files_of_htt_with_one_name_are_held_out_together(tmp_path):
     for val in (0.0, 0.2, 0.5, 0.9):
         data = Episodes(str(tmp_path), preset="htt", fps=25, val=val)
         assert [len(list(data.recordings(split))) for split in ("train", "val")] in ([2, 0], [0, 2])
+
+
+def test_robomimic_has_every_sensor_of_each_demonstration(tmp_path):
+    found = made(tmp_path, "robomimic")
+    sides = ("tactile_left", "right_tactile_image")
+    assert {*found} == {f"demo/demo_{i}/{side}" for i in (0, 1) for side in sides}
+    one = found["demo/demo_1/right_tactile_image"]
+    np.testing.assert_array_equal(one.frames.read(range(6)), pictures(6, 24, 32, 3, seed=5))
+    np.testing.assert_allclose(one.times, np.arange(6) / 20)

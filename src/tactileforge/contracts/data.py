@@ -256,7 +256,9 @@ class Guess:
 
     A data set may have ``recognise(root: Path) -> Guess | None``, a static method. It looks at
     names, headers and at most a few small files, executes nothing, raises nothing for foreign
-    files, and returns None for them.
+    files, and returns None for them. For files of its kind whose meaning it cannot tell, it raises
+    a `DataError` that says what is there and what to type; it is shown where no other data set
+    knows them.
 
     Attributes:
         options: Options of the data set as plain data, with the path.

@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from tactileforge.contracts import Guess
-from tactileforge.errors import DataNotFoundError, PluginError
+from tactileforge.errors import DataError, DataNotFoundError, PluginError
 from tactileforge.plugins import registry
 from tactileforge.reading.records import conversion
 
@@ -22,7 +22,8 @@ log = logging.getLogger(__name__)
 def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
     """Names of the data sets for a folder or file, with their guesses, best first.
 
-    A package that cannot be imported, or fails, is logged and left out.
+    A package that cannot be imported, or fails, is logged and left out. What a data set says of
+    files of its kind without a meaning is the error where no other recognises them.
 
     Args:
         path: Folder or file.
@@ -33,16 +34,21 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
     if not path.exists():
         raise DataNotFoundError(f"{path}: no such folder or file; correct the path")
     found: list[tuple[str, Guess]] = []
+    unclear: list[str] = []
     for name in registry.names("datasets"):
         try:
             look = getattr(registry.get("datasets", name), "recognise", None)
             guess = None if look is None else look(path)
         except PluginError as error:
             log.warning("%s", error)
+        except DataError as error:
+            unclear.append(str(error))
         except Exception as error:  # a fault of one package does not hide the others
             log.warning("data set %s cannot look at %s: %r", name, path, error)
         else:
             found += [] if guess is None else [(name, guess)]
+    if not found and unclear:
+        raise DataNotFoundError("; ".join(unclear))
     if not found:
         files = path.rglob("*") if path.is_dir() else [path]
         told = [f"{one} is {how}" for one in islice(files, _MOST) if (how := conversion(one))]

@@ -6,7 +6,7 @@ import math
 import os
 from abc import ABC, abstractmethod
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -48,10 +48,13 @@ class ArrayFile(ABC):
         self.name = name
         self.left: dict[str, None] = {}
         self._facts: dict[str, Facts] = {}
+        self._keys: list[str] | None = None
 
-    @abstractmethod
     def keys(self) -> list[str]:
-        """Paths of the arrays, in order; folders of chunks are not listed."""
+        """Paths of the arrays, in order, listed once; see `Container.keys`."""
+        if self._keys is None:
+            self._keys = sorted(self._list())
+        return [*self._keys]
 
     def facts(self, key: str) -> Facts:
         """Description of an array.
@@ -90,7 +93,8 @@ class ArrayFile(ABC):
         # late: pictures build on arrays
         pictures_of = import_module("tactileforge_episodes.frames").pictures_of
 
-        return pictures_of(self.array(key))
+        found: Frames | None = pictures_of(self.array(key))
+        return found
 
     def lost(self, key: str, start: int, stop: int) -> list[int]:
         """Rows in a range whose chunk is not stored, though others of the array are.
@@ -107,6 +111,10 @@ class ArrayFile(ABC):
     def attribute(self, key: str, name: str) -> Any:
         """An attribute of an array or group; None where there is none."""
         return None
+
+    @abstractmethod
+    def _list(self) -> Iterable[str]:
+        """Paths of the arrays; folders of chunks are not among them."""
 
     @abstractmethod
     def _look(self, key: str) -> Facts:

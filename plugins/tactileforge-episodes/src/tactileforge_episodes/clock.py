@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError, DataError
-from tactileforge_episodes.map_keys import EpisodeMap, ReadKeys, TimeKeys
+from tactileforge_episodes.map_keys import EpisodeMap, ReadKeys, SplitKeys, TimeKeys
+from tactileforge_episodes.names import natural
+from tactileforge_episodes.places import Place
+from tactileforge_episodes.refs import ArrayRef
 from tactileforge_episodes.values import EpisodeArrays
 
 #: Seconds of each unit.
@@ -33,8 +37,10 @@ def episodes_of(arrays: EpisodeArrays, keys: EpisodeMap, rows: int) -> list[tupl
     ref = arrays.find(keys.ends, {})
     if ref is None:
         return [(0, rows)]
-    ends = ref.whole().reshape(-1)
-    if ref.lost(0, ref.facts.rows) or ref.is_void:
+    ends = _ends(ref, keys.ends_are, rows)
+    # writers leave chunks of zeros out, and numbers begin with them
+    whole = keys.ends_are == "numbers" or not ref.lost(0, ref.facts.rows)
+    if not whole or ref.is_void:
         raise DataError(f"{ref}: a chunk of the ends of episodes is missing; download it again")
     if ends.dtype.kind not in "iu" or not len(ends):
         raise DataError(f"{ref}: {ends.dtype} {ends.shape}, no ends of episodes; correct the file")
@@ -44,6 +50,52 @@ def episodes_of(arrays: EpisodeArrays, keys: EpisodeMap, rows: int) -> list[tupl
     if plain[-1] != rows:
         raise DataError(f"{ref}: the last episode ends at row {plain[-1]}, but touch has {rows}")
     return list(zip([0, *plain], plain, strict=False))
+
+
+def _ends(ref: ArrayRef, are: str, rows: int) -> NDArray[Any]:
+    """Row after the last of each episode; values that are no whole numbers stay as they are."""
+    values = ref.whole().reshape(-1)
+    if values.dtype.kind not in "iu" or not len(values):
+        return values
+    if are == "starts":
+        if values[0]:
+            raise DataError(f"{ref}: the first episode starts at row {values[0]}; correct the file")
+        return np.append(values[1:], rows)
+    if are == "lengths":
+        return np.cumsum(values)
+    if are == "numbers":
+        ends = np.append(np.flatnonzero(values[1:] != values[:-1]) + 1, len(values))
+        if len(np.unique(values)) != len(ends):
+            raise DataError(f"{ref}: the rows of an episode are apart; correct the file")
+        return ends
+    return values
+
+
+def splits_of(
+    place: Place, keys: SplitKeys, listed: Collection[str], groups: Iterable[str]
+) -> dict[str, str]:
+    """The split of each episode that is a group; "" for none, and {} where the file says nothing.
+
+    Args:
+        place: The file.
+        keys: Arrays with the names of those of each split.
+        listed: All arrays of the file.
+        groups: Names of the groups.
+
+    Raises:
+        DataError: An episode is in both, or the names cannot be read.
+    """
+    said: dict[str, set[str]] = {}
+    for split, key in (("train", keys.train), ("val", keys.val)):
+        if key in listed:
+            names = ArrayRef(place, key).whole().reshape(-1).tolist()
+            said[split] = {one.decode() if isinstance(one, bytes) else str(one) for one in names}
+    if len(said) == 2 and (both := sorted(said["train"] & said["val"], key=natural)):
+        raise DataError(f"{place}: {both[0]} is both in {keys.train} and in {keys.val}; correct it")
+    if not said:
+        return {}
+    other = "" if len(said) == 2 else "val" if "train" in said else "train"
+    return {one: next((s for s, names in said.items() if one in names), other) for one in groups}
 
 
 def rate_of(

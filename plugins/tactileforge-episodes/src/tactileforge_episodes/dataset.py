@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+from omegaconf import OmegaConf
 
 from tactileforge.contracts import Guess, Recording
 from tactileforge.errors import (
@@ -16,7 +18,7 @@ from tactileforge.errors import (
     home_path,
     unknown,
 )
-from tactileforge.reading import add_once, is_held_out
+from tactileforge.reading import add_once, as_texts, is_held_out
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,8 +41,10 @@ class Episodes:
     Args:
         root: Folder of the files, or a single file.
         preset: Name of a map of the package, such as ``open_x_tactile``; "" to recognise the format
-            by the keys of its files, unless ``map`` is given.
-        map: YAML file with a map of your own; "" for none.
+            by the keys of its files, or to guess a map of them, unless ``map`` is given.
+        map: A map of your own, or a YAML file with it; "" for none.
+        touch: Keys of touch for the guess, where their names do not tell; [] for those that do.
+        guess: Whether a format may be recognised, or a map guessed, where none is given.
         fps: Rows a second, where the files have no times; null for what the map says.
         sensors: Types of sensors by their name in the files, for those that the map does not know;
             ``any`` stands for every name.
@@ -64,7 +68,9 @@ class Episodes:
         self,
         root: str,
         preset: str = "",
-        map: str = "",
+        map: str | Mapping[str, Any] = "",
+        touch: Sequence[str] = (),
+        guess: bool = True,
         fps: float | None = None,
         sensors: Mapping[str, str] | None = None,
         span: float | None = None,
@@ -82,10 +88,16 @@ class Episodes:
             raise ConfigError(
                 "give data.preset=NAME, a known format, or data.map=FILE.yaml, not both"
             )
+        if touch and (preset or map):
+            raise ConfigError(
+                "data.touch is for a guess; leave it out, or data.preset and data.map"
+            )
         if (fps is not None and fps <= 0) or (span is not None and span <= 0):
             raise ConfigError(f"data.fps={fps}, data.span={span}: give values above 0")
         self.root = home_path(root)
-        self.preset, self.map, self.val, self.hold_out = preset, map, val, hold_out
+        self.map = OmegaConf.to_container(map) if OmegaConf.is_config(map) else map
+        self.touch, self.guess = tuple(as_texts(touch)), guess
+        self.preset, self.val, self.hold_out = preset, val, hold_out
         self.fps, self.sensors, self.span, self.draw = fps, dict(sensors or {}), span, draw
         self.background, self.colours = background, colours
         self.large, self.licence = tuple(large), licence
@@ -101,25 +113,37 @@ class Episodes:
             ConfigError: There is no such preset or file, or a key of it is invalid.
             DataNotFoundError: No format is recognised.
         """
-        from tactileforge_episodes.map_files import read_map, read_preset
+        from tactileforge_episodes.map_files import parse_map, read_map, read_preset
 
-        if self.map:
-            keys = read_map(home_path(self.map))
+        options: Mapping[str, Any] = {"preset": self.preset, "map": self.map}
+        if not self.preset and not self.map:
+            options = self._guessed()
+        if preset := options.get("preset"):
+            keys = read_preset(str(preset))
+        elif isinstance(options["map"], str):
+            keys = read_map(home_path(options["map"]))
         else:
-            keys = read_preset(self.preset or self._recognised())
+            keys = parse_map("data.map", options["map"])
         check_names("data.large", self.large, keys.large)
         return keys
 
-    def _recognised(self) -> str:
-        found = self.recognise(self.root)
+    def _guessed(self) -> Mapping[str, Any]:
+        from tactileforge_episodes.guess import guess, listed_arrays
+
+        if not self.guess:
+            raise DataNotFoundError(
+                f"{self.root}: data.guess=false, and no map; give data.preset=NAME or data.map=FILE"
+                f".yaml (docs/episodes.md); {listed_arrays(self.root)}"
+            )
+        found = guess(self.root, self.touch)
         if found is None:
             raise DataNotFoundError(
-                f"{self.root}: no format is recognised there; set data.root to the folder of the "
-                "files, and give data.preset=NAME, or a map of your own: data.map=FILE.yaml "
-                "(docs/episodes.md)"
+                f"{self.root}: no zarr, HDF5 or npz is there; set data.root to the folder of the "
+                "files (docs/episodes.md)"
             )
-        self._notes.append(f"{self.root}: recognised as {found.format}; data.preset says another")
-        return str(found.options["preset"])
+        other = "data.preset says another" if "preset" in found.options else "data.map says more"
+        self._notes.append(f"{self.root}: recognised as {found.format}; {other}")
+        return found.options
 
     @property
     def notes(self) -> list[str]:
@@ -225,6 +249,8 @@ class Episodes:
 
         template = self.keys.hold_out if self.hold_out is None else self.hold_out
         check_names("placeholder of data.hold_out", placeholders(template), file.values)
+        if file.split is not None and self.hold_out is None:
+            return file.split
         unit = fill(template, file.values) if template else file.key(number)
         return "val" if is_held_out(unit, self.val) else "train"
 
@@ -243,10 +269,13 @@ class Episodes:
 
     @staticmethod
     def recognise(root: Path) -> Guess | None:
-        """Recognises the format of a folder or file by the keys of its first files.
+        """Recognises the format of a folder or file by the keys of its first files, or guesses it.
 
         Args:
             root: Folder or file.
+
+        Raises:
+            DataError: There are arrays, but none that is touch by its name, or two readings.
         """
         from tactileforge_episodes.guess import guess
 

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tactileforge.errors import DataError
+from tactileforge.errors import DataError, unknown
+from tactileforge_episodes.clock import splits_of
 from tactileforge_episodes.forces import read_force
-from tactileforge_episodes.map_keys import EpisodeMap
-from tactileforge_episodes.names import fill, match_end
-from tactileforge_episodes.places import KINDS, Place, find_places
+from tactileforge_episodes.groups import SPLITS
+from tactileforge_episodes.map_keys import EpisodeMap, SplitKeys
+from tactileforge_episodes.names import fill, match, match_end, natural, placeholders
+from tactileforge_episodes.places import KINDS, Place, find_places, open_place
 from tactileforge_episodes.reader import EpisodeFile
 from tactileforge_episodes.reading import Reading
 from tactileforge_episodes.values import EpisodeArrays
@@ -56,12 +58,57 @@ def find_files(
         seen[name] = place
         beside = _beside(place, keys, values)
         used |= {*beside.values()}
-        arrays = EpisodeArrays(place, beside, keys.within)
-        yield EpisodeFile(arrays, name, keys, values, reading)
+        if not placeholders(keys.within):
+            arrays = EpisodeArrays(place, beside, keys.within)
+            yield EpisodeFile(arrays, name, keys, values, reading)
+            continue
+        try:
+            yield from _groups(place, beside, name, keys, values, reading, notes)
+        except DataError as error:
+            bad(str(error))
     left = [place for place in others if place not in used]
     if left and seen:
         more = f" (and {len(left) - 1} more)" if len(left) > 1 else ""
         notes.append(f"{left[0]}: not described by the map, so left out{more}")
+
+
+def _groups(
+    place: Place,
+    beside: Mapping[str, Place],
+    name: str,
+    keys: EpisodeMap,
+    values: Mapping[str, str],
+    reading: Reading,
+    notes: list[str],
+) -> Iterator[EpisodeFile]:
+    """Groups of a file that are an episode each, in natural order.
+
+    Raises:
+        DataError: The file is damaged, or has no such group.
+    """
+    depth = keys.within.count("/") + 1
+    listed = open_place(place).keys()
+    inner: dict[str, list[str]] = {}
+    for one in listed:
+        parts = one.split("/")
+        if len(parts) > depth:
+            inner.setdefault("/".join(parts[:depth]), []).append(one)
+    found = dict(match(fill(keys.within, values), inner))
+    if not found:
+        raise DataError(f"{place}: {unknown('group', keys.within, sorted(inner))}")
+    shared = keys.within[: keys.within.index("{")].count("/")
+    names = {group: "/".join(group.split("/")[shared:]) for group in sorted(found, key=natural)}
+    said = splits_of(place, keys.splits or SplitKeys(), {*listed}, names.values())
+    for group, own in names.items():
+        for split, words in SPLITS.items():
+            if found[group].get("split") in words:
+                said.setdefault(own, split)
+    if left := [one for one, split in said.items() if not split]:
+        notes.append(f"{place}: {len(left)} episodes, such as {left[0]}, are in no split: left out")
+    for group, own in names.items():
+        arrays = EpisodeArrays(place, beside, group, inner[group])
+        its = {**values, **found[group]}
+        yield EpisodeFile(arrays, f"{name}/{own}", keys, its, reading, said.get(own))
 
 
 def path_values(place: Place, keys: EpisodeMap) -> dict[str, str] | None:

@@ -48,7 +48,7 @@ class Pictures:
     def shape(self) -> tuple[int, int]:
         """Height and width."""
         sizes = self.ref.facts.shape[1 if self.pad is None else 2 :]
-        height, width = sizes[:2] if self.keys.axes == "hwc" else sizes[1:]
+        height, width = sizes[1:] if self.keys.axes == "chw" else sizes[:2]
         return height, width if self.columns is None else self.columns[1] - self.columns[0]
 
     def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
@@ -56,7 +56,9 @@ class Pictures:
         check_frames(indices, len(self), self.ref)
         values = self.ref.rows([self.start + i for i in indices])
         values = values if self.pad is None else values[:, self.pad]
-        values = values if self.keys.axes == "hwc" else np.moveaxis(values, 1, -1)
+        values = values[..., None] if self.keys.axes == "hw" else values
+        values = np.moveaxis(values, 1, -1) if self.keys.axes == "chw" else values
+        values = np.repeat(values, 3, -1) if values.shape[-1] == 1 else values[..., :3]
         if self.columns is not None:
             values = values[:, :, slice(*self.columns)]
         pixels = to_pixels(values, self.keys.white, self.ref)
@@ -147,10 +149,11 @@ def open_pictures(
             str(ref), LazyImages(len(rows), partial(_image, ref, rows)), bgr=is_bgr
         )
     sizes = facts.shape[1 if pad is None else 2 :]
-    channel = 2 if keys.axes == "hwc" else 0
+    sizes = (*sizes, 1) if keys.axes == "hw" else sizes
+    channel = 0 if keys.axes == "chw" else 2
     good_type = facts.dtype == np.uint8 or (facts.dtype.kind == "f" and keys.white is not None)
-    if len(sizes) != 3 or sizes[channel] != 3 or not good_type or 0 in sizes:
-        wanted = "(T, H, W, 3)" if keys.axes == "hwc" else "(T, 3, H, W)"
+    if len(sizes) != 3 or sizes[channel] not in (1, 3, 4) or not good_type or 0 in sizes:
+        wanted = {"hwc": "(T, H, W, 3)", "chw": "(T, 3, H, W)", "hw": "(T, H, W)"}[keys.axes]
         wanted = wanted if pad is None else wanted.replace("(T", "(T, pads")
         fix = "; for fractions give `white`" if facts.dtype.kind == "f" and not good_type else ""
         raise DataError(

@@ -49,12 +49,12 @@ class HdfFile(ArrayFile):
                 error
             )
         self._sets: dict[str, Dataset] = {}
-        self._count = 0
+        self._count, self._listed = 0, set[str]()
 
-    def keys(self) -> list[str]:
-        """Paths of the data sets, in order; a group with several names is listed by its first."""
-        try:
-            return sorted(self._below("", 0, {}))
+    def _list(self) -> list[str]:
+        self._count = 0
+        try:  # a group with several names is listed by its first
+            return [*self._below("", 0, {})]
         except DAMAGED as error:
             raise DataError(f"{self.name}: damaged ({error}); download it again") from error
 
@@ -81,17 +81,14 @@ class HdfFile(ArrayFile):
                 continue
             kind = node.get(name, getclass=True)
             if issubclass(kind, h5py.Dataset):
+                self._listed.add(path)
                 yield path
             elif issubclass(kind, h5py.Group):
                 yield from self._below(path, depth + 1, seen)
 
     def _look(self, key: str) -> Facts:
         h5py = self._h5py
-        names = key.strip("/").split("/")
-        for depth in range(len(names)):
-            link = self._file.get("/".join(names[: depth + 1]), getlink=True)
-            if isinstance(link, h5py.ExternalLink):
-                raise self._wrong(key, "a link to another file, which is not followed")
+        self._check_links(key)
         found = self._file[key]
         if not isinstance(found, h5py.Dataset):
             raise self._wrong(key, "a group, no array")
@@ -107,6 +104,15 @@ class HdfFile(ArrayFile):
             raise self._wrong(key, why)
         self._sets[key] = found
         return Facts(found.shape, dtype, found.chunks[0] if found.chunks else 1)
+
+    def _check_links(self, key: str) -> None:
+        if key in self._listed:
+            return
+        names = key.strip("/").split("/")
+        for depth in range(len(names)):
+            link = self._file.get("/".join(names[: depth + 1]), getlink=True)
+            if isinstance(link, self._h5py.ExternalLink):
+                raise self._wrong(key, "a link to another file, which is not followed")
 
     def _check_filters(self, key: str, found: Dataset) -> None:
         h5py = self._h5py
@@ -159,6 +165,10 @@ class HdfFile(ArrayFile):
     def attribute(self, key: str, name: str) -> Any:
         """An attribute of a data set or group; None where there is none."""
         with self.naming(key, f"attribute {name}: "):
+            if key.strip("/"):
+                self._check_links(key)
+            if key.strip("/") and key not in self._file:
+                return None
             node = self._file[key] if key.strip("/") else self._file
             if name not in node.attrs:
                 return None

@@ -16,9 +16,10 @@ class ReadKeys:
 
     Attributes:
         key: Path of an array, of which the first row of the episode is taken; or, with ``attr``, of
-            an array or group.
+            an array or group, where one that begins with ``/`` is counted from the top of the file.
         attr: Name of an attribute; "" for the values of the array.
-        json: Name in a JSON text; "" where the value is none.
+        json: Name in a JSON text, with points between those in each other; "" where the value is
+            none.
         default: Value without the key; null for none.
         names: Words of the file, and what they mean.
         whole: Whether the array has no time axis, and all its values are taken.
@@ -54,14 +55,15 @@ class PictureKeys:
         key: Path of the array.
         colours: Order of the channels: ``rgb`` or ``bgr``.
         encoded: Order of the channels of decoded images; null for ``colours``.
-        axes: ``hwc``, or ``chw`` with channels first.
+        axes: ``hwc``, ``chw`` with channels first, or ``hw`` for grey. A single channel is grey,
+            too; a fourth, alpha, is left out.
         white: Value of white in pictures of fractions; null where there are none.
     """
 
     key: Keys
     colours: Literal["rgb", "bgr"] = "rgb"
     encoded: Literal["rgb", "bgr"] | None = None
-    axes: Literal["hwc", "chw"] = "hwc"
+    axes: Literal["hwc", "chw", "hw"] = "hwc"
     white: float | None = None
 
 
@@ -136,6 +138,7 @@ class TouchKeys(PictureKeys):
         draw: Which numbers are touch: ``all``, or ``grids`` alone.
         reference: Key of the picture without contact; "" for none.
         force: Force; null for none.
+        time: Times of its own; null for those of the map.
         tracks: Further values by name; placeholders that the key of the touch has not stand for
             every array that fits, and is no touch itself.
         labels: Further labels of the recording.
@@ -149,8 +152,23 @@ class TouchKeys(PictureKeys):
     draw: Literal["all", "grids"] = "all"
     reference: str = ""
     force: ForceKeys | None = None
+    time: TimeKeys | None = None
     tracks: Mapping[str, Keys] = field(default_factory=dict)
     labels: Mapping[str, str | ReadKeys] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitKeys:
+    """Names of the episodes of each split, for episodes that are groups.
+
+    Attributes:
+        train: Path of the array of names, from the top of the file; "" for all that are not held
+            out.
+        val: The same for those held out; "" for all that are not trained on.
+    """
+
+    train: str = ""
+    val: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,10 +183,14 @@ class EpisodeMap:
         citation: Publication to cite.
         tier: Tier of the tactile dynamic pyramid, 1 to 5.
         files: Ends of the paths that are read, with placeholders; ``/`` separates folders.
-        within: Group that may hold all arrays; keys start below it.
+        within: Group that may hold all arrays; keys start below it. With placeholders, such as
+            ``data/demo_{number#}``, each group that fits is an episode.
         beside: Further files of an episode, by a word: their keys are ``WORD:KEY``. Each is a path
             with the placeholders of ``files``, from the folder where their match begins.
         ends: Key of the row after the last of each episode; "" where a file is one episode.
+        ends_are: What ``ends`` holds: ``ends``, ``starts`` or ``lengths`` of the episodes in rows,
+            or ``numbers``, that of the episode of each row.
+        splits: Which episodes are held out, where the file says; null for a share of them.
         time: Times; null for regular rows at ``fps``.
         fps: Rows per second, or where it is read; null where the option ``data.fps`` is needed.
         camera: View of the scene; null for none.
@@ -198,6 +220,8 @@ class EpisodeMap:
     within: str = ""
     beside: Mapping[str, str] = field(default_factory=dict)
     ends: str = ""
+    ends_are: Literal["ends", "starts", "lengths", "numbers"] = "ends"
+    splits: SplitKeys | None = None
     time: TimeKeys | None = None
     fps: float | ReadKeys | None = None
     camera: PictureKeys | None = None

@@ -50,6 +50,17 @@ def match(template: str, names: Iterable[str]) -> list[tuple[str, dict[str, str]
     return [(name, fits.groupdict()) for name, fits in found if fits]
 
 
+def natural(name: str) -> list[tuple[int, str]]:
+    """Key of the order of names by the numbers in them.
+
+    Example:
+        >>> sorted(["demo_10", "demo_9"], key=natural)
+        ['demo_9', 'demo_10']
+    """
+    parts = re.split(r"(\d+)", name)
+    return [(int(part) if i % 2 else -1, part) for i, part in enumerate(parts)]
+
+
 def match_end(template: str, parts: Sequence[str]) -> dict[str, str] | None:
     """Values of the placeholders of a template for the end of a path, or None.
 

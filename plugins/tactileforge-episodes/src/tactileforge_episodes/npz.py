@@ -76,10 +76,9 @@ class NpzFile(ArrayFile):
         self._entries: dict[str, _Entry] = {}
         self._contents: dict[str, Slice] = {}
 
-    def keys(self) -> list[str]:
-        """Names of the arrays, in order."""
+    def _list(self) -> list[str]:
         check_keys(self.name, len(self._names))
-        return sorted(self._names)
+        return [*self._names]
 
     def _look(self, key: str) -> Facts:
         entry = self._names[key]

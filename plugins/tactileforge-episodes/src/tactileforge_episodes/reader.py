@@ -34,6 +34,7 @@ class EpisodeFile:
         keys: The map.
         values: Values of the placeholders of its path.
         reading: What the user says.
+        split: The split that its file states, "" for none; None where it states no splits.
     """
 
     def __init__(
@@ -43,8 +44,9 @@ class EpisodeFile:
         keys: EpisodeMap,
         values: Mapping[str, str],
         reading: Reading,
+        split: str | None = None,
     ) -> None:
-        self.arrays, self.name, self.keys = arrays, name, keys
+        self.arrays, self.name, self.keys, self.split = arrays, name, keys, split
         self.values, self.reading = dict(values), reading
         self._note: Callable[[str], object] = lambda _: None
 
@@ -102,11 +104,17 @@ class EpisodeFile:
         start, stop = self.episodes[number]
         if start == stop:
             raise DataError(f"{self.arrays.place}: episode {number} has no frames")
-        times = times_of(self.arrays, self.keys.time, self.values, self.rate, (start, stop))
+        span = (start, stop)
+        if not all(touch.keys.time for touch in self.touches):
+            times = times_of(self.arrays, self.keys.time, self.values, self.rate, span)
         shared = self._shared(number, start, stop)
         for touch in self.touches:
             try:
-                yield self._recording(touch, number, times, range(start, stop), shared)
+                if touch.keys.time:
+                    own = times_of(self.arrays, touch.keys.time, touch.values, self.rate, span)
+                else:
+                    own = times
+                yield self._recording(touch, number, own, range(start, stop), shared)
             except DataError as error:
                 bad(error)
 

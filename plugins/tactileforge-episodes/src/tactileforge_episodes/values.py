@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -29,23 +29,34 @@ class EpisodeArrays:
         place: The file or group.
         beside: Further files by word; their keys are ``WORD:KEY``.
         within: Group that may hold all arrays; keys start below it.
+        inner: Keys below that group, where the others are of other episodes; None for all.
     """
 
-    def __init__(self, place: Place, beside: Mapping[str, Place], within: str = "") -> None:
+    def __init__(
+        self,
+        place: Place,
+        beside: Mapping[str, Place],
+        within: str = "",
+        inner: Sequence[str] | None = None,
+    ) -> None:
         self.place, self.beside, self._within = place, dict(beside), within
+        self._inner = inner
         self._matches: dict[str, list[tuple[str, dict[str, str]]]] = {}
 
     @cached_property
     def top(self) -> str:
         """Start of all keys, left out of them."""
         start = f"{self._within}/"
+        if self._inner is not None:
+            return start
         keys = open_place(self.place).keys()
         return start if self._within and keys and all(k.startswith(start) for k in keys) else ""
 
     @cached_property
     def keys(self) -> list[str]:
         """Paths of all arrays, in order."""
-        found = [key.removeprefix(self.top) for key in open_place(self.place).keys()]  # noqa: SIM118
+        every = open_place(self.place).keys() if self._inner is None else self._inner
+        found = [key.removeprefix(self.top) for key in every]
         for word, place in self.beside.items():
             found += [f"{word}:{key}" for key in open_place(place).keys()]  # noqa: SIM118
         return found
@@ -117,7 +128,10 @@ class EpisodeArrays:
             raise DataError(f"{self.place}, {keys.key}: a text of {len(plain)} characters")
         if keys.json:
             try:
-                plain = load_json(str(plain)).get(keys.json, keys.default)
+                plain = load_json(str(plain))
+                for depth, name in enumerate(keys.json.split(".")):
+                    inner = not depth or isinstance(plain, Mapping)
+                    plain = plain.get(name, keys.default) if inner else keys.default
             except (ValueError, AttributeError) as error:
                 raise DataError(f"{self.place}, {keys.key}: no JSON ({error})") from error
         return keys.names.get(plain, plain) if isinstance(plain, str) else plain
@@ -127,7 +141,8 @@ class EpisodeArrays:
             key = fill(template.removesuffix("?"), values)
             hits = [key] if "{" not in key else [name for name, _ in match(key, self.keys)]
             for name in hits:
-                found = open_place(self.place).attribute(self.top + name.strip("/"), keys.attr)
+                path = name if name.startswith("/") else self.top + name
+                found = open_place(self.place).attribute(path.strip("/"), keys.attr)
                 if found is not None:
                     return found
         return None

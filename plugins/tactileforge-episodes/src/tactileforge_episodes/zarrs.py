@@ -42,10 +42,8 @@ class ZarrFile(ArrayFile):
         self._arrays: dict[str, Array[Any]] = {}
         self._grids: dict[str, Grid] = {}
 
-    def keys(self) -> list[str]:
-        """Paths of the arrays, in order; folders of chunks are not listed."""
-        seen = [0]
-        found = sorted(self._below("", 0, seen))
+    def _list(self) -> list[str]:
+        found = [*self._below("", 0, [0])]
         self.left |= self.members.left
         return found
 

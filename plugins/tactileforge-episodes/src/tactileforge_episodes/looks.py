@@ -1,0 +1,220 @@
+"""What the values of an array look like, and the words in its name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactileforge.data import UNITS
+from tactileforge.reading import Facts, Values
+
+#: Parts of words that mean touch, and whole words that do.
+_TOUCH_PARTS = (
+    *("tactile", "touch", "gelsight", "gelslim", "taxel", "tactip", "tacto", "dtact", "dmtac"),
+    *("mctac", "xense", "daimon", "skin", "flexitac", "gsmini", "duragel", "papillarray"),
+)
+_TOUCH = {"digit", "digits", "tac", "tacs", "gel", "gels", "gs", "xela", "paxini", "fingertip"}
+#: Words of a finger, on which no camera of a scene looks.
+FINGERS = {"finger", "fingers", "fingertip", "fingertips", "thumb", "pinky"}
+#: Words of pictures that are computed from others.
+DERIVED = {
+    *("depth", "flow", "mask", "masks", "seg", "segmentation", "marker", "markers", "diff"),
+    *("difference", "normal", "normals", "height", "heightmap", "shear", "embedding", "emb"),
+    *("latent", "pred", "next"),
+}
+#: Words of views of a scene.
+VIEWS = {"camera", "cameras", "cam", "image", "images", "img", "imgs", "rgb", "view", "views"}
+#: Words of pictures without contact.
+STILL = {"reference", "ref", "background", "bg", "baseline"}
+#: Begins of encoded images: JPEG, PNG, WebP, BMP, TIFF, JPEG XL.
+_IMAGES = (
+    *(b"\xff\xd8\xff", b"\x89PNG", b"RIFF", b"BM", b"II*\0", b"MM\0*"),
+    *(b"\xff\x0a", b"\0\0\0\x0cJXL "),
+)
+#: Fewest pixels of a side of pictures of bytes, and of those of fractions or without channels.
+_SIDE, _LONG_SIDE = 8, 16
+#: Most sensors along the second axis of an array.
+_PADS = 16
+#: Words of units of time.
+_UNIT_WORDS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("ms", "msec", "msecs", "millis", "milliseconds"), "ms"),
+    **dict.fromkeys(("us", "usec", "usecs", "micros", "microseconds"), "us"),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanoseconds"), "ns"),
+}
+#: Seconds since 1970 of the years 2001 and 2103.
+_DATES = 1e9, 4.2e9
+#: Plausible rates, rows a second: no two units of time fit one step.
+_RATES = 2.0, 500.0
+#: Share of the steps that rise in times, of which a few may be damaged.
+_RISING = 0.99
+
+
+class Arrays(Protocol):
+    """Arrays by name: a container, or an episode in it."""
+
+    def array(self, key: str) -> Values:
+        """An array by its name."""
+        ...
+
+
+@dataclass(frozen=True)
+class Look:
+    """An array as its name and description show it.
+
+    Attributes:
+        key: Its path.
+        facts: Its shape and type.
+        words: Words of its path, in small letters.
+    """
+
+    key: str
+    facts: Facts
+    words: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{self.key} {self.facts.dtype} {self.facts.shape}"
+
+    @property
+    def is_numbers(self) -> bool:
+        """Whether its values are numbers."""
+        return self.facts.dtype.kind in "biuf"
+
+    @property
+    def width(self) -> tuple[int, ...]:
+        """Sizes of a row."""
+        return self.facts.shape[1:]
+
+    def has(self, words: Iterable[str]) -> bool:
+        """Whether one of the words is in its name."""
+        return not {*words}.isdisjoint(self.words)
+
+
+def says_touch(words: Sequence[str]) -> bool:
+    """Whether words of a name say touch."""
+    parts = any(part in word for part in _TOUCH_PARTS for word in words)
+    return parts or not _TOUCH.isdisjoint(words)
+
+
+def words_of(name: str) -> tuple[str, ...]:
+    """Words of a path, in small letters.
+
+    Example:
+        >>> words_of("obs/leftTactile_img2")
+        ('obs', 'left', 'tactile', 'img', '2')
+    """
+    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
+    return tuple(re.findall(r"[a-z]+|\d+", spaced.lower()))
+
+
+def picture_keys(file: Arrays, look: Look) -> dict[str, Any] | None:
+    """Keys of a map that read an array as pictures; None for other values.
+
+    Args:
+        file: The container or episode.
+        look: The array.
+
+    Raises:
+        DataError: It is damaged.
+    """
+    dtype, width = look.facts.dtype, look.width
+    if not look.facts.rows or not look.facts.shape:
+        return None
+    if (dtype == np.uint8 and len(width) == 1) or (dtype.kind in "SO" and not width):
+        return {} if _is_image(file.array(look.key).rows([0])[0]) else None
+    if dtype != np.uint8 and dtype.kind != "f":
+        return None
+    found = _axes(width, _SIDE if dtype == np.uint8 else _LONG_SIDE)
+    if found is None and dtype == np.uint8 and len(width) == 2 and min(width) >= _LONG_SIDE:
+        found = {"axes": "hw"}
+    if found is None and len(width) > 1 and width[0] <= _PADS:
+        found = _axes(width[1:], _SIDE if dtype == np.uint8 else _LONG_SIDE)
+        if dtype == np.uint8 and len(width) == 3 and found is None and min(width[1:]) >= _LONG_SIDE:
+            found = {"axes": "hw"}
+        found = None if found is None else {**found, "pads": True}
+    if found is None or dtype == np.uint8:
+        return found
+    values = file.array(look.key).rows(_some(look.facts.rows)).astype(np.float64)
+    low, high = float(values.min()), float(values.max())
+    if not 0 <= low <= high <= 255:
+        return None
+    return {**found, "white": 255.0 if high > 1 else 1.0}
+
+
+def _axes(width: Sequence[int], least: int) -> dict[str, Any] | None:
+    """Key of the axes of a picture with channels; None for none."""
+    if len(width) != 3:
+        return None
+    if width[2] in (1, 3, 4) and min(width[:2]) >= least:
+        return {}
+    if width[0] in (1, 3, 4) and min(width[1:]) >= least:
+        return {"axes": "chw"}
+    return None
+
+
+def _is_image(cell: Any) -> bool:
+    if isinstance(cell, str):
+        return False
+    try:
+        return bytes(cell[:16]).startswith(_IMAGES)
+    except (TypeError, ValueError):
+        return False
+
+
+def _some(rows: int) -> list[int]:
+    return sorted({0, rows // 2, rows - 1})
+
+
+def taxel_keys(look: Look) -> dict[str, Any] | None:
+    """Keys of a map that read an array as numbers of taxels; None for other values."""
+    width = look.width
+    if not look.is_numbers or not look.facts.rows or 0 in width:
+        return None
+    if len(width) == 1 and width[0] > 1:
+        return {"taxels": {"form": "flat"}}
+    if len(width) == 2:
+        return {"taxels": {"form": "points" if width[1] == 3 else "grid"}}
+    if len(width) == 3 and width[2] <= 3:
+        return {"taxels": {"form": "grid"}}
+    if len(width) in (3, 4) and width[0] <= _PADS:
+        return {"taxels": {"form": "grid"}, "pads": True}
+    return None
+
+
+def time_unit(name: Sequence[str], values: NDArray[Any]) -> tuple[str, str]:
+    """Unit of times, and why it is taken; "" for values that are no times.
+
+    Args:
+        name: Words of the name of the array.
+        values: Times of an episode, (T,).
+
+    Raises:
+        ValueError: The name says another unit than the values.
+
+    Example:
+        >>> time_unit(["t", "ms"], np.arange(3) * 33)
+        ('ms', 'as its name says')
+    """
+    steps = np.diff(values.astype(np.float64) if values.dtype.kind == "u" else values)
+    if len(steps) < 1 or not np.isfinite(values).all() or (steps > 0).mean() < _RISING:
+        return "", "its values do not rise"
+    low, high, step = float(values.min()), float(values.max()), float(np.median(steps))
+    dates = [u for u, s in UNITS.items() if _DATES[0] <= low * s <= high * s < _DATES[1]]
+    named = _UNIT_WORDS.get(name[-1], "") if name else ""
+    if dates and named and named != dates[0]:
+        raise ValueError(f"its name says {named}, and its values are dates in {dates[0]}")
+    if named:
+        return named, "as its name says"
+    if dates:
+        return dates[0], "its values are dates since 1970"
+    if values.dtype.kind in "iu" and step == 1:
+        return "frames", "its values count"
+    for unit, seconds in UNITS.items():
+        if _RATES[0] <= 1 / (step * seconds) < _RATES[1]:
+            return unit, f"a step of {step:.4g} makes {1 / (step * seconds):.4g} rows a second"
+    return "", f"its unit is not known (a step of {step:.4g})"
