@@ -32,7 +32,7 @@ class DataError(TactileForgeError):
 
 
 class DataNotFoundError(DataError):
-    """A folder or file of a data set does not exist."""
+    """A folder or file of a data set does not exist, or a mixture has no source."""
 
 
 class SensorError(TactileForgeError):

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -8,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import yaml
 
 from tactileforge.cli import dispatch
 from tactileforge.cli.plugins import _paths
@@ -133,6 +135,17 @@ def test_check_of_attached_sensors_names_a_broken_one(installed, capsys):
     ("argv", "error", "message"),
     [
         (["check", "pixle"], PluginError, r"unknown plugin 'pixle'; did you mean 'pixel'"),
+        (
+            ["check", "real"],
+            PluginError,
+            "'real' is a suite, .*bench suite=real --cfg job composes",
+        ),
+        (
+            ["check", "cosine"],
+            PluginError,
+            "'cosine' is a schedule, which has no conformance suite",
+        ),
+        (["check", "bench", "arrays"], PluginError, "'arrays' is a package of options, which has"),
         (["check", "pixel", "--kind", "sensor"], PluginError, "unknown sensor 'pixel'"),
         (["check", "pixel", "a=1"], ConfigError, "a= is an option of one plugin, and 2"),
         (["new", "sensor", "MySensor"], ConfigError, "use snake_case, e.g. my_sensor"),
@@ -175,6 +188,24 @@ def test_what_new_copies_is_shipped(kind):
         name = f"tactileforge-example/{path}"
         assert (ROOT / "plugins" / name).is_file()
         assert any(fnmatch(name, pattern) for pattern in shipped)
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_two_new_packages_share_no_name(kind, tmp_path):
+    """Entry points, tasks of suites, codes of checks."""
+    own = []
+    for name in ("soft_skin", "worn_skin"):
+        assert main(["new", kind, name, "--out", str(tmp_path)]) == 0
+        folder = tmp_path / f"tactileforge-{name.replace('_', '-')}"
+        project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
+        names = {(group, one) for group, all in project["entry-points"].items() for one in all}
+        for path in folder.rglob("conf/*/*.yaml"):
+            names |= {("task", task) for task in yaml.safe_load(path.read_text())["tasks"]}
+        for path in folder.rglob("check.py"):
+            (code,) = re.findall(r'code = "([A-Z]{2,4}[0-9]{3})"', path.read_text())
+            names.add(("code", code))
+        own.append(names)
+    assert not own[0] & own[1]
 
 
 @pytest.mark.slow

@@ -59,6 +59,7 @@ class SmallDinoHead(DinoHead):
         ("dino", SmallDinoHead),
         ("classify", None),
         ("distill", None),
+        ("surface", None),
     ],
 )
 def test_built_in_objectives(statuses, name, head):
@@ -171,6 +172,19 @@ class MeanOfNothing(Push):
         return self.errors(prediction, batch)[batch["force_valid"][:, 2]].mean(), {}
 
 
+class NothingOverNothing(Push):
+    """Finite in the first step only: then no sample is left that it errs on by little."""
+
+    def change(self, loss):
+        few = (self.scale == 1).float()
+        return loss * (few / few)
+
+
+class SlopeOfARoot(Push):
+    def change(self, loss):
+        return loss + (loss - loss).map(lambda value: (value * self.scale).sqrt())
+
+
 class Shrugs(Push):
     def forward(self, prediction, batch):
         if "force" not in batch:
@@ -195,7 +209,7 @@ UNLABELLED = "unlabelled samples change nothing"
         (OddNeeds, "head and needs are declared", "['torque']"),
         (NoHead, "head and needs are declared", "'head'"),
         (NotAScalar, "loss is a finite scalar", "(1,)"),
-        (NotFinite, "loss is a finite scalar", "loss is nan"),
+        (NotFinite, "loss is a finite scalar", "loss is nan: NaN comes from 0/0"),
         (LogsAVector, "loss is a finite scalar", "rows has shape (8, 1)"),
         (IdleParameter, "every own parameter gets gradient", "IdleParameter.idle"),
         (ClimbsUp, "twenty steps lower the loss", "it was"),
@@ -203,7 +217,23 @@ UNLABELLED = "unlabelled samples change nothing"
         (ThroughNumpy, "bf16 autocast works", "BFloat16"),
         (CountsTheUnlabelled, UNLABELLED, "with 3 samples that have 'force'"),
         (UsesGarbage, UNLABELLED, "with 3 samples that have 'force'"),
-        (MeanOfNothing, UNLABELLED, "with no 'force' at all it is nan"),
+        (
+            MeanOfNothing,
+            UNLABELLED,
+            "with no 'force' at all it is nan: NaN comes from mean of an empty set, which is 0/0, "
+            "at test_check_objectives.py:",
+        ),
+        (
+            NothingOverNothing,
+            "twenty steps lower the loss",
+            "is nan at a learning rate of 0.0001 in step 1: NaN comes from 0/0 (of an empty set? "
+            "divide by count.clamp(min=1)) at test_check_objectives.py:",
+        ),
+        (
+            SlopeOfARoot,
+            "twenty steps lower the loss",
+            "in step 0: NaN comes from the gradient at test_check_objectives.py:",
+        ),
         (DoesNotCount, "labels are counted", "3 samples without 'force' count as 3"),
         (TakesItForATensor, "loss is a finite scalar", "no 'sqrt': write mean.map(FUNCTION)"),
         (Powers, "loss is a finite scalar", "returns a Mean: write mean.map(FUNCTION)"),

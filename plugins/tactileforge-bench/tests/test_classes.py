@@ -9,6 +9,7 @@ import torch
 from PIL import Image
 from safetensors.torch import load_file, save_file
 from tactileforge_bench.results.load import read_results
+from tactileforge_bench.results.predictions import read_predictions
 from tactileforge_bench.results.results import NotRun
 from tactileforge_bench.results.scores import sentences
 
@@ -19,6 +20,7 @@ from tactileforge.errors import ConfigError, DataError
 from tactileforge.heads.classify import ClassifyHead
 from tactileforge.hub.classify import read_class_head
 from tactileforge.hub.files import make_header, save_checkpoint
+from tactileforge.pages import percent
 
 NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
 NAMES = ("bar", "disc", "ring")
@@ -76,6 +78,90 @@ def test_predictions_and_a_confusion_matrix_are_written(done: Path) -> None:
 
 
 @pytest.mark.slow
+def test_probabilities_and_wrong_images_are_told(done: Path) -> None:
+    """In the table, and on the page with both names and the confidence, the most certain first."""
+    cell = next(cell for cell in read_results(done / "out").cells if cell.model == "pixels")
+    with (done / "out" / cell.predictions).with_suffix(".csv").open() as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        shares = {name: float(row[f"probability of {name}"]) for name in NAMES}
+        assert sum(shares.values()) == pytest.approx(1, abs=2e-4)
+        assert shares[row["predicted"]] == float(row["probability"]) == max(shares.values())
+    wrong = [row for row in rows if row["truth"] != row["predicted"]]
+    surest = max(wrong, key=lambda row: float(row["probability"]))
+    one = read_predictions(done / "out" / cell.predictions)
+    assert one.clips[one.wrong[0]] == surest["clip"]
+    assert len(one.wrong) == min(len(wrong), 24)
+    name, number = surest["clip"].split("/")[1], int(surest["clip"].split("/")[2].split(".")[0])
+    small = np.asarray(Image.fromarray(image(name, number)).resize((96, 96)))
+    assert np.array_equal(one.pictures[0], small)
+    page = (done / "out" / "report.html").read_text()
+    assert f"{len(wrong)} of 48 wrong" in page
+    said = percent(float(surest["probability"]))
+    assert f"labelled {surest['truth']}, taken for {surest['predicted']}, {said}" in page
+
+
+def folders(root: Path, **sides: int) -> Path:
+    for side, count in sides.items():
+        for name in NAMES:
+            (root / side / name).mkdir(parents=True)
+            for number in range(count):
+                photo = root / side / name / f"{number}.png"
+                Image.fromarray(image(name, number + 100 * len(side))).save(photo)
+    return root
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("sides", "tested"),
+    [
+        ({"train": 8, "val": 3}, "val"),
+        ({"Train": 8, "test": 3}, "test"),
+        ({"train": 8, "val": 3, "test": 4}, "test"),
+    ],
+)
+def test_folders_of_train_and_val_are_taken_as_they_are(tmp_path, sides, tested):
+    root = folders(tmp_path / "parts", **sides)
+    words = [f"classes.root={root}", "classes.sensor=digit", "model=pixels", "workers=0"]
+    words += [f"cache={tmp_path}/cache", f"out={tmp_path}/out"]
+    assert cli.run(["bench", "suite=classes", *words]) == 0
+    (cell,) = read_results(tmp_path / "out").cells
+    with (tmp_path / "out" / cell.predictions).with_suffix(".csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 3 * sides[tested]
+    assert {row["clip"].split("/")[1] for row in rows} == {tested}
+    assert all(row["clip"].split("/")[2] == row["truth"] for row in rows)
+    words[-1] = f"out={tmp_path}/folds"
+    assert cli.run(["bench", "suite=classes", "classes.folds=2", *words]) == 0
+    (cell,) = read_results(tmp_path / "folds").cells
+    assert len(read_predictions(tmp_path / "folds" / cell.predictions).truth) == 3 * sum(
+        sides.values()
+    )
+
+
+def test_a_folder_of_one_side_alone_and_keys_that_are_not_given_are_told(tmp_path, capsys):
+    root = folders(tmp_path / "parts", train=1)
+    words = ["bench", "suite=classes", "classes.sensor=digit", "model=pixels", f"out={tmp_path}/o"]
+    assert cli.run([*words, f"classes.root={root}"]) == 1
+    said = capsys.readouterr().err
+    assert f"no folder val or test beside it: add it, or give classes.root={root}/train" in said
+    assert cli.run(words) == 1
+    assert "give classes.root=..." in capsys.readouterr().err
+    assert cli.run(["bench", "suite=sim", f"classes.root={root}", "model=pixels"]) == 1
+    assert "goes with suite=classes" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_every_file_has_the_permissions_of_the_umask(done: Path) -> None:
+    (done / "plain").touch()
+    usual = (done / "plain").stat().st_mode
+    files = [path for path in (done / "out").rglob("*") if path.is_file()]
+    assert head_of(done) in files
+    assert {path.stat().st_mode for path in files} == {usual}
+    assert (done / "mine.safetensors").stat().st_mode == usual
+
+
+@pytest.mark.slow
 def test_a_model_classifies_with_the_head(done: Path) -> None:
     model = tactileforge.load(done / "mine.safetensors")
     new = [(name, image(name, number)) for name in NAMES for number in range(100, 110)]
@@ -88,6 +174,11 @@ def test_a_model_classifies_with_the_head(done: Path) -> None:
     still = model.classify(new[0][1], "none", "digit", head=read_class_head(head_of(done)))
     assert torch.allclose(still.probability, found.probability[0], atol=1e-5)
     assert still.name == found.name[0]
+    stills = clips[:, 0]
+    several = model.classify(stills[:, None], "none", "digit", head=head_of(done))
+    assert torch.equal(several.probability, found.probability)
+    with pytest.raises(DataError, match=r"30 frames in .* single images, one a clip.*X\[:, None\]"):
+        model.classify(stills, "none", "digit", head=head_of(done))
     rounded = tactileforge.load(done / "mine.safetensors", dtype="bfloat16")
     nearly = rounded.classify(clips, "none", "digit", head=head_of(done))
     assert torch.allclose(nearly.probability, found.probability, atol=0.05)
@@ -151,7 +242,7 @@ def test_images_that_are_absent_are_told_by_keys_of_this_command(
     words += [f"out={tmp_path}/out", f"cache={tmp_path}/cache", "workers=0"]
     assert cli.run(["bench", "suite=classes", *words]) == 3
     said = capsys.readouterr().out
-    assert f"{tmp_path}/photo: no such folder; set tasks.classes.data.root to the folder" in said
+    assert f"{tmp_path}/photo: no such folder; set classes.root to the folder" in said
     (tmp_path / "photo" / "bar").mkdir(parents=True)
     assert cli.run(["bench", "suite=classes", *words, f"out={tmp_path}/other"]) == 3
     said = capsys.readouterr().out

@@ -25,3 +25,6 @@ def test_it_rests_for_a_background_and_is_never_frozen():
     assert abs(first - gel).max() == abs(second - gel).max() == 1
     assert (first != second).any()
     assert (sensor._draw(0.7) != gel).any()
+    for after in (1.2, 1.3, 2.4):  # lifted off between presses, for the background of the next take
+        assert (sensor._draw(after) == gel).all()
+    assert (sensor._draw(1.9) != gel).any()

@@ -13,11 +13,13 @@ from tactileforge_export import export, read_facts
 from videos import write_video
 
 import tactileforge
+from tactileforge import cli
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.preprocess import ANYTOUCH2
 from tactileforge.encoders.tactile_vit import TactileViT
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.heads.force import ForceHead
+from tactileforge.hub import CLASS_FORMAT, ClassFacts, ClassHead
 from tactileforge.hub.files import make_header, save_checkpoint
 
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -181,3 +183,63 @@ def test_the_script_of_the_page_needs_neither_torch_nor_tactileforge(
         clip = frames[[end - 6, end - 4, end - 2, end]]
         expected = model.force(clip, frames[0], "digit")[-1]
         assert numbers[1:] == pytest.approx(expected.tolist(), abs=6e-3)
+
+
+@pytest.fixture(scope="module")
+def head(file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A head of three classes, as bench fits it to pictures without a background."""
+    model, draw = tactileforge.load(file), torch.Generator().manual_seed(5)
+    facts = ClassFacts(
+        format=CLASS_FORMAT,
+        task="classes",
+        names=["bolt", "nut", "washer"],
+        encoder=model.encoder_hash,
+        background=False,
+        sensors=["digit"],
+        penalty=1.0,
+        metrics={},
+    )
+    weight = torch.randn(3, model.projected, generator=draw) / 4
+    path = tmp_path_factory.mktemp("head") / "mine.head"
+    ClassHead(facts, weight, torch.tensor([0.1, -0.1, 0.0])).save(path)
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("format", ["onnx", "torch_export"])
+def test_encoder_and_classes_are_one_file_with_the_labels_inside(
+    file: Path, head: Path, tmp_path: Path, format: str
+) -> None:
+    out = tmp_path / "classes.file"
+    words = [f"model=file:{file}", f"head={head}", f"format={format}", f"out={out}"]
+    assert cli.run(["export", *words, "size=[40,48]"]) == 0
+    facts = read_facts(out)
+    assert facts.classes["names"] == ["bolt", "nut", "washer"]
+    assert facts.classes["sensors"] == ["digit"]
+    assert facts.classes["background"] == "130 everywhere: it was fitted without"
+    expected = tactileforge.load(file).classify(clips(3), "none", "digit", head=head).probability
+    frames = np.ascontiguousarray(np.moveaxis(clips(3), -1, 2))
+    still = np.full_like(frames[:, 0], 130)
+    rows = np.array(facts.sensor_ids(["digit"] * 3))
+    if format == "onnx":
+        session = onnxruntime.InferenceSession(out, providers=["CPUExecutionProvider"])
+        feed = {"frames": frames, "background": still, "sensor": rows}
+        (found,) = session.run(["probability"], feed)
+    else:
+        program = torch.export.load(out).module()
+        found = program(*map(torch.from_numpy, (frames, still, rows)))[-1].numpy()
+    assert np.abs(found - expected.numpy()).max() < 1e-5
+    assert np.ptp(found) > 0.1
+
+
+@pytest.mark.slow
+def test_a_head_of_another_model_is_not_exported(file: Path, head: Path, tmp_path: Path) -> None:
+    model = tactileforge.load(file)
+    with torch.no_grad():
+        next(model.encoder.parameters()).add_(1)
+    with pytest.raises(ConfigError, match=r"fitted to another encoder than thing\.tiny"):
+        export(model, tmp_path / "a.onnx", head=head)
+    with pytest.raises(DataError, match="not a head of classes"):
+        export(file, tmp_path / "a.onnx", head=file)
+    with pytest.raises(DataNotFoundError, match="no such file"):
+        export(file, tmp_path / "a.onnx", head=tmp_path / "none")

@@ -114,10 +114,10 @@ def _check(keys: _Check, _: dict[str, Any]) -> int:
     kinds = (*registry.KINDS, *registry.MODULES)
     installed = [(kind, name) for kind in kinds for name in registry.names(kind)]
     within = [plugin for plugin in installed if keys.kind in (None, plugin[0].removesuffix("s"))]
+    known = {name for _, name in within}
     for wanted in keys.names:
-        if wanted not in (name for _, name in within):
-            known = {name for _, name in within}
-            raise PluginError(unknown(keys.kind or "plugin", wanted, known))
+        if wanted not in known:
+            raise PluginError(_unchecked(wanted) or unknown(keys.kind or "plugin", wanted, known))
     plugins = [plugin for plugin in within if not keys.names or plugin[1] in keys.names]
     options, attached = keys.options, keys.attached
     if options and len(plugins) != 1:
@@ -136,6 +136,17 @@ def _check(keys: _Check, _: dict[str, Any]) -> int:
             print(f"  {result.status:<9}{result.name}{': ' * bool(first)}{first}")
     print(", ".join(f"{count} {status}" for status, count in counts.items()))
     return 1 if counts["failed"] else 0
+
+
+def _unchecked(name: str) -> str:
+    """How a plugin is checked that has no conformance suite; "" for an unknown name."""
+    if name in _options.options("suite"):
+        shown = command("bench", f"suite={name}", "--cfg", "job")
+        tried = command("bench", f"suite={name}", "model=pixels", f"out={name}")
+        return f"{name!r} is a suite, which is options: {shown} composes it, and {tried} runs it"
+    kind = next((kind for kind in registry.OTHERS if name in registry.names(kind)), None)
+    what = {"conf": "package of options"}.get(kind or "", (kind or "").removesuffix("s"))
+    return f"{name!r} is a {what}, which has no conformance suite: test what it does" * bool(kind)
 
 
 #: Options with the address of a sensor's device.
@@ -227,6 +238,8 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
         own: name,
         _camel(own): class_name,
         "stable_decay": f"{name}_decay",  # the schedule beside the optimiser
+        "glance_force": f"{name}_force",  # the task of the suite
+        "EX101": f"X{re.sub('[^a-z]', '', name)[:3].upper()}101",  # the code of the check
     }
     longest_first = sorted(words, key=len, reverse=True)
     pattern = re.compile("|".join(map(re.escape, longest_first)))

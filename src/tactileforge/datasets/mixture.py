@@ -9,7 +9,7 @@ from typing import Any
 
 from tactileforge.contracts import Dataset, Recording
 from tactileforge.data.batches.sources import Bad, Part, Source, sources_of
-from tactileforge.errors import ConfigError, check_names
+from tactileforge.errors import ConfigError, DataNotFoundError, check_names
 from tactileforge.plugins import registry
 from tactileforge.reading.drawn import Drawn
 
@@ -41,10 +41,11 @@ class Mixture(Drawn):
         """The data sets, by name.
 
         Raises:
-            ConfigError: There are no sources, or one is a mixture itself.
+            DataNotFoundError: There are no sources.
+            ConfigError: A source is a mixture itself.
         """
         if not self.given:
-            raise ConfigError(
+            raise DataNotFoundError(
                 "data=mixture has no sources; add some: +data@data.sources.a=sim "
                 "+data@data.sources.b=shards data.sources.b.root=DIR"
             )

@@ -10,6 +10,8 @@ from tactileforge.hub.classify import CLASS_FORMAT as CLASS_FORMAT
 from tactileforge.hub.classify import ClassFacts as ClassFacts
 from tactileforge.hub.classify import ClassHead as ClassHead
 from tactileforge.hub.classify import encoder_hash as encoder_hash
+from tactileforge.hub.classify import fitted_layer as fitted_layer
+from tactileforge.hub.classify import read_class_head as read_class_head
 from tactileforge.hub.clip_encoder import check_device as check_device
 from tactileforge.hub.creating import create as create
 from tactileforge.hub.files import describe_input as describe_input

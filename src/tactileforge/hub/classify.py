@@ -18,7 +18,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_
 from tactileforge.hub.clips import Clips
 from tactileforge.hub.forces import fingerprint
 from tactileforge.util import strict
-from tactileforge.util.files import new_part
+from tactileforge.util.files import new_part, usual_mode
 from tactileforge.util.untrusted import load_json
 
 if TYPE_CHECKING:
@@ -95,7 +95,8 @@ class ClassHead:
         with new_part(path) as part:
             # the layer of a fit is transposed, which safetensors refuses
             tensors = {"weight": self.weight.contiguous(), "bias": self.bias.contiguous()}
-            save_file(tensors, part, metadata={_KEY: json.dumps(asdict(self.facts))})
+            with usual_mode(part):
+                save_file(tensors, part, metadata={_KEY: json.dumps(asdict(self.facts))})
             part.replace(path)
 
 

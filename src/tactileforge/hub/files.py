@@ -19,7 +19,7 @@ from tactileforge.hub.file_checks import build, check_nodes, check_plugin, tower
 from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 from tactileforge.plugins import registry
-from tactileforge.util.files import disk_errors_named, new_part, sync
+from tactileforge.util.files import disk_errors_named, new_part, sync, usual_mode
 
 DTYPES = {"float32": torch.float32, "float16": torch.float16}
 
@@ -117,10 +117,8 @@ def save_checkpoint(
     path = Path(path)
     metadata = replace(header, dtype=dtype).metadata(has_place=True)
     with disk_errors_named(path), new_part(path) as part:
-        part.touch()
-        mode = part.stat().st_mode  # what the umask gives; safetensors makes files of its own
-        save_file(state, part, metadata=metadata)
-        part.chmod(mode)
+        with usual_mode(part):
+            save_file(state, part, metadata=metadata)
         seal_checkpoint(part)
         sync(part)
         part.replace(path)

@@ -208,9 +208,12 @@ def check_clip(
     """
     clips = _channels_first("frames", _pixels("frames", frames), 4, _CLIP)
     if count is not None and clips.shape[1] != count:
+        stills = (
+            "; if they are single images, one a clip, give X[:, None]" if len(clips) == 1 else ""
+        )
         raise DataError(
             f"frames: {clips.shape[1]} frames in {tuple(frames.shape)}, but the encoder takes "
-            f"{count}: give that many, oldest first, at its spacing"
+            f"{count}: give that many, oldest first, at its spacing{stills * (frames.ndim == 4)}"
         )
     size = tuple(clips.shape[-2:])
     if background is None:

@@ -348,7 +348,8 @@ class Model(nn.Module):
         """Classifies clips, or still images, by a linear head on their projected vectors.
 
         Args:
-            frames: Clips as in `encode`.
+            frames: Clips as in `encode`. A batch of single images X, (B, H, W, 3), is
+                ``X[:, None]``: one frame a clip.
             background: Frame without contact, or a word in its place, as in `encode`.
             sensor: Name of the sensor, or one name a clip, as in `encode`.
             head: A head that the benchmark fitted to this model, ``heads/TASK.MODEL.safetensors``;

@@ -169,8 +169,10 @@ def half_labelled(need: str, plugins: Iterable[type[Any]] = ()) -> Batch:
     if "force" in labels:
         made["force"][3:] = 1e4  # so large that a loss shows it
         made["force_valid"][3:] = False
-    if "image" in labels:
-        made["image_valid"][3:] = False
+    if "surface" in labels:
+        made["surface"][3:] = 255
+    for label in {"image", "surface"} & set(labels):
+        made[f"{label}_valid"][3:] = False
     if "text" in labels:
         made["text"][3:] = [""] * 3
     for label in set(labels) - set(LABELS):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
@@ -19,7 +21,8 @@ from tactileforge.testing.batches import (
     with_columns,
     without,
 )
-from tactileforge.testing.modules import small_context, views_of
+from tactileforge.testing.modules import finite, small_context, views_of
+from tactileforge.testing.nan_causes import cause_of_nan
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, construct, require
 from tactileforge.training.parts import Term, term_of
 
@@ -98,7 +101,9 @@ def loss_is_a_finite_scalar(subject: CheckSubject) -> None:
     means = {"loss": term.loss, **term.extra}
     for name, value in {name: mean.value for name, mean in means.items()}.items():
         require(value.ndim == 0, f"{name} has shape {tuple(value.shape)}: it must be a scalar")
-        require(bool(torch.isfinite(value)), f"{name} is {value.item()}")
+        if not bool(torch.isfinite(value)):
+            cause = cause_of_nan(partial(_parts(subject), _batch(subject)))
+            raise Violation(f"{name} is {value.item()}{cause}")
 
 
 def every_own_parameter_gets_gradient(subject: CheckSubject) -> None:
@@ -133,16 +138,30 @@ def twenty_steps_lower_the_loss(subject: CheckSubject) -> None:
         parts = _parts(subject)
         optimizer = torch.optim.AdamW(parts.modules.parameters(), lr=rate)
         losses = []
-        for _ in range(21):  # the last loss is the one after 20 steps
+        cause = ""
+        for step in range(21):  # the last loss is the one after 20 steps
             optimizer.zero_grad()
-            loss = parts(_batch(subject))
+            made = _batch(subject)
+            loss = parts(made)
             losses.append(float(loss.detach()))
             torch.autograd.backward(loss)
+            if any(map(math.isnan, [losses[-1], *map(_sum, _gradients(parts))])):
+                cause = f" in step {step}{cause_of_nan(partial(parts, made))}"
+                losses[-1] = math.nan
+                break
             optimizer.step()
         if losses[-1] < losses[0]:
             return
-        ends.append(f"{losses[-1]:.4g} at {rate:g}")
-    require(False, f"it was {losses[0]:.4g} and is {', '.join(ends)}")
+        ends.append(f"{losses[-1]:.4g} at a learning rate of {rate:g}{cause}")
+    require(False, f"it was {losses[0]:.4g} and after 20 steps is {', '.join(ends)}")
+
+
+def _gradients(parts: _Parts) -> list[Tensor]:
+    return [p.grad for p in parts.modules.parameters() if p.grad is not None]
+
+
+def _sum(tensor: Tensor) -> float:
+    return float(tensor.sum())
 
 
 def same_seed_same_loss(subject: CheckSubject) -> None:
@@ -161,8 +180,7 @@ def bf16_autocast_works(subject: CheckSubject) -> None:
     gap = abs(float(loss.detach()) - full)
     # + 0.02 for losses near 0, of which bfloat16's two to three digits are a large share
     require(gap <= 0.1 * abs(full) + 0.02, f"the loss is {loss.item():.4g}, in fp32 {full:.4g}")
-    gradients = [p.grad for p in parts.modules.parameters() if p.grad is not None]
-    require(all(bool(torch.isfinite(g).all()) for g in gradients), "a gradient is not finite")
+    require(finite(_gradients(parts)), "a gradient is not finite")
 
 
 def unlabelled_samples_change_nothing(subject: CheckSubject) -> None:
@@ -185,7 +203,10 @@ def unlabelled_samples_change_nothing(subject: CheckSubject) -> None:
             f"{half:.6g}",
         )
         # a mean over no sample is NaN, and NaN in one step ends a training
-        require(none == none and abs(none) != float("inf"), f"with no {need!r} at all it is {none}")
+        if not math.isfinite(none):
+            few = partial(parts.of_views, views.rows(slice(3, 6)), rows_of(made, slice(3, 6)))
+            cause = cause_of_nan(lambda: few().loss.value)  # noqa: B023 - called at once
+            raise Violation(f"with no {need!r} at all it is {none}{cause}")
 
 
 def labels_are_counted(subject: CheckSubject) -> None:

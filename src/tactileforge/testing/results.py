@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from inspect import Parameter
 from typing import Any, Literal, TypeAlias
 
+from tactileforge.errors import DataNotFoundError
 from tactileforge.plugins import moves, registry
 
 
@@ -101,6 +102,8 @@ def run_check(check: Check, subject: CheckSubject) -> CheckResult:
         check(subject)
     except Skip as why:
         return CheckResult(name, "skipped", str(why))
+    except DataNotFoundError as error:
+        return CheckResult(name, "skipped", f"its data is not here: {error}")
     except (Exception, SystemExit) as error:  # Ctrl-C alone ends the suite
         text = str(error) if isinstance(error, Violation) else f"{type(error).__name__}: {error}"
         text = "; ".join([text, *moves.change_hints(subject.plugin)])

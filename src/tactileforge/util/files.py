@@ -49,6 +49,20 @@ def cache_folder(path: str | None = None) -> Path:
     return (Path(home) if home else Path.home() / ".cache") / "tactileforge"
 
 
+@contextmanager
+def usual_mode(path: Path) -> Iterator[None]:
+    """Gives a new file that a library writes for its owner alone the permissions of the umask.
+
+    Example:
+        >>> with usual_mode(Path("a.safetensors")):
+        ...     _ = Path("a.safetensors").write_bytes(b"")
+    """
+    path.touch()
+    mode = path.stat().st_mode
+    yield
+    path.chmod(mode)
+
+
 def write_text(path: Path, text: str) -> None:
     """Writes a text file beside its place, then renames it; creates its folder.
 

@@ -91,6 +91,7 @@ class Bench:
                 reason, fix = _split(error)
                 # what a run calls data.root is, on this command line, the task's
                 reason = re.sub(r"\bdata\.(?=root|layouts)", f"tasks.{task.name}.data.", reason)
+                reason = reason.replace("tasks.classes.data.root", "classes.root")
                 writer.not_run(reason, task=task.name, fix=fix)
                 continue
             self.prepared.append(prepared)
@@ -224,7 +225,12 @@ class Bench:
             )
             part = prepared.target.parts[name]
             predicted, truth = result.predicted[name], result.truth[name]
-            rows.append(self.writer.predictions(cell, name, part, predicted, truth, units, clips))
+            stored = self.writer.predictions(
+                *(cell, name, part, predicted, truth, units, clips),
+                probability=result.probability.get(name),
+                picture=None if rows else prepared.test_picture,  # of the one that the page shows
+            )
+            rows.append(stored)
         return rows
 
     def _key(self, prepared: PreparedTask, subjects: Sequence[FrozenEncoder]) -> str:
@@ -248,6 +254,7 @@ class Bench:
             ],
             "seeds": self.options.seeds,
             "selection": self.options.selection,
+            "predictions": 2,  # with probabilities and pictures of what is wrong
         }
         if not choice.kind.fitted:
             # only zero-shot probes read the heads: for others, new heads change no cell

@@ -1,4 +1,4 @@
-"""A synthetic sensor: a ball is pressed into its gel again and again."""
+"""A synthetic sensor: a ball is pressed into its gel and lifted off, again and again."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ class Dummy:
 
     Args:
         gain: Contrast of the contact in the image.
-        rest: Time without contact after opening, s; recorders take their background then.
+        rest: Time without contact after opening and between two presses of a second, s; recorders
+            take the background of each take then.
     """
 
     #: An attribute of the class: data sets and encoders look up the type of sensor by name.
@@ -72,7 +73,8 @@ class Dummy:
         return (image + noise).clip(0, 255).astype(np.uint8)
 
     def _draw(self, seconds: float) -> NDArray[np.uint8]:
-        depth = 0.5 * max(0.0, math.sin(math.pi * max(0.0, seconds - self.rest)))
+        pressed = max(0.0, seconds % (self.rest + 1.0) - self.rest)  # s since the ball touched
+        depth = 0.5 * math.sin(math.pi * pressed)
         image = press(depth, self.spec.height, self.spec.width)
         gel = np.asarray(GEL)
         amplified: NDArray[np.float64] = (gel + self.gain * (image - gel)).clip(0, 255)

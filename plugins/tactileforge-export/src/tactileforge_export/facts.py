@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ OUTPUTS = {
     "tokens": "float32 (B, L, width): prefix tokens, then patches",
     "cls": "float32 (B, projected): what model.features gives with tap=projected",
     "vector": "float32 (B, n): what model.encode gives, of models trained here",
+    "probability": "float32 (B, classes): of each of the names in classes",
     "force": "float32 (B, n, 3): newton in the n newest frames; not a number without a scale",
 }
 #: Axes of the forces of the object on the gel, see `contracts`.
@@ -54,6 +55,8 @@ class Exported:
         outputs: Type, shape and meaning of each output.
         force: ``unit``, ``axes``, and the ``scale`` in the graph, by sensor; empty without a force
             head.
+        classes: ``names`` of the classes in the order of ``probability``, the ``sensors`` of the
+            pictures that its head was fitted to, and what to give as ``background``; empty without.
         background: Description of the input ``background``.
         error: Largest difference between the outputs of the float graph and those of the module.
         int8: Errors of int8 weights against the module's ``cls``: ``relative``, the length of the
@@ -74,6 +77,7 @@ class Exported:
     preprocessing: dict[str, Any]
     outputs: dict[str, str]
     force: dict[str, Any]
+    classes: dict[str, Any] = field(default_factory=dict)
     background: str = BACKGROUND
     error: float
     int8: dict[str, float]

@@ -17,9 +17,10 @@ _NOWHERE = -(2**31)
 
 
 class GraphModule(nn.Module):
-    """An encoder with the outputs of a file: ``tokens``, ``cls``, ``force`` and ``vector``.
+    """An encoder with the outputs of a file: tokens, cls, force, vector and probability.
 
-    ``force`` is there with a head, and ``vector`` for models trained here.
+    ``force`` is there with a head, ``vector`` for models trained here, and ``probability`` with a
+    head of classes.
 
     The graph raises an error for a sensor unknown to the encoder, and gives NaN forces for a sensor
     without a force scale.
@@ -29,6 +30,7 @@ class GraphModule(nn.Module):
         head: Force head; None for no forces.
         scale: Newton per unit of the head's output along x, y and z, for each sensor.
         squashed: Height and width of frames resized in training, pixels; None for imported weights.
+        classes: Weight (classes, projected) and bias (classes,) of a head of classes; None without.
 
     Attributes:
         outputs: Names of the outputs.
@@ -42,12 +44,15 @@ class GraphModule(nn.Module):
         head: nn.Module | None = None,
         scale: Mapping[str, Sequence[float]] | None = None,
         squashed: tuple[int, int] | None = None,
+        classes: tuple[Tensor, Tensor] | None = None,
     ) -> None:
         super().__init__()
         self.squash = None if squashed is None else Squash(squashed)
         self.encoder, self.head = encoder, head
         vector, force = ("vector",) * (self.squash is not None), ("force",) * (head is not None)
-        self.outputs = ("tokens", "cls", *force, *vector)
+        self.classes = None if classes is None else _linear(*classes)
+        probability = ("probability",) * (classes is not None)
+        self.outputs = ("tokens", "cls", *force, *vector, *probability)
         self.frames, self.image_size = encoder.frames, encoder.image_size
         self._states: list[Tensor] = []
         if vector:  # hooks set in `forward` could not be traced
@@ -89,10 +94,18 @@ class GraphModule(nn.Module):
             summary = join_summary(self._states or [tokens], self.encoder.grid)
             vector = (joint_vector({"summary": summary}),)
             self._states.clear()
+        if self.classes is not None:
+            vector = (*vector, self.classes(cls).softmax(-1))
         if self.head is None:
             return tokens, cls, *vector
         force = self.head(ComputedViews.of(self.encoder, tokens, cls), {}).force
         return tokens, cls, force * self.newton[sensor][:, None], *vector
+
+
+def _linear(weight: Tensor, bias: Tensor) -> nn.Linear:
+    layer = nn.Linear(weight.shape[1], weight.shape[0])
+    layer.weight, layer.bias = nn.Parameter(weight), nn.Parameter(bias)
+    return layer
 
 
 def sensor_rows(encoder: Any) -> dict[str, int]:

@@ -19,6 +19,8 @@ class _Export:
     Attributes:
         model: A name of ``tactileforge zoo list``, file:PATH, or run:FOLDER.
         format: ``onnx``, or ``torch_export`` for torch.export.load.
+        head: A head of classes that bench fitted to this model (heads/TASK.MODEL.safetensors), for
+            the output ``probability``; its names are in the file.
         out: The file; None for the model's name in this folder.
         size: Height and width of the frames, for example [240,320]; None for any.
         int8: Whether weights of linear layers become int8 (onnx only); the error is printed and
@@ -28,6 +30,7 @@ class _Export:
 
     model: str
     format: str = "onnx"
+    head: str | None = None
     out: str | None = None
     size: int | list[int] | None = None
     int8: bool = False
@@ -45,9 +48,12 @@ def _export(keys: _Export, _: dict[str, Any]) -> None:
         size=[keys.size] if isinstance(keys.size, int) else keys.size,
         int8=keys.int8,
         tolerance=keys.tolerance,
+        head=keys.head,
     )
     megabytes = Path(done.path).stat().st_size / 1e6
     print(f"{done.path}: {megabytes:.1f} MB, differs from the module by {done.error:.2g} at most")
+    if done.classes:
+        print(f"probability: {', '.join(done.classes['names'])}")
     if done.int8:
         print(
             f"int8: cls differs by {done.int8['relative']:.2%} of its length, cosine at least "

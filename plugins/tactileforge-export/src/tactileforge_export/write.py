@@ -10,13 +10,21 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-from torch import nn
+from torch import Tensor, nn
 
 from tactileforge import __version__, load
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
-from tactileforge.hub import Model, describe_input, fingerprint
+from tactileforge.hub import (
+    ClassHead,
+    Model,
+    describe_input,
+    encoder_hash,
+    fingerprint,
+    fitted_layer,
+    read_class_head,
+)
 from tactileforge.plugins import new_part, sync
-from tactileforge_export.facts import AXES_OF_FORCE, OUTPUTS, Exported, need_onnx
+from tactileforge_export.facts import AXES_OF_FORCE, BACKGROUND, OUTPUTS, Exported, need_onnx
 from tactileforge_export.graph_module import GraphModule, check_float32
 from tactileforge_export.program import ProgramFile, compare_outputs, sizes_of, trace
 
@@ -31,8 +39,9 @@ def export(
     size: Sequence[int] | None = None,
     int8: bool = False,
     tolerance: float = 1e-4,
+    head: str | Path | ClassHead | None = None,
 ) -> Exported:
-    """Writes a model as one file, from uint8 frames to tokens, class tokens and forces.
+    """Writes a model as one file, from uint8 frames to tokens, class tokens, forces and classes.
 
     Preprocessing is in the graph, and the number of clips is free. The file is run on batches of 1
     and 3 and compared with the module before it gets its name.
@@ -45,10 +54,13 @@ def export(
             encoder's own).
         int8: Whether to quantise the weights of linear layers to int8; ``onnx`` only.
         tolerance: Largest accepted difference of outputs; not applied to int8 weights.
+        head: A head of classes that the benchmark fitted to this model, ``heads/TASK.MODEL``; its
+            names are in the metadata.
 
     Raises:
-        ConfigError: The format or model is unknown, a package is missing, or the graph cannot take
-            the size.
+        DataError: The head is not one.
+        ConfigError: The head belongs to another model; or the format or model is unknown, a package
+            is missing, or the graph cannot take the size.
         TactileForgeError: The file's outputs differ from the module's; it is not kept.
 
     Example:
@@ -58,7 +70,7 @@ def export(
     path = Path(path)
     _check(path, format, size, int8, tolerance)
     taken = None if size is None else (size[0], size[1])
-    module, facts = _open(model)
+    module, facts = _open(model, head)
     with _quiet(), new_part(path) as part:
         program = trace(module, taken)
         file = _file(format, program, module.outputs)
@@ -109,7 +121,9 @@ def _check(path: Path, format: str, size: Any, int8: Any, tolerance: Any) -> Non
         raise ConfigError("int8=true needs format=onnx")
 
 
-def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str, Any]]:
+def _open(
+    model: str | Path | Model | nn.Module, classes: str | Path | ClassHead | None
+) -> tuple[GraphModule, dict[str, Any]]:
     """Opens the module of the graph, on the CPU in eval mode, and collects its metadata."""
     opened: Any = load(model) if isinstance(model, str | Path) else model
     known = {"model": "", "licence": "", "spacing": float(getattr(opened, "spacing", 0.0))}
@@ -121,9 +135,10 @@ def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str,
         if "force" in opened.heads:
             head, kept = opened.heads["force"], opened.header.heads["force"]
     check_float32(encoder)
+    layer, about = _classes(classes, encoder, known["model"] or "this model")
     force: dict[str, Any] = {}
     # copied together: a head may share modules with its encoder. Hooks stay off the user's model
-    module = GraphModule(*copy.deepcopy((encoder, head)), kept.get("scale"), squashed)
+    module = GraphModule(*copy.deepcopy((encoder, head)), kept.get("scale"), squashed, layer)
     module = module.cpu().eval().requires_grad_(False)
     if head is not None:
         scale = {k: list(kept["scale"][k]) for k in module.sensors if k in kept["scale"]}
@@ -138,6 +153,25 @@ def _open(model: str | Path | Model | nn.Module) -> tuple[GraphModule, dict[str,
         | ({} if squashed is None else {"squashed": list(squashed)}),
         "outputs": {name: OUTPUTS[name] for name in module.outputs},
         "force": force,
+        "classes": about,
+    }
+
+
+def _classes(
+    head: str | Path | ClassHead | None, encoder: Any, model: str
+) -> tuple[tuple[Tensor, Tensor] | None, dict[str, Any]]:
+    """Layer and metadata of a head of classes."""
+    if head is None:
+        return None, {}
+    fitted = head if isinstance(head, ClassHead) else read_class_head(head)
+    # what it was fitted to with is told in the metadata, as a file takes any background
+    subtracts = bool(fitted.facts.background)
+    weight, bias, names = fitted_layer(fitted, encoder_hash(encoder), model, subtracts, ())
+    given = {None: "any: it is not used", True: BACKGROUND.partition(";")[0]}
+    return (weight, bias), {
+        "names": list(names),
+        "sensors": fitted.facts.sensors,
+        "background": given.get(fitted.facts.background, "130 everywhere: it was fitted without"),
     }
 
 

@@ -148,6 +148,22 @@ def test_a_background_is_taken_before_every_take(scripted, options):
     assert not np.array_equal(first.no_contact.read([0]), second.no_contact.read([0]))
 
 
+def test_between_takes_a_finger_that_is_lifted_late_is_waited_for(scripted, options, monkeypatch):
+    take_background, calls, said = rig.Rig.take_background, [], []
+
+    def late(opened):
+        calls.append(opened)
+        if len(calls) in (2, 3):
+            raise SensorError("a: something touches it")
+        take_background(opened)
+
+    monkeypatch.setattr(rig.Rig, "take_background", late)
+    given = options(takes=2, seconds=0.2, background=Background(seconds=0.1, frames=3))
+    assert record(given, {"a": scripted(fps=60)}, say=said.append).takes == 2
+    assert len(calls) == 4
+    assert said.count("a: something touches it; trying again") == 2
+
+
 def test_a_calibration_goes_along_with_its_sensor(scripted, options, tmp_path):
     one = calibration.Calibration(sensor="digit", mm_per_pixel=0.05, size=[48, 64])
     one.save(tmp_path / "left.yaml")

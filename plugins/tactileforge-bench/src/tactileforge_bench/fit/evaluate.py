@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeAlias
 
@@ -51,6 +51,8 @@ class ProbeResult:
         predicted: Predictions of each part, (n, columns), in the units of the truth.
         truth: True values of each part, (n, columns).
         metrics: Values by name.
+        probability: Probabilities of the classes, (n, columns, classes) of each part; empty for
+            probes without.
         layer: Layer of a linear probe, fitted again to all clips: its penalty, and float64
             (width + 1, outputs) of each part.
     """
@@ -59,6 +61,7 @@ class ProbeResult:
     predicted: Values
     truth: Values
     metrics: dict[str, float]
+    probability: Values = field(default_factory=dict)
     layer: tuple[float, Values] | None = None
 
     @property
@@ -173,7 +176,7 @@ def _vote(
     known, truth = examples.take(uses[0])
     decoded = [model.vote(known, truth, examples.take(places)[0]) for places in uses[1:]]
     on_cpu = [{key: value.cpu() for key, value in values.items()} for values in decoded]
-    return TrainedProbe(0, math.nan, on_cpu[1], score(on_cpu[0]))
+    return TrainedProbe(0, math.nan, on_cpu[1], score=score(on_cpu[0]))
 
 
 def _name(model: Probe, examples: Examples, split: Split, subject: FrozenEncoder) -> TrainedProbe:
@@ -200,8 +203,16 @@ def _converge(
     asked = examples.take(select)[0]
     penalty, value = model.choose(*examples.every(split.train), asked, score, higher)
     layer = model.fit(*examples.every(split.known), penalty)
-    predicted = model.predict(layer, examples.take(split.test)[0])
-    return TrainedProbe(0, math.nan, predicted, value, penalty=penalty)
+    asked = examples.take(split.test)[0]
+    shares = model.probabilities(model.scores(layer, asked))
+    return TrainedProbe(
+        0,
+        math.nan,
+        model.predict(layer, asked),
+        {name: values.float().cpu() for name, values in shares.items()},
+        value,
+        penalty=penalty,
+    )
 
 
 def _layer(
@@ -237,7 +248,7 @@ def _solve(
     inner, outer = model.solve(rows, truth, groups, examples.take(split.test)[0], sizes)
     score = _scorer(prepared, known)({name: values.cpu() for name, values in inner.items()})
     predicted = {name: values.cpu() for name, values in outer.items()}
-    return TrainedProbe(0, math.nan, predicted, score, reading=tap)
+    return TrainedProbe(0, math.nan, predicted, score=score, reading=tap)
 
 
 def _result(prepared: PreparedTask, outcomes: Sequence[TrainedProbe]) -> ProbeResult:
@@ -248,8 +259,12 @@ def _result(prepared: PreparedTask, outcomes: Sequence[TrainedProbe]) -> ProbeRe
         for name, part in parts.items()
     }
     truth = {name: part.truth[test] for name, part in parts.items()}
+    shares = {
+        name: torch.cat([outcome.probability[name] for outcome in outcomes])
+        for name in outcomes[0].probability
+    }
     values = {}
     for metric in prepared.task.metrics:
         name = metrics.part_of(metric, parts)
         values[metric] = metrics.measure(metric, parts[name], predicted[name], truth[name])
-    return ProbeResult(outcomes, predicted, truth, values)
+    return ProbeResult(outcomes, predicted, truth, values, shares)

@@ -62,6 +62,11 @@ class PreparedTask:
         rows = self.source.index[self.target.clips[self._test]].tolist()
         return [f"{self.source.recordings[number].key}[{last}]" for number, last in rows]
 
+    def test_picture(self, place: int) -> NDArray[np.uint8]:
+        """Last frame of a test clip, uint8 (H, W, 3), by its place among them."""
+        number, last = self.source.index[self.target.clips[self._test[place]]].tolist()
+        return self.source.recordings[number].frames.read([last])[0]
+
     @property
     def _test(self) -> NDArray[np.int64]:
         return np.concatenate([split.test for split in self.splits])

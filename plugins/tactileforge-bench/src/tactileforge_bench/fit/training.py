@@ -78,6 +78,8 @@ class TrainedProbe:
         seed: Seed of its first weights.
         lr: Learning rate.
         predicted: Predictions on the test clips, normalised, of its best epoch.
+        probability: Probabilities of the classes on the test clips, (n, columns, classes) of each
+            part of classes; empty for probes without.
         score: Score on the validation clips, in that epoch.
         epoch: Best epoch, from 1; -1 where nothing is trained.
         reading: Features that it reads, where its kind reads several.
@@ -89,6 +91,7 @@ class TrainedProbe:
     seed: int
     lr: float
     predicted: Values = field(default_factory=dict)
+    probability: Values = field(default_factory=dict)
     score: float = math.nan
     epoch: int = -1
     reading: str = ""
@@ -177,8 +180,20 @@ class ProbeEnsemble:
         return losses.detach()
 
     @torch.no_grad()
-    def predict(self, examples: Examples, places: NDArray[np.int64]) -> tuple[Tensor, Values]:
-        """Loss (members,) and decoded predictions (members, n, columns) of some clips."""
+    def predict(
+        self,
+        examples: Examples,
+        places: NDArray[np.int64],
+        read: Callable[[Values], Values] | None = None,
+    ) -> tuple[Tensor, Values]:
+        """Loss (members,) and predictions (members, n, ...) of some clips.
+
+        Args:
+            examples: Features and truth.
+            places: The clips.
+            read: What is read of the probe's output; None for `Probe.decode`.
+        """
+        read = read or self.model.decode
         stacked, total, batches = self._stacked(), torch.zeros(len(self.params)), []
         for some in np.split(places, range(_CHUNK, len(places), _CHUNK)):
             rows, truth = examples.take(some)
@@ -187,7 +202,7 @@ class ProbeEnsemble:
                 params: Params, rows: Tensor = rows, truth: Values = truth
             ) -> tuple[Tensor, Values]:
                 out = functional_call(self.model, params, (rows,))
-                return self.model.loss(out, truth), self.model.decode(out)
+                return self.model.loss(out, truth), read(out)
 
             losses, decoded = vmap(run)(stacked)
             total += losses.cpu() * len(some) / len(places)
@@ -268,8 +283,10 @@ def train_probes(
         if kept:
             members.restore(i, kept)
     _, decoded = members.predict(examples, test_on)
+    _, shares = members.predict(examples, test_on, members.model.probabilities)
     for i, outcome in enumerate(outcomes):
         outcome.predicted = {name: values[i] for name, values in decoded.items()}
+        outcome.probability = {name: values[i] for name, values in shares.items()}
     return outcomes
 
 

@@ -10,16 +10,22 @@ from markupsafe import Markup
 
 from tactileforge.errors import DataError
 from tactileforge.pages import (
+    NONE,
     Curve,
     Section,
+    card,
+    cards,
     curve_figure,
     details,
     heading,
+    image,
     joined,
     legend,
     panel,
     panels,
     paragraph,
+    percent,
+    table,
 )
 from tactileforge_bench.output.charts import NAMED, POINTS, confusion, scatter
 from tactileforge_bench.results.predictions import Predictions, read_predictions
@@ -28,6 +34,8 @@ from tactileforge_bench.results.scores import Scores, main_score, titles
 
 #: Points of a loss curve that are drawn.
 _CURVE = 200
+#: Wrong clips that are listed; all are in predictions/*.csv.
+_ROWS = 100
 
 
 def draw_figures(folder: Path, results: Results, scores: Scores) -> list[Section]:
@@ -135,7 +143,42 @@ def _confusions(classes: Mapping[str, Predictions]) -> Markup:
             widest = max(widest, len(counts))
     words = f"{widest} classes: their names are left out." if widest > NAMED else ""
     note = paragraph(words, soft=True) if words else Markup()
-    return panels(drawings, wide=widest > 8) + note
+    return panels(drawings, wide=widest > 8) + note + joined(map(_wrong, classes, classes.values()))
+
+
+def _wrong(name: str, one: Predictions) -> Markup:
+    """The wrong clips of a model, the most certain first: its picture, both names, confidence."""
+    if not one.clips or one.truth.shape[1] > 1:
+        return Markup()
+    truth, said = one.truth[:, 0], one.predicted[:, 0]
+    wrong = np.flatnonzero(truth != said)
+    if not len(wrong):
+        return Markup()
+    share = None if one.probability is None else one.probability[np.arange(len(said)), said]
+    if share is not None:
+        wrong = wrong[np.argsort(-share[wrong], kind="stable")]
+    sure = {place: "" if share is None else percent(share[place]) for place in wrong.tolist()}
+    body = paragraph(
+        "The most certain ones first: those at the top may be labelled wrongly, so look at them."
+    )
+    if one.pictures is not None:
+        body += cards(
+            card(
+                one.clips[place],
+                image(picture, f"taken for {one.names[said[place]]}"),
+                f"labelled {one.names[truth[place]]}, taken for {one.names[said[place]]}"
+                f"{', ' * bool(sure[place])}{sure[place]}",
+            )
+            for place, picture in zip(one.wrong, one.pictures, strict=True)
+        )
+    rows = [
+        (one.clips[i], f"text|{one.names[truth[i]]}", f"text|{one.names[said[i]]}", sure[i] or NONE)
+        for i in wrong.tolist()[:_ROWS]
+    ]
+    head = ("Clip", "text|label", "text|taken for", "confidence")
+    caption = f"{len(rows)} of {len(wrong)}" if len(rows) < len(wrong) else ""
+    body += table(f"wrong-{name}", head, rows, caption)
+    return details(f"{name}: {len(wrong)} of {len(truth)} wrong", body)
 
 
 def _trainings(results: Results) -> Markup:

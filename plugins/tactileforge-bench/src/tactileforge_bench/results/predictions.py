@@ -23,6 +23,10 @@ class Predictions:
         columns: Names of the K values; of the K classifiers.
         names: Names of the classes; empty for values.
         unit: Unit of the values; "" where the file does not say.
+        clips: Recording and last frame of each; empty for values.
+        probability: Probabilities of classes, float32 (N, classes); None for probes without.
+        wrong: int64 (M,), places of wrong clips with a picture, the most certain first.
+        pictures: uint8 (M, H, W, 3), their pictures.
     """
 
     truth: NDArray[Any]
@@ -30,6 +34,10 @@ class Predictions:
     columns: tuple[str, ...]
     names: tuple[str, ...]
     unit: str
+    clips: tuple[str, ...] = ()
+    probability: NDArray[Any] | None = None
+    wrong: tuple[int, ...] = ()
+    pictures: NDArray[Any] | None = None
 
 
 def read_predictions(path: Path) -> Predictions:
@@ -62,4 +70,11 @@ def read_predictions(path: Path) -> Predictions:
     if len(columns) != width:
         raise DataError(f"{path}: 'axes' names {len(columns)} columns of {width}")
     unit = str(arrays["unit"]) if "unit" in arrays else ""
-    return Predictions(truth, predicted, columns, names, unit)
+    clips = tuple(arrays["clips"].tolist()) if "clips" in arrays else ()
+    wrong = tuple(arrays["wrong"].tolist()) if "wrong" in arrays else ()
+    probability, pictures = (arrays.get(key) for key in ("probability", "pictures"))
+    sizes = {len(clips) or len(truth), len(truth) if probability is None else len(probability)}
+    shown = 0 if pictures is None else len(pictures)
+    if sizes != {len(truth)} or shown != len(wrong) or not {*wrong} <= {*range(len(truth))}:
+        raise DataError(f"{path}: its arrays are not of the same clips; run the bench again")
+    return Predictions(truth, predicted, columns, names, unit, clips, probability, wrong, pictures)

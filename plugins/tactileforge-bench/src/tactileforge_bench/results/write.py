@@ -8,13 +8,15 @@ import io
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
 
 from tactileforge.errors import TactileForgeError
 from tactileforge.hub import card_names
@@ -35,6 +37,8 @@ from tactileforge_bench.tasks.targets import TargetPart
 #: All cells that were ever measured, by task and model, with a hash of what they depend on: a
 #: bench of other models, or one that is stopped before it comes to them, keeps them.
 _MEASURED = "measured.json"
+#: Pictures of wrong clips that are kept, and their height, pixels.
+_SHOWN, _HEIGHT = 24, 96
 _PACKAGES = ("tactileforge", "torch", "torchmetrics", "numpy")
 
 
@@ -145,6 +149,8 @@ class Writer:
         truth: Any,
         units: Sequence[str],
         clips: Sequence[str],
+        probability: Any = None,
+        picture: Callable[[int], NDArray[np.uint8]] | None = None,
     ) -> Cell:
         """Stores predictions, classes also as a table; returns the cell with their path.
 
@@ -156,6 +162,8 @@ class Writer:
             truth: True values, (n, columns).
             units: Bootstrap unit of each clip.
             clips: Recording and last frame of each.
+            probability: Probabilities of classes, (n, columns, classes); None without.
+            picture: Gives the last frame of a clip, uint8 (H, W, 3), by its place; None keeps none.
         """
         path = self.folder / _predictions(cell)
         kind = np.int64 if part.kind == "classes" else np.float32
@@ -168,17 +176,47 @@ class Writer:
         }
         if part.kind == "classes" and truth.shape[1] == 1:
             arrays |= {key: arrays[key][:, 0] for key in ("truth", "predicted")}
-            # also as a table: which clip was taken for what
-            classes = (arrays["names"][arrays[key]] for key in ("truth", "predicted"))
-            table = io.StringIO()
-            writer = csv.writer(table, lineterminator="\n")
-            writer.writerow(("clip", "truth", "predicted"))
-            writer.writerows(zip(clips, *classes, strict=True))
-            write_text(path.with_suffix(".csv"), table.getvalue())
+            arrays["clips"] = np.array(clips)
+            if probability is not None:
+                arrays["probability"] = probability[:, 0].numpy().astype(np.float32)
+            if picture is not None:
+                arrays |= _pictures(arrays, picture)
+            write_text(path.with_suffix(".csv"), _class_table(arrays))
         with new_part(path, path.suffix) as file:  # without the suffix, numpy adds its own
             np.savez_compressed(file, **arrays)
             file.replace(path)
         return replace(cell, predictions=_predictions(cell))
+
+
+def _class_table(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """Which clip was taken for what, with the probability of what was predicted, and of each."""
+    names, shares = arrays["names"], arrays.get("probability")
+    head, columns = ["clip", "truth", "predicted"], [arrays["clips"]]
+    columns += [names[arrays[key]] for key in ("truth", "predicted")]
+    if shares is not None:
+        head += ["probability", *(f"probability of {name}" for name in names)]
+        said = shares[np.arange(len(shares)), arrays["predicted"]]
+        columns += [[f"{value:.4f}" for value in column] for column in (said, *shares.T)]
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerows([head, *zip(*columns, strict=True)])
+    return table.getvalue()
+
+
+def _pictures(
+    arrays: Mapping[str, NDArray[Any]], picture: Callable[[int], NDArray[np.uint8]]
+) -> dict[str, NDArray[Any]]:
+    """Small pictures of what was wrong, the most certain ones first, and their places."""
+    places = np.flatnonzero(arrays["truth"] != arrays["predicted"])
+    if "probability" in arrays:
+        said = arrays["probability"][places, arrays["predicted"][places]]
+        places = places[np.argsort(-said, kind="stable")]
+    places = places[:_SHOWN]
+    pictures = [Image.fromarray(picture(int(place))) for place in places]
+    if not pictures:
+        return {}
+    size = (max(1, round(_HEIGHT * pictures[0].width / pictures[0].height)), _HEIGHT)
+    return {"wrong": places, "pictures": np.stack([np.asarray(p.resize(size)) for p in pictures])}
 
 
 def file_name(*words: str) -> str:

@@ -44,6 +44,33 @@ class _Probe:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Classes:
+    r"""Options of ``suite=classes``.
+
+    Attributes:
+        root: Folder of your images: root/CLASS/IMAGE, or root/train/CLASS/IMAGE beside root/val or
+            root/test (or both), of which the first trains and the last tests.
+        sensor: Type of sensor of the images.
+        background: ``none``, or {file: background.png} of the root, an image without contact.
+        images: Patterns of the images, from the folder of the classes.
+        group: Fact by which images stay together in a fold: recording, or a regular expression on
+            their path, 're:session(\d+)'.
+        folds: Number of folds; null for five, or for the folders train and val where they are.
+    """
+
+    root: str | None = None
+    sensor: str | None = None
+    background: str | dict[str, str] = "none"
+    images: list[str] = field(
+        default_factory=lambda: [
+            f"*/*.{ending}" for ending in ("png", "jpg", "jpeg", "bmp", "tif", "tiff", "webp")
+        ]
+    )
+    group: str = "recording"
+    folds: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Bench:
     """Keys of ``bench``.
 
@@ -58,6 +85,7 @@ class _Bench:
         selection: Split on which the best epoch is chosen: validation, or test as in some papers
             (every table says so).
         probe: Options of all probes.
+        classes: Your own folders of images, for suite=classes.
         untrained: Overrides with which a recipe is composed for untrained:RECIPE.
         ablations: Parts left out of the first model, one training each; ``all``, or some names.
         jobs: Words for Hydra, to run the trainings as its jobs, in two pairs of quotes:
@@ -80,6 +108,7 @@ class _Bench:
     seeds: int = 3
     selection: str = "validation"
     probe: _Probe = field(default_factory=_Probe)
+    classes: _Classes = field(default_factory=_Classes)
     untrained: list[str] = field(default_factory=list)
     ablations: list[str] | str | None = None
     jobs: list[str] | None = None
@@ -151,11 +180,16 @@ def _opened(config: dict[str, Any], suite: str, folder: Path, facts: dict[str, s
     from tactileforge_bench.fit.resolve import choose_probe, result_task
     from tactileforge_bench.results.write import Writer
     from tactileforge_bench.run import Bench, BenchOptions
+    from tactileforge_bench.tasks.class_folders import class_task
     from tactileforge_bench.tasks.suite import parse_task
 
     tasks: dict[str, Any] = config["tasks"]
     wanted = config["task"] or list(tasks)
     check_names("task", wanted, tasks)
+    if "classes" in config["suites"]:
+        tasks["classes"] = class_task(tasks["classes"], config["classes"])
+    elif given := config["classes"]["root"]:
+        raise ConfigError(f"classes.root={given} goes with suite=classes: give that too")
     # a suite of the user's own drops a task by null
     chosen = [parse_task(name, tasks[name]) for name in wanted if tasks[name] is not None]
     options = BenchOptions(

@@ -17,7 +17,7 @@ from tactileforge_markers.tracks import marker_labels, marker_tracks
 
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data import ArrayFrames, Packed, describe_recording
-from tactileforge.errors import DataError, TactileForgeError
+from tactileforge.errors import DataError, SensorError, TactileForgeError
 from tactileforge.sensors import check_captures, unit_of
 from tactileforge_live.record.frame_queue import FrameQueue, PendingFrame
 from tactileforge_live.record.raw import Raw
@@ -29,6 +29,8 @@ from tactileforge_live.record.wrench import GAP, interpolate_samples, rotate_wre
 
 #: Longest delay of frames, s; a segment is then written without them, and they go into the next.
 _LATE = 2.0
+#: Further tries of a background between two takes, until everything is lifted off.
+_TRIES = 5
 #: Period of the loop, s.
 _TICK = 0.05
 #: Frames of a recording that is described alone; its pictures are encoded already.
@@ -79,7 +81,7 @@ class Take:
         """
         if self.options.background.seconds:
             self.say("background: nothing may touch the sensors")
-        self.rig.take_background()
+        self._take_background()
         self.start = self.saved = time.monotonic()
         self.end = self.start + (self.options.seconds or math.inf)
         self.rig.start(self.start, self.end)
@@ -92,6 +94,16 @@ class Take:
         self._finish()  # writes what came before the error
         if error is not None:
             raise error
+
+    def _take_background(self) -> None:
+        """Takes the background; after the first take, what is not lifted off yet is waited for."""
+        for _ in range(_TRIES if self.summary.takes else 0):
+            try:
+                return self.rig.take_background()
+            except SensorError as error:
+                self.rig.check()  # a lost sensor does not come back by waiting
+                self.say(f"{error}; trying again")
+        self.rig.take_background()
 
     def _run(self, stop: threading.Event) -> None:
         while time.monotonic() < self.end and not self.rig.is_over and not stop.wait(_TICK):

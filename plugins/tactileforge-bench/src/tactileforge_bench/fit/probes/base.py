@@ -106,6 +106,14 @@ class Probe(nn.Module):
             for name, part in self.parts.items()
         }
 
+    def probabilities(self, out: Values) -> Values:
+        """Probabilities of the classes of each part of classes, (B, columns, classes)."""
+        return {
+            name: class_scores(part, out[name]).softmax(2)
+            for name, part in self.parts.items()
+            if part.kind == "classes"
+        }
+
 
 def class_scores(part: TargetPart, out: Tensor) -> Tensor:
     """Logits of classes, (B, columns, classes)."""

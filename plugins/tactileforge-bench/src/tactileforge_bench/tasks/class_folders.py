@@ -1,0 +1,78 @@
+"""The suite ``classes``: a folder of images for each class, or train and val folders of these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tactileforge.errors import ConfigError, home_path
+
+#: Names of folders of images by their use; in lower case.
+_SIDES = {
+    "train": ("train", "training"),
+    "validation": ("val", "valid", "validation"),
+    "test": ("test", "testing"),
+}
+
+
+def class_task(task: Mapping[str, Any], classes: Mapping[str, Any]) -> dict[str, Any]:
+    """The task of classes, with the split of its folders.
+
+    Where ``root`` holds ``train`` and ``val`` (or ``test``) folders of classes, the first trains
+    and the last tests; of all three, ``val`` chooses the penalty. ``folds`` mixes them instead.
+    Folders of classes alone are tested in five folds.
+
+    Args:
+        task: Configuration of the task.
+        classes: The keys ``classes.*``.
+
+    Raises:
+        ConfigError: ``root`` or ``sensor`` is not given; or there is a folder to test on, and none
+            to train on, or the other way round.
+    """
+    if lacks := [f"classes.{key}=..." for key in ("root", "sensor") if classes[key] is None]:
+        raise ConfigError(f"give {' '.join(lacks)}")
+    root = home_path(str(classes["root"]))
+    sides = _sides(root)
+    task = {**task, "data": dict(task["data"]), "split": dict(task["split"])}
+    held = [side for side in ("validation", "test") if side in sides]
+    if not sides:
+        task["split"]["folds"] = classes["folds"] or 5
+        return task
+    if "train" not in sides or not held:
+        raise ConfigError(
+            f"classes.root={root}: it holds {', '.join(sides.values())} of classes, and no folder "
+            f"{'train' if held else 'val or test'} beside it: add it, or give "
+            f"classes.root={root / next(iter(sides.values()))}"
+        )
+    layout = dict(task["data"]["layouts"]["images"])
+    task["data"]["layouts"] = {
+        side: {
+            **layout,
+            "images": [f"{sides[side]}/{glob}" for glob in classes["images"]],
+            "split": "train" if side == "train" else "val",
+        }
+        for side in ("train", *held)
+    }
+    if classes["folds"]:
+        return task
+    task["split"] |= {"folds": 0, "test": {"side": "val"}}
+    if len(held) == 2:
+        # the two of one side are told apart by the folder in the key
+        folder = rf"re:^[^/]*/({'|'.join(sides[side] for side in held)})/"
+        task["split"] |= {
+            "test": {"side": "val", folder: sides["test"]},
+            "validation": {"side": "val", folder: sides["validation"]},
+        }
+    return task
+
+
+def _sides(root: Path) -> dict[str, str]:
+    """Name of the folder of each use, where it holds folders: images lie in those of classes."""
+    found = {}
+    for path in sorted(root.iterdir()) if root.is_dir() else ():
+        for side, names in _SIDES.items():
+            if path.name.lower() in names and any(below.is_dir() for below in path.iterdir()):
+                found[side] = path.name
+    return found
