@@ -225,7 +225,11 @@ def test_new_package_passes_its_own_tests_once_installed(kind, tmp_path, capsys,
     expected = (several | {"suite": {"conf"}}).get(kind, {f"{kind}s"})
     assert set(groups) == {f"tactileforge.{group}" for group in expected}
 
-    site = tmp_path / "site"
+    _passes_its_tests(folder, tmp_path / "site", warm)
+
+
+def _passes_its_tests(folder, site, warm):
+    """Installs a package into a folder of its own, and runs its tests there."""
     pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation"]
     done = subprocess.run(
         [*pip, "--target", str(site), str(folder)], capture_output=True, text=True
@@ -241,6 +245,80 @@ def test_new_package_passes_its_own_tests_once_installed(kind, tmp_path, capsys,
     )
     assert done.returncode == 0, done.stdout
     assert " passed" in done.stdout
+
+
+OWN = """
+import torch
+from torch import nn
+
+
+class TwoCrops(nn.Module):
+    def __init__(self, encoder, width: int = 64) -> None:
+        super().__init__()
+        self.layer = nn.Linear(encoder.projected, width)
+
+    def forward(self, views, batch):
+        crop = {key: batch[key][..., 8:, 8:] for key in ("frames", "background")}
+        return self.layer(views.full.cls), self.layer(views.other({**batch, **crop}).full.cls)
+
+
+class Contrast(nn.Module):
+    head, needs = TwoCrops, frozenset()
+
+    def forward(self, prediction, batch):
+        first, second = (nn.functional.normalize(x, dim=-1) for x in prediction)
+        same = torch.arange(len(first), device=first.device)
+        return nn.functional.cross_entropy(5 * first @ second.T, same), {}
+"""
+
+
+@pytest.fixture
+def _own_losses(tmp_path, monkeypatch):
+    """A module of one's own in the working directory, forgotten afterwards."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "own_losses.py").write_text(OWN)
+    yield
+    for name in ("own_losses", "own_split"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("_own_losses")
+def test_a_package_of_a_local_class_passes_its_own_tests_once_installed(tmp_path, capsys, warm):
+    assert main(["new", "objective", "from=own_losses:Contrast"]) == 0
+    assert "plugins check contrast" in capsys.readouterr().out
+    folder = tmp_path / "tactileforge-contrast"
+    assert (folder / "src/tactileforge_contrast/objective.py").read_text() == OWN
+    project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
+    assert project["dependencies"] == ["tactileforge>=0.1,<0.2", "torch"]
+    assert {k: dict(v) for k, v in project["entry-points"].items()} == {
+        "tactileforge.heads": {"contrast": "tactileforge_contrast.objective:TwoCrops"},
+        "tactileforge.objectives": {"contrast": "tactileforge_contrast.objective:Contrast"},
+    }
+    _passes_its_tests(folder, tmp_path / "site", warm)
+
+
+@pytest.mark.usefixtures("_own_losses")
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["objective"], "give a name: plugins new objective my_objective"),
+        (["objective", "from=own_losses:Contrats"], "did you mean 'Contrast'"),
+        (["sensor", "x", "from=own_losses:Contrast"], "has no discover, no open"),
+        (["verb", "x", "from=own_losses:Contrast"], "unknown kind with from= 'verb'"),
+        (["objective", "from=own_split:Contrast"], "line 1 of own_split.py imports own_losses"),
+        (["objective", "from=own_losses:Contrast", "name=pixel"], "has the name 'pixel'"),
+    ],
+)
+def test_a_package_is_made_of_one_file_with_the_contract(words, said, tmp_path):
+    (tmp_path / "own_split.py").write_text(
+        "import own_losses\nclass Contrast(own_losses.Contrast): pass\n"
+        "class TwoCrops(own_losses.TwoCrops): pass\nContrast.head = TwoCrops"
+    )
+    with pytest.raises((ConfigError, PluginError), match=said):
+        main(["new", *words])
+    assert not list(tmp_path.glob("tactileforge-*"))
 
 
 def test_a_plugin_that_exits_ends_neither_the_check_nor_the_others(installed, capsys):

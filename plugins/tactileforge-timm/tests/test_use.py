@@ -200,17 +200,48 @@ def test_it_is_exported(model, tmp_path):
     assert done.error < 1e-4
 
 
-def test_the_loop_of_the_page_runs(tmp_path, monkeypatch, capsys):
-    """Without a network: its weights are random here."""
-    page = Path(__file__).parents[3] / "docs/timm.md"
-    if not page.is_file():
+@pytest.fixture
+def hub(tmp_path, monkeypatch):
+    """A hub on this machine, asked by huggingface_hub's own client."""
+    constants = pytest.importorskip("huggingface_hub.constants")
+    helpers = Path(__file__).parents[3] / "tests/helpers"
+    if not helpers.is_dir():
         pytest.skip("the tests run without the repository")
+    monkeypatch.syspath_prepend(str(helpers))
+    from hub_server import HubServer
+
+    server = HubServer()
+    monkeypatch.setattr(constants, "ENDPOINT", server.url)
+    template = server.url + "/{repo_id}/resolve/{revision}/{filename}"
+    monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", template)
+    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "hf"))
+    monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
+    monkeypatch.setattr(constants, "HF_TOKEN_PATH", str(tmp_path / "token"))
+    monkeypatch.setenv("HF_TOKEN", "secret")
+    monkeypatch.setenv("TACTILEFORGE_CACHE", str(tmp_path / "cache"))
+    yield server
+    server.close()
+
+
+def test_the_loop_of_the_page_runs(tmp_path, monkeypatch, capsys, hub):
+    """Fine-tuned, saved, loaded, pushed; without a network its first weights are random here."""
+    page = Path(__file__).parents[3] / "docs/timm.md"
     code = re.findall(r"^```python\n(.*?)^```$", page.read_text(), re.M | re.S)[0]
     assert len(code.splitlines()) <= 20
-    make = timm.create_model
-    monkeypatch.setattr(
-        timm, "create_model", lambda name, **o: make(name, **{**o, "pretrained": False})
-    )
+    make, asked = timm.create_model, []
+
+    def made(name, **options):
+        asked.append(options["pretrained"])
+        return make(name, **{**options, "pretrained": False})
+
+    monkeypatch.setattr(timm, "create_model", made)
     monkeypatch.chdir(tmp_path)
-    exec(compile(code, str(page), "exec"), {"__name__": "__main__"})
-    assert capsys.readouterr().out == "torch.Size([512])\n"
+    exec(compile(code, str(page), "exec"), names := {"__name__": "__main__"})
+    assert asked == [True, False]  # fetched once, and not where the file is loaded
+    shape, address = capsys.readouterr().out.splitlines()
+    assert shape == "torch.Size([2560])"  # the summary, as of a model trained here
+    assert address.startswith(f"{hub.url}/me/resnet-of-touch")
+    frames = names["frames"][0]
+    shared = tactileforge.load("hf:me/resnet-of-touch")
+    assert shared.heads["classify"].linear.out_features == 5
+    assert torch.equal(shared.encode(frames, frames[0]), names["again"].encode(frames, frames[0]))

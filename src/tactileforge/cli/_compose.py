@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from inspect import Parameter
 from typing import Any, ClassVar
@@ -391,7 +391,7 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
     chosen = _chosen("objective", config)
     if not chosen:
         raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")
-    heads = _chosen("head", config)
+    heads = _chosen("head", config, chosen)  # also of an objective whose head is a class
     options: Mapping[str, Any] = config.get("head") or {}
     if not config.get("curriculum"):
         config.curriculum = OmegaConf.create({}, flags={"struct": False})
@@ -455,8 +455,8 @@ def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
         log.info("encoder=%s: left out what it has not and a preset gave: %s", encoder.name, names)
 
 
-def _chosen(group: str, config: DictConfig) -> dict[str, Any]:
-    """The nodes of a group with the name of a plugin.
+def _chosen(group: str, config: DictConfig, also: Collection[str] = ()) -> dict[str, Any]:
+    """The nodes of a group with the name of a plugin; `also` are further keys without a name.
 
     Raises:
         ConfigError: A node without a name has a key that is not the name of a plugin either.
@@ -464,6 +464,6 @@ def _chosen(group: str, config: DictConfig) -> dict[str, Any]:
     given: Mapping[str, Any] = config.get(group) or {}
     nodes = {key: node for key, node in given.items() if node is not None}
     for key, node in nodes.items():
-        if "name" not in node and key not in registry.names(GROUPS[group]):
-            raise ConfigError(unknown(group, key, registry.names(GROUPS[group])))
+        if "name" not in node and key not in (known := {*registry.names(GROUPS[group]), *also}):
+            raise ConfigError(unknown(group, key, known))
     return {key: node for key, node in nodes.items() if "name" in node}

@@ -76,18 +76,24 @@ class _New:
     Attributes:
         kind: Kind of plugin: sensor, dataset, encoder, objective, optimizer, check, verb or
             suite.
-        name: Name of the plugin as users type it, snake_case.
+        name: Name of the plugin as users type it, snake_case; with ``from`` None for that of the
+            class.
+        source: Class of your own that the package is made of (``from=my_module:Contrast``); None
+            for an example to start from.
         out: Folder to write it in.
     """
 
     kind: str
-    name: str
+    name: str | None = None
+    source: str | None = None
     out: str = "."
 
     def __post_init__(self) -> None:
         if self.kind not in _FILES:
             also = "A head comes with its objective"
             raise ConfigError(unknown("kind", self.kind, _FILES, also))
+        if self.name is None and self.source is None:
+            raise ConfigError(f"give a name: plugins new {self.kind} my_{self.kind}")
 
 
 def _list(keys: _List, _: dict[str, Any]) -> None:
@@ -220,7 +226,12 @@ def _keys(keys: _Keys, _: dict[str, Any]) -> None:
 
 def _new(keys: _New, _: dict[str, Any]) -> None:
     """Writes a package to start from."""
-    kind, name, out = keys.kind, keys.name, Path(keys.out)
+    from tactileforge.cli import _own_package
+
+    kind, name, out = keys.kind, keys.name or "", Path(keys.out)
+    made: dict[str, str] = {}
+    if keys.source is not None:
+        name, made = _own_package.package_of(kind, name, keys.source)
     class_name = _camel(name)
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) or keyword.iskeyword(class_name):
         raise ConfigError(f"{name!r} is no name for a plugin: use snake_case, e.g. my_{kind}")
@@ -230,13 +241,25 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
     folder = out / package.replace("_", "-")
     if folder.exists():
         raise ConfigError(f"{folder} exists: choose another name, or --out another folder")
+    with disk_errors_named(folder), new_part(folder) as part:
+        for path, text in (made or _example(kind, name, package, folder.name)).items():
+            write_text(part / path, text)
+        part.replace(folder)
+    install = shlex.join(["pip", "install", "-e", str(folder)])
+    check = ("plugins", "check", name)
+    then = ("bench", f"suite={name}", "--cfg", "job") if kind == "suite" else check
+    print(f"wrote {folder}\nnext: {install} && {command(*then)}")
+
+
+def _example(kind: str, name: str, package: str, title: str) -> dict[str, str]:
+    """Files of the example of a kind by their paths, under another name."""
     own = _NAMES[kind]
     words = {
         "dummy": "digit",  # a published type of sensor stands in for the example's own
-        "tactileforge-example": folder.name,
+        "tactileforge-example": title,
         "tactileforge_example": package,
         own: name,
-        _camel(own): class_name,
+        _camel(own): _camel(name),
         "stable_decay": f"{name}_decay",  # the schedule beside the optimiser
         "glance_force": f"{name}_force",  # the task of the suite
         "EX101": f"X{re.sub('[^a-z]', '', name)[:3].upper()}101",  # the code of the check
@@ -244,16 +267,14 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
     longest_first = sorted(words, key=len, reverse=True)
     pattern = re.compile("|".join(map(re.escape, longest_first)))
     source = files("tactileforge.example") / "tactileforge-example"
-    with disk_errors_named(folder), new_part(folder) as part:
-        for path in _paths(kind):
-            text = _sections_of(kind, source.joinpath(path).read_text("utf-8"))
-            target = part / pattern.sub(lambda match: words[match[0]], path)
-            write_text(target, pattern.sub(lambda match: words[match[0]], text))
-        part.replace(folder)
-    install = shlex.join(["pip", "install", "-e", str(folder)])
-    check = ("plugins", "check", name)
-    then = ("bench", f"suite={name}", "--cfg", "job") if kind == "suite" else check
-    print(f"wrote {folder}\nnext: {install} && {command(*then)}")
+    texts = {path: source.joinpath(path).read_text("utf-8") for path in _paths(kind)}
+    return {
+        pattern.sub(lambda match: words[match[0]], place): pattern.sub(
+            lambda match: words[match[0]], text
+        )
+        for path, whole in texts.items()
+        for place, text in [(path, _sections_of(kind, whole))]
+    }
 
 
 def _names_of(kind: str) -> Collection[str]:
@@ -294,5 +315,5 @@ COMMANDS = {
     "list": Command(run=_list, keys=_List),
     "check": Command(run=_check, keys=_Check, bare=("names",), others="options"),
     "keys": Command(run=_keys, keys=_Keys, bare=("names",)),
-    "new": Command(run=_new, keys=_New, into=True, bare=("kind", "name")),
+    "new": Command(run=_new, keys=_New, into=True, bare=("kind", "name"), also={"from": "source"}),
 }

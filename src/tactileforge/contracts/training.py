@@ -114,6 +114,22 @@ class Views(Protocol):
         """Features of the masked view: masked patches are not embedded."""
         ...
 
+    def other(self, batch: Batch, kept: Tensor | None = None) -> Views:
+        """Views of one's own by the same encoder, each a further pass of it.
+
+        A second crop is ``views.other({**batch, "frames": crop}).full``, another mask
+        ``views.other(batch, kept).masked``.
+
+        Args:
+            batch: Batch with frames uint8 (B, T, 3, H, W) of any size, background, sensor.
+            kept: int64 (B, K), spatial positions that ``masked`` shows, each once in a row; None
+                for a new draw.
+
+        Raises:
+            TactileForgeError: The tokens were computed once, or ``kept`` does not fit.
+        """
+        ...
+
 
 class Encoder(Protocol):
     """A touch encoder (a ``torch.nn.Module``). It owns its preprocessing and its sensor table.
@@ -250,6 +266,18 @@ class Prepared(Protocol):
         Args:
             clips: Clips of the training data.
         """
+        ...
+
+
+@runtime_checkable
+class Ramped(Protocol):
+    """An objective with a curve of its own for its weight.
+
+    Having the method is enough. A row of the curriculum for the objective goes before it.
+    """
+
+    def ramp(self, share: float) -> float:
+        """Factor of the weight, 0 or more, at a share of the run's steps, 0 to 1."""
         ...
 
 

@@ -14,7 +14,7 @@ from torch.nn import functional as F
 from tactileforge.contracts import Batch, Features, MaskedFeatures
 from tactileforge.encoders.preprocess import Preprocess
 from tactileforge.encoders.transformer import size_preset
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.util.distributed import rand_rows
 
 
@@ -187,16 +187,24 @@ class TactileViews:
         encoder: Encoder of the views.
         batch: Batch of touch, see `tactileforge.contracts`.
         universal: Chance of the universal sensor tokens, 0 to 1, if the encoder has them.
+        kept: int64 (B, K), spatial positions of the masked view; None draws them.
     """
 
-    def __init__(self, encoder: Backbone, batch: Batch, universal: float) -> None:
+    def __init__(
+        self, encoder: Backbone, batch: Batch, universal: float, kept: Tensor | None = None
+    ) -> None:
         self.encoder = encoder
         self.batch = batch
+        self.chance = universal
         frames = batch["frames"]
         _, rows, columns = encoder.grid
         count = rows * columns
+        self.keep = max(1, round(count * (1 - encoder.mask_ratio)))  # attention over none is NaN
         # one draw for masks and sensors, in the constructor: see above
         noise = rand_rows(len(frames), count + 1, device=frames.device)
+        if kept is not None:
+            noise[:, :count].scatter_(1, _places(kept, len(frames), count), -1.0)
+            self.keep = kept.shape[1]
         self.order = noise[:, :count].argsort(dim=1)
         self.sensor = encoder.sensor_ids(batch["sensor"])
         if encoder.universal is not None:
@@ -221,15 +229,31 @@ class TactileViews:
     def masked(self) -> MaskedFeatures:
         """Features of visible tubes: ``mask_ratio`` of the positions are hidden in every slot."""
         encoder = self.encoder
-        count = self.order.shape[1]
-        # one at least: attention over no patch gives NaN
-        keep = max(1, round(count * (1 - encoder.mask_ratio)))
         # in the order of their places, as tokens come without a mask
-        kept = self.order[:, :keep].sort(dim=1).values
-        masked = self.order[:, keep:].sort(dim=1).values
+        kept = self.order[:, : self.keep].sort(dim=1).values
+        masked = self.order[:, self.keep :].sort(dim=1).values
         hidden = encoder.encode(self.patches, self.sensor, kept)
         tokens, cls = encoder.project(hidden), encoder.pool_tokens(hidden)
         return MaskedFeatures(tokens, cls, kept, masked, encoder.prefix, encoder.grid)
+
+    def other(self, batch: Batch, kept: Tensor | None = None) -> TactileViews:
+        """Views of another batch by the same encoder; see `contracts.Views.other`."""
+        return TactileViews(self.encoder, batch, self.chance, kept)
+
+
+def _places(kept: Tensor, batch: int, count: int) -> Tensor:
+    """Checks positions to be shown: their type and shape, without waiting for the device.
+
+    Raises:
+        TactileForgeError: They do not fit the batch or the grid.
+    """
+    shape = tuple(kept.shape)
+    if kept.dtype != torch.int64 or len(shape) != 2 or shape[0] != batch or not shape[1]:
+        raise TactileForgeError(
+            f"views.other: kept is {str(kept.dtype).removeprefix('torch.')} {shape}; give int64 "
+            f"({batch}, K), K of the places 0 to {count - 1}"
+        )
+    return kept
 
 
 def visible_patches(

@@ -49,6 +49,10 @@ class ComputedViews:
         """Raises a TactileForgeError: there are no pixels."""
         return self.patches
 
+    def other(self, batch: Batch, kept: Tensor | None = None) -> Any:
+        """Raises a TactileForgeError: there are no pixels."""
+        return self.patches
+
 
 def views_of(encoder: Any, batch: Batch, universal: float = 0.0) -> Views:
     """Views of a batch, from its frames or else from its tokens.

@@ -20,7 +20,8 @@ def create(
 
     Args:
         name: ``NAME.TAG`` or ``NAME`` of the zoo, or an encoder's plugin, such as ``tactile_vit``.
-        pretrained: Whether weights are loaded; see `load`.
+        pretrained: Whether weights are loaded; see `load`. An encoder with an option of this name,
+            such as ``timm``, fetches its own.
         num_classes: Outputs of a new linear head, ``model.heads["classify"]``, on the projected
             vector; `Model.read_head` gives its logits, and training it is the user's.
         **options: Options of `load` with ``pretrained``; else constructor arguments of the
@@ -38,10 +39,20 @@ def create(
     # a bool is an int
     if num_classes is not None and (type(num_classes) is not int or num_classes < 1):
         raise ConfigError(f"num_classes={num_classes!r}: give a whole number, 1 or more")
-    model = load(name, **options) if pretrained else _untrained(name, options)
+    if pretrained and _fetches(name):
+        model = _untrained(name, {**options, "pretrained": True})
+    else:
+        model = load(name, **options) if pretrained else _untrained(name, options)
     if num_classes is not None:
         _add_classes(model, num_classes)
     return model.requires_grad_(True)
+
+
+def _fetches(name: str) -> bool:
+    """Whether an encoder takes ``pretrained`` itself."""
+    from tactileforge.plugins import registry
+
+    return name in registry.names("encoders") and "pretrained" in registry.options("encoders", name)
 
 
 def _untrained(name: str, options: dict[str, Any]) -> Model:
@@ -62,7 +73,7 @@ def _untrained(name: str, options: dict[str, Any]) -> Model:
         name=title,
         # not imported: its vector is the summary, as of a model trained here
         recipe={"encoder": node},
-        source={"weights": "random"},
+        source={"weights": "pretrained" if options.get("pretrained") else "random"},
     )
     return Model(encoder, header)
 

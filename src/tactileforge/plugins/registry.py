@@ -214,6 +214,10 @@ def head_of(objective: str) -> str:
     head = get("objectives", objective).head
     if isinstance(head, str):
         return head
+    target = f"{head.__module__}:{head.__qualname__}"
+    for installed, entries in _entries("heads").items():
+        if any(entry.value == target for entry in entries):  # in a package, beside its objective
+            return installed
     _check_contract("heads", head, f"the head of objective {objective!r}")
     name = _beside(objective, get("objectives", objective), head)
     local.keep(name, head)

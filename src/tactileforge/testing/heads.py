@@ -70,6 +70,7 @@ class _OfTensors(nn.Module):
         super().__init__()
         self.head = head
         self.views = views
+        self.encoder = getattr(views.source, "encoder", None)  # of `Views.other`
         self.words = {key: value for key, value in made.items() if isinstance(value, list)}
 
     def forward(self, views: dict[str, Tensor], made: dict[str, Tensor]) -> list[Tensor]:

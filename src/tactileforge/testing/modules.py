@@ -29,17 +29,22 @@ def small_context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, 
 
 @dataclass(frozen=True)
 class FrozenViews:
-    """Computed views, detached from their encoder, with access to single samples."""
+    """Computed views, without gradients, with access to single samples."""
 
     patches: Tensor
     full: Features
     masked: MaskedFeatures
+    source: Views
 
     @classmethod
     def of(cls, views: Views) -> FrozenViews:
         """Computes the views of a batch, without gradients."""
         with torch.no_grad():
-            return cls(views.patches, views.full, views.masked)
+            return cls(views.patches, views.full, views.masked, views)
+
+    def other(self, batch: Batch, kept: Tensor | None = None) -> FrozenViews:
+        """Views of another batch; see `contracts.Views.other`."""
+        return FrozenViews.of(self.source.other(batch, kept))
 
     def rows(self, rows: slice) -> FrozenViews:
         """Selects samples of the batch."""
@@ -67,7 +72,7 @@ class FrozenViews:
             kept=of["kept"],
             masked=of["masked"],
         )
-        return FrozenViews(of["patches"], full, masked)
+        return FrozenViews(of["patches"], full, masked, self.source)
 
 
 def views_of(encoder: Any, batch: Batch) -> FrozenViews:

@@ -52,16 +52,14 @@ class _Parts:
 def _parts(subject: CheckSubject) -> _Parts:
     plugins = _plugins(subject)
     context = small_context() | context_of(plugins)
-    if subject.head is None:
-        head = registry.build("heads", {"name": subject.plugin.head}, **context)
-    else:
-        head = construct(subject.head, {}, context)
+    head = construct(_plugins(subject)[0], {}, context)
     return _Parts(context["encoder"], head, subject.build(**context))
 
 
 def _plugins(subject: CheckSubject) -> list[type[Any]]:
     """Classes of the head and of the objective."""
-    return [subject.head or registry.get("heads", subject.plugin.head), subject.plugin]
+    head = subject.head or subject.plugin.head
+    return [registry.get("heads", head) if isinstance(head, str) else head, subject.plugin]
 
 
 def _batch(subject: CheckSubject) -> Batch:
@@ -82,11 +80,11 @@ def _needs(subject: CheckSubject) -> list[str]:
 
 
 def head_and_needs_are_declared(subject: CheckSubject) -> None:
-    """``head`` names an installed head, ``needs`` lists labels."""
+    """``head`` names an installed head, or is one; ``needs`` lists labels."""
     head = getattr(subject.plugin, "head", None)
-    require(isinstance(head, str), "the class attribute 'head' does not name a head")
-    if subject.head is None:
-        registry.get("heads", str(head))
+    require(isinstance(head, str | type), "the class attribute 'head' does not name a head")
+    if subject.head is None and isinstance(head, str):
+        registry.get("heads", head)
     needs = getattr(subject.plugin, "needs", None)
     require(isinstance(needs, frozenset), "the class attribute 'needs' is not a frozenset")
     for need in needs or ():

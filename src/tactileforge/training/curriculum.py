@@ -8,7 +8,7 @@ linearly.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -51,7 +51,7 @@ class Curriculum:
     """Weights of objectives, and the chance of the universal sensor token.
 
     Attributes:
-        ramps: Ramp of each objective's weight; ``high`` is the largest weight.
+        ramps: Weight of each objective, a function of the step.
         universal: Chance that a sample takes the universal sensor tokens, 0 to 1.
         values: Ramps of further numbers, by their place in the configuration, such as
             ``encoder.mask_ratio``.
@@ -62,7 +62,7 @@ class Curriculum:
         {'pixel': 1.0, 'force': 0.05}
     """
 
-    ramps: Mapping[str, Ramp]
+    ramps: Mapping[str, Callable[[int], float]]
     universal: Ramp = field(default_factory=lambda: Ramp(high=0.0))
     values: Mapping[str, Ramp] = field(default_factory=dict)
 
@@ -71,8 +71,44 @@ class Curriculum:
         return {name: ramp(step) for name, ramp in self.ramps.items()}
 
 
+@dataclass(frozen=True)
+class OwnRamp:
+    """The curve of an objective itself, see `contracts.Ramped`, times its largest weight.
+
+    Attributes:
+        name: Name of the objective.
+        factor: Function from the share of the run, 0 to 1, to a factor of the weight.
+        high: The weight.
+        total: Steps of the run.
+    """
+
+    name: str
+    factor: Callable[[float], float]
+    high: float
+    total: int
+
+    def __call__(self, step: int) -> float:
+        """The value at a step.
+
+        Raises:
+            ConfigError: The factor is no number, not finite or below 0.
+        """
+        share = min(1.0, step / max(1, self.total))
+        factor = self.factor(share)
+        if not isinstance(factor, int | float) or not 0 <= factor < math.inf:
+            raise ConfigError(
+                f"objective {self.name}: ramp({share:.3g}) is {factor!r}; give a finite number, 0 "
+                "or more"
+            )
+        return self.high * factor
+
+
 def from_config(
-    config: Mapping[str, Any], weights: Mapping[str, float], total: int, epoch: int
+    config: Mapping[str, Any],
+    weights: Mapping[str, float],
+    total: int,
+    epoch: int,
+    own: Mapping[str, Callable[[float], float]] | None = None,
 ) -> Curriculum:
     """Reads a curriculum from its configuration.
 
@@ -85,6 +121,7 @@ def from_config(
         weights: Largest weight of each objective.
         total: Steps of the run.
         epoch: Steps of an epoch.
+        own: Curves of objectives, for those without a row; see `OwnRamp`.
 
     Raises:
         ConfigError: An unknown unit or key, a ramp that ends before it starts, a weight below 0, or
@@ -111,13 +148,15 @@ def from_config(
     for name, weight in weights.items():
         if not isinstance(weight, int | float) or not 0 <= weight < math.inf:
             raise ConfigError(f"objective.{name}.weight={weight}: give a finite number, 0 or more")
-    rows = _rows(config)
-    ramps = {
-        name: ramp(f"curriculum.objective.{name}", rows[name], 0.0, weight)
-        if name in rows
-        else Ramp(low=weight, high=weight)
-        for name, weight in weights.items()
-    }
+    rows, own = _rows(config), own or {}
+    ramps: dict[str, Callable[[int], float]] = {}
+    for name, weight in weights.items():
+        if name in rows:
+            ramps[name] = ramp(f"curriculum.objective.{name}", rows[name], 0.0, weight)
+        elif name in own:
+            ramps[name] = OwnRamp(name, own[name], weight, total)
+        else:
+            ramps[name] = Ramp(low=weight, high=weight)
     where, row = "curriculum.universal", config.get("universal") or {"high": 0.0}
     universal = ramp(where, row, *(_number(where, row, key, 0.0) for key in ("low", "high")))
     if not (0 <= universal.low <= 1 and 0 <= universal.high <= 1):

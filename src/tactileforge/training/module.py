@@ -12,7 +12,7 @@ import lightning as L
 import torch
 from torch import Tensor, nn
 
-from tactileforge.contracts import AfterStep, Batch, Prepared, Scored
+from tactileforge.contracts import AfterStep, Batch, Prepared, Ramped, Scored
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.encoders.views import views_of
 from tactileforge.errors import ConfigError
@@ -203,7 +203,8 @@ class TouchModule(L.LightningModule):
         trainer.log_every_n_steps = max(1, min(log_interval(trainer), total))
         batches = _epoch_batches(self.trainer) / self.trainer.accumulate_grad_batches
         self.epoch_steps = max(1, math.ceil(batches)) if math.isfinite(batches) else total
-        self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch_steps)
+        own = {k: x.ramp for k, x in self.objectives.items() if isinstance(x, Ramped)}
+        self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch_steps, own)
         parts = {"encoder": self.encoder}
         parts |= {f"head.{key}": head for key, head in self.heads.items()}
         parts |= {f"objective.{key}": objective for key, objective in self.objectives.items()}

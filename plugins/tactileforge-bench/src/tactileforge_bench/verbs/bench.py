@@ -141,7 +141,7 @@ def _bench(_: _Bench, config: dict[str, Any]) -> int | Shown:
         trained = pretrain.ablations(words, parts, trained)
     if not config["model"] and not trained:
         raise ConfigError("no model: give model=[NAME,...]; tactileforge zoo list has names")
-    suite = "+".join(config["suites"])
+    suite = "+".join(config["suites"]) or "own"  # tasks given by hand have no title
     folder = Path(config["out"] or Path("runs") / "bench" / suite)
     words = config["pretrain"]["words"]
     runs = pretrain.jobs(Path(config["pretrain"]["folder"] or folder / "train"), words, trained)
