@@ -24,8 +24,8 @@ _TOP = """# Checks
 Rules that find silent faults in touch data: wrong units, mirrored pictures, frames stored twice,
 a background of another day. Each has a code. They run where data enters: all of them in
 `data inspect` and `data check`, those that read labels in `train`, `data pack` and `calibrate` on
-every recording, and those of pictures in `train` and `calibrate` on eight recordings. The signs of
-running sensors in `record` and `live` follow the same rules, without codes so far.
+every recording, and those of pictures in `train` and `calibrate` on eight recordings. Those of
+running sensors see every frame in `record`, `live` and the camera for LeRobot.
 
 <!-- no-run: needs a public set -->
 ```bash

@@ -77,6 +77,21 @@ def full(error: OSError) -> str:
     return f"{where}the disk is full ({error.strerror}); make room, and go on"
 
 
+def too_many_files() -> str:
+    """Message on too many open files, with the limit of this process and the fix.
+
+    Example:
+        >>> too_many_files().partition(" (")[0]
+        'too many open files'
+    """
+    try:
+        import resource
+    except ImportError:  # no POSIX system
+        return "too many open files: close other programs"
+    allowed = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    return f"too many open files ({allowed} are allowed): ulimit -n {max(4096, 4 * allowed)} first"
+
+
 def command(*words: str) -> str:
     """Command of this package, quoted for a shell.
 

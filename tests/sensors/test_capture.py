@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from waiting import wait_until
 
+from tactileforge.checks import StreamChecks
 from tactileforge.contracts import Frame
 from tactileforge.errors import SensorError
 from tactileforge.sensors import capture as module
@@ -71,8 +72,10 @@ def test_frames_that_cannot_be_true_end_it(scripted, change, message):
 def test_a_picture_that_stays_for_a_second_is_dropped_and_counted(scripted):
     sensor = scripted(fps=100)
     sensor.picture = lambda number: np.full((32, 24, 3), 90 if number >= 20 else number, np.uint8)
-    capture, frames = run(sensor, lambda c, f: c.counts.frozen >= 30)
-    assert capture.health.counts["frozen"] == capture.counts.frozen
+    checks = StreamChecks("left", sensor.spec)
+    capture, frames = run(sensor, lambda c, f: c.counts.frozen >= 30, checks=checks)
+    assert checks.counts["frozen"] == capture.counts.frozen
+    assert checks.found["frozen"].code == "TF601"
     assert len(frames) == 20 + 100
     assert capture.counts.frames == 120
 

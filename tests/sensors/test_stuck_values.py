@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from waiting import wait_until
 
+from tactileforge.checks import StreamChecks
 from tactileforge.contracts import Frame
 from tactileforge.sensors import stuck_values as module
 from tactileforge.sensors.capture import Capture
@@ -47,11 +48,12 @@ def test_noise_and_a_short_rest_are_not():
 def test_a_capture_says_it_and_keeps_the_samples(scripted, monkeypatch):
     monkeypatch.setattr(module, "_AFTER", 0.05)
     still = dict.fromkeys(range(10, 100_000), lambda f: replace(f, raw=np.full(6, 2, np.float32)))
-    kept = []
+    kept, checks = [], StreamChecks("force", SPEC)
     with scripted(fps=200, kind="wrench", events=still) as sensor:
-        capture = Capture("force", sensor, kept.append)
+        capture = Capture("force", sensor, kept.append, checks=checks)
         capture.start()
-        wait_until(lambda: capture.stuck.count > 5)
+        wait_until(lambda: "stuck_values" in checks.found)
         capture.stop()
-    assert set(capture.noticed()) == {"stuck"}
+    (finding,) = checks.findings()
+    assert str(finding).startswith("force: TF605 its values have not changed for 0.")
     assert len(kept) > 15

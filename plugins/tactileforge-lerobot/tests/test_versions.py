@@ -142,6 +142,23 @@ def test_the_task_of_a_row_is_looked_up_where_episodes_name_none(tmp_path: Path)
     assert [one.text for one in all_of(root, **TOUCH)] == [None, None]
 
 
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_a_length_beyond_the_rows_allocates_nothing(tmp_path: Path, version: str) -> None:
+    root = made_set(tmp_path / "set", version)
+    if version == "v3.0":
+        (path,) = (root / "meta/episodes").rglob("*.parquet")
+        table = parquet.read_table(path)
+        parquet.write_table(with_column("length", [10**12, ROWS])(table), path)
+        parquet_files.forget()
+    else:
+        path = root / "meta/episodes.jsonl"
+        first, *rest = path.read_text().splitlines()
+        path.write_text("\n".join([json.dumps(json.loads(first) | {"length": 10**12}), *rest]))
+    data = LeRobot(str(root), val=0, **TOUCH)
+    assert [one.key for one in data.recordings("train")] == ["set/000001/tactile_left"]
+    assert "5 rows of episode 0, but its length is 1000000000000" in data.skipped[0]
+
+
 def damage(root: Path, change: Any) -> None:
     """Changes the table of the first episode."""
     path = root / "data/chunk-000/episode_000000.parquet"

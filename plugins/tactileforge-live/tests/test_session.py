@@ -230,7 +230,24 @@ def test_black_frames_are_no_reading_of_force(scripted, model):
     assert all(m["force"] is m["contact"] is m["slip"] is None for m in dark)
     events = [message["event"] for message in messages if "event" in message]
     assert events == ["black", "good"]
-    assert "left: black" in notes
+    assert "left: TF602 pictures are black: is its light on, is exposure= too low?" in notes
+    assert [m["code"] for m in messages if m.get("event") == "black"] == ["TF602"]
+
+
+@pytest.mark.slow
+def test_pictures_that_turn_are_said_once_with_the_code(scripted):
+    slope = np.linspace(40, 200, 24)[None, :, None] * np.array([1.0, 0.5, 0.1]) + 20
+
+    def picture(number):
+        noise = np.random.default_rng(number).normal(0, 1, (32, 24, 3))
+        shown = (slope + noise).clip(0, 255).astype(np.uint8)
+        return np.ascontiguousarray(shown[:, ::-1]) if number >= 60 else shown
+
+    sensor = scripted(fps=50.0, limit=100)
+    sensor.picture = picture
+    messages, notes = messages_of(LiveSession({"left": sensor}, None, options()))
+    assert sum(note.startswith("left: TF603 its pictures are turned") for note in notes) == 1
+    assert [m["event"] for m in messages if m.get("code") == "TF603"] == ["turned"]
 
 
 @pytest.mark.slow
@@ -254,10 +271,8 @@ def test_a_sensor_that_stays_away_is_an_error(scripted, model):
 
 @pytest.mark.slow
 def test_frozen_frames_are_said(scripted, model):
-    still = np.random.default_rng(0).integers(100, 150, (32, 24, 3)).astype(np.uint8)
-
     def freeze(frame):
-        return Frame(array=still, time=frame.time)
+        return Frame(array=sensor.picture(20), time=frame.time)
 
     sensor = scripted(fps=50.0, limit=130, events=dict.fromkeys(range(20, 110), freeze))
     messages, _ = messages_of(LiveSession({"left": sensor}, model, options()))

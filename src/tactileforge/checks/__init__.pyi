@@ -42,4 +42,5 @@ from tactileforge.checks.sample import changes as changes
 from tactileforge.checks.sample import evenly as evenly
 from tactileforge.checks.sample import sample_of as sample_of
 from tactileforge.checks.seen import Seen as Seen
+from tactileforge.checks.stream import StreamChecks as StreamChecks
 from tactileforge.checks.untared import NO_CONTACT as NO_CONTACT

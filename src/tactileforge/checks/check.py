@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, Protocol, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 from tactileforge.checks.seen import Seen
 from tactileforge.contracts import Frame, Recording, SensorSpec
 
 Level: TypeAlias = Literal["error", "warning", "note"]
+#: A check of one running sensor: of a frame and the time of its arrival, s, its trouble; "" for
+#: none. That is a name in `Check.troubles`, or words about the stream so far.
+Watch: TypeAlias = Callable[[Frame, float], str]
 
 #: What a check may need, from cheap to dear. ``labels``, ``times`` and ``forces`` decode nothing;
 #: ``captions`` are asked about where clips are mirrored. ``frames`` decodes a few frames of a
@@ -52,14 +55,6 @@ class Finding:
         return f"{place}: {self.code} {self.words}" + (f"; {self.fix}" if self.fix else "")
 
 
-class Watch(Protocol):
-    """A check of one running sensor."""
-
-    def look(self, frame: Frame) -> str:
-        """Look at the next frame: its trouble in a word or a phrase, "" for none."""
-        ...
-
-
 @dataclass(frozen=True)
 class Examples:
     """Input of a check that is right, and input that is not; both are its test.
@@ -91,6 +86,8 @@ class Check:
         fix: What puts it right, with the key where there is one.
         unit: Unit of the measured number; "" for none.
         worst: 1 if larger numbers are worse, -1 if smaller ones are.
+        troubles: Of a check of a stream: what single frames may have, by name, in words with the
+            fix. Frames with each are counted, and the first one is told.
     """
 
     code: ClassVar[str] = ""
@@ -101,6 +98,7 @@ class Check:
     fix: ClassVar[str] = ""
     unit: ClassVar[str] = ""
     worst: ClassVar[int] = 1
+    troubles: ClassVar[Mapping[str, str]] = {}
     #: Name of the entry point, set by the catalogue.
     name: str = ""
 
@@ -120,7 +118,10 @@ class Check:
         return ()
 
     def watch(self, spec: SensorSpec) -> Watch | None:
-        """Begin to watch a running sensor; None where there is nothing to watch."""
+        """Begin to watch a running sensor; None where there is nothing to watch.
+
+        What it returns is called in the thread of the sensor, for every frame, in order.
+        """
         return None
 
     @staticmethod
@@ -155,8 +156,9 @@ def findings_of(check: Check, shown: Sequence[Any], sensor: SensorSpec | None) -
 def _findings(check: Check, shown: Sequence[Any], sensor: SensorSpec | None) -> Iterator[str]:
     if sensor is not None:
         watch = check.watch(sensor)
-        for frame in shown:
-            if watch is not None and (words := watch.look(frame)):
+        for number, frame in enumerate(shown):
+            # frames of an example carry no time of arrival: they are taken to come at their rate
+            if watch is not None and (words := watch(frame, number / sensor.fps)):
                 yield words
         return
     for number, recording in enumerate(shown):

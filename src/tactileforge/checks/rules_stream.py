@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,28 +13,24 @@ from tactileforge.checks.codes import CODES
 from tactileforge.checks.made import COUNT, FPS, made_touch, press, resting
 from tactileforge.contracts import Frame, SensorSpec
 from tactileforge.sensors.clock_lag import ClockLag
-from tactileforge.sensors.health import FROZEN_AFTER, TROUBLES, Health, exposure_trouble
+from tactileforge.sensors.health import FROZEN_AFTER, TROUBLES, FrozenPictures, exposure_trouble
 from tactileforge.sensors.picture_changes import CHANGES, PictureChanges
 from tactileforge.sensors.stuck_values import StuckValues
 from tactileforge.specs.published import spec
 
 _STREAM = frozenset({"stream"})
-
-
-class _Say:
-    """A watch from a function of a frame."""
-
-    def __init__(self, say: Callable[[Frame], str]) -> None:
-        self._say = say
-
-    def look(self, frame: Frame) -> str:
-        """See `Watch.look`."""
-        return self._say(frame)
+#: Trouble of a frame that is dropped: it is the one before again.
+FROZEN = "frozen"
+_EXPOSURES = ("black", "saturated")
 
 
 def _film(edit: Callable[[NDArray[np.uint8]], object] | None = None) -> list[Frame]:
     frames = made_touch(edit=edit).frames.read(range(COUNT))
     return [Frame(array=frame, time=i / FPS) for i, frame in enumerate(frames)]
+
+
+def _of_camera(spec: SensorSpec, watch: Watch) -> Watch | None:
+    return watch if spec.kind == "image" else None
 
 
 def _examples(edit: Callable[[NDArray[np.uint8]], object]) -> Examples:
@@ -50,11 +47,12 @@ class FrozenStream(Check):
         "frames differ."
     )
     fix = TROUBLES["frozen"]
+    troubles: ClassVar[Mapping[str, str]] = {FROZEN: TROUBLES["frozen"]}
 
     def watch(self, spec: SensorSpec) -> Watch | None:
-        """See `Check.watch`."""
-        health = Health(spec)
-        return _Say(lambda frame: "frozen" if health.look(frame) == "frozen" else "")
+        """See `Check.watch`; arrays may repeat themselves at rest."""
+        pictures = FrozenPictures()
+        return _of_camera(spec, lambda frame, _: FROZEN if pictures.look(frame) else "")
 
     @staticmethod
     def examples() -> Examples:
@@ -68,13 +66,12 @@ class ExposureOfStream(Check):
     code, level, needs = CODES["exposure_of_stream"], "error", _STREAM
     title = "Pictures are black or saturated"
     why = "Where a picture is black or white, touch leaves no trace."
-    fix = f"{TROUBLES['black']} {TROUBLES['saturated']}"
+    fix = f"{TROUBLES['black']}; {TROUBLES['saturated']}"
+    troubles: ClassVar[Mapping[str, str]] = {name: TROUBLES[name] for name in _EXPOSURES}
 
     def watch(self, spec: SensorSpec) -> Watch | None:
         """See `Check.watch`."""
-        if spec.kind != "image":
-            return None
-        return _Say(lambda frame: exposure_trouble(frame.array))
+        return _of_camera(spec, lambda frame, _: exposure_trouble(frame.array))
 
     @staticmethod
     def examples() -> Examples:
@@ -92,11 +89,12 @@ class ChangedPictures(Check):
         "turned or mirrored, or channels are exchanged or dead."
     )
     fix = "; ".join(CHANGES.values())
+    troubles = CHANGES
 
     def watch(self, spec: SensorSpec) -> Watch | None:
         """See `Check.watch`."""
-        changes = PictureChanges(spec)
-        return _Say(changes.look)
+        changes = PictureChanges()
+        return _of_camera(spec, lambda frame, _: changes.look(frame))
 
     @staticmethod
     def examples() -> Examples:
@@ -109,7 +107,7 @@ class ChangedPictures(Check):
 
 
 class ClockOfStream(Check):
-    """Times that are late, early, or of a slow or fast clock; frames come when they arrive."""
+    """Times that are late, early, or of a slow or fast clock."""
 
     code, level, needs = CODES["clock_of_stream"], "error", _STREAM
     title = "The clock of the sensor is off"
@@ -117,19 +115,16 @@ class ClockOfStream(Check):
     fix = "give the sensor the clock of this machine, or leave its own times out"
 
     def watch(self, spec: SensorSpec) -> Watch | None:
-        """See `Check.watch`.
+        """See `Check.watch`."""
+        lag, words = ClockLag(), ""
 
-        Frames of a recording carry no time of arrival: they are taken to come at their rate.
-        """
-        lag, count = ClockLag(), 0
+        def say(frame: Frame, arrived: float) -> str:
+            nonlocal words
+            if lag.add(frame.time, arrived):
+                words = lag.trouble()
+            return words
 
-        def say(frame: Frame) -> str:
-            nonlocal count
-            lag.add(frame.time, count / spec.fps)
-            count += 1
-            return lag.trouble()
-
-        return _Say(say)
+        return say
 
     @staticmethod
     def examples() -> Examples:
@@ -154,11 +149,11 @@ class StuckForces(Check):
         """See `Check.watch`."""
         stuck = StuckValues(spec)
 
-        def say(frame: Frame) -> str:
+        def say(frame: Frame, _: float) -> str:
             stuck.look(frame)
             return stuck.trouble()
 
-        return _Say(say)
+        return say if spec.kind == "wrench" else None
 
     @staticmethod
     def examples() -> Examples:

@@ -6,6 +6,8 @@ from tactileforge.data.batches.clips import view_of as view_of
 from tactileforge.data.batches.columns import CutColumns as CutColumns
 from tactileforge.data.batches.columns import take_steps as take_steps
 from tactileforge.data.batches.datamodule import TouchData as TouchData
+from tactileforge.data.batches.handover import Packing as Packing
+from tactileforge.data.batches.handover import received as received
 from tactileforge.data.batches.leaks import find_copies as find_copies
 from tactileforge.data.batches.loader import start_worker as start_worker
 from tactileforge.data.batches.sources import Bad as Bad

@@ -13,14 +13,21 @@ from typing import Any
 
 from tactileforge.contracts import Dataset
 from tactileforge.data.shards.index import INDEX_FILE, Index
-from tactileforge.errors import ConfigError, DataError, TactileForgeError
+from tactileforge.errors import ConfigError, DataError, TactileForgeError, too_many_files
 from tactileforge.packing.executors import execute
 from tactileforge.packing.options import Filter, PackOptions
 from tactileforge.packing.plan import SPLITS, PackPlan, plan_pack
 from tactileforge.packing.statistics import COUNTS, PackStatistics
 from tactileforge.packing.work import NOTES, ShardNote
 from tactileforge.util.bars import Bar
-from tactileforge.util.files import say_swept, sealed, sweep_parts, unsealed, write_text
+from tactileforge.util.files import (
+    NO_FILES,
+    say_swept,
+    sealed,
+    sweep_parts,
+    unsealed,
+    write_text,
+)
 from tactileforge.util.locks import locked
 
 __all__ = ["Filter", "PackOptions", "pack", "summary"]
@@ -85,6 +92,8 @@ def pack(
             finally:
                 _sweep(out)
     except OSError as error:
+        if error.errno in NO_FILES:
+            raise TactileForgeError(f"{out}: {too_many_files()}") from error
         whole = sum(ShardNote.of(job) is not None for job in planned.jobs)
         raise TactileForgeError(
             f"{out}: cannot be written ({error.strerror or error}). {whole} of {len(planned.jobs)} "

@@ -21,6 +21,7 @@ from tactileforge.sensors.calibration.pictures import PICTURE_FEATURES as PICTUR
 from tactileforge.sensors.calibration.pictures import SHAPE_FEATURES as SHAPE_FEATURES
 from tactileforge.sensors.calibration.pictures import picture_inputs as picture_inputs
 from tactileforge.sensors.capture import Capture as Capture
+from tactileforge.sensors.capture import FrameWatch as FrameWatch
 from tactileforge.sensors.capture import check_captures as check_captures
 from tactileforge.sensors.checksums import CHECKSUMS as CHECKSUMS
 from tactileforge.sensors.continuity import Arrival as Arrival

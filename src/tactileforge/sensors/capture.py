@@ -8,15 +8,12 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import ConfigError, SensorError, TactileForgeError
 from tactileforge.sensors.awake import AWAKE_CLOCK
-from tactileforge.sensors.clock_lag import ClockLag
 from tactileforge.sensors.frame_contract import BAD_VALUES, bad_values, check_frame
-from tactileforge.sensors.health import Health
-from tactileforge.sensors.picture_changes import CHANGES, PictureChanges
-from tactileforge.sensors.stuck_values import StuckValues
 
 #: Largest lead and lag of the time of a frame on arrival, s. Tens of seconds are another clock.
 _AHEAD, _BEHIND = 1.0, 10.0
@@ -49,6 +46,22 @@ class Counts:
     reopened: int = 0
 
 
+class FrameWatch(Protocol):
+    """What looks at every frame of a sensor; `tactileforge.checks.StreamChecks` is one."""
+
+    def look(self, frame: Frame, arrived: float) -> bool:
+        """Look at a frame.
+
+        Args:
+            frame: The frame.
+            arrived: Time of its arrival, on the clock of its time, s.
+
+        Returns:
+            Whether it is handed on; a frozen picture is not.
+        """
+        ...
+
+
 class Capture:
     """Reader of an open sensor, in a thread until stopped.
 
@@ -58,13 +71,10 @@ class Capture:
         sink: Function called with each good frame, in that thread; must not block for long.
         reconnect: Seconds of attempts to open a lost sensor again.
         silence: Seconds without a frame until the sensor counts as lost.
+        checks: What looks at every frame, in that thread; None for nothing.
 
     Attributes:
         counts: Counters of frames.
-        health: Checks of single pictures.
-        changes: Checks of pictures against the first.
-        stuck: Checks of the samples of a wrench sensor for one value.
-        lag: Checks of the times of frames.
         error: Error that ended the capture; None for none.
         ended: Whether the source has reached its end.
         is_lost: Whether the sensor is being opened again.
@@ -79,14 +89,11 @@ class Capture:
         sink: Callable[[Frame], None],
         reconnect: float = 10.0,
         silence: float = 3.0,
+        checks: FrameWatch | None = None,
     ) -> None:
-        self.name, self.sensor, self.sink = name, sensor, sink
+        self.name, self.sensor, self.sink, self.checks = name, sensor, sink, checks
         self.reconnect, self.silence = reconnect, silence
         self.counts = Counts()
-        self.health = Health(sensor.spec)
-        self.changes = PictureChanges(sensor.spec)
-        self.stuck = StuckValues(sensor.spec)
-        self.lag = ClockLag()
         self.error: TactileForgeError | None = None
         self.ended = False
         self.is_lost = False
@@ -138,12 +145,6 @@ class Capture:
         own = {key: getattr(counts, key) for key in ("backwards", "untimed", "frozen")}
         both = counts.bad_values + Counter(getattr(self.sensor, "drops", {}))
         return own | dict.fromkeys(getattr(self.sensor, "drops", {}), 0) | both
-
-    def noticed(self) -> dict[str, str]:
-        """Oddities of kept frames in words, by ``clock``, ``stuck`` or the kind of change."""
-        found = {key: CHANGES[key] for key in list(self.changes.counts)}
-        others = {"clock": self.lag.trouble(), "stuck": self.stuck.trouble()}
-        return found | {key: words for key, words in others.items() if words}
 
     def watch(self) -> None:
         """Check the reading thread for hanging, or an unexpected end.
@@ -245,7 +246,6 @@ class Capture:
     def _accept(self, frame: Frame) -> None:
         # by the awake clock: after Ctrl-Z and fg, frames are old through no fault of the driver
         behind = AWAKE_CLOCK.since(frame.time)
-        self.lag.add(frame.time, frame.time + behind)
         if not -_AHEAD < behind < _BEHIND:
             raise SensorError(
                 f"a frame is {abs(behind):.1f} s {'behind' if behind > 0 else 'ahead of'} the "
@@ -256,11 +256,9 @@ class Capture:
         self._good = AWAKE_CLOCK.now()
         self.is_lost, self._lost = False, None
         self._recent.append(frame.time)
-        if self.health.look(frame) == "frozen":
+        if self.checks is not None and not self.checks.look(frame, frame.time + behind):
             self.counts.frozen += 1
             return
-        self.changes.look(frame)
-        self.stuck.look(frame)
         self.counts.frames += 1
         self.sink(frame)
 

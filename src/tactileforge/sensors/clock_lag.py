@@ -34,12 +34,15 @@ class ClockLag:
         self._least: list[float] = []
         self._end = -np.inf
 
-    def add(self, taken: float, now: float) -> None:
+    def add(self, taken: float, now: float) -> bool:
         """Add a frame.
 
         Args:
             taken: Time of the frame, monotonic seconds.
             now: Time of its arrival, on the same clock.
+
+        Returns:
+            Whether a window has begun with it, so that `trouble` may tell something new.
         """
         if now >= self._end:
             if len(self._ends) == _MOST:
@@ -51,8 +54,9 @@ class ClockLag:
             self._end = now + self._window
             self._ends.append(now)
             self._least.append(now - taken)
-        elif now - taken < self._least[-1]:
-            self._least[-1] = now - taken
+            return True
+        self._least[-1] = min(self._least[-1], now - taken)
+        return False
 
     def trouble(self) -> str:
         """Problem of the times so far, in words; "" for none."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.contracts import Frame
 
 #: Problems with their fixes.
 TROUBLES = {
@@ -28,37 +26,15 @@ _DARK, _BRIGHT = 8, 250
 _STEP = 8
 
 
-class Health:
-    """Checks of the images of one sensor, one after the other.
+class FrozenPictures:
+    """Comparison of each picture of a camera with the one before."""
 
-    Taxel arrays (they may repeat themselves at rest) and wrench sensors (without pictures) are not
-    checked.
-
-    Args:
-        spec: Spec of the sensor.
-        frozen_after: Seconds of one picture until the sensor counts as frozen.
-
-    Attributes:
-        counts: Number of pictures with each of `TROUBLES`.
-    """
-
-    def __init__(self, spec: SensorSpec, frozen_after: float = FROZEN_AFTER) -> None:
-        self.spec = spec
-        self.frozen_after = frozen_after
-        self.counts: Counter[str] = Counter()
+    def __init__(self) -> None:
         self._last: NDArray[np.uint8] | None = None
         self._since = 0.0
 
-    def look(self, frame: Frame) -> str:
-        """Check an image: returns its problem, one of `TROUBLES`; "" for none."""
-        if self.spec.kind != "image":
-            return ""
-        trouble = self._frozen(frame) or exposure_trouble(frame.array)
-        if trouble:
-            self.counts[trouble] += 1
-        return trouble
-
-    def _frozen(self, frame: Frame) -> str:
+    def look(self, frame: Frame) -> bool:
+        """Whether the same picture has come for `FROZEN_AFTER` seconds."""
         last, self._last = self._last, frame.array
         # a few pixels tell most pictures apart; only if they are equal, all are compared
         if (
@@ -67,8 +43,8 @@ class Health:
             or not np.array_equal(last, frame.array)
         ):
             self._since = frame.time
-            return ""
-        return "frozen" if frame.time - self._since >= self.frozen_after else ""
+            return False
+        return frame.time - self._since >= FROZEN_AFTER
 
 
 def exposure_trouble(picture: NDArray[np.uint8]) -> str:

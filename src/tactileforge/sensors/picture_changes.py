@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Frame, SensorSpec
+from tactileforge.contracts import Frame
 
 #: Changes with their fixes.
 CHANGES = {
@@ -43,18 +42,9 @@ class PictureChanges:
     A change counts if undoing it (rolling back, turning back, swapping channels back) gives the
     first picture again, but for touch; or if the median colour differs.
 
-    Args:
-        spec: Spec of the sensor; only pictures of cameras are compared.
-
-    Attributes:
-        counts: Number of pictures with each of `CHANGES`.
-        first: Time of the first picture with each of `CHANGES`, monotonic seconds.
     """
 
-    def __init__(self, spec: SensorSpec) -> None:
-        self.is_camera = spec.kind == "image"
-        self.counts: Counter[str] = Counter()
-        self.first: dict[str, float] = {}
+    def __init__(self) -> None:
         self._begun: float | None = None
         self._reference: NDArray[np.uint8] | None = None
         self._small: NDArray[np.int16] = np.zeros((0, 0, 3), np.int16)
@@ -62,8 +52,6 @@ class PictureChanges:
 
     def look(self, frame: Frame) -> str:
         """Compare a picture: returns its change, one of `CHANGES`; "" for none."""
-        if not self.is_camera:
-            return ""
         reference = self._reference
         if reference is None or reference.shape != frame.array.shape:
             if self._begun is None:
@@ -79,9 +67,6 @@ class PictureChanges:
             self._looked = frame.time
             self._state = change_of(frame.array, reference)
         self._change = change
-        if self._state:
-            self.counts[self._state] += 1
-            self.first.setdefault(self._state, frame.time)
         return self._state
 
 

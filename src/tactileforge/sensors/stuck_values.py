@@ -46,7 +46,4 @@ class StuckValues:
         """Problem of the samples so far, in words; "" for none."""
         if not self.count:
             return ""
-        return (
-            f"its values have not changed for {self._longest:.1f} s, not even by noise: is it "
-            "still measuring? plug it out and in"
-        )
+        return f"its values have not changed for {self._longest:.1f} s, not even by noise"

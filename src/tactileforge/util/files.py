@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from tactileforge.errors import ConfigError, DataError, full, home_path
+from tactileforge.errors import ConfigError, DataError, full, home_path, too_many_files
 from tactileforge.util.untrusted import dump_yaml, load_json, load_yaml
 
 log = logging.getLogger(__name__)
@@ -28,6 +28,8 @@ _ABANDONED = 3600.0
 _PART = re.compile(r"(?:\.([^.-]+)-(\d+)\.\w+|\.\w+)?\.part(?:\.\w+)?$")
 #: Error numbers of a place that cannot be written.
 _UNWRITABLE = frozenset({errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.ENAMETOOLONG})
+#: Error numbers of too many open files, of this process and of the machine.
+NO_FILES = frozenset({errno.EMFILE, errno.ENFILE})
 _CACHE_FIX = "set TACTILEFORGE_CACHE= to a folder that can be written"
 _SPECIAL = "a device, pipe or socket"
 #: Bytes of a trial write, which fails on a full disk.
@@ -251,6 +253,8 @@ def disk_errors_named(path: Path) -> Iterator[None]:
         is_disk = isinstance(error, OSError) or type(error).__name__ == "SafetensorError"
         if not is_disk or isinstance(error, DataError):
             raise
+        if getattr(error, "errno", None) in NO_FILES:
+            raise DataError(f"{path}: {too_many_files()}") from error
         reason = (getattr(error, "strerror", None) or str(error)).splitlines()[0]
         raise DataError(
             f"{path}: cannot be written ({reason}); make room, or choose another place: out=, or "
@@ -259,7 +263,7 @@ def disk_errors_named(path: Path) -> Iterator[None]:
 
 
 def unwritable(error: OSError) -> str:
-    """Message on a read-only or full place, with the fix; "" for any other error.
+    """Message on a read-only or full place, or too many open files, with the fix; "" for others.
 
     Example:
         >>> unwritable(OSError(errno.EROFS, "Read-only file system", "a"))
@@ -267,6 +271,8 @@ def unwritable(error: OSError) -> str:
         >>> unwritable(OSError(errno.ENOENT, "No such file"))
         ''
     """
+    if error.errno in NO_FILES:
+        return too_many_files()
     if error.errno not in _UNWRITABLE or not isinstance(error.filename, str):
         return full(error)
     path = Path(error.filename).absolute()

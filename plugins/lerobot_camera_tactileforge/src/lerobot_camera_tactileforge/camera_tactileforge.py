@@ -14,6 +14,7 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 from numpy.typing import NDArray
 
 from lerobot_camera_tactileforge.config_tactileforge import TactileForgeCameraConfig
+from tactileforge.checks import StreamChecks
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import TactileForgeError
 from tactileforge.plugins import build, names
@@ -96,8 +97,9 @@ class TactileForgeCamera(Camera):
             with suppress(TactileForgeError):  # the device may hang or fail here as well
                 close_sensor(self.config.sensor, self._sensor)
             raise ConnectionError(f"{self} cannot be opened: {error}") from error
-        reconnect = self.config.reconnect
-        self._capture = Capture(self.config.sensor, self._sensor, self._take, reconnect)
+        name, reconnect = self.config.sensor, self.config.reconnect
+        checks = StreamChecks(name, self._sensor.spec)
+        self._capture = Capture(name, self._sensor, self._take, reconnect, checks=checks)
         self._capture.start()
         if warmup:
             try:

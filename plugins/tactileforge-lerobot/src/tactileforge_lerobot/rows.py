@@ -40,6 +40,8 @@ class EpisodeRows:
         return int(self.about["episode_index"])
 
     def __len__(self) -> int:
+        """Number of rows, after `place` has compared it with the file: an array may be made."""
+        _ = self.place
         return int(self.about["length"])
 
     @cached_property
@@ -52,9 +54,10 @@ class EpisodeRows:
         path = self.info.data_file(self.root, self._fields("data"))
         numbers = read_parquet(path, ("episode_index",))["episode_index"].to_numpy()
         rows = np.flatnonzero(numbers == self.number)
-        if not len(self):
+        length = int(self.about["length"])
+        if not length:
             raise DataError(f"{path}: episode {self.number} is empty; leave it out")
-        if len(rows) != len(self) or (np.diff(rows) != 1).any():
+        if len(rows) != length or (np.diff(rows) != 1).any():
             raise DataError(
                 f"{path}: {len(rows)} rows of episode {self.number}, but its length is "
                 f"{self.about['length']}; download the data set again"

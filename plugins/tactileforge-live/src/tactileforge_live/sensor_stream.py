@@ -14,6 +14,7 @@ from tactileforge_depth.reader import DepthReader
 from tactileforge_markers.motion import Motion, marker_motion
 from tactileforge_markers.track import MarkerTracker
 
+from tactileforge.checks import StreamChecks
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.data import rgb_pixels
 from tactileforge.errors import ConfigError, DataError
@@ -44,6 +45,7 @@ class StreamOptions:
         unknown_sensor: Treatment of a sensor unknown to the model: ``error``, or the ``universal``
             tokens.
         reconnect: Time to wait for a lost sensor, s.
+        ignore: Checks of the running sensors to leave out, by code: [TF603] (docs/checks.md).
     """
 
     contact: ContactOptions = field(default_factory=ContactOptions)
@@ -51,6 +53,7 @@ class StreamOptions:
     embedding: bool = False
     unknown_sensor: str = "error"
     reconnect: float = 10.0
+    ignore: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +117,7 @@ class SensorStream:
 
     Attributes:
         stream: Stream of predictions.
+        checks: Checks of its frames.
         readings: Latest readings, at most `HISTORY`.
         tracker: Tracker of markers, from the background on; None without markers.
 
@@ -145,7 +149,8 @@ class SensorStream:
             calibration=calibration,
             camera=sensor.spec.kind == "image",
         )
-        self.capture = Capture(name, sensor, self.sink, options.reconnect)
+        self.checks = StreamChecks(name, sensor.spec, options.ignore)
+        self.capture = Capture(name, sensor, self.sink, options.reconnect, checks=self.checks)
         self.readings: deque[Reading] = deque(maxlen=HISTORY)
         self._frozen = 0
 

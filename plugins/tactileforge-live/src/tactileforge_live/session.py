@@ -18,6 +18,7 @@ from tactileforge.errors import ConfigError, SensorError, unknown
 from tactileforge.hub import Model
 from tactileforge.sensors import (
     AWAKE_CLOCK,
+    TROUBLES,
     Background,
     check_captures,
     load_calibration,
@@ -264,6 +265,7 @@ def run_session(
         say("background: nothing may touch the sensors now")
     view.take_background()
     states = dict.fromkeys(view.fingers, "")
+    told: set[tuple[str, str]] = set()
     with ExitStack() as stack:
         for publisher in publishers:
             publisher.open()
@@ -271,10 +273,19 @@ def run_session(
         for reading in view.readings(stop):
             messages = [] if reading is None else [reading.message()]
             for name, finger in view.fingers.items():
+                found = dict(finger.checks.found)  # copied, as the sensor's thread adds to it
+                # those of TROUBLES are states, which are told whenever they change
+                new = [key for key in found if key not in TROUBLES and (name, key) not in told]
+                told.update((name, key) for key in new)
                 if (state := finger.state) != states[name]:
                     states[name] = state
-                    say(f"{name}: {state or 'all is well again'}")
-                    event = {"sensor": name, "event": state or "good", "time": time.monotonic()}
+                    new.append(state or "good")
+                for key in new:
+                    finding = found.get(key)
+                    event = {"sensor": name, "event": key, "time": time.monotonic()}
+                    if finding is not None:
+                        event["code"] = finding.code
+                    say(str(finding or f"{name}: {key if key != 'good' else 'all is well again'}"))
                     messages.append(event)
             for message in messages:
                 for publisher in publishers:

@@ -36,8 +36,7 @@ class LiveStatus(Status):
         p50, p99 = view.latency.percentiles(recent=False)
         waited = "" if math.isnan(p50) else f"; latency p50 {1e3 * p50:.1f} p99 {1e3 * p99:.1f} ms"
         back = f"; came back: {lost}" if lost else ""
-        words = [f"{f.name}: {word}" for f in fingers for word in f.capture.noticed().values()]
-        noticed = "".join(f"; noticed: {one}" for one in words)
+        noticed = "".join(f"; noticed: {one}" for f in fingers for one in f.checks.findings())
         return f"readings: {counts}{waited}{back}; dropped: {dropped}{noticed}"
 
 

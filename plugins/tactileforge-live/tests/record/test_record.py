@@ -655,10 +655,22 @@ def test_what_is_odd_about_frames_is_said_and_kept(scripted, options):
     given = options(seconds=None, segment=1.0)
     late.events = {n: lambda f: replace(f, time=f.time - 3) for n in range(10_000)}
     found = record(given, {"a": sensor}, None, late, say=quiet)
-    assert set(found.noticed) == {"a", "view"}
-    assert "red and blue swapped" in found.noticed["a"]["recoloured"]
-    assert found.noticed["view"]["clock"].startswith("its times are 3.")
-    assert 0 < only(given)["a"].labels["recoloured"] <= 120
+    assert set(found.findings) == {"a", "view"}
+    (recoloured,), (late,) = found.findings["a"], found.findings["view"]
+    assert str(recoloured).startswith("a: TF603 its pictures have other colours than at first")
+    assert str(late).startswith("view: TF604 its times are 3.")
+    labels = only(given)["a"].labels
+    assert 0 < labels["recoloured"] <= 120
+    assert labels["checks"] == "TF603"
+
+
+@pytest.mark.parametrize(("ignore", "codes"), [((), ["TF602"]), (("TF602",), [])])
+def test_a_check_of_a_stream_can_be_left_out(scripted, options, ignore, codes):
+    sensor = scripted(fps=60, limit=30)
+    sensor.picture = lambda n: np.random.default_rng(n).integers(0, 4, (32, 24, 3), np.uint8)
+    given = options(seconds=None, background=Background(seconds=0), ignore=ignore)
+    found = record(given, {"a": sensor}, say=quiet)
+    assert [finding.code for finding in found.findings.get("a", [])] == codes
 
 
 def test_a_wrench_sensor_that_dies_is_counted_and_an_error(scripted, options, monkeypatch):
@@ -691,4 +703,4 @@ def test_a_process_that_was_stopped_goes_on(scripted, options, monkeypatch):
     found = record(options(seconds=1.5), {"a": scripted(fps=50)}, say=quiet)
     assert jump[0] == 60.0
     assert found.frames["a"] > 20
-    assert not found.noticed
+    assert not found.findings

@@ -23,6 +23,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from tactileforge.contracts import Batch
+from tactileforge.data.batches.handover import Packing, received
 from tactileforge.data.batches.stream import BatchIndexSampler, Stream
 from tactileforge.errors import ConfigError
 from tactileforge.util.distributed import world
@@ -67,7 +68,7 @@ class Loader(DataLoader[Batch]):
             stream,
             batch_size=None,
             sampler=numbers,
-            collate_fn=_identity,
+            collate_fn=Packing(_identity),
             num_workers=workers,
             multiprocessing_context=_context(workers),
             persistent_workers=workers > 0,
@@ -76,11 +77,15 @@ class Loader(DataLoader[Batch]):
         )
 
     def __iter__(self) -> Iterator[Batch]:  # type: ignore[override]
-        """Batches, in order."""
+        """Batches, in order.
+
+        Raises:
+            TactileForgeError: See `handover.received`.
+        """
         # readers start now: a signal meanwhile would end one of them, and with it the run
         with signals_held():
             batches = super().__iter__()
-        return self._timed(batches)
+        return self._timed(received(batches, self.num_workers))
 
     def _timed(self, batches: Iterator[Batch]) -> Iterator[Batch]:
         for number in count():

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Subset
 
 from tactileforge.contracts import Batch
-from tactileforge.data import Clips, collate, start_worker
+from tactileforge.data import Clips, Packing, collate, received, start_worker
 from tactileforge.errors import DataError
 from tactileforge.plugins import Bar, locked, signals_held, write_text
 from tactileforge_bench.fit import decoded
@@ -218,14 +218,14 @@ def read_batches(
         batch_size=size,
         # no row, no worker: a pass that was stopped after its last batch has none to read
         num_workers=store.workers if len(rows) else 0,
-        collate_fn=collate,
+        collate_fn=Packing(collate),
         worker_init_fn=start_worker,
         pin_memory=torch.cuda.is_available(),
     )
     # workers start with signals held, so that Ctrl-C ends them by this process alone
     with signals_held():
         batches = iter(loader)
-    for batch in batches:
+    for batch in received(batches, store.workers):
         for line, _ in batch["skipped"].values():
             raise DataError(f"a clip cannot be read, and the benchmark skips none: {line}")
         yield batch

@@ -48,6 +48,7 @@ class RecordOptions:
         queue: Largest number of frames of a sensor waiting for encoding; more are dropped.
         workers: Number of encoding threads.
         reconnect: Time to wait for a lost sensor, s.
+        ignore: Checks of the running sensors to leave out, by code: [TF603] (docs/checks.md).
         min_free_gb: Free space on the disk below which recording ends, GB.
     """
 
@@ -76,6 +77,7 @@ class RecordOptions:
     queue: int = 32
     workers: int = 2
     reconnect: float = 10.0
+    ignore: tuple[str, ...] = ()
     min_free_gb: float = 0.5
 
     def __post_init__(self) -> None:

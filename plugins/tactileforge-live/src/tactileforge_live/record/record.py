@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from tactileforge.contracts import Sensor
-from tactileforge.errors import ConfigError, TactileForgeError, unknown
+from tactileforge.errors import ConfigError, TactileForgeError, too_many_files, unknown
 from tactileforge.sensors import calibration_labels, low_latency_threads, unit_of
 from tactileforge_live.record.options import RecordOptions
 from tactileforge_live.record.rig import Rig
@@ -78,6 +79,8 @@ def record(
     except BrokenPipeError:  # of standard output, not of the disk
         raise
     except OSError as error:
+        if error.errno in (errno.EMFILE, errno.ENFILE):
+            raise TactileForgeError(too_many_files()) from error
         raise TactileForgeError(
             f"{options.out}: cannot be written ({error.strerror or error}). {summary.seconds:.1f} "
             "s of touch are safe; make room, and record again into the same folder"

@@ -17,7 +17,7 @@ from tactileforge_depth.reader import depth_readers
 from tactileforge_markers.track import MarkerTracker
 from tactileforge_markers.tracks import check_marker_sensors
 
-from tactileforge.checks import background_lines
+from tactileforge.checks import StreamChecks, background_lines
 from tactileforge.contracts import Frame, Sensor
 from tactileforge.errors import ConfigError, SensorError
 from tactileforge.sensors import (
@@ -54,6 +54,7 @@ class RigSensor:
         name: Name of the sensor, part of the keys of its recordings.
         sensor: Sensor, open inside of `Rig`.
         capture: Thread that reads the sensor.
+        checks: Checks of its frames.
         keeps: Data of a take: `FrameQueue` for a camera or array, `SampleBuffer` for a wrench
             sensor or robot.
         background: Encoded frames without contact.
@@ -64,6 +65,7 @@ class RigSensor:
     name: str
     sensor: Sensor
     capture: Capture = field(init=False)
+    checks: StreamChecks = field(init=False)
     keeps: FrameQueue | SampleBuffer = field(init=False)
     background: list[bytes] = field(default_factory=list)
     rest: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
@@ -155,8 +157,14 @@ class Rig:
                 device.keeps = self._keeper(device, pool)
                 if device.name in options.markers and isinstance(device.keeps, FrameQueue):
                     device.keeps.in_order = stack.enter_context(ThreadPoolExecutor(1, "markers"))
-                sink, wait = device.sink, options.reconnect
-                device.capture = Capture(device.name, device.sensor, sink, wait)
+                device.checks = StreamChecks(device.name, device.sensor.spec, options.ignore)
+                device.capture = Capture(
+                    device.name,
+                    device.sensor,
+                    device.sink,
+                    options.reconnect,
+                    checks=device.checks,
+                )
                 stack.callback(device.capture.stop)
                 device.capture.start()
             # all is open: `__exit__` closes it, where an error above would have closed what was

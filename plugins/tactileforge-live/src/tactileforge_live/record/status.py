@@ -7,7 +7,8 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TextIO
 
-from tactileforge.sensors import TROUBLES, Status
+from tactileforge.checks import Finding
+from tactileforge.sensors import Status
 from tactileforge_live.record.frame_queue import FrameQueue
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ class RecordSummary:
         dropped: Number of frames of each device dropped because of full queues.
         bytes: Size of the shards, bytes.
         reasons: Numbers of dropped frames of each device, by reason; ``late`` for full queues.
-        noticed: Oddities of kept frames of each device; see `Capture.noticed`.
+        findings: What the checks of streams have found, by device.
     """
 
     takes: int
@@ -37,11 +38,11 @@ class RecordSummary:
     dropped: dict[str, int]
     bytes: int
     reasons: dict[str, dict[str, int]] = field(default_factory=dict)
-    noticed: dict[str, dict[str, str]] = field(default_factory=dict)
+    findings: dict[str, list[Finding]] = field(default_factory=dict)
 
 
 class RecordStatus(Status):
-    """Status line of a recording, with warnings of invalid images.
+    """Status line of a recording, with the findings of its checks.
 
     Args:
         to: Text stream; None for standard error.
@@ -58,13 +59,12 @@ class RecordStatus(Status):
             return
         self._next = now + (_TERMINAL if self._is_terminal else _ELSEWHERE)
         for device in rig.all:
-            # copied, as the sensor's thread adds to the counts
-            told = {key: TROUBLES[key] for key in list(device.capture.health.counts)}
-            for trouble, words in (told | device.capture.noticed()).items():
+            # copied, as the sensor's thread adds to them
+            for trouble, finding in list(device.checks.found.items()):
                 if (device.name, trouble) not in self._warned:
                     self._warned.add((device.name, trouble))
                     self.end()
-                    self.to.write(f"warning: {device.name}: {words}\n")
+                    self.to.write(f"warning: {finding}\n")
         free = shutil.disk_usage(rig.options.out).free  # others may fill the disk, too
         parts = [
             f"take {take} {seconds:6.1f} s",

@@ -136,8 +136,8 @@ class Take:
             dropped[device.name] = dropped.get(device.name, 0) + device.keeps.dropped
             late = {"late": dropped[device.name]}
             self.summary.reasons[device.name] = late | device.capture.drops()
-            if noticed := device.capture.noticed():
-                self.summary.noticed[device.name] = noticed
+            if findings := device.checks.findings():
+                self.summary.findings[device.name] = findings
         if not self.segments:
             self.say(f"take {self.number}: nothing came")
             return
@@ -240,9 +240,10 @@ class Take:
         return None if tracker is None else tracker.grid
 
     def _labels(self, device: RigSensor) -> dict[str, str | float]:
-        counts, noticed = device.capture.counts, device.capture.noticed()
+        counts, checks = device.capture.counts, device.checks
         grid = self._grid(device)
-        clock = {"clock_trouble": noticed["clock"]} if "clock" in noticed else {}
+        clock = checks.found.get("clock_of_stream")
+        codes = sorted({finding.code for finding in checks.findings()})
         # a take with a robot is an episode of a demonstration
         name = f"{self.store.out.resolve().name}_{self.number:05d}"
         episode = {"episode": name, "finger": device.name} if self.rig.robot is not None else {}
@@ -258,9 +259,10 @@ class Take:
             "begun": self.begun,
             "clock": self.start,
             "dropped": device.keeps.dropped,
+            **checks.counts,
             **device.capture.drops(),
-            **device.capture.changes.counts,
-            **clock,
+            **({} if clock is None else {"clock_trouble": clock.words}),
+            **({"checks": " ".join(codes)} if codes else {}),
             "stalled": counts.stalled,
             "reopened": counts.reopened,
         }

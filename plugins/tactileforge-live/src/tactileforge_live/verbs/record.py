@@ -37,9 +37,8 @@ def _record(keys: RecordOptions, config: dict[str, Any]) -> None:
         f"{takes}, {summary.seconds:.1f} s, {summary.bytes / 1e6:.1f} MB; frames: {frames}; "
         f"dropped: {of_drops(summary.reasons)}"
     )
-    for name, noticed in summary.noticed.items():
-        for words in noticed.values():
-            print(f"noticed: {name}: {words}")
+    for finding in (one for ones in summary.findings.values() for one in ones):
+        print(f"noticed: {finding}")
     look = command("data", "inspect", "data=shards", f"data.root={keys.out}")
     print(f"look at it: {look}")
 
