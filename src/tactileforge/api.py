@@ -161,7 +161,7 @@ def _build(
     lost.skip(data.skipped)
     data.observers += [coverage.observe, lost.observe]
     if state is not None:
-        log.info(initialise(module, state, new_in(str(config["init"]))))
+        log.info(initialise(module, state, new_in(str(config["init"]), state)))
         warn_of_dropped(config, left_out(module, state))
     if not resume:  # a resumed run has the measurements in its checkpoint
         module.prepare(data.train)

@@ -11,6 +11,7 @@ from torch import Tensor
 from tactileforge.errors import ConfigError
 from tactileforge.hub.starting_point import (
     imagenet_weights,
+    inflated,
     starting_heads,
     starting_weights,
 )
@@ -56,11 +57,18 @@ def start_from(plain: dict[str, Any]) -> Mapping[str, Tensor] | None:
     return {**state, **_add_photo_stream(plain)}
 
 
-def new_in(init: str) -> tuple[str, ...]:
-    """Prefixes of the encoder tensors not required of the weights of ``init=``."""
+def new_in(init: str, state: Mapping[str, Tensor]) -> tuple[str, ...]:
+    """Prefixes of the encoder tensors not required of the weights of ``init=``.
+
+    Args:
+        init: The option.
+        state: Its weights. A network of pictures knows no sensors.
+    """
     if init == run_folder.IMAGENET:
         return ("encoder.",)
-    return ("encoder.photo_stream.project.",) if run_folder.with_photographs(init)[1] else ()
+    beside = run_folder.with_photographs(init)[1]
+    new = ("encoder.photo_stream.project.",) if beside else ()
+    return new if "encoder.sensor_table" in state else (*new, "encoder.sensor_table")
 
 
 def _add_photo_stream(plain: dict[str, Any]) -> dict[str, Tensor]:
@@ -83,6 +91,8 @@ def _weights_of(init: str, plain: dict[str, Any]) -> Mapping[str, Tensor]:
         return state
     node, state = starting_weights(init)
     same = plain["encoder"]["name"] == node["name"]
+    if same and node.get("frames") == 1 < plain["encoder"].get("frames", 1):
+        return inflated(init, node, state, plain["encoder"])
     # the table of sensors comes with the weights; options of training stay those of the new run
     kept = {
         key: plain["encoder"][key]
