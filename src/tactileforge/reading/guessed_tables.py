@@ -146,6 +146,8 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
             family.rows = [cells for _, cells in read_cells(path, [])]
         except TactileForgeError:  # the reader names it, once it is told to read it
             continue
+        if family.key:  # others may lie beside those of images
+            family.rows = [row for row in family.rows if row[FILE_COLUMN] in names]
         if not family.rows:
             continue
         family.key = family.key or _key(family.rows, names)
