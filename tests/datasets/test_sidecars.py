@@ -259,6 +259,22 @@ def test_rows_in_one_json_of_a_recording(tmp_path: Path) -> None:
         np.testing.assert_allclose(one.force[:, 2], np.arange(20) / 10, atol=1e-6)
 
 
+def test_what_one_file_says_of_all_recordings(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        for n in range(20):
+            image(tmp_path / f"{side}/{n:04d}.png", 90 + n)
+    about = {"sensor": "digit", "object": "{mug}", "fps": 50, "lens": {"f": 2}}
+    (tmp_path / "meta.json").write_text(json.dumps(about))
+    table(tmp_path / "forces.csv", "t,fz", (f"{n / 100},{n / 50}" for n in range(40)))
+    found, guess = read(tmp_path)
+    assert len(found) == 2
+    for one in found.values():
+        assert (one.sensor, one.object) == ("digit", "{mug}")
+        np.testing.assert_allclose(one.times, np.arange(20) / 50, atol=1e-6)
+        np.testing.assert_allclose(one.force[:, 2], 2 * one.times, atol=1e-6)
+    assert "fps: 50.0, by meta.json" in guess.doubts
+
+
 def test_arrays_beside_each_other(tmp_path: Path) -> None:
     pixels = RNG.integers(0, 256, (20, *SIZE), np.uint8)
     forces = np.stack([np.zeros(20), np.ones(20), np.arange(20) / 10], 1)
