@@ -22,6 +22,7 @@ from tactileforge.reading.guessed_tables import (
     families,
     guess_force,
     guess_labels,
+    guess_shared,
     guess_times,
     is_for_all,
     left_out,
@@ -118,11 +119,19 @@ def _layout(
     layout = _frames(root, media, files, doubts)
     layout |= _sensor(root, folder, media, doubts)
     units = _units(root, media, layout)
-    tables = [path for path in _of(files, _TABLES) if path not in set(media)]
+    frames = {*media}
+    tables = [path for path in _of(files, _TABLES) if path not in frames]
     own = folder and [path for path in tables if folder in path.relative_to(root).parts]
     found = families(
         [*own, *[path for path in tables if path not in own]] if own else tables, units
     )
+    told: list[str] = []
+    shared, of_shared = guess_shared(found, units, "fps" in layout, told)
+    if shared:
+        doubts[:] = [line for line in doubts if line.partition(":")[0] not in shared]
+        doubts += told
+        layout |= shared
+        units = _units(root, media, layout)
     times, is_dated = guess_times(found, units, doubts)
     units = replace(units, is_dated=is_dated)
     force, of_force = guess_force(found, units, doubts)
@@ -142,7 +151,7 @@ def _layout(
     read |= {
         path
         for family in found
-        if family in (*of_force, *of_labels) or family.template in used
+        if family in (*of_force, *of_labels, *of_shared) or family.template in used
         for path in family.files
     }
     return layout

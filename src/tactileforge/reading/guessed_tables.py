@@ -45,6 +45,7 @@ _TIME_UNIT = re.compile(r"[_ (\[]([mun]s)[)\]]?$")
 _FRAME = re.compile(r"frame(?:_?(?:i?d?x?|number|no|count))?|index")
 _OBJECT = re.compile(r"object(?:_name)?|label|class|name|material|item")
 _SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
+_FPS = re.compile(r"(?:camera[_.])?(?:fps|frame_?rate|frames_per_second|rate_hz|hz)")
 _TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
 #: Stems of arrays by what they hold: an array has no headers.
 _FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|wrench(?:es)?|ft|fxyz|f)")
@@ -146,6 +147,8 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
             family.rows = [cells for _, cells in read_cells(path, [])]
         except TactileForgeError:  # the reader names it, once it is told to read it
             continue
+        if family.key:  # others may lie beside those of images
+            family.rows = [row for row in family.rows if row[FILE_COLUMN] in names]
         if not family.rows:
             continue
         family.key = family.key or _key(family.rows, names)
@@ -435,6 +438,46 @@ def guess_labels(
     named = " and ".join(name for name in keys if name != "labels")
     doubts.append(f"labels: {named} by {family.template}")
     return keys, [family]
+
+
+def guess_shared(
+    found: Sequence[Family], units: Units, is_assumed: bool, doubts: list[str]
+) -> tuple[dict[str, Any], list[Family]]:
+    """Guess what a file of one row says of all recordings, and the rate of their frames.
+
+    Args:
+        found: Families of tables.
+        units: The recordings.
+        is_assumed: Whether the frames have no other rate.
+        doubts: Lines, added to.
+    """
+    given: dict[str, Any] = {}
+    used = []
+    for family in found:
+        if len(family.rows) > 1 or family.key or family.files[0].suffix.lower() == ".npy":
+            continue
+        (row,) = family.rows
+        said: dict[str, Any] = {}
+        column = family.column(_FPS)
+        if is_assumed and column and (fps := _number(row[column])) > 0:
+            said["fps"] = fps
+        if not family.is_own and family.files[0].suffix.lower() in RECORDS:
+            for name, pattern in (("sensor", _SENSOR), ("object", _OBJECT), ("text", _TEXT)):
+                column = family.column(pattern)
+                if column and row[column] and (name != "sensor" or _is_sensor(row[column])):
+                    said[name] = row[column].replace("{", "{{").replace("}", "}}")
+        if said:
+            doubts += [f"{name}: {value}, by {family.template}" for name, value in said.items()]
+            used.append(family)
+            given = said | given
+    return given, used
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return 0.0
 
 
 def _is_sensor(name: str) -> bool:

@@ -16,6 +16,7 @@ import numpy as np
 from tactileforge.data.frames.stacks import load_array
 from tactileforge.errors import DataError
 from tactileforge.reading.files import read_text
+from tactileforge.reading.order import name_keys
 from tactileforge.util.untrusted import load_json, load_yaml
 
 #: Endings of tables that are read here.
@@ -111,7 +112,8 @@ def read_many(pattern: Path) -> list[tuple[str, dict[str, str]]]:
         DataError: A file is damaged, or no row of a table.
     """
     rows = []
-    for path in sorted(pattern.parent.glob(pattern.name)):
+    keys = name_keys(pattern.parent.glob(pattern.name))
+    for path in sorted(keys, key=lambda path: keys[path]):
         for where, cells in read_records(path):
             rows.append((where, {FILE_COLUMN: path.stem} | cells))
     return _filled(rows)
