@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 
 import cv2
 import h5py
@@ -572,3 +573,34 @@ def test_a_zip_of_zarr(tmp_path):
     assert len(found) == 4
     one = found["replay_buffer/000001/tactile_right"]
     np.testing.assert_array_equal(pixels(one), arrays["data/tactile_right"][12:])
+
+
+@pytest.mark.parametrize("name", ["force_{}", "f{}", "F{}", "force_{}_mN"])
+def test_forces_of_an_array_an_axis(name, tmp_path):
+    force = np.random.default_rng(1).normal(0, 1, (9, 3)).astype("f4")
+    arrays = {f"data/{name.format(axis)}": force[:, i] for i, axis in enumerate("xyz")}
+    write_hdf5(tmp_path / "a.h5", {**arrays, "data/digit": pictures(9, 24, 32, 3)})
+    (one,) = read(tmp_path)[0].values()
+    newton = 1e-3 if "mN" in name else 1.0
+    np.testing.assert_array_equal(one.force, (force.astype("f8") * newton).astype("f4"))
+
+
+@pytest.mark.slow
+def test_the_words_of_an_error_work_as_typed(tmp_path, capsys):
+    """Both the key and the map that an error offers, through a shell."""
+    (tmp_path / "lab").mkdir()
+    robomimic(tmp_path / "lab/demo.hdf5")
+    with h5py.File(tmp_path / "lab/demo.hdf5", "r+") as file:
+        for demo in file["data"].values():
+            for side in ("left", "right"):
+                demo[f"obs/view_{side}"] = demo.pop(f"obs/tactile_{side}_image")[:]
+    with pytest.raises(DataError) as error:
+        Episodes.recognise(tmp_path / "lab")
+    words = shlex.split(str(error.value).partition("Say which is touch: ")[2])
+    typed = [word.rstrip(";") for word in words if word.startswith("data")]
+    names = [word.partition("=")[0] for word in typed]
+    assert names == ["data", "data.root", "data.touch", "data.map"]
+    for last in typed[2:]:
+        out = tmp_path / "page.html"
+        assert cli.run(["data", "inspect", *typed[:2], last, f"out={out}"]) == 0, last
+        assert "3 recordings" in capsys.readouterr().out

@@ -32,7 +32,7 @@ _TIMES = {"time", "times", "timestamp", "timestamps", "stamp", "stamps", "t", "c
 _NO_TIMES = {"delta", "dt", "duration", "exposure", "remaining", "step", "steps"}
 _FORCES = {
     *("force", "forces", "ft", "fts", "wrench", "wrenches", "loadcell", "forcetorque", "netft"),
-    *("fz", "fxyz"),
+    *("fx", "fy", "fz", "fxyz"),
 }
 #: Words of forces of the robot, which are none on the gel.
 _ROBOT = {
@@ -170,6 +170,7 @@ class MapGuess:
             look = self.looks[key]
             if look.facts.rows != rows:
                 self.doubts.append(f"left out: {look}, where other touch has {rows} rows")
+                self._used.add(key)
                 continue
             shape = self.pictures.get(key) or {}
             if key not in self.pictures:
@@ -341,40 +342,43 @@ class MapGuess:
         found = [
             look
             for look in self.looks.values()
-            if look.has(_FORCES) and look.is_numbers and look.facts.rows == self.rows
-            if look.key not in self._used and look.width[-1:] in ((), (1,), (3,), (6,))
+            if (look.has(_FORCES) or look.words[-1:] == ("f",)) and look.is_numbers
+            if look.facts.rows == self.rows and look.key not in self._used
+            if look.width[-1:] in ((), (1,), (3,), (6,))
         ]
+        axes = _axes_of([look.key for look in found if look.width in ((), (1,))])
+        given: set[str] = set()
         for key, entry in entries.items():
             robot = _ROBOT - {*self.looks[key].words}
-            fits = [
-                look
+            fits = {
+                axes.get(look.key, look.key): look
                 for look in found
                 if self._whose(look, entries) == [key] and not look.has(robot)
                 if look.width[:-1] == (self.looks[key].width[:1] if entry.get("pads") else ())
-            ]
+            }
             if len(fits) > 1:
-                names = " or ".join(look.key for look in fits)
+                names = " or ".join(fits)
                 self.doubts.append(f"force: of {key} it may be {names}, so they are tracks alone")
             if len(fits) != 1:
                 continue
-            (look,) = fits
-            unit = named_unit(look.key.rpartition("/")[2]) or "N"
+            ((name, look),) = fits.items()
+            unit = named_unit(name.rpartition("/")[2].replace("{axis}", "z")) or "N"
             if unit not in NEWTONS:
-                self.doubts.append(f"force: {look.key} is in {unit} by its name, so it is a track")
+                self.doubts.append(f"force: {name} is in {unit} by its name, so it is a track")
                 continue
-            columns = [0, 1, 2] if look.width[-1:] in ((3,), (6,)) else [None, None, 0]
-            entry["force"] = {"key": f"{look.key}?", "columns": columns}
+            whole = look.width[-1:] in ((3,), (6,)) or "{axis}" in name
+            entry["force"] = {"key": f"{name}?", "columns": [0, 1, 2] if whole else [None, None, 0]}
             entry["force"] |= {} if unit == "N" else {"unit": unit}
-            if look.width[-1:] != (6,):  # torques are a track
-                self._used.add(look.key)
+            given |= {one.key for one in found if axes.get(one.key, one.key) == name}
             self.doubts.append(
-                f"force: {look.key} is taken for that on {key}, in {unit}, x right, y down, z into "
-                "the gel, pressing positive"
+                f"force: {name} is taken for that on {key}, in {unit}, x right, y down, z into the "
+                "gel, pressing positive"
             )
-        forces = {entry["force"]["key"][:-1] for entry in entries.values() if "force" in entry}
         for look in found:
-            if look.key not in forces:
+            if look.key not in given:
                 self.doubts.append(f"force: {look.key} is a track, as it is not of one touch alone")
+        # torques are a track
+        self._used |= {key for key in given if self.looks[key].width[-1:] != (6,)}
 
     def _camera(self) -> dict[str, Any]:
         views = [
@@ -448,11 +452,11 @@ class MapGuess:
         """Error that lists the arrays, with what is to be typed."""
         shown = next(iter(self.pictures), "KEY")
         within = f"within: {self.within!r}, " if self.within else ""
+        filled = f"{{about: mine, {within}touch: [{{key: {shown!r}, sensor: digit}}], fps: 30}}"
         return DataError(
             f"{self.name}: {why}. It has {listed(self.looks.values(), self.within)}. Say which is "
             f"touch: data=episodes data.root={self.root} 'data.touch=[{shown}]'; or fill in a map: "
-            f"'data.map={{about: mine, {within}touch: [{{key: {shown!r}, sensor: digit}}], fps: "
-            "30}' (docs/episodes.md)"
+            f'"data.map={filled}" (docs/episodes.md)'
         )
 
 
@@ -467,6 +471,20 @@ def listed(looks: Iterable[Look], within: str = "") -> str:
     more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
     where = f" in each {within}" if within else ""
     return (", ".join(map(str, found[:_NAMED])) or "no arrays") + more + where
+
+
+def _axes_of(keys: Sequence[str]) -> dict[str, str]:
+    """Keys of forces along x, y and z, by arrays of each, with the one that stands for all.
+
+    Example:
+        >>> sorted(_axes_of(["data/fx", "data/fy", "data/fz"]).items())[0]
+        ('data/fx', 'data/f{axis}')
+    """
+    found: dict[str, dict[str, str]] = {}
+    for key in keys:
+        if fits := re.fullmatch(r"(.*(?:[Ff]|[Ff]orces?_?|ft_|[Ww]rench_))([xyz])((?:_\w+)?)", key):
+            found.setdefault(f"{fits[1]}{{axis}}{fits[3]}", {})[fits[2]] = key
+    return {key: name for name, axes in found.items() if len(axes) == 3 for key in axes.values()}
 
 
 def _is_rate(value: Any) -> bool:

@@ -107,7 +107,7 @@ class ForceKeys:
     """Force on a touch.
 
     Attributes:
-        key: Path of the array.
+        key: Path of the array; with ``{axis}`` for x, y and z, those of an array each.
         columns: Columns x, y and z; null where an axis is not measured.
         unit: Unit of the values, such as ``N``, ``kgf`` or ``lbf``; null for newton, unless the key
             says another.

@@ -16,7 +16,7 @@ from tactileforge.specs import spec
 from tactileforge_episodes.clock import episodes_of, rate_of, times_of
 from tactileforge_episodes.forces import read_force
 from tactileforge_episodes.frames import Reference, open_pictures
-from tactileforge_episodes.map_keys import EpisodeMap, Keys, PictureKeys
+from tactileforge_episodes.map_keys import EpisodeMap, ForceKeys, Keys, PictureKeys
 from tactileforge_episodes.names import fill, placeholders
 from tactileforge_episodes.reading import Reading
 from tactileforge_episodes.refs import ArrayRef, Readable, Track, Tracks
@@ -251,6 +251,8 @@ class EpisodeFile:
     def _force(self, touch: Touch, rows: range) -> tuple[NDArray[np.float32] | None, Track | None]:
         """Force as a label, or, of another frame than the gel's, as a track."""
         about = touch.keys.force
+        if about is not None and "axis" in placeholders(str(about.key)):
+            return self._by_axis(about, touch, rows), None
         ref = None if about is None else self.arrays.find(about.key, touch.values)
         if about is None or ref is None or ref == touch.ref:
             return None, None
@@ -265,6 +267,22 @@ class EpisodeFile:
         if about.sign[2] == "mean":
             force[:, 2] *= self.reading.signs.get(touch.entry, 1.0)
         return force, None
+
+    def _by_axis(self, about: ForceKeys, touch: Touch, rows: range) -> NDArray[np.float32] | None:
+        """Force whose axes are arrays of their own."""
+        found = [self.arrays.find(about.key, {**touch.values, "axis": axis}) for axis in "xyz"]
+        if not any(found):
+            return None
+        force = np.full((len(rows), 3), np.nan, np.float32)
+        for axis, ref in enumerate(found):
+            if ref is not None:
+                self._same_rows(ref, self.rows)
+                x, y, z = (0 if one == axis else None for one in range(3))
+                only = replace(about, columns=(x, y, z))
+                force[:, axis] = read_force(ref, only, rows, touch.pad, self.keys.limit)[:, axis]
+                if lost := self._lost(ref, rows, "so no force is known there"):
+                    force[np.asarray(lost) - rows.start, axis] = np.nan
+        return force
 
     def _tracks(
         self, name: str, key: Keys, values: Mapping[str, str], rows: range, pad: int | None
