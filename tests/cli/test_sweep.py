@@ -1,5 +1,6 @@
 """Sweeps: folders of jobs, continued sweeps, jobs in processes of their own."""
 
+import csv
 import json
 import math
 import subprocess
@@ -12,7 +13,14 @@ from omegaconf import OmegaConf
 
 from tactileforge import cli
 from tactileforge.cli import _job
-from tactileforge.cli._sweep import JOB, SweepTable, ended, job_folder, stopped_sweep
+from tactileforge.cli._sweep import (
+    JOB,
+    SweepTable,
+    _gather,
+    ended,
+    job_folder,
+    stopped_sweep,
+)
 from tactileforge.errors import TactileForgeError
 from tactileforge.runs.folder import LAST
 
@@ -84,6 +92,41 @@ def job(
     trainer = {"devices": devices, "accelerator": "cpu", "num_nodes": 1}
     config = {"trainer": trainer, "objective": {"pixel": {}}, "optimized_metric": None}
     return _job.run_job(folder, config, list(words), [], train)
+
+
+def gathered(*jobs: tuple[str, float]) -> list[list[str]]:
+    """The table of jobs, by their words and results."""
+    for number, (words, metric) in enumerate(jobs):
+        folder = Path("s") / job_folder("s", number, words.split())
+        (folder / JOB).write_text(json.dumps({"words": words.split(), "metric": metric}))
+    return _gather(OmegaConf.create({"optimized_metric": "val/force"}), Path("s"))
+
+
+def test_the_table_has_mean_and_deviation_over_the_seeds_of_a_configuration() -> None:
+    lines = gathered(
+        *(("optim.lr=1 seed=0", 4.0), ("optim.lr=1 seed=1", 6.0)),
+        *(("optim.lr=2 seed=0", 1.0), ("optim.lr=2 seed=1", 2.0), ("optim.lr=2 seed=2", math.nan)),
+        ("optim.lr=3 seed=0", 3.0),
+    )
+    assert lines == [
+        ["job", "optim.lr", "seed", "val/force", "seeds", "mean", "deviation"],
+        ["2", "2", "0", "1", "2", "1.5", "0.70711"],
+        ["3", "2", "1", "2", "2", "1.5", "0.70711"],
+        ["5", "3", "0", "3", "1", "3", ""],
+        ["0", "1", "0", "4", "2", "5", "1.4142"],
+        ["1", "1", "1", "6", "2", "5", "1.4142"],
+        ["4", "2", "2", "nan", "2", "1.5", "0.70711"],
+    ]
+    with Path("s/sweep.csv").open() as file:
+        assert list(csv.reader(file)) == lines
+    page = Path("s/sweep.html").read_text()
+    means = [page.index(f">{mean}<") for mean in ("1.5", "3", "5")]
+    assert "By configuration, over seeds" in page
+    assert means == sorted(means), "the best configuration first"
+
+
+def test_the_table_of_a_sweep_without_seeds_has_none_of_their_columns() -> None:
+    assert gathered(("a=1", 4.0), ("a=2", 3.0))[0] == ["job", "a", "val/force"]
 
 
 def test_a_job_that_has_ended_is_taken(caplog: pytest.LogCaptureFixture) -> None:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 import torch
+from tactileforge_bench.fit.models import model_entry
+from tactileforge_export import export
 
 import tactileforge
 from tactileforge.api import train
@@ -92,6 +94,27 @@ def test_the_best_weights_of_a_run_are_loaded(run: Path, tmp_path: Path) -> None
             torch.equal(found[key], x + 1 if x.is_floating_point() else x)
             for key, x in first.items()
         )
+    # and where commands take a run: zoo pack, init= of a new run, bench and export
+    assert main(["pack", f"run:{copy}@best", "--out", str(tmp_path / "best.safetensors")]) == 0
+    new = tmp_path / "new"
+    small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]
+    words = ["scale=demo", "debug=steps", "objective=[pixel]", "trainer.max_steps=1", *small]
+    train(compose("anytouch2", [*words, "optim.lr=0", f"init={copy}@best"]), new)
+    export(f"run:{copy}@best", tmp_path / "best.pt2", format="torch_export", size=(32, 32))
+    exported = torch.export.load(tmp_path / "best.pt2").state_dict
+    states = {
+        "pack": tactileforge.load(tmp_path / "best.safetensors").encoder.state_dict(),
+        "init": tactileforge.load(f"run:{new}").encoder.state_dict(),
+        "bench": model_entry(f"run:{copy}@best").open[0]().encoder.state_dict(),
+        "export": {key.removeprefix("encoder."): value for key, value in exported.items()},
+    }
+    weight = next(key for key, x in first.items() if x.is_floating_point() and x.ndim > 1)
+    for name, state in states.items():
+        assert torch.allclose(state[weight], first[weight] + 1), name
+    best.unlink()
+    for word in (f"init={copy}@best", f"init=run:{copy}@best"):
+        with pytest.raises(DataNotFoundError, match=r"no best weights; train with trainer\.keep_"):
+            train(compose("anytouch2", [*words, word]), tmp_path / "other")
 
 
 @pytest.mark.slow

@@ -11,10 +11,12 @@ SHIPPED = sorted(
     for one in registry.list_plugins()
     if one.kind in (*registry.KINDS, *registry.MODULES) and is_ours(one.distribution)
 )
-#: Options that make a data set small enough for a test.
+#: Options that make data and networks small enough for a test.
 SMALL = {
     ("dataset", "sim"): ("scenes=3", "val=1", "size=32", "indenters=few", "sensors=[digit]"),
     ("dataset", "sim_array"): ("scenes=2", "val=1"),
+    ("encoder", "plain_vit"): ("size=tiny", "depth=2"),
+    ("encoder", "tactile_vit"): ("size=tiny", "depth=2"),
 }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tactileforge import cli
+from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.pages.drawings import Drawing, collected_drawings
 from tactileforge.pages.figures import curve_figure
@@ -130,6 +131,18 @@ def test_wandb_gets_configuration_and_figures(
     assert fake.started["resume"] == "allow"
     assert fake.config == {"seed": 3, "optim": {"lr": 0.1}}
     assert fake.rows[-1]["report/pixel loss"][0] is drawing.pixels
+
+
+def test_wandb_without_a_key_says_how_to_log_offline(tmp_path: Path) -> None:
+    class UsageError(Exception):
+        """As of wandb.errors."""
+
+    class NoKey(MetricsFile):
+        def log_hyperparams(self, *_: Any, **__: Any) -> None:
+            raise UsageError("No API key configured.\nUse `wandb login` to log in")
+
+    with pytest.raises(ConfigError, match=r"^logger=wandb: No API key .* WANDB_MODE=offline: it"):
+        log_config([NoKey(tmp_path)], {"seed": 3}, tmp_path)
 
 
 class FakeMlflow:

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from waiting import wait_until
@@ -54,6 +55,47 @@ def test_a_child_ends_with_its_parent_however_that_ends() -> None:
         assert _runs(child)
         parent.send_signal(signal.SIGKILL)
         wait_until(lambda: not _runs(child), 60)
+
+
+#: Two workers of a forkserver, as a training with several processes reads with.
+WORKERS = """
+import multiprocessing, os, time
+from tactileforge.data.batches.loader import start_worker
+
+def work(said):
+    start_worker(0)
+    said.put(os.getpid())
+    while True: time.sleep(1)
+
+if __name__ == "__main__":
+    context = multiprocessing.get_context("forkserver")
+    said = context.Queue()
+    for _ in range(2):
+        context.Process(target=work, args=(said,), daemon=True).start()
+    print(said.get(), said.get(), flush=True)
+    time.sleep(600)
+"""
+
+
+@pytest.mark.slow
+def test_workers_of_a_forkserver_end_with_the_process_that_is_killed(tmp_path: Path) -> None:
+    """And the forkserver, which waits for them, after them."""
+    (tmp_path / "main.py").write_text(WORKERS)
+    with subprocess.Popen(
+        [sys.executable, "main.py"], cwd=tmp_path, stdout=subprocess.PIPE
+    ) as parent:
+        assert parent.stdout is not None
+        workers = [int(word) for word in parent.stdout.readline().split()]
+        assert len(workers) == 2
+        left = [*workers, _parent(workers[0])]
+        assert all(map(_runs, left))
+        parent.send_signal(signal.SIGKILL)
+        wait_until(lambda: not any(map(_runs, left)), 60)
+
+
+def _parent(process: int) -> int:
+    with open(f"/proc/{process}/stat") as file:
+        return int(file.read().rpartition(")")[2].split()[1])
 
 
 def _runs(process: int) -> bool:

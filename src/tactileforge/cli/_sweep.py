@@ -10,6 +10,7 @@ import csv
 import json
 import math
 import re
+import statistics
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -25,8 +26,8 @@ from tactileforge.runs.folder import LOCK, is_claimed
 from tactileforge.util.files import write_text
 from tactileforge.util.locks import locked
 
-#: Record of one job, in its folder; table of all jobs, in the folder of the sweep.
-JOB, TABLE = "sweep.json", "sweep.csv"
+#: Record of one job, in its folder; table and page of all jobs, in the folder of the sweep.
+JOB, TABLE, PAGE = "sweep.json", "sweep.csv", "sweep.html"
 #: Record of the sweep: its words, and whether all its jobs have ended.
 _SWEEP = ".sweep.json"
 #: Lock held while a job chooses its folder.
@@ -144,27 +145,70 @@ class SweepTable(Callback):
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         for line in table:
             print("  ".join(map(str.ljust, line, widths)).rstrip())
-        print(f"sweep: {folder / TABLE}")
+        print(f"sweep: {folder / TABLE}, {folder / PAGE}")
 
 
 def _gather(config: DictConfig, folder: Path) -> list[list[str]]:
-    """Writes the table of the ended jobs: a head and one row each; returns [] for none."""
+    """Writes table and page of the ended jobs: a head and one row each; returns [] for none.
+
+    Where seeds differ, each row also has the mean and deviation over the seeds of its settings.
+    """
     found = _records(folder)
     rows = [{"job": path.parent.name, **row} for path, row in found if "metric" in row]
     if not rows:
         return []
     said = [dict(word.partition("=")[::2] for word in row["words"]) for row in rows]
     keys = [key for key in said[0] if len({str(words.get(key)) for words in said}) > 1]
-    head = ["job", *keys, config.get("optimized_metric") or "loss"]
-    body = []
+    measure = config.get("optimized_metric") or "loss"
+    head, body, settings = ["job", *keys, measure], [], {}
     for row, words in sorted(zip(rows, said, strict=True), key=_order):
-        metric = row["metric"]
-        number = f"{metric:.5g}" if isinstance(metric, int | float) else ""
-        body.append([str(row["job"]), *(words.get(key, "") for key in keys), number])
+        body.append([str(row["job"]), *(words.get(key, "") for key in keys), _text(row["metric"])])
+        setting = tuple(words.get(key, "") for key in keys if key != "seed")
+        settings.setdefault(setting, []).append((body[-1], row["metric"]))
+    seeded = "seed" in keys
+    if seeded:  # of the jobs that differ by their seeds alone
+        head += ["seeds", "mean", "deviation"]
+        for jobs in settings.values():
+            for line, _ in jobs:
+                line += _spread([metric for _, metric in jobs])
     text = StringIO(newline="")
     csv.writer(text).writerows([head, *body])
     write_text(folder / TABLE, text.getvalue())
+    tables = [("jobs", "Jobs", head, body)]
+    if seeded:
+        rest = [key for key in keys if key != "seed"] or ["configuration"]
+        grouped = [
+            [*(setting or ["all jobs"]), *_spread([metric for _, metric in jobs])]
+            for setting, jobs in settings.items()
+        ]
+        grouped.sort(key=lambda line: float(line[-2] or "inf"))
+        told = [*rest, "seeds", f"mean of {measure}", "deviation"]
+        tables.insert(0, ("seeds", "By configuration, over seeds", told, grouped))
+    _page(folder, tables)
     return [head, *body]
+
+
+def _text(metric: Any) -> str:
+    return f"{metric:.5g}" if isinstance(metric, int | float) else ""
+
+
+def _spread(metrics: Sequence[Any]) -> list[str]:
+    """Number of seeds with a finite result, their mean, and their sample deviation."""
+    known = [float(m) for m in metrics if isinstance(m, int | float) and math.isfinite(m)]
+    mean = _text(statistics.fmean(known)) if known else ""
+    return [str(len(known)), mean, _text(statistics.stdev(known)) if len(known) > 1 else ""]
+
+
+def _page(folder: Path, tables: Sequence[tuple[str, str, list[str], list[list[str]]]]) -> None:
+    """Writes the tables as a page."""
+    from tactileforge.pages import Section, facts, html_page, table
+
+    sections = [
+        Section(name, title, table(f"table-{name}", head, rows))
+        for name, title, head, rows in tables
+    ]
+    about = {"Folder": str(folder), "Jobs that have ended": str(len(tables[-1][3]))}
+    write_text(folder / PAGE, html_page(f"Sweep {folder.name}", facts(about), sections))
 
 
 def _order(pair: tuple[dict[str, Any], dict[str, str]]) -> tuple[float, int, str]:

@@ -14,6 +14,7 @@ from tactileforge.hub import cards, gates, store
 from tactileforge.hub.header import read_header
 from tactileforge.hub.table import describe_clip, gate_rows, zoo_page
 from tactileforge.pages.text_tables import align_columns
+from tactileforge.runs.folder import split_best
 from tactileforge.util.files import sha256
 from tactileforge.util.licences import NO_LICENCE
 
@@ -65,7 +66,7 @@ class _Pack:
     """A run's encoder as one file.
 
     Attributes:
-        run: Folder of the run.
+        run: Folder of the run; RUN@best for its best weights.
         out: The file; None for model.safetensors in the run.
         dtype: Type of the stored weights: float32 or float16.
         name: Name of the model.
@@ -220,7 +221,7 @@ def _pack(keys: _Pack, _: dict[str, Any]) -> None:
     from tactileforge.hub.pack import pack_run
 
     given: dict[str, Any] = {**vars(keys)}
-    run, benches = Path(given.pop("run")), given.pop("gate").split(",")
+    run, benches = Path(given.pop("run").removeprefix("run:")), given.pop("gate").split(",")
     path = pack_run(run, **given)
     if any(benches):
         folders = [Path(word) for word in benches if word]
@@ -257,7 +258,8 @@ def _card(model: str) -> Path:
 
 def _packed(keys: _Pack) -> Path | str | None:
     """Path of the written file; None if the folder of the run does not exist."""
-    return keys.out or (Path(keys.run) / "model.safetensors" if Path(keys.run).is_dir() else None)
+    folder = split_best(Path(keys.run.removeprefix("run:")))[0]
+    return keys.out or (folder / "model.safetensors" if folder.is_dir() else None)
 
 
 COMMANDS = {

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Literal
 
 from tactileforge.hub import files
-from tactileforge.hub.runs import read_run, split_best
+from tactileforge.hub.runs import read_run
+from tactileforge.runs.folder import split_best
 from tactileforge.util.licences import NO_LICENCE, check_licence
 
 
@@ -24,7 +25,8 @@ def pack_run(
     `runs.read_run` says which encoder and which heads.
 
     Args:
-        run: Folder of the run: its ``config.yaml`` and last checkpoint are read.
+        run: Folder of the run: its ``config.yaml`` and last checkpoint are read, or with
+            ``@best`` behind it the best one.
         out: The file; None for ``model.safetensors`` in the run.
         dtype: Type in which numbers are kept.
         name: Name of the model.
@@ -41,7 +43,7 @@ def pack_run(
         ConfigError: The licence is none; see also `files.save_checkpoint` and `runs.read_run`.
     """
     check_licence("licence", licence)
-    run = Path(run)
+    run = Path(str(run).removeprefix("run:"))
     path = Path(out) if out is not None else split_best(run)[0] / "model.safetensors"
     built, heads, header = read_run(run, name=name, licence=licence, encoder=encoder)
     files.save_checkpoint(path, built, header, dtype, heads)

@@ -10,14 +10,15 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.hub import files
 from tactileforge.hub.aligned import ALIGN, aligned_head
 from tactileforge.hub.header import Header
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 from tactileforge.plugins import registry
 from tactileforge.runs import folder as run_folder
-from tactileforge.runs.checkpoint_file import read_own
+from tactileforge.runs.checkpoint_file import find_checkpoint, read_own
+from tactileforge.runs.folder import split_best
 from tactileforge.specs.published import spec
 from tactileforge.util.licences import NO_LICENCE
 from tactileforge.util.provenance import commit
@@ -56,7 +57,7 @@ def read_run(
         DataError: Checkpoint and configuration do not fit.
         ConfigError: No EMA of the encoder, or several.
     """
-    run, best = split_best(run)
+    place, (run, _) = run, split_best(run)
     config = _config(run)
     kept = run_folder.read_versions(run)
     if (known := config["encoder"].get("sensors")) and (trained := kept.get("sensors")):
@@ -65,12 +66,7 @@ def read_run(
     # its weights are those of the checkpoint: no others are read or fetched
     config["encoder"] = registry.without_start("encoders", config["encoder"])
     # popped: the recipe in a header is not this run
-    place = run / run_folder.BEST if best else run
-    if best and not place.is_file():
-        raise DataNotFoundError(
-            f"{place}: the run kept no best weights; train with trainer.keep_best"
-        )
-    checkpoint = read_own(place, config.pop("run", None), ("global_step",))
+    checkpoint = read_own(find_checkpoint(place), config.pop("run", None), ("global_step",))
     kind, state = _choose(checkpoint["state_dict"], encoder, run)
     with torch.random.fork_rng(devices=[]):  # the numbers drawn here are replaced
         built = registry.build("encoders", config["encoder"])
@@ -98,13 +94,6 @@ def read_run(
     for module in (built, *heads.values()):
         module.requires_grad_(False).eval()
     return built, heads, header
-
-
-def split_best(run: Path) -> tuple[Path, bool]:
-    """The folder of ``RUN`` or ``RUN@best``, and whether its best weights are meant."""
-    if run.name.endswith("@best") and not run.exists():
-        return run.with_name(run.name.removesuffix("@best")), True
-    return run, False
 
 
 def open_run(

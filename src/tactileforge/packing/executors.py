@@ -8,7 +8,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
-import threading
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -20,7 +19,7 @@ import cv2
 
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.packing.work import ShardJob, ShardNote, make_shard, packed_job, run_packed
-from tactileforge.util.processes import process_count
+from tactileforge.util.processes import end_worker_with_main, process_count
 from tactileforge.util.signals import leave_to_parent, signals_held
 
 #: Callback with the number of a job and the number of its finished frames.
@@ -123,16 +122,7 @@ def _prepare(done: Any) -> None:
     _done = done
     leave_to_parent()
     cv2.setNumThreads(1)  # there is a process for each core already
-    # a parent killed by signal 9 cannot tell its children; multiprocessing's own daemon flag only
-    # works at a regular exit
-    threading.Thread(target=_follow, daemon=True).start()
-
-
-def _follow() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
+    end_worker_with_main()
 
 
 def _work(job: bytes) -> ShardNote:

@@ -13,7 +13,7 @@ import torch
 from torch import nn
 
 from tactileforge.errors import ConfigError, DataNotFoundError
-from tactileforge.runs.folder import LAST
+from tactileforge.runs.folder import BEST, LAST, split_best
 
 #: A checkpoint is a zip file; its comment is this word and the SHA-256 of all bytes before. Without
 #: it, torch.load took 298 of 300 files of 2 MB with one flipped bit (`mmap=True`, torch 2.13); in a
@@ -38,13 +38,19 @@ _END, _END_BYTES = b"PK\x05\x06", 22
 
 
 def find_checkpoint(path: str | Path) -> Path:
-    """Finds the checkpoint of a run folder, or returns the file itself.
+    """Finds the checkpoint of a run folder, ``RUN`` or ``RUN@best``, or returns the file itself.
 
     Raises:
         DataNotFoundError: No checkpoint is there; states the fix.
     """
-    path = Path(path)
+    path, best = split_best(Path(path))
     file = path / LAST if path.is_dir() else path
+    if best and path.is_dir():
+        file = path / BEST
+        if not file.is_file():
+            raise DataNotFoundError(
+                f"{file}: the run kept no best weights; train with trainer.keep_best"
+            )
     if not file.is_file():
         raise DataNotFoundError(f"no checkpoint at {file}; give the folder of a run, or its file")
     return file

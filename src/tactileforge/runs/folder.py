@@ -47,9 +47,22 @@ def with_photographs(init: str) -> tuple[str, bool]:
     return init.removeprefix("run:").removesuffix(f"+{IMAGENET}"), init.endswith(f"+{IMAGENET}")
 
 
+def split_best(run: Path) -> tuple[Path, bool]:
+    """The folder of ``RUN`` or ``RUN@best``, and whether its best weights are meant.
+
+    Example:
+        >>> split_best(Path("runs/mine@best"))[1]
+        True
+    """
+    if run.name.endswith("@best") and not run.exists():
+        return run.with_name(run.name.removesuffix("@best")), True
+    return run, False
+
+
 def is_run(init: str) -> bool:
     """Whether ``init=`` names a run or a checkpoint of one, not a model of the zoo or a file."""
-    return not init.startswith("file:") and ("/" in init or Path(init).exists())
+    place = split_best(Path(init))[0]
+    return not init.startswith("file:") and ("/" in init or place.exists())
 
 
 def identity() -> str:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from lightning.pytorch.loggers import Logger
 from lightning.pytorch.utilities import rank_zero_only
 
+from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import METRICS, metric_rows
 from tactileforge.pages.drawings import Drawing
 from tactileforge.util.files import write_text
@@ -113,17 +115,37 @@ def build_loggers(
 
 @rank_zero_only
 def log_config(loggers: Iterable[Logger], config: Mapping[str, Any], folder: Path) -> None:
-    """Gives the resolved configuration to every logger, flat by key and whole as YAML."""
+    """Gives the resolved configuration to every logger, flat by key and whole as YAML.
+
+    Raises:
+        ConfigError: Weights & Biases has no key, and is not offline.
+    """
     from lightning.pytorch.loggers import MLFlowLogger, TensorBoardLogger
 
     for logger in loggers:
-        logger.log_hyperparams(dict(config))
+        with _wandb_explained():
+            logger.log_hyperparams(dict(config))  # the first call of a logger, which starts it
         if isinstance(logger, TensorBoardLogger):
             text = "".join(f"    {line}\n" for line in dump_yaml(dict(config)).splitlines())
             logger.experiment.add_text("config", text)
         elif isinstance(logger, MLFlowLogger):
             write_text(folder / MLFLOW_RUN, str(logger.run_id))
             logger.experiment.log_dict(logger.run_id, dict(config), "config.yaml")
+
+
+@contextmanager
+def _wandb_explained() -> Iterator[None]:
+    """Says how to go on without a key of Weights & Biases."""
+    try:
+        yield
+    except Exception as error:
+        # wandb is not imported for its classes of errors: it may not be installed
+        if type(error).__name__ not in ("UsageError", "AuthenticationError", "CommError"):
+            raise
+        raise ConfigError(
+            f"logger=wandb: {' '.join(str(error).split())}. Without a key (WANDB_API_KEY=, wandb "
+            "login) set WANDB_MODE=offline: it logs into the run's folder, and wandb sync sends it"
+        ) from error
 
 
 @rank_zero_only

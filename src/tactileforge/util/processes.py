@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -134,6 +135,22 @@ def _follow(parent: int) -> None:
         time.sleep(_LOOK)
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(_GRACE)
+    os._exit(1)
+
+
+def end_worker_with_main() -> None:
+    """Ends this worker of ``multiprocessing`` soon after the process that asked for it.
+
+    A worker of a forkserver has that server for a parent, which lives as long as its workers do: a
+    main process killed by signal 9 would leave them all. The flag of daemons helps at a regular
+    exit alone.
+    """
+    if (main := multiprocessing.parent_process()) is not None:
+        threading.Thread(target=_end_after, args=(main,), daemon=True, name="end with main").start()
+
+
+def _end_after(main: Any) -> None:
+    main.join()
     os._exit(1)
 
 

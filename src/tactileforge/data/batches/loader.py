@@ -27,6 +27,7 @@ from tactileforge.data.batches.handover import Packing, received
 from tactileforge.data.batches.stream import BatchIndexSampler, Stream
 from tactileforge.errors import ConfigError
 from tactileforge.util.distributed import world
+from tactileforge.util.processes import end_worker_with_main
 from tactileforge.util.signals import leave_to_parent, signals_held
 
 log = logging.getLogger(__name__)
@@ -178,7 +179,8 @@ def _identity(batch: T) -> T:
 
 
 def start_worker(_: int) -> None:
-    """Leave signals to the parent process, as they reach all processes of a terminal."""
+    """Leave signals to the main process, as they reach all of a terminal, and end with it."""
     leave_to_parent()
+    end_worker_with_main()
     # every worker would else start a thread a core for each resize
     cv2.setNumThreads(0)

@@ -24,7 +24,7 @@ from tactileforge.hub import (
     read_header,
 )
 from tactileforge.plugins import registry, sha256
-from tactileforge.runs import read_config
+from tactileforge.runs import read_config, split_best
 from tactileforge_bench.fit.baselines import BASELINES
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
 
@@ -88,7 +88,7 @@ def model_entry(
             _check_shape(of, composed)
         return ModelEntry(
             name=word,
-            title=f"untrained {of.rpartition('/')[2]}",
+            title=word,
             # several seeds: the spread of random networks is the interval of this baseline
             open=[
                 partial(
@@ -100,23 +100,23 @@ def model_entry(
         )
     if word.startswith("run:"):
         folder = home_path(word.removeprefix("run:"))
-        read_config(folder)
+        read_config(split_best(folder)[0])
         return ModelEntry(
             name=word,
-            title=folder.name,
+            title=word,
             open=[lambda: encoder_of_run(word, folder, device)],
-            folders=[folder],
+            folders=[split_best(folder)[0]],
         )
     if word.startswith("file:"):
         path = home_path(word.removeprefix("file:"))
         read_header(path)
-        return ModelEntry(name=word, title=path.stem, open=[lambda: _of_file(word, path, device)])
+        return ModelEntry(name=word, title=word, open=[lambda: _of_file(word, path, device)])
     if network := named_network(word):
         with torch.device("meta"):  # a wrong name is an error now, weights are read later
             registry.build("encoders", network)
         return ModelEntry(
             name=word,
-            title=word.partition(":")[2],
+            title=word,
             open=[lambda: FrozenEncoder(word, *built_network(network), device=device)],
         )
     if word.partition(".")[0] not in card_names() and "/" not in word:
@@ -129,7 +129,7 @@ def model_entry(
     card, weight = find_card(word)
     return ModelEntry(
         name=word,
-        title=f"{card.title} ({weight.tag})",
+        title=word,
         open=[lambda: _of_file(word, fetch_weights(card, weight), device)],
         recipe=card.name,
     )
