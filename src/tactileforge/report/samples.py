@@ -236,6 +236,37 @@ def predictions(
         return views.patches, {key: head(views, batch) for key, head in module.heads.items()}
 
 
+def saliency(module: TouchModule, clips: Clips, which: Sequence[int]) -> Tensor | None:
+    """Patches of one batch of clips that move its vectors away from those of the untouched gel.
+
+    The gradient of the squared distance of the two projected class tokens, times the difference of
+    the patches, summed over a patch; the magnitude of it.
+
+    Returns:
+        float (n, slots, N) of 0 or more; None for an encoder without patches or gradients.
+    """
+    encoder: Any = module.encoder
+    if not (hasattr(encoder, "encode") and hasattr(encoder, "pool_tokens")):
+        return None
+    with quiet(module):
+        batch = next(batches(module, clips, which))
+        still = batch["background"][:, None].expand_as(batch["frames"])
+        rest, sensor = (
+            encoder.views({**batch, "frames": still}),
+            encoder.sensor_ids(batch["sensor"]),
+        )
+        patches = encoder.views(batch).patches
+        untouched, change = rest.full.cls.float(), patches - rest.patches
+        with torch.enable_grad():
+            patches = patches.detach().requires_grad_()
+            moved = encoder.pool_tokens(encoder.encode(patches, sensor)).float() - untouched
+            if not moved.requires_grad:  # a network that keeps no gradients
+                return None
+            (gradient,) = torch.autograd.grad(moved.square().sum(), patches)
+        out: Tensor = (gradient * change).sum(-1).abs()
+        return out
+
+
 def explained(
     module: TouchModule, clips: Clips, which: Sequence[int], keys: Sequence[str]
 ) -> dict[str, float]:
