@@ -35,6 +35,7 @@ from tactileforge.report.samples import (
     batches,
     explained,
     liveliest,
+    quiet,
     saliency,
     spread,
 )
@@ -599,13 +600,18 @@ def test_salient_patches_are_those_that_are_touched(clips: Clips) -> None:
     per_place = found.view(2, *encoder.grid)
     half = encoder.grid[2] // 2
     assert per_place[..., :half].abs().max() < 1e-4 * per_place.max()
-    assert (per_place[..., half:].amax((1, 2, 3)) > 0).all()
+    batch = next(batches(module, clips, [3, 4]))
+    still = batch["background"][:, None].expand_as(batch["frames"])
+    with quiet(module):
+        vectors = [encoder.views({**batch, "frames": x}).full.cls for x in (batch["frames"], still)]
+    distance = (vectors[0] - vectors[1]).square().sum(1)
+    assert torch.allclose(found.sum((1, 2)), distance, rtol=0.1)
     assert not any(parameter.grad is not None for parameter in module.parameters())
     views = encoder.views(next(batches(module, clips, [3, 4])))
     rows = strips_of(encoder, views.patches, [], 1, found).rows
     lit = rows["Saliency"] - 0.55 * rows["Input"].mean(1, keepdim=True)
     assert lit[..., : SIZE // 2].abs().max() < 1e-3
-    assert lit[:, 0].amax() == pytest.approx(0.75, abs=1e-3)
+    assert lit[:, 0].amax() > 0.3  # of .75, where the picture is not white already
     module.encoder.pool_tokens = lambda tokens: tokens[:, 0].detach()
     assert saliency(module, clips, [3]) is None
 

@@ -128,7 +128,7 @@ def _canvas(encoder: Encoder, x: Tensor) -> Tensor:
 def _lit(encoder: Encoder, pictures: Tensor, saliency: Tensor) -> Tensor:
     """Pictures (T, 3, H, W), grey and dim, with light on patches by their saliency (slots, N)."""
     _, rows, columns = encoder.grid
-    share = saliency / saliency.max().clamp(min=1e-12)
+    share = saliency.clamp(min=0) / saliency.max().clamp(min=1e-12)
     share = share.view(-1, 1, rows, columns).repeat_interleave(encoder.tube, 0)
     share = share.repeat_interleave(encoder.patch, 2).repeat_interleave(encoder.patch, 3)
     return (0.55 * pictures.mean(1, keepdim=True) + share * torch.tensor(_LIGHT)).clamp(0, 1)
