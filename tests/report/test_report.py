@@ -35,6 +35,8 @@ from tactileforge.report.samples import (
     batches,
     explained,
     liveliest,
+    quiet,
+    saliency,
     spread,
 )
 from tactileforge.training.labels import Labels
@@ -351,15 +353,15 @@ def test_what_reaches_the_encoder_is_drawn(write: Write) -> None:
     [
         (
             "pixel",
-            ["Input", "Masked", "Reconstructed", "Difference"],
+            ["Input", "Saliency", "Masked", "Reconstructed", "Difference"],
             "Only frames are reconstructed",
         ),
         (
             "diff",
-            ["Input", "Masked", "Difference", "Difference, reconstructed"],
+            ["Input", "Saliency", "Masked", "Difference", "Difference, reconstructed"],
             "Only differences are",
         ),
-        ("force", ["Input", "Difference"], "No objective reconstructs"),
+        ("force", ["Input", "Saliency", "Difference"], "No objective reconstructs"),
     ],
 )
 def test_rows_of_pictures(write: Write, objective: str, rows: list[str], told: str) -> None:
@@ -586,6 +588,32 @@ def test_pictures_are_what_the_encoder_sees(clips: Clips) -> None:
     grown = rows["Difference"] - 0.5
     assert grown[:, :, :, : SIZE // 2].abs().max() < 1e-5
     assert grown[-1, :, :, SIZE // 2 :].mean() == pytest.approx(0.5, abs=0.01)
+
+
+def test_salient_patches_are_those_that_are_touched(clips: Clips) -> None:
+    """Only the right half changes: the light is there."""
+    module = with_head(Rebuilt(1.0))
+    found = saliency(module, clips, [3, 4])
+    assert found is not None
+    encoder = module.encoder
+    assert found.shape == (2, encoder.grid[0], encoder.grid[1] * encoder.grid[2])
+    per_place = found.view(2, *encoder.grid)
+    half = encoder.grid[2] // 2
+    assert per_place[..., :half].abs().max() < 1e-4 * per_place.max()
+    batch = next(batches(module, clips, [3, 4]))
+    still = batch["background"][:, None].expand_as(batch["frames"])
+    with quiet(module):
+        vectors = [encoder.views({**batch, "frames": x}).full.cls for x in (batch["frames"], still)]
+    distance = (vectors[0] - vectors[1]).square().sum(1)
+    assert torch.allclose(found.sum((1, 2)), distance, rtol=0.1)
+    assert not any(parameter.grad is not None for parameter in module.parameters())
+    views = encoder.views(next(batches(module, clips, [3, 4])))
+    rows = strips_of(encoder, views.patches, [], 1, found).rows
+    lit = rows["Saliency"] - 0.55 * rows["Input"].mean(1, keepdim=True)
+    assert lit[..., : SIZE // 2].abs().max() < 1e-3
+    assert lit[:, 0].amax() > 0.3  # of .75, where the picture is not white already
+    module.encoder.pool_tokens = lambda tokens: tokens[:, 0].detach()
+    assert saliency(module, clips, [3]) is None
 
 
 def test_wrong_pixels_are_pasted_at_hidden_places_only(clips: Clips) -> None:

@@ -50,8 +50,8 @@ pytest
 tactileforge plugins check {name}
 ```
 
-{kind} `{name}`: `{title}` in `src/{package}/{kind_file}`. The entry points in `pyproject.toml` make
-it known, and the test makes the same checks as `tactileforge plugins check`.
+{kind} `{name}`: `{title}` in `src/{package}/{kind_file}`. The entry points in
+`pyproject.toml` make it known, and the test makes the same checks as `tactileforge plugins check`.
 """
 
 _TEST = """\

@@ -10,8 +10,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tactileforge.checks.doors import background_lines
-
 #: Pixels between those that tell one background from another, and backgrounds that are remembered.
 _STEP, _KEPT = 16, 256
 
@@ -36,6 +34,8 @@ class PictureChecks:
             return
         if not isinstance(background, np.ndarray | Tensor) or background.ndim not in (3, 4):
             return
+        from tactileforge.checks.doors import background_lines  # not while a model is loaded
+
         still = background if background.ndim == 3 else background[0]
         if still.dtype not in (np.uint8, torch.uint8) or 3 not in (still.shape[0], still.shape[-1]):
             return  # refused elsewhere, with what was expected

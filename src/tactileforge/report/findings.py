@@ -13,7 +13,14 @@ from tactileforge.report.captions import CaptionResult, nearest_captions
 from tactileforge.report.embedding import Embedding, NeighbourScore, embedding_of, neighbours
 from tactileforge.report.forces import ForceResult, force_results
 from tactileforge.report.pictures import Strips, strips_of
-from tactileforge.report.samples import ClipReader, explained, liveliest, predictions, spread
+from tactileforge.report.samples import (
+    ClipReader,
+    explained,
+    liveliest,
+    predictions,
+    saliency,
+    spread,
+)
 from tactileforge.training.module import TouchModule
 
 #: Largest numbers of clips per split to embed and read forces of, to reconstruct, and to show.
@@ -80,6 +87,7 @@ def run_findings(
     looks = {split: reader.embed(spread(reader.clips, count)) for split, reader in readers.items()}
     shown = liveliest(clips, looks[split], _SHOWN)
     patches, predicted = predictions(module, clips, shown)
+    salient = saliency(module, clips, shown)
     rebuilt = {key: value for key, value in predicted.items() if isinstance(value, Reconstruction)}
     embedding = embedding_of(data, looks)
     return RunFindings(
@@ -87,7 +95,7 @@ def run_findings(
         clips=clips,
         shown=shown,
         strips=[
-            strips_of(module.encoder, patches, list(rebuilt.values()), row)
+            strips_of(module.encoder, patches, list(rebuilt.values()), row, salient)
             for row in range(len(shown))
         ],
         explained=explained(module, clips, spread(clips, min(_REBUILT, count)), list(rebuilt)),

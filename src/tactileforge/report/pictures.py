@@ -15,6 +15,9 @@ from tactileforge.heads.decoder import Reconstruction
 #: Colour of hidden tubes (sRGB, 0..1), unlike the grey of frames without contact.
 _HIDDEN = (0.09, 0.09, 0.13)
 
+#: Colour of the light on salient patches.
+_LIGHT = [[[0.75]], [[0.42]], [[0.02]]]
+
 
 @dataclass(frozen=True)
 class Strips:
@@ -61,7 +64,11 @@ def share(residual: Tensor) -> float:
 
 
 def strips_of(
-    encoder: Encoder, patches: Tensor, predictions: Sequence[Reconstruction], row: int
+    encoder: Encoder,
+    patches: Tensor,
+    predictions: Sequence[Reconstruction],
+    row: int,
+    saliency: Tensor | None = None,
 ) -> Strips:
     """Rows of images of one clip of a batch.
 
@@ -70,6 +77,7 @@ def strips_of(
         patches: Patches of the batch, float (B, slots, N, 3 * tube * patch * patch).
         predictions: Reconstructions of the batch.
         row: Index of the clip in the batch.
+        saliency: float (B, slots, N), see `samples.saliency`; None for no row of it.
     """
     # tubes to frames: (slots, N, 3 * tube * P) to (N, slots * tube, 3 * P)
     slots, patch_count, _ = patches[row].shape
@@ -83,6 +91,8 @@ def strips_of(
         if kind in by_kind
     }
     rows = {"Input": _colour(encoder, _canvas(encoder, frames))}
+    if saliency is not None:
+        rows["Saliency"] = _lit(encoder, rows["Input"], saliency[row].float().cpu())
     if predictions:
         _, down, across = encoder.grid
         where = torch.zeros(down * across, dtype=torch.bool)
@@ -113,6 +123,15 @@ def _canvas(encoder: Encoder, x: Tensor) -> Tensor:
     side = encoder.patch
     x = x.reshape(rows, columns, -1, 3, side, side).permute(2, 3, 0, 4, 1, 5)
     return x.reshape(-1, 3, rows * side, columns * side)
+
+
+def _lit(encoder: Encoder, pictures: Tensor, saliency: Tensor) -> Tensor:
+    """Pictures (T, 3, H, W), grey and dim, with light on patches by their saliency (slots, N)."""
+    _, rows, columns = encoder.grid
+    share = saliency.clamp(min=0) / saliency.max().clamp(min=1e-12)
+    share = share.view(-1, 1, rows, columns).repeat_interleave(encoder.tube, 0)
+    share = share.repeat_interleave(encoder.patch, 2).repeat_interleave(encoder.patch, 3)
+    return (0.55 * pictures.mean(1, keepdim=True) + share * torch.tensor(_LIGHT)).clamp(0, 1)
 
 
 def _pasted(frames: Tensor, reconstruction: Reconstruction, row: int) -> Tensor:

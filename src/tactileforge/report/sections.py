@@ -40,6 +40,8 @@ from tactileforge.runs import folder as run_folder
 
 #: Explanations of the rows of a clip's images.
 _ROW_NOTES = {
+    "Saliency": "share of each patch in the distance of the clip's vector from that of the "
+    "untouched gel (integrated gradients)",
     "Masked": "what the encoder is given; dark tubes are hidden in every frame",
     "Reconstructed": "hidden tubes as predicted, among the visible ones",
     "Difference": "to the first frame, amplified",
