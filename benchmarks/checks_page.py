@@ -38,8 +38,9 @@ tactileforge data check touches fix=true    # writes keys such as mirror: x into
 A finding is a line: `recording: TF203 force is zero for 40 % of the frames, where the gel is
 pressed; ...`. A code may be given by its beginning (`TF2`) or by its name. Notes are choices, and
 count with `notes=true`. A baseline is written where there is none, and findings in it are not told
-again. `fix=true` writes a key where all recordings of a layout agree on it, and keeps the layout as
-it was beside it (`tactileforge.yaml.before`).
+again; `ignore: [TF307]` in a layout says the same of its recordings, at every door. `fix=true`
+writes a key where all recordings of a layout agree on it, and keeps the layout as it was beside it
+(`tactileforge.yaml.before`).
 
 In Python:
 

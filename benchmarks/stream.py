@@ -1,22 +1,30 @@
 """From a frame to its prediction: the time of `TouchStream.push`, p50 and p99.
 
 Frames of 320 x 240 of a moving spot with noise are pushed as fast as predictions return, with the
-times of a 30 Hz camera. The model is ``anytouch2.tiny``; ``--model NAME`` takes others.
+times of a 30 Hz camera. The model is ``anytouch2.tiny``; ``--model NAME`` takes others. ``--busy``
+measures beside a program that burns each core, with the threads that are chosen by themselves (one)
+and with a thread a core.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import subprocess
+import sys
 import time
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
-import torch
 from common import save
 from live import SyntheticCamera
 
 import tactileforge
 from tactileforge.hub import Model
+from tactileforge.util import threads
+from tactileforge.util.threads import use_threads
 
 
 def run(model: Model, count: int) -> dict[str, float]:
@@ -37,15 +45,49 @@ def run(model: Model, count: int) -> dict[str, float]:
     return {"p50_ms": round(float(p50), 2), "p99_ms": round(float(p99), 2), "pushes": count}
 
 
+@contextmanager
+def burning(count: int) -> Iterator[None]:
+    """Processes that keep a core busy each."""
+    burn = "while True: pass"
+    burners = [subprocess.Popen([sys.executable, "-c", burn]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+
+
+def busy(model: Model, count: int) -> dict[str, dict[str, dict[str, float]]]:
+    """Milliseconds of a push by load of the machine and threads; the two take turns."""
+    cores = os.cpu_count() or 1
+    found: dict[str, dict[str, dict[str, float]]] = {}
+    for load, burners in (("idle", 0), ("a burner on each core", cores)):
+        with burning(burners):
+            found[load] = {"one thread": run(model, count)}
+            use_threads(cores)
+            found[load][f"{cores} threads"] = run(model, count)
+            threads._chosen = False
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--model", nargs="*", default=["anytouch2.tiny"], help="NAME.TAG")
     parser.add_argument("--dtype", default="float32", help="see tactileforge.load")
     parser.add_argument("--count", type=int, default=1000, help="pushes")
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--busy", action="store_true", help="beside a burner on each core")
     parser.add_argument("--name", default="stream", help="of the result")
     words = parser.parse_args()
-    torch.set_num_threads(words.threads)
+    if words.busy:
+        found = {
+            name: busy(tactileforge.load(name, dtype=words.dtype), words.count)
+            for name in words.model
+        }
+        save(words.name, {"frame": "320 x 240", "dtype": words.dtype, "models": found})
+        return
+    use_threads(words.threads)
     found = {
         name: run(tactileforge.load(name, dtype=words.dtype), words.count) for name in words.model
     }

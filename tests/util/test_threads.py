@@ -1,14 +1,18 @@
 """Numbers near 0 within a run, and after it."""
 
 import contextlib
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import torch
 
+import tactileforge
 import tactileforge.api as training
 from tactileforge.cli._compose import compose
-from tactileforge.util.threads import flushed
+from tactileforge.util import threads
+from tactileforge.util.threads import few_threads, flushed, use_threads
 
 
 def _smallest() -> float:
@@ -43,3 +47,54 @@ def test_a_run_trains_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         training.train(compose("mae", ["scale=demo"]), tmp_path / "run")
     assert found == [0.0]
     assert _smallest() > 0
+
+
+@pytest.fixture
+def cores(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A machine where torch has chosen three threads."""
+    before = torch.get_num_threads()
+    for word in threads._WORDS:
+        monkeypatch.delenv(word, raising=False)
+    monkeypatch.setattr(threads, "_DEFAULT", 3)
+    monkeypatch.setattr(threads, "_chosen", False)
+    torch.set_num_threads(3)
+    yield 3
+    torch.set_num_threads(before)
+
+
+def _used(is_small: bool) -> int:
+    with few_threads(is_small):
+        return torch.get_num_threads()
+
+
+def test_small_work_takes_one_thread_and_gives_the_number_back(cores: int) -> None:
+    assert (_used(True), _used(False)) == (1, 3)
+    with contextlib.suppress(ValueError), few_threads(True):
+        raise ValueError
+    assert torch.get_num_threads() == 3
+
+
+def test_a_number_that_was_chosen_stays(cores: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    torch.set_num_threads(2)
+    assert _used(True) == 2
+    torch.set_num_threads(3)
+    use_threads(None)
+    assert _used(True) == 1
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    assert _used(True) == 3
+    monkeypatch.delenv("OMP_NUM_THREADS")
+    use_threads(3)
+    assert _used(True) == 3
+
+
+def test_a_clip_of_a_small_model_is_small_work_and_many_are_not(cores: int) -> None:
+    model, used = tactileforge.load("anytouch2.tiny"), []
+    model.encoder.register_forward_pre_hook(lambda *_: used.append(torch.get_num_threads()))
+    clips = torch.randint(0, 255, (4, *(4, 240, 320, 3)), dtype=torch.uint8).numpy()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # noise is no gel
+        model.encode(clips[0], clips[0, 0], "digit")
+        model.readings(clips[0], clips[0, 0], "digit")
+        model.encode(clips, clips[:, 0], "digit")
+    assert (set(used[:-1]), used[-1]) == ({1}, 3)
+    assert torch.get_num_threads() == 3

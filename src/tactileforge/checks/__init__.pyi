@@ -18,6 +18,7 @@ from tactileforge.checks.doubts import TINY as TINY
 from tactileforge.checks.doubts import Doubts as Doubts
 from tactileforge.checks.doubts import Suspicion as Suspicion
 from tactileforge.checks.doubts import check_labels as check_labels
+from tactileforge.checks.ignored import is_ignored as is_ignored
 from tactileforge.checks.lag import LAG_CORRELATION as LAG_CORRELATION
 from tactileforge.checks.lag import LAG_PROMINENCE as LAG_PROMINENCE
 from tactileforge.checks.lag import check_lag as check_lag

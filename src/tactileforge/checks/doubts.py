@@ -15,6 +15,7 @@ import numpy as np
 from tactileforge.checks.codes import CODES
 from tactileforge.checks.force_axes import ForceAxes
 from tactileforge.checks.force_runs import FRAMES, away, between, stuck
+from tactileforge.checks.ignored import is_ignored
 from tactileforge.checks.names import plain_name
 from tactileforge.contracts import ACTIONS, Recording
 from tactileforge.data.labels.align import LARGEST_GAP
@@ -77,7 +78,11 @@ class Suspicion:
 
 
 def check_labels(recording: Recording) -> Iterator[Suspicion]:
-    """Check labels, times and sizes; decodes nothing."""
+    """Check labels, times and sizes; decodes nothing. Leaves out what the recording ignores."""
+    return (flag for flag in _suspicions(recording) if not is_ignored(recording, flag.reason))
+
+
+def _suspicions(recording: Recording) -> Iterator[Suspicion]:
     if recording.no_contact is None:
         yield Suspicion("no_background", 0.0, "no frame without contact")
     yield from _times(recording)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from tactileforge.checks.check import Finding
+from tactileforge.checks.ignored import is_ignored
 from tactileforge.checks.listing import built, catalogue, chosen
 from tactileforge.checks.sample import FrameSample
 from tactileforge.checks.seen import Seen
@@ -42,6 +43,7 @@ class CheckRun:
     ) -> None:
         self._checks = built(chosen(select, ignore, {*_ELSEWHERE, *without}))
         self.unreadable: list[str] = []
+        self._ignoring: dict[str, Recording] = {}
 
     def look(
         self,
@@ -65,11 +67,13 @@ class CheckRun:
         """
         seen = Seen(recording, split, has_layout, sample)
         found: list[Finding] = []
+        if "ignore" in recording.labels:
+            self._ignoring[recording.key] = recording
         for check in self._checks:
             if not decode and check.needs & DECODING:
                 continue
             try:
-                found += check.look(seen)
+                found += filter(self._is_told, check.look(seen))
             except Exception as error:
                 # said once; the other checks of frames would fail alike. A fault of a reader is
                 # told by the door that reads the data itself
@@ -79,7 +83,12 @@ class CheckRun:
 
     def end(self) -> list[Finding]:
         """What was found in the set as a whole, after all recordings."""
-        return [one for check in self._checks for one in check.end()]
+        return [one for check in self._checks for one in check.end() if self._is_told(one)]
+
+    def _is_told(self, one: Finding) -> bool:
+        """Whether its recording does not leave the check out."""
+        recording = self._ignoring.get(one.where)
+        return recording is None or not is_ignored(recording, one.name, one.code)
 
 
 def check_recordings(

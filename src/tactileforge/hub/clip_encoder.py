@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from itertools import chain
 from typing import Any, Literal
@@ -24,6 +25,10 @@ from tactileforge.hub.inputs import (
 )
 from tactileforge.hub.sensor_rows import name_each, row_each, takes_any_sensor
 from tactileforge.hub.taps import Tap, check_tap, read_layers, read_tap
+from tactileforge.util.threads import few_threads
+
+#: Parameters times frames of the largest batch that one thread computes within a frame of 30 Hz.
+_SMALL = 8_000_000
 
 
 class ClipEncoder:
@@ -123,14 +128,14 @@ class ClipEncoder:
         """
         check_tap(self.encoder, tap)
         batches, single = self._batches(clips, stacklevel + 1)
-        with torch.no_grad():
+        with self.computing(len(batches[0][0])):
             out = torch.cat([self.read(tap, *batch).float() for batch in batches])
         return out[0] if single else out
 
     def layered(self, layers: Sequence[int], clips: Clips) -> list[Tensor]:
         """Outputs of blocks, as `Model.features` gives them with ``layers``."""
         batches, single = self._batches(clips, 4)
-        with torch.no_grad():
+        with self.computing(len(batches[0][0])):
             done = [read_layers(self.encoder, layers, *self._moved(batch)) for batch in batches]
         joint = [torch.cat(parts).float() for parts in zip(*done, strict=True)]
         return [x[0] for x in joint] if single else joint
@@ -147,7 +152,7 @@ class ClipEncoder:
         """
         wanted = check_groups(self.encoder, names)
         batches, single = self._batches(clips, stacklevel + 1)
-        with torch.no_grad():
+        with self.computing(len(batches[0][0])):
             moved = (self._moved(batch) for batch in batches)
             done = [encode_groups(self.encoder, x, still, rows, wanted) for x, still, rows in moved]
         joint = {name: torch.cat([part[name] for part in done]) for name in wanted}
@@ -179,6 +184,22 @@ class ClipEncoder:
             torch.split(part, clips.batch_size) for part in (x, still, self.rows(clips, len(x)))
         ]
         return list(zip(*parts, strict=True)), single
+
+    @cached_property
+    def _cost(self) -> int:
+        """Parameters times frames, which the work of a clip grows with."""
+        frames: int = self.encoder.frames
+        return frames * sum(one.numel() for one in self.encoder.parameters())
+
+    @contextmanager
+    def computing(self, clips: int) -> Iterator[None]:
+        """Computes without gradients, and a few clips of a small encoder with one thread.
+
+        Args:
+            clips: Number of clips of a batch.
+        """
+        with torch.no_grad(), few_threads(clips * self._cost <= _SMALL):
+            yield
 
     def _moved(self, clips: Sequence[Tensor]) -> list[Tensor]:
         return [part.to(self.device) for part in clips]

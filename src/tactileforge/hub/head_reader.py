@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import torch
 from torch import Tensor
 
 from tactileforge.data.labels.displacement import displacement_mm
@@ -52,7 +51,7 @@ def readings_of(
     scale = None if head is None else head.scale(names)
     rows = reader.rows(clips, len(x))
     fitted = forces.opened_calibration(calibration)
-    with torch.no_grad():
+    with reader.computing(len(x)):
         if head is None or scale is None:
             vector, force = reader.vector(x, still, rows), None
         else:
@@ -73,7 +72,7 @@ def force_inputs_of(model: Model, clips: Clips) -> dict[str, Tensor]:
     if head is None or scale is None:
         raise ConfigError(f"{model!r} has no force head, or no scale for {clips.sensor}")
     compare = not forces.has_no_background(model.encoder, clips.background)
-    with torch.no_grad():
+    with reader.computing(count):
         columns = head.inputs(inputs, reader.rows(clips, count), scale, compare)
     if compare:
         missing = columns["z"].isnan()
@@ -87,7 +86,7 @@ def surface_of(model: Model, clips: Clips) -> Tensor:
     reader = model.clips_reader
     x, still, single = reader.prepare(clips)
     rows = reader.rows(clips, len(x))
-    with torch.no_grad():
+    with reader.computing(len(x)):
         views = ComputedViews.of(model.encoder, *reader.run(x, still, rows))
         surface = displacement_mm(model.heads["surface"](views, {}).float())
     if not forces.has_no_background(model.encoder, clips.background):
@@ -107,7 +106,7 @@ def read_head(model: Model, name: str, clips: Clips) -> Any:
     x, still, _ = inputs = reader.prepare(clips)
     forces.warn_of_light(f"head {name}", inputs, model.encoder, clips.background, stacklevel=4)
     rows = reader.rows(clips, len(x))
-    with torch.no_grad():
+    with reader.computing(len(x)):
         return model.heads[name](ComputedViews.of(model.encoder, *reader.run(x, still, rows)), {})
 
 

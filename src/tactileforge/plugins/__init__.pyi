@@ -31,6 +31,7 @@ from tactileforge.util.provenance import commit as commit
 from tactileforge.util.signals import signals_held as signals_held
 from tactileforge.util.signals import stopped_by_signals as stopped_by_signals
 from tactileforge.util.threads import one_thread as one_thread
+from tactileforge.util.threads import use_threads as use_threads
 from tactileforge.util.untrusted import MAX_PIXELS as MAX_PIXELS
 from tactileforge.util.untrusted import dump_yaml as dump_yaml
 from tactileforge.util.untrusted import load_json as load_json

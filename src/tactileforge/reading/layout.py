@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -35,6 +36,8 @@ CHANNELS = ("rgb", "bgr")
 ROTATIONS = (0, 90, 180, 270)
 MIRRORS = ("none", "x", "y")
 
+#: A code of checks, or the beginning of one.
+_CODE = re.compile(r"[A-Z]{2,4}\d{0,3}")
 #: Columns of every file, independent of its labels.
 FILE_COLUMNS = ("file", "stem", "prefix", "folder", "parent")
 
@@ -79,6 +82,7 @@ class DatasetLayout:
     turns: int
     mirror: str
     every: float
+    ignore: tuple[str, ...]
     crops: Mapping[str, Tile]
     background: BackgroundRule | None
     labels: str | None
@@ -136,6 +140,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         turns=(keys.rotate or 0) // 90,
         mirror="" if keys.mirror == "none" else keys.mirror,
         every=keys.every,
+        ignore=keys.ignore,
         crops=crops,
         background=parse_background(keys.background, f"{where}: background"),
         labels=keys.labels.file,
@@ -217,6 +222,10 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
         raise ConfigError(
             f"{where}: every is {keys.every:g}; give the stored frames for each frame of the "
             "camera, 1 or more: 2 where each was stored twice"
+        )
+    if odd := [code for code in keys.ignore if not _CODE.fullmatch(code)]:
+        raise ConfigError(
+            f"{where}: ignore has {odd[0]!r}; give codes of checks, or their beginnings: [TF307]"
         )
     if not 1 <= keys.tier <= 5:
         raise ConfigError(f"{where}: tier is {keys.tier}, but must be 1 to 5")

@@ -199,6 +199,7 @@ class LayoutKeys:
     rotate: int = 0
     mirror: str = "none"
     every: float = 1.0
+    ignore: tuple[str, ...] = ()
     crops: dict[str, CropKeys] = field(default_factory=dict)
     labels: LabelKeys = field(default_factory=LabelKeys)
     words: dict[Any, dict[Any, Any]] = field(default_factory=dict)

@@ -240,7 +240,10 @@ class LayoutReader:
             object=row.fill(layout.object) if layout.object else None,
             text=", ".join(phrase for phrase in phrases if phrase) or None,
             image=self._camera(touch),
-            labels={name: number_or_text(cell) for name, cell in row.cells.items() if cell},
+            labels={
+                **{name: number_or_text(cell) for name, cell in row.cells.items() if cell},
+                **({"ignore": " ".join(layout.ignore)} if layout.ignore else {}),
+            },
             source=layout.source,
             tier=layout.tier,
             licence=layout.licence,

@@ -10,6 +10,12 @@ from typing import Any
 
 import torch
 
+#: Variables that choose a number of threads.
+_WORDS = frozenset({"OMP_NUM_THREADS", "MKL_NUM_THREADS"})
+#: Number that torch has chosen, and whether another was.
+_DEFAULT = torch.get_num_threads()
+_chosen = False
+
 
 @contextmanager
 def one_thread() -> Iterator[None]:
@@ -29,6 +35,38 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+def use_threads(count: int | None) -> None:
+    """Compute with a number of threads from now on, small work as well; None for torch's choice."""
+    global _chosen
+    if count:
+        torch.set_num_threads(count)
+        _chosen = True
+
+
+@contextmanager
+def few_threads(is_small: bool) -> Iterator[None]:
+    """Computes small work with one thread, unless the number of threads was chosen.
+
+    Threads spin while they wait for each other. Where other programs have the cores, one that has
+    to wait for its core holds up all of them at every layer. A number counts as chosen by
+    `use_threads`, ``torch.set_num_threads``, OMP_NUM_THREADS or MKL_NUM_THREADS.
+
+    Args:
+        is_small: Whether the work is small.
+
+    Example:
+        >>> with few_threads(is_small=False):
+        ...     torch.get_num_threads() == _DEFAULT
+        True
+    """
+    chosen = _chosen or torch.get_num_threads() != _DEFAULT or not _WORDS.isdisjoint(os.environ)
+    if chosen or not is_small:
+        yield
+        return
+    with one_thread():
+        yield
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from tactileforge.checks import (
     check_lag,
     evenly,
     identical_groups,
+    is_ignored,
     lag_of,
     odd_pictures,
     sample_of,
@@ -227,8 +228,9 @@ def _compare(seen: list[ScannedRecording], suspects: Suspects, has_layout: bool)
     ]
     lines = []
     for odd in odd_pictures(resting, has_layout):
-        lines.append(odd.line)
-        for row in odd.rows:
+        rows = [row for row in odd.rows if not is_ignored(seen[row].of.recording, odd.reason)]
+        lines += [odd.line] * bool(rows)
+        for row in rows:
             suspects.add(Suspicion(odd.reason, 0.0, odd.words), seen[row].of)
     return lines
 

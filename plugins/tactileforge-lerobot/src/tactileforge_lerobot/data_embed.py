@@ -44,11 +44,9 @@ def embed(keys: Embed, config: dict[str, Any]) -> None:
     The vectors are the feature observation.environment_state (docs/lerobot.md#policies).
     """
     from tactileforge import load  # imports torch, which is slow: late, so that --help is fast
+    from tactileforge.plugins import use_threads
 
-    if keys.threads:
-        import torch
-
-        torch.set_num_threads(keys.threads)
+    use_threads(keys.threads)
     vectors = TouchVectors(load(keys.model, device=keys.device), keys.model, keys.embed)
     written = write(keys.out, keys.lerobot, config, vectors)
     print(

@@ -25,7 +25,8 @@ class _Live(LiveOptions):
         model: NAME.TAG of the zoo, file:PATH or run:FOLDER; None shows pictures and contact alone.
             Forces need a model with a force head.
         device: Torch device of the model.
-        threads: Number of threads of the model; None for torch's choice.
+        threads: Number of threads of the model; None for one with a small model, else torch's
+            choice.
         page: Whether to serve a page at 127.0.0.1, for this machine alone.
         port: Port of the page; 0 for any free one.
         json: Whether to write readings to standard output, one JSON object a line.
@@ -55,13 +56,11 @@ def _live(keys: _Live, config: dict[str, Any]) -> None:
     if keys.json:
         publishers.append(JsonLines())
     model = None
-    if keys.threads:
-        import torch
-
-        torch.set_num_threads(keys.threads)
     if keys.model:
         from tactileforge import load
+        from tactileforge.plugins import use_threads
 
+        use_threads(keys.threads)
         model = load(keys.model, device=keys.device)
     status = LiveStatus()
 
