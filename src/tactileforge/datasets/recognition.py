@@ -9,6 +9,11 @@ from pathlib import Path
 from tactileforge.contracts import Guess
 from tactileforge.errors import DataNotFoundError, PluginError
 from tactileforge.plugins import registry
+from tactileforge.reading import matches
+from tactileforge.util.pointers import check_pointer
+
+#: Files of an unknown folder that may be pointers of Git LFS.
+_LOOKED = 1000
 
 log = logging.getLogger(__name__)
 
@@ -24,6 +29,7 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
 
     Raises:
         DataNotFoundError: There is no such file or folder, or no data set recognises it.
+        DataError: None does, and a file is a pointer of Git LFS.
     """
     if not path.exists():
         raise DataNotFoundError(f"{path}: no such folder or file; correct the path")
@@ -39,6 +45,8 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
         else:
             found += [] if guess is None else [(name, guess)]
     if not found:
+        for file in matches(path, "**/*")[:_LOOKED] if path.is_dir() else [path]:
+            check_pointer(file)
         raise DataNotFoundError(
             f"{path}: no installed data set recognises it, and it has no videos or images; "
             "tactileforge plugins list shows what is installed, docs/datasets.md what can be"

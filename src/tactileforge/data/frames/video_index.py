@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.util.pointers import check_pointer
 from tactileforge.util.untrusted import MAX_PIXELS
 
 # OpenCV reads this once, when the process first opens a video. FFmpeg's messages name no file, and
@@ -24,7 +25,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 #: duration.
 _COUNTED = frozenset({".avi", ".m4v", ".mov", ".mp4"})
 #: FFmpeg's address of a part of a file (ffmpeg-protocols, subfile).
-_INSIDE = re.compile(r"subfile,,start,\d+,end,\d+,,:(.+)", re.DOTALL)
+_INSIDE = re.compile(r"subfile,,start,(\d+),end,\d+,,:(.+)", re.DOTALL)
 #: Largest share of missing frames of a file that does not count as truncated.
 _MISSING = 0.05
 #: OpenCV seeks to a key frame at least this many frames before the requested one (first ``delta``
@@ -104,7 +105,7 @@ def video_inside(path: str, start: int, size: int) -> str:
 def _outer(path: str) -> Path:
     """The file of a path, or of an address of `inside`."""
     found = _INSIDE.fullmatch(path)
-    return Path(found[1] if found else path)
+    return Path(found[2] if found else path)
 
 
 def open_video(path: str) -> Any:
@@ -124,6 +125,8 @@ def open_video(path: str) -> Any:
     finally:
         cv2.utils.logging.setLogLevel(level)
     if not capture.isOpened():
+        found = _INSIDE.fullmatch(path)
+        check_pointer(_outer(path), int(found[1]) if found else 0)
         raise DataError(f"{path}: not a video, or truncated; {HINT}")
     return capture
 
