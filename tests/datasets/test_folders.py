@@ -247,3 +247,19 @@ def test_a_guess_sees_behind_links(tmp_path: Path, make_video: Callable[..., Pat
     guess = Recordings.recognise(tmp_path / "in")
     assert guess is not None
     assert guess.options["layouts"]["guessed"]["videos"] == "*/*.avi"
+
+
+def test_a_folder_with_some_pointers_is_read_without_them(
+    tmp_path: Path, make_video: Callable[..., Path]
+) -> None:
+    make_video("a.avi", count=8)
+    (tmp_path / "b.avi").write_text(
+        "version https://git-lfs.github.com/spec/v1\noid sha256:4d\nsize 9\n"
+    )
+    layout = {"videos": "*.avi", "sensor": "digit", "background": {"first": 1}}
+    data = Recordings(str(tmp_path), {"a": layout}, val=0)
+    assert len([*data.recordings("train")]) == 1
+    (line,) = data.skipped
+    assert line.startswith(
+        f"{tmp_path / 'b.avi'}: a pointer of Git LFS, not the file: git lfs pull"
+    )

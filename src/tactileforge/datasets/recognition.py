@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import logging
 from functools import cache
-from itertools import islice
 from pathlib import Path
 
 from tactileforge.contracts import Guess
 from tactileforge.errors import DataError, DataNotFoundError, PluginError
 from tactileforge.plugins import registry
+from tactileforge.reading import matches
 from tactileforge.reading.records import conversion
+from tactileforge.util.pointers import check_pointer
 
-#: Largest number of files looked at for one that can be converted.
-_MOST = 10_000
+#: Largest number of files of an unknown folder that are looked at: pointers of Git LFS, and files
+#: that can be converted.
+_LOOKED = 1000
 
 log = logging.getLogger(__name__)
 
@@ -30,6 +32,7 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
 
     Raises:
         DataNotFoundError: There is no such file or folder, or no data set recognises it.
+        DataError: None does, and a file is a pointer of Git LFS.
     """
     if not path.exists():
         raise DataNotFoundError(f"{path}: no such folder or file; correct the path")
@@ -50,8 +53,10 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
     if not found and unclear:
         raise DataNotFoundError("; ".join(unclear))
     if not found:
-        files = path.rglob("*") if path.is_dir() else [path]
-        told = [f"{one} is {how}" for one in islice(files, _MOST) if (how := conversion(one))]
+        files = matches(path, "**/*")[:_LOOKED] if path.is_dir() else [path]
+        for file in files:
+            check_pointer(file)
+        told = [f"{one} is {how}" for one in files if (how := conversion(one))]
         if told:
             raise DataNotFoundError(f"{path}: no installed data set recognises it; {told[0]}")
         raise DataNotFoundError(

@@ -19,6 +19,7 @@ from tactileforge.hub.clips import Clips
 from tactileforge.hub.forces import fingerprint
 from tactileforge.util import strict
 from tactileforge.util.files import new_part, usual_mode
+from tactileforge.util.pointers import check_pointer
 from tactileforge.util.untrusted import load_json
 
 if TYPE_CHECKING:
@@ -115,6 +116,7 @@ def read_class_head(path: str | Path) -> ClassHead:
     path = home_path(path)
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such file; tactileforge bench writes heads/*")
+    check_pointer(path)
     try:
         with safe_open(path, "pt") as file:
             facts = _facts((file.metadata() or {}).get(_KEY))

@@ -17,6 +17,7 @@ from typing import Any, BinaryIO, TypeGuard
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.util import strict
+from tactileforge.util.pointers import check_pointer
 from tactileforge.util.untrusted import load_json
 
 #: Version of the format that this package writes and reads.
@@ -147,6 +148,7 @@ def read_header(path: str | Path) -> Header:
         raise DataNotFoundError(say_folder(path))
     if not path.is_file():
         raise DataNotFoundError(f"{path}: no such file; correct the path")
+    check_pointer(path)
     with path.open("rb") as file:
         text = _json_text(path, file)
     try:

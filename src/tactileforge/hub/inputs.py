@@ -15,6 +15,7 @@ from tactileforge.data.batches.clips import resize_frame
 from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.sensors.swapped_colours import warn_of_swapped
+from tactileforge.util.pointers import check_pointer
 
 #: Arrays and tensors, uint8, or floats from 0 to 1; PIL images; paths of images; lists of these.
 Images: TypeAlias = Any
@@ -104,6 +105,7 @@ def _read(what: str, path: Path) -> NDArray[np.uint8]:
         raise DataError(f"{what}: {path}: no such file; correct the path")
     image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
+        check_pointer(path)
         raise DataError(f"{what}: {path}: not an image; for a video: model.encode_video(path)")
     return np.ascontiguousarray(image[..., ::-1])
 

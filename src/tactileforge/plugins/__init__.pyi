@@ -22,6 +22,7 @@ from tactileforge.util.files import sync as sync
 from tactileforge.util.files import unsealed as unsealed
 from tactileforge.util.files import write_text as write_text
 from tactileforge.util.locks import locked as locked
+from tactileforge.util.pointers import check_pointer as check_pointer
 from tactileforge.util.processes import end_with_parent as end_with_parent
 from tactileforge.util.processes import process_count as process_count
 from tactileforge.util.processes import run_program as run_program

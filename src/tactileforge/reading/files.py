@@ -15,6 +15,7 @@ from tactileforge.data.frames.companions import is_companion
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.linked import matches
 from tactileforge.reading.order import name_keys, natural
+from tactileforge.util.pointers import pointer_words
 
 #: Byte order marks of UTF-32 and UTF-16. UTF-32 first: the mark of UTF-16 LE begins UTF-32 LE's.
 _MARKS = {
@@ -41,6 +42,8 @@ def read_text(path: Path) -> str:
     """
     try:
         raw = path.read_bytes()
+        if words := pointer_words(raw):
+            raise DataError(f"{path}: {words}")
         encoding = wide_encoding(raw)
         if encoding is None:
             return raw.decode("utf-8-sig")

@@ -18,6 +18,7 @@ import numpy as np
 
 from tactileforge.data.frames.encoded import Blob
 from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.util.pointers import check_pointer
 
 
 def load_pickle(path: str | Path) -> Any:
@@ -93,6 +94,7 @@ def _run(path: str | Path, start: Callable[[BinaryIO], None]) -> Any:
         TypeError,
         ValueError,
     ) as error:
+        check_pointer(path)
         raise DataError(
             f"{path}: not a pickle, or damaged ({type(error).__name__}: {error}); download it again"
         ) from error

@@ -8,6 +8,7 @@ import stat
 from pathlib import Path
 
 from tactileforge.errors import DataError
+from tactileforge.util.pointers import check_pointer
 
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 _FLAGS |= getattr(os, "O_BINARY", 0)
@@ -24,7 +25,8 @@ def open_regular(path: Path, root: Path | None = None) -> int:
 
     Raises:
         OSError: It cannot be opened.
-        DataError: It is no regular file, or a link that leads out of ``root``.
+        DataError: It is no regular file, a link that leads out of ``root``, or a pointer of Git
+            LFS.
     """
     follow = 0 if root is None else getattr(os, "O_NOFOLLOW", 0)
     try:
@@ -46,6 +48,11 @@ def open_regular(path: Path, root: Path | None = None) -> int:
         if stat.S_ISDIR(mode):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         raise DataError(f"{path}: no regular file but a pipe, socket or device; remove it")
+    try:
+        check_pointer(path)
+    except DataError:
+        os.close(descriptor)
+        raise
     return descriptor
 
 

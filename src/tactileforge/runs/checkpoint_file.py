@@ -14,6 +14,7 @@ from torch import nn
 
 from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.runs.folder import BEST, LAST, split_best
+from tactileforge.util.pointers import check_pointer
 
 #: A checkpoint is a zip file; its comment is this word and the SHA-256 of all bytes before. Without
 #: it, torch.load took 298 of 300 files of 2 MB with one flipped bit (`mmap=True`, torch 2.13); in a
@@ -129,6 +130,7 @@ def read_checkpoint(path: str | Path) -> dict[str, Any]:
         ConfigError: The file is not a checkpoint, or its checksum does not match.
     """
     file = find_checkpoint(path)
+    check_pointer(file)
     try:
         # the checksum before torch.load, which may crash, not fail, on damaged bytes
         _check_seal(file)

@@ -13,6 +13,8 @@ from typing import IO, TYPE_CHECKING, Any
 
 import yaml
 
+from tactileforge.util.pointers import pointer_words
+
 if TYPE_CHECKING:
     from PIL import Image
 
@@ -118,6 +120,9 @@ def load_json(text: str | bytes) -> Any:
         return json.loads(text)
     except RecursionError as error:
         raise ValueError("nested too deep") from error
+    except ValueError as error:
+        words = pointer_words(text.encode() if isinstance(text, str) else text)
+        raise ValueError(words or str(error)) from error
 
 
 def open_picture(file: str | Path | IO[bytes]) -> Image.Image:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Guess, Recording
 from tactileforge.data import Blob, EncodedFrames
 from tactileforge.errors import DataError
-from tactileforge.plugins import load_json
+from tactileforge.plugins import check_pointer, load_json
 from tactileforge.reading import OfficialSplit, PublishedDataset, RecordingItem, add_once, matches
 from tactileforge_datasets.checks import POSE, numbers, pose_track
 
@@ -137,7 +137,11 @@ class FoTa(PublishedDataset):
             if end + tarfile.BLOCKSIZE > path.stat().st_size:
                 raise tarfile.ReadError("it ends before its end mark")
         except (tarfile.TarError, OSError) as error:
-            add_once(self.skipped, f"{path}: damaged ({error}); download it again")
+            try:
+                check_pointer(path)
+                add_once(self.skipped, f"{path}: damaged ({error}); download it again")
+            except DataError as pointer:
+                add_once(self.skipped, pointer)
             if found:  # the last sample may lack a part
                 found.popitem()
         yield from found.items()

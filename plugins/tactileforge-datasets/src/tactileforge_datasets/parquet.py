@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from tactileforge.errors import DataError, unknown
+from tactileforge.plugins import check_pointer
 
 #: Files that stay open in a process.
 _OPEN = 4
@@ -156,4 +157,5 @@ def _field(row: dict[str, Any], name: str) -> Any:
 
 
 def _damaged(path: str | Path, error: BaseException) -> DataError:
+    check_pointer(path)
     return DataError(f"{path}: no parquet file, or damaged ({error}); download it again")

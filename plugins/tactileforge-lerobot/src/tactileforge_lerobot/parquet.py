@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import DataError, DataNotFoundError, unknown
+from tactileforge.plugins import check_pointer
 
 #: Errors raised while reading malformed tables of other programs.
 WRONG = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
@@ -27,6 +28,7 @@ def import_arrow() -> ModuleType:
 
 
 def _damaged(path: Path, error: Exception) -> DataError:
+    check_pointer(path)
     said = " ".join(str(error).split())[:300]
     return DataError(f"{path}: cannot be read ({said}); download it again")
 

@@ -15,6 +15,7 @@ from safetensors.torch import load_file
 from torch import Tensor
 
 from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.plugins import check_pointer
 
 #: Keys of the weights inside a checkpoint of a training program.
 _CONTAINERS = ("state_dict", "model", "model_state_dict")
@@ -141,6 +142,7 @@ def _read_folder(folder: Path) -> dict[str, Tensor]:
 
 
 def _load(path: Path) -> Any:
+    check_pointer(path)
     if _is_safetensors(path):
         try:
             return load_file(path)

@@ -14,6 +14,7 @@ from threading import RLock
 from typing import Any
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
+from tactileforge.plugins import check_pointer
 from tactileforge.reading import folders_below
 
 #: Ends of the files of bags.
@@ -259,6 +260,9 @@ def _named(path: str) -> Iterator[None]:
     except (ConfigError, DataError):
         raise
     except Exception as error:
+        place = Path(path)
+        for file in _files(place) if place.is_dir() else [place]:
+            check_pointer(file)
         why = " ".join(str(error).split()) or "unexpected end or content"
         raise DataError(
             f"{path}: cannot be read ({type(error).__name__}: {why}); copy it again, or repair it: "

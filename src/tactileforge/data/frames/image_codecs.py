@@ -16,6 +16,7 @@ from tactileforge.data.frames.crop import check_range, size_text
 from tactileforge.data.frames.pictures import orientation
 from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import ConfigError, DataError, unknown
+from tactileforge.util.pointers import pointer_words
 from tactileforge.util.untrusted import open_picture
 
 #: Codecs by the ending of their files, with OpenCV's options. JPEG 95 is OpenCV's default; PNG 3
@@ -188,7 +189,8 @@ class PackedFrames:
         try:
             shape = image_size(data)  # checked before OpenCV allocates anything of that size
         except (OSError, ValueError, SyntaxError) as error:
-            raise DataError(f"{self.name}, {self.group} {i}: not an image ({error})") from error
+            words = pointer_words(data) or f"not an image ({error})"
+            raise DataError(f"{self.name}, {self.group} {i}: {words}") from error
         if shape != self.shape:
             raise DataError(
                 f"{self.name}, {self.group} {i}: {size_text(shape)} pixels, where "

@@ -21,6 +21,7 @@ from tactileforge.data.frames.pictures import (
 from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
 from tactileforge.data.frames.video import VIDEO_SUFFIXES, VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.util.pointers import check_pointer
 from tactileforge.util.untrusted import open_picture
 
 if TYPE_CHECKING:
@@ -136,6 +137,7 @@ def _image(path: str, read: Callable[[Image.Image], T]) -> T:
     except FileNotFoundError:
         raise DataNotFoundError(f"{path}: no such file; correct the path") from None
     except (OSError, SyntaxError, ValueError) as error:
+        check_pointer(path)
         raise DataError(
             f"{path}: not a readable image ({error}); replace it, or remove it"
         ) from error

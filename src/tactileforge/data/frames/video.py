@@ -35,8 +35,8 @@ class VideoFrames(Cropped):
 
     PyAV (the extra ``av``) decodes codecs unknown to OpenCV: AV1 in most builds.
 
-    An mp4 trimmed without coding it anew hides some frames and still counts them: reading the last
-    ones is then an error.
+    An mp4 trimmed without coding it anew hides some frames by an edit list; they are left out. Such
+    a file is decoded once when it is opened, and read without seeking.
 
     Args:
         path: Path of the file.

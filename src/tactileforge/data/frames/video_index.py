@@ -13,7 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.data.frames.mp4_edits import shown_share
 from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.util.pointers import check_pointer
 from tactileforge.util.untrusted import MAX_PIXELS
 
 # OpenCV reads this once, when the process first opens a video. FFmpeg's messages name no file, and
@@ -24,7 +26,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 #: duration.
 _COUNTED = frozenset({".avi", ".m4v", ".mov", ".mp4"})
 #: FFmpeg's address of a part of a file (ffmpeg-protocols, subfile).
-_INSIDE = re.compile(r"subfile,,start,\d+,end,\d+,,:(.+)", re.DOTALL)
+_INSIDE = re.compile(r"subfile,,start,(\d+),end,(\d+),,:(.+)", re.DOTALL)
 #: Largest share of missing frames of a file that does not count as truncated.
 _MISSING = 0.05
 #: OpenCV seeks to a key frame at least this many frames before the requested one (first ``delta``
@@ -104,7 +106,7 @@ def video_inside(path: str, start: int, size: int) -> str:
 def _outer(path: str) -> Path:
     """The file of a path, or of an address of `inside`."""
     found = _INSIDE.fullmatch(path)
-    return Path(found[1] if found else path)
+    return Path(found[3] if found else path)
 
 
 def open_video(path: str) -> Any:
@@ -124,6 +126,8 @@ def open_video(path: str) -> Any:
     finally:
         cv2.utils.logging.setLogLevel(level)
     if not capture.isOpened():
+        found = _INSIDE.fullmatch(path)
+        check_pointer(_outer(path), int(found[1]) if found else 0)
         raise DataError(f"{path}: not a video, or truncated; {HINT}")
     return capture
 
@@ -164,7 +168,8 @@ def read_index(path: str) -> VideoIndex:
             _check_size(path, shape, len(packets))
     if not packets:
         raise DataError(f"{path}: a video without frames; {HINT}")
-    _check_complete(Path(path), announced, len(packets))
+    shown = _shown_share(path) * announced
+    _check_complete(Path(path), round(shown), len(packets))
     # packets come in the order of decoding: with B frames, that is not the order of showing
     seconds, is_key = np.array(packets).T
     order = np.argsort(seconds, kind="stable")
@@ -172,10 +177,30 @@ def read_index(path: str) -> VideoIndex:
     if (np.diff(times) <= 0).any():
         # without unique times a seek could not be verified: no keys, so none is tried
         times, keys = _spread_times(times, rate), keys[:0]
+    # packets that an edit list hides: only a decoder tells which ones
+    if 0 < shown < min(announced, len(packets)) - 0.5 and len(seen := _shown_times(path)):
+        _check_complete(Path(path), round(shown), len(seen))
+        times, keys = seen, keys[:0]
     start = float(times[0])
     return VideoIndex(
         shape, codec, rate, start, times - start, keys, (stat.st_size, stat.st_mtime_ns)
     )
+
+
+def _shown_share(path: str) -> float:
+    found = _INSIDE.fullmatch(path)
+    if found:
+        start, end = int(found[1]), int(found[2])
+        return shown_share(Path(found[3]), start, end - start)
+    return shown_share(Path(path)) if Path(path).suffix.lower() in _COUNTED else 1.0
+
+
+def _shown_times(path: str) -> NDArray[np.float64]:
+    """Times of the frames that a player shows, float64 (T,), s; empty where none is decoded."""
+    capture, times = open_video(path), []
+    while capture.grab() and len(times) < MAX_FRAMES:
+        times.append(capture.get(cv2.CAP_PROP_POS_MSEC) / 1000)
+    return np.array(times)
 
 
 def _spread_times(times: NDArray[np.float64], rate: float) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tactileforge.data.frames.image_codecs import CODECS, GROUPS
 from tactileforge.errors import DataError, command
+from tactileforge.util.pointers import check_pointer
 
 #: Members to look at: a shard has a picture among the first few, after a description.
 _LOOKED = 64
@@ -32,7 +33,9 @@ def check_foreign(path: Path) -> None:
     Raises:
         ForeignShardError: None of its first members is an image of a shard; the message lists
             their endings.
+        DataError: It is a pointer of Git LFS.
     """
+    check_pointer(path)
     names = _member_names(path)
     if not _are_foreign(names):
         return

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from tactileforge.data import TAR_BLOCK, Blob
 from tactileforge.errors import DataError
+from tactileforge.plugins import check_pointer
 
 #: Starts of compressed files, and the programs that unpack them.
 _PACKED = {b"\x1f\x8b": "gunzip", b"BZh": "bunzip2", b"\xfd7zXZ": "unxz", b"(\xb5/\xfd": "unzstd"}
@@ -64,6 +65,7 @@ def _indexed(path: str, stamp: tuple[int, ...]) -> TarIndex:
         except tarfile.TarError as error:
             damage = str(error)
     if not index.members:
+        check_pointer(path)
         raise DataError(f"{path}: {damage or 'an empty tar'}; download it again")
     return TarIndex(path, index.members, damage)
 
