@@ -195,9 +195,9 @@ class _Places:
         )
         if self.units.each == "sequence":
             # a file an image: {file}/*.json
-            for unit in (folder, below):
-                if stem in self._images.get(unit, ()) and table.suffix.lower() in RECORDS:
-                    return f"{self._folder(folder, unit)}/*{table.suffix}".lstrip("/"), unit
+            for inside in (folder, below):
+                if stem in self._images.get(inside, ()) and table.suffix.lower() in RECORDS:
+                    return f"{self._folder(folder, inside)}/*{table.suffix}".lstrip("/"), inside
         unit = self._exact.get((folder, stem)) or self._exact.get((folder[:-1], stem))
         if unit is None:
             beside = [one for one in self._inside.get(folder, ()) if _starts(stem, self._name(one))]

@@ -77,12 +77,13 @@ def pages(image: Image.Image) -> list[int]:
 
     A photograph with a second view behind it (MPO) is one picture.
     """
-    if image.format == "MPO" or getattr(image, "n_frames", 1) == 1:
+    count: int = getattr(image, "n_frames", 1)
+    if image.format == "MPO" or count == 1:
         return [0]
     if image.format != "TIFF":
-        return list(range(image.n_frames))
+        return list(range(count))
     out = []
-    for page in range(image.n_frames):
+    for page in range(count):
         image.seek(page)
         # 254 is NewSubfileType (TIFF 6.0, section 8): bit 0 for a reduced copy, bit 2 for a mask
         if not int(image.tag_v2.get(254, 0)) & 5:  # type: ignore[attr-defined]

@@ -51,7 +51,7 @@ class StackFrames(Cropped):
         self.path = str(path)
         if Path(path).suffix.lower() in _TIFF:
             with _opened(self.path) as image:
-                self._pages = pages(image)
+                self._pages: Sequence[int] = pages(image)
                 sizes = []
                 for page in self._pages:
                     image.seek(page)
