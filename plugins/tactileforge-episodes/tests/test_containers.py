@@ -8,13 +8,14 @@ import h5py
 import numpy as np
 import pytest
 import zarr
-from made_episodes import open_x_tactile, pictures, tarred, univtac, write_zarr, zipped
+from made_episodes import open_x_tactile, pictures, tarred, univtac, write_hdf5, write_zarr, zipped
 from tactileforge_episodes.arrays import KEPT, Kept
 from tactileforge_episodes.dataset import Episodes
 from tactileforge_episodes.members import FolderMembers, TarMembers, ZipMembers
 from tactileforge_episodes.places import Place, find_places, open_place
 
 from tactileforge.errors import DataError
+from tactileforge.testing import check_container
 
 
 def oxt(root, **options):
@@ -269,3 +270,21 @@ def test_places_are_found_in_order_and_groups_are_not_entered(folder, tmp_path):
     univtac(tmp_path)
     found = [str(place).removeprefix(f"{tmp_path}/") for place in find_places(tmp_path, print)]
     assert found == ["as_folder/toy.zarr", "insert_hole/clean/0.hdf5"]
+
+
+@pytest.mark.parametrize("kind", ["zarr", "hdf5", "npz"])
+def test_each_format_is_a_container(kind, tmp_path):
+    arrays = {
+        "a/touch": pictures(9, 8, 8, 3),
+        "a/x": np.arange(18.0).reshape(9, 2),
+        "n": np.arange(9),
+    }
+    if kind == "zarr":
+        write_zarr(tmp_path / "a.zarr", arrays)
+    elif kind == "hdf5":
+        write_hdf5(tmp_path / "a.hdf5", arrays)
+    else:
+        np.savez(tmp_path / "a.npz", **arrays)
+    (place,) = find_places(tmp_path, str)
+    results = check_container(open_place(place))
+    assert [one for one in results if one.status != "ran"] == []

@@ -27,7 +27,7 @@ from tactileforge.testing.batches import batch
 from tactileforge.testing.results import Check, CheckResult, CheckSubject, run_check
 from tactileforge.util.threads import one_thread
 
-__all__ = ["CheckResult", "batch", "check"]
+__all__ = ["CheckResult", "batch", "check", "check_container"]
 
 
 def check(
@@ -71,6 +71,20 @@ def check(
     # seeds of checks are their own affair; one thread, as sums over several differ in the last bit
     with torch.random.fork_rng(devices=[]), one_thread():
         return [run_check(test, subject) for test in (*shared, *own)]
+
+
+def check_container(container: Any) -> list[CheckResult]:
+    """Checks a `tactileforge.reading.Container` of your own against the protocol.
+
+    Args:
+        container: An open container, with an array of rows or more.
+
+    Returns:
+        One result per check, in a fixed order.
+    """
+    subject = CheckSubject("container", type(container), "", {}, instance=container)
+    own: list[Check] = import_module("tactileforge.testing.containers").CHECKS
+    return [run_check(test, subject) for test in own]
 
 
 def _subject(
