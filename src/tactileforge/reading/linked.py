@@ -22,7 +22,8 @@ def folders_below(
     """
     seen: set[tuple[int, int]] = set()
     # links last: a folder that lies below the root itself keeps its own name
-    places, links = [root], []
+    places: list[Path] = [root]
+    links: list[Path] = []
     while places or links:
         place = places.pop() if places else links.pop(0)
         try:
