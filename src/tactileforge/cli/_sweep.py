@@ -160,7 +160,8 @@ def _gather(config: DictConfig, folder: Path) -> list[list[str]]:
     said = [dict(word.partition("=")[::2] for word in row["words"]) for row in rows]
     keys = [key for key in said[0] if len({str(words.get(key)) for words in said}) > 1]
     measure = config.get("optimized_metric") or "loss"
-    head, body, settings = ["job", *keys, measure], [], {}
+    head, body = ["job", *keys, measure], []
+    settings: dict[tuple[str, ...], list[tuple[list[str], Any]]] = {}
     for row, words in sorted(zip(rows, said, strict=True), key=_order):
         body.append([str(row["job"]), *(words.get(key, "") for key in keys), _text(row["metric"])])
         setting = tuple(words.get(key, "") for key in keys if key != "seed")

@@ -211,7 +211,7 @@ class Bench:
             scores.setdefault(_name(result), []).append(sign * result.score)
         order = sorted(scores, key=lambda name: sum(scores[name]))
         units, clips = prepared.test_units, prepared.test_clips
-        rows = []
+        rows: list[results.Cell] = []
         for seed, result in sorted(measured, key=lambda row: (order.index(_name(row[1])), row[0])):
             first = result.outcomes[0]
             cell = results.Cell(

@@ -135,7 +135,7 @@ def _open(
         if "force" in opened.heads:
             head, kept = opened.heads["force"], opened.header.heads["force"]
     check_float32(encoder)
-    layer, about = _classes(classes, encoder, known["model"] or "this model")
+    layer, about = _classes(classes, encoder, str(known["model"]) or "this model")
     force: dict[str, Any] = {}
     # copied together: a head may share modules with its encoder. Hooks stay off the user's model
     module = GraphModule(*copy.deepcopy((encoder, head)), kept.get("scale"), squashed, layer)

@@ -65,7 +65,7 @@ class PreparedTask:
     def test_picture(self, place: int) -> NDArray[np.uint8]:
         """Last frame of a test clip, uint8 (H, W, 3), by its place among them."""
         number, last = self.source.index[self.target.clips[self._test[place]]].tolist()
-        return self.source.recordings[number].frames.read([last])[0]
+        return np.asarray(self.source.recordings[number].frames.read([last])[0], np.uint8)
 
     @property
     def _test(self) -> NDArray[np.int64]:

@@ -191,7 +191,8 @@ class Writer:
 def _class_table(arrays: Mapping[str, NDArray[Any]]) -> str:
     """Which clip was taken for what, with the probability of what was predicted, and of each."""
     names, shares = arrays["names"], arrays.get("probability")
-    head, columns = ["clip", "truth", "predicted"], [arrays["clips"]]
+    head = ["clip", "truth", "predicted"]
+    columns: list[Any] = [arrays["clips"]]
     columns += [names[arrays[key]] for key in ("truth", "predicted")]
     if shares is not None:
         head += ["probability", *(f"probability of {name}" for name in names)]
