@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -27,22 +27,40 @@ from tactileforge.util import threads
 from tactileforge.util.threads import use_threads
 
 
-def run(model: Model, count: int) -> dict[str, float]:
-    """Milliseconds of a push."""
-    camera = SyntheticCamera()
-    images = camera.pictures
+def run(model: Model, count: int, threads: Sequence[int | None]) -> dict[str, dict[str, float]]:
+    """Milliseconds of a push by number of threads, None for the one that is chosen; in turns."""
+    images = SyntheticCamera().pictures
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # forces are an estimate
-        stream = model.stream("digit", background=images[0])
-    milli = []
+        streams = [model.stream("digit", background=images[0]) for _ in threads]
+    milli: list[list[float]] = [[] for _ in threads]
     for number in range(count + 20):
-        start = time.perf_counter()
-        found = stream.push(images[number % len(images)], number / 30)
-        if number >= 20:  # warm-up: by now a clip is complete
-            assert found is not None
-            milli.append(1000 * (time.perf_counter() - start))
-    p50, p99 = np.percentile(milli, [50, 99])
-    return {"p50_ms": round(float(p50), 2), "p99_ms": round(float(p99), 2), "pushes": count}
+        for stream, times, asked in zip(streams, milli, threads, strict=True):
+            with chosen_threads(asked):
+                start = time.perf_counter()
+                found = stream.push(images[number % len(images)], number / 30)
+            if number >= 20:  # warm-up: by now a clip is complete
+                assert found is not None
+                times.append(1000 * (time.perf_counter() - start))
+    return {
+        "chosen" if asked is None else f"{asked} threads": {
+            "p50_ms": round(float(np.percentile(times, 50)), 2),
+            "p99_ms": round(float(np.percentile(times, 99)), 2),
+            "pushes": count,
+        }
+        for times, asked in zip(milli, threads, strict=True)
+    }
+
+
+@contextmanager
+def chosen_threads(count: int | None) -> Iterator[None]:
+    """As with ``threads=count``; None as without."""
+    before, threads._chosen = threads._chosen, count is not None
+    try:
+        use_threads(count)
+        yield
+    finally:
+        threads._chosen = before
 
 
 @contextmanager
@@ -59,15 +77,12 @@ def burning(count: int) -> Iterator[None]:
 
 
 def busy(model: Model, count: int) -> dict[str, dict[str, dict[str, float]]]:
-    """Milliseconds of a push by load of the machine and threads; the two take turns."""
+    """Milliseconds of a push by load of the machine and threads; one thread and more take turns."""
     cores = os.cpu_count() or 1
-    found: dict[str, dict[str, dict[str, float]]] = {}
+    found = {}
     for load, burners in (("idle", 0), ("a burner on each core", cores)):
         with burning(burners):
-            found[load] = {"one thread": run(model, count)}
-            use_threads(cores)
-            found[load][f"{cores} threads"] = run(model, count)
-            threads._chosen = False
+            found[load] = run(model, count, (None, cores))
     return found
 
 
@@ -87,9 +102,9 @@ def main() -> None:
         }
         save(words.name, {"frame": "320 x 240", "dtype": words.dtype, "models": found})
         return
-    use_threads(words.threads)
     found = {
-        name: run(tactileforge.load(name, dtype=words.dtype), words.count) for name in words.model
+        name: run(tactileforge.load(name, dtype=words.dtype), words.count, (words.threads,))
+        for name in words.model
     }
     save(words.name, {"frame": "320 x 240", "dtype": words.dtype, "models": found})
 

@@ -8,13 +8,13 @@ import pytest
 
 from tactileforge.checks import CheckRun, check_labels, check_recordings, made_touch
 from tactileforge.checks.doors import frame_lines
+from tactileforge.checks.made import resting
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import ConfigError
 
 
 def mirrored(key, **labels):
-    one = made_touch(edit=lambda frames: frames.__setitem__(..., frames[:, :, ::-1].copy()))
-    return replace(one, key=key, labels=labels)
+    return replace(made_touch(still=resting()[:, ::-1]), key=key, labels=labels)
 
 
 @pytest.mark.parametrize("ignore", ["TF308", "TF3", "mirrored", "TF203 TF308"])
