@@ -131,7 +131,8 @@ class LayoutReader:
             replace(touch, paths=[path for path in touch.paths if path not in still])
             for touch in touches
         ]
-        return self._in_order([touch for touch in kept if touch.paths])
+        # the only video may name itself, too
+        return self._in_order([touch for touch in kept if touch.paths] or touches)
 
     def _in_order(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
         """Touches with their images in the layout's order."""
