@@ -121,6 +121,7 @@ def test_metadata(any_size: Exported, vit: TactileViT) -> None:
     assert len(outputs.pop("weights")) == 16
     assert outputs == {
         "background": facts.BACKGROUND,
+        "classes": {},
         "error": any_size.error,
         "force": {},
         "format": "onnx",
