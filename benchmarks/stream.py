@@ -96,11 +96,11 @@ def main() -> None:
     parser.add_argument("--name", default="stream", help="of the result")
     words = parser.parse_args()
     if words.busy:
-        found = {
+        loads = {
             name: busy(tactileforge.load(name, dtype=words.dtype), words.count)
             for name in words.model
         }
-        save(words.name, {"frame": "320 x 240", "dtype": words.dtype, "models": found})
+        save(words.name, {"frame": "320 x 240", "dtype": words.dtype, "models": loads})
         return
     found = {
         name: run(tactileforge.load(name, dtype=words.dtype), words.count, (words.threads,))

@@ -189,7 +189,7 @@ class ClipEncoder:
     def _cost(self) -> int:
         """Parameters times frames, which the work of a clip grows with."""
         frames: int = self.encoder.frames
-        return frames * sum(one.numel() for one in self.encoder.parameters())
+        return frames * sum(int(one.numel()) for one in self.encoder.parameters())
 
     @contextmanager
     def computing(self, clips: int) -> Iterator[None]:
