@@ -1,6 +1,6 @@
-"""Two labels of the gate told by one number or the mean color, without any encoder.
+"""Two labels of the gate told by one number or the mean colour, without any encoder.
 
-The diameter of a ball: nearest neighbor of each press among the other presses, by the mean color of
+The diameter of a ball: nearest neighbour of each press among the others, by the mean colour of
 the frame, and by that of the frame less the background. Contact with a cable: a threshold on the
 mean absolute change of the frame, chosen on the other folds. Balanced accuracies, as shares.
 
@@ -38,7 +38,7 @@ def opened(name: str) -> tuple[Task, TaskSource, Target]:
 
 
 def mean_colors(source: TaskSource, target: Target) -> dict[str, Values]:
-    """Mean colors of the last frames of the clips of a target, (n, 3), by kind of picture."""
+    """Mean colours of the last frames of the clips of a target, (n, 3), by kind of picture."""
     rows = []
     stills = {}
     for number, last in source.index[target.clips].tolist():
@@ -61,7 +61,7 @@ def balanced(predicted: NDArray[Any], truth: NDArray[Any]) -> float:
 
 
 def nearest(colors: Values, truth: NDArray[Any]) -> dict[str, float]:
-    """Accuracies of the nearest other press by color, (n, 3)."""
+    """Accuracies of the nearest other press by colour, (n, 3)."""
     distance = np.linalg.norm(colors[:, None] - colors[None], axis=2)
     np.fill_diagonal(distance, np.inf)
     predicted = truth[distance.argmin(1)]

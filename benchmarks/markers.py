@@ -53,7 +53,7 @@ def blobs(frames: Film, grid: MarkerGrid) -> NDArray[np.float64]:
             at[near] = found[apart.argmin(1)[near]]
         last = np.where(np.isfinite(at), at, last)
         out.append(at)
-    # a blob's center is not our center of mass: only the motion is compared
+    # a blob's centre is not our centre of mass: only the motion is compared
     return np.stack(out) - np.where(np.isfinite(out[0]), out[0], grid.places)
 
 

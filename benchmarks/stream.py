@@ -28,7 +28,7 @@ from tactileforge.util.threads import use_threads
 
 
 def run(model: Model, count: int, threads: Sequence[int | None]) -> dict[str, dict[str, float]]:
-    """Milliseconds of a push by number of threads, None for the one that is chosen; in turns."""
+    """Milliseconds of a push by number of threads, None for our choice; in turns."""
     images = SyntheticCamera().pictures
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # forces are an estimate
@@ -65,7 +65,7 @@ def chosen_threads(count: int | None) -> Iterator[None]:
 
 @contextmanager
 def burning(count: int) -> Iterator[None]:
-    """Processes that keep a core busy each."""
+    """One busy process a core."""
     burn = "while True: pass"
     burners = [subprocess.Popen([sys.executable, "-c", burn]) for _ in range(count)]
     try:

@@ -78,3 +78,32 @@ def test_the_rules_find_what_they_are_for() -> None:
     assert SEE.match("    config: See `parse`.")
     assert not SEE.match("    config: Options, see `parse`.")
     assert NONE.search("ConfigError: A share that is none.")
+
+
+#: American spellings; names of other libraries stand in code.
+AMERICAN = re.compile(
+    r"\b(?:neighbor\w*|behavior\w*|colors?|colored|center(?:s|ed)?|gray(?:s|ish)?"
+    r"|(?:normal|initial|recogn|summar|quant|general)iz(?:es?|ed|ing|ation))\b"
+)
+CODE = re.compile(r"`[^`]*`|\]\([^)]*\)|https?://\S+|\w+[=.(]\S+|\w*_\w+|^\s*\w+:|\"[^\"]*\"", re.M)
+FENCE = re.compile(r"^```.*?^```", re.M | re.S)
+
+
+def prose() -> Iterator[tuple[str, str]]:
+    """Place and prose of each docstring, and of each page."""
+    yield from (
+        (place, re.sub(r"^ *(>>>|\.\.\.).*", "", text, flags=re.M)) for place, text in docstrings()
+    )
+    for path in sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]):
+        if path.name not in ("reference.md", "zoo.md"):  # titles of papers; lines of docstrings
+            yield path.relative_to(ROOT).as_posix(), FENCE.sub("", path.read_text("utf-8"))
+
+
+def test_one_spelling_of_english() -> None:
+    odd = [
+        f"{place}: {match[0]}"
+        for place, text in prose()
+        for match in AMERICAN.finditer(CODE.sub(" ", text))
+    ]
+    assert AMERICAN.search("a Color of its neighbors".lower())
+    assert not odd, "\n".join(odd)

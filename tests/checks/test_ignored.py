@@ -1,4 +1,4 @@
-"""Checks that a recording leaves out: at every door, and no other recording."""
+"""Checks left out by a recording: at every door, and no other recording."""
 
 from dataclasses import replace
 

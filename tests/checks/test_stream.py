@@ -15,7 +15,7 @@ FPS = 30
 
 
 def shown(checks, pictures, times=None):
-    """Which pictures are handed on; each arrives at its own moment."""
+    """The pictures handed on; each arrives at its own moment."""
     times = np.arange(len(pictures)) / FPS if times is None else times
     rows = zip(pictures, times, strict=True)
     return [
@@ -40,7 +40,7 @@ def test_a_frozen_picture_is_dropped_and_no_other_check_sees_it():
 
 
 def test_what_tells_of_the_stream_so_far_is_taken_back():
-    """A clock that looks slow in the first seconds, as frames pile up, and is right in the end."""
+    """A clock seems slow in the first seconds, as frames pile up, and is right in the end."""
     checks = StreamChecks("left", spec("digit"))
     arrived = np.arange(30 * FPS) / FPS
     shown(checks, pictures(len(arrived)), np.where(arrived < 4, 0.8 * arrived, arrived))

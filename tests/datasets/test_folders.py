@@ -24,7 +24,7 @@ def read(root: Path, **layout: Any) -> tuple[list[Recording], list[str]]:
 
 
 def _forces(rows: range | list[int]) -> str:
-    """A table whose newtons are the numbers of the frames."""
+    """A table with the numbers of the frames as newtons."""
     return "frame,fz\n" + "".join(f"{n},{n}\n" for n in rows)
 
 

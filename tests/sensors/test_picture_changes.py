@@ -22,7 +22,7 @@ def gel(number):
 
 
 def seen(change, start=30, count=60):
-    """Time and change of every picture that has one."""
+    """Time and change of every picture with one."""
     changes, found = PictureChanges(), []
     for number in range(count):
         picture = gel(number)

@@ -173,7 +173,7 @@ class MeanOfNothing(Push):
 
 
 class NothingOverNothing(Push):
-    """Finite in the first step only: then no sample is left that it errs on by little."""
+    """Finite in the first step only: then no sample is left with a small error."""
 
     def change(self, loss):
         few = (self.scale == 1).float()

@@ -1,4 +1,4 @@
-"""Every shipped plugin of every kind passes the command that its users are told to run."""
+"""Every shipped plugin of every kind passes the command for its users."""
 
 import pytest
 

@@ -79,7 +79,7 @@ if __name__ == "__main__":
 
 @pytest.mark.slow
 def test_workers_of_a_forkserver_end_with_the_process_that_is_killed(tmp_path: Path) -> None:
-    """And the forkserver, which waits for them, after them."""
+    """And the forkserver after them."""
     (tmp_path / "main.py").write_text(WORKERS)
     with subprocess.Popen(
         [sys.executable, "main.py"], cwd=tmp_path, stdout=subprocess.PIPE

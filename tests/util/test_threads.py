@@ -51,7 +51,7 @@ def test_a_run_trains_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 @pytest.fixture
 def cores(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A machine where torch has chosen three threads."""
+    """A machine with three threads, chosen by torch."""
     before = torch.get_num_threads()
     for word in threads._WORDS:
         monkeypatch.delenv(word, raising=False)

@@ -587,7 +587,7 @@ def test_forces_of_an_array_an_axis(name, tmp_path):
 
 @pytest.mark.slow
 def test_the_words_of_an_error_work_as_typed(tmp_path, capsys):
-    """Both the key and the map that an error offers, through a shell."""
+    """Both the key and the map of an error's fix, through a shell."""
     (tmp_path / "lab").mkdir()
     robomimic(tmp_path / "lab/demo.hdf5")
     with h5py.File(tmp_path / "lab/demo.hdf5", "r+") as file:

@@ -140,7 +140,7 @@ def test_a_made_touch_is_proposed_as_it_was_made(still_frames):
 def test_an_imprint_that_grows_is_no_slip():
     rows, columns = np.mgrid[0:96, 0:128]
     frames = np.full((20, 96, 128, 3), 100, np.uint8)
-    for i in range(5, 20):  # it grows to one side, so its center moves
+    for i in range(5, 20):  # it grows to one side, so its centre moves
         frames[i][(np.abs(rows - 48) < 20) & (columns > 20) & (columns < 30 + 6 * (i - 5))] = 180
     made = recording(frames)
     seen = imprint(made, made.background(), 8.0)

@@ -86,7 +86,7 @@ class Check:
         fix: What puts it right, with the key where there is one.
         unit: Unit of the measured number; "" for none.
         worst: 1 if larger numbers are worse, -1 if smaller ones are.
-        troubles: Of a check of a stream: what single frames may have, by name, in words with the
+        troubles: Faults of single frames of a stream, by name, in words with the
             fix. Frames with each are counted, and the first one is told.
     """
 

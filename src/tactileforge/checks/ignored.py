@@ -1,4 +1,4 @@
-"""Checks that are left out for a recording, as its own description says that it knows better."""
+"""Checks left out for a recording by its own description."""
 
 from __future__ import annotations
 

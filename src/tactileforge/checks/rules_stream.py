@@ -107,7 +107,7 @@ class ChangedPictures(Check):
 
 
 class ClockOfStream(Check):
-    """Times that are late, early, or of a slow or fast clock."""
+    """Late or early times, and slow or fast clocks."""
 
     code, level, needs = CODES["clock_of_stream"], "error", _STREAM
     title = "The clock of the sensor is off"

@@ -78,5 +78,5 @@ class StreamChecks:
         return True
 
     def findings(self) -> list[Finding]:
-        """What was found so far."""
+        """Findings so far."""
         return list(self.found.values())

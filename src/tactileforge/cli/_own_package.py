@@ -68,7 +68,7 @@ def test_conformance(kind):
 
 
 def package_of(kind: str, name: str, source: str) -> tuple[str, dict[str, str]]:
-    """Files of a package with the class, which keeps its source as it is.
+    """Files of a package with the class, its source unchanged.
 
     Args:
         kind: One of `KINDS`.
@@ -140,7 +140,7 @@ def _file_of(source: str, *classes: type[Any]) -> Path:
 
 
 def _distributions(source: str, file: Path, text: str) -> Iterator[str]:
-    """Distributions of the modules that a file imports, beside Python's own and ours.
+    """Distributions of a file's imports, beside Python's own and ours.
 
     Raises:
         ConfigError: It imports a file that lies beside it, which the package would not have.

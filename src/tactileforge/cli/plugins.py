@@ -145,7 +145,7 @@ def _check(keys: _Check, _: dict[str, Any]) -> int:
 
 
 def _unchecked(name: str) -> str:
-    """How a plugin is checked that has no conformance suite; "" for an unknown name."""
+    """The way to check a plugin without a conformance suite; "" for an unknown name."""
     if name in _options.options("suite"):
         shown = command("bench", f"suite={name}", "--cfg", "job")
         tried = command("bench", f"suite={name}", "model=pixels", f"out={name}")

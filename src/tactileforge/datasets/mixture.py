@@ -76,7 +76,7 @@ class Mixture(Drawn):
 
     @property
     def held_out(self) -> list[str]:
-        """What each of the data sets holds out together."""
+        """The held-out unit of each of the data sets."""
         said = ((name, getattr(data, "held_out", ())) for name, data in self.datasets.items())
         return [f"{name}: {line}" for name, lines in said for line in lines]
 

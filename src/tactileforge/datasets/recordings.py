@@ -132,7 +132,7 @@ class Recordings(Drawn):
 
     @property
     def held_out(self) -> list[str]:
-        """What is held out together, one line per layout read so far."""
+        """The held-out units, one line per layout read so far."""
         return [f"{name}: {of.held_out}" for name, of in self._split_up.items()]
 
     def recordings(self, split: str) -> Iterator[Recording]:
@@ -216,7 +216,7 @@ class _SplitUp:
 
     @property
     def held_out(self) -> str:
-        """What is held out together, in words."""
+        """The held-out unit, in words."""
         unit, count = self.layout.split, len(set(self.trials))
         what = f"{len(self.trials)} recordings of {count} trials"
         if unit in ("train", "val"):
@@ -229,7 +229,7 @@ class _SplitUp:
 
     @property
     def doubt(self) -> str:
-        """That trials are on both sides, as a phrase; "" where none is."""
+        """Trials on both sides, as a phrase; "" where none is."""
         sides: dict[str, set[str]] = {}
         for trial, side in zip(self.trials, self.sides, strict=True):
             sides.setdefault(trial, set()).add(side)

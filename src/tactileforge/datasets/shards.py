@@ -144,7 +144,7 @@ class Shards(Drawn):
 
     @property
     def held_out(self) -> list[str]:
-        """What is held out together, beyond the shards of validation."""
+        """The held-out unit, beyond the shards of validation."""
         return [f"by {self.hold_out}, of the training shards"] if self.val else []
 
     def _stored(self, split: str) -> list[Source]:

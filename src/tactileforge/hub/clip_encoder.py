@@ -83,7 +83,7 @@ class ClipEncoder:
         """
         needed = uses_background(self.encoder)
         inputs = prepare_clips(clips.frames, clips.background, self.encoder.frames, needed)
-        # a background that is taken from the clip has its order of colors
+        # a background that is taken from the clip has its order of colours
         if check and clips.background is not None and not clips.word:
             warn_of_swapped_clips(inputs)
         return squash_clips(inputs, self.squashed)
@@ -187,7 +187,7 @@ class ClipEncoder:
 
     @cached_property
     def _cost(self) -> int:
-        """Parameters times frames, which the work of a clip grows with."""
+        """Parameters times frames, a measure of the work of a clip."""
         frames: int = self.encoder.frames
         return frames * sum(int(one.numel()) for one in self.encoder.parameters())
 

@@ -107,7 +107,7 @@ def gate_faults(rows: Sequence[Gate], tokens: str) -> list[str]:
 
 
 def _carried(counted: Sequence[Gate]) -> list[str]:
-    """Leads of a suite that are none without one task, in words."""
+    """Leads of a suite by one task alone, in words."""
     faults = []
     for name, words in COMPARED.items() if len(counted) > 1 else ():
         leads = {row.task: getattr(row, name)[0] for row in counted}

@@ -14,7 +14,7 @@ _GAIN = 2.0
 
 
 def difference_image(image: NDArray[np.uint8], background: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Difference of image and background, amplified twice, around mid-gray; uint8 (H, W, 3).
+    """Difference of image and background, amplified twice, around mid-grey; uint8 (H, W, 3).
 
     Args:
         image: uint8 (H, W, 3).

@@ -144,7 +144,7 @@ class FrameTables:
         paths: Sequence[Path],
         note: Callable[[str], None],
     ) -> Mapping[int, Row] | None:
-        """Rows by frame of a table that names images or their numbers; None for other tables."""
+        """Rows by frame of a table with names or numbers of images; None for other tables."""
         if table.frame and self.layout.each == "sequence" and self.layout.times != "even":
             return _numbered(table, path, [one.stem for one in paths], note)
         if table.frame or table.time or self.layout.each == "video":

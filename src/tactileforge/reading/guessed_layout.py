@@ -234,7 +234,7 @@ def _frames(
 
 
 def _told_apart(folders: Mapping[tuple[Path, str], Sequence[Path]]) -> list[str]:
-    """Starts of names that tell recordings of one folder apart; [] where they do not."""
+    """Distinct starts of the names of recordings of one folder; [] where they do not."""
     of_folder: dict[Path, list[str]] = {}
     for folder, prefix in folders:
         of_folder.setdefault(folder, []).append(prefix)
@@ -249,7 +249,7 @@ def _told_apart(folders: Mapping[tuple[Path, str], Sequence[Path]]) -> list[str]
 
 
 def _pattern(root: Path, media: Sequence[Path], files: Sequence[Path]) -> str | list[str]:
-    """Pattern of files, with the folders that all of them share by name."""
+    """Pattern of files, with their common folders by name."""
     paths = [path.relative_to(root) for path in media]
     depths = {len(path.parts) for path in paths}
     others = {path.relative_to(root).parts[:-1] for path in files} - {
@@ -285,7 +285,7 @@ def _follow_each_other(images: Sequence[Path]) -> bool:
         pictures = ImageFrames(images[:_COMPARED]).read(range(min(len(images), _COMPARED)))
     except TactileForgeError:
         return False
-    # every eighth pixel: neighbors say nearly the same, and a guess is for the whole picture
+    # every eighth pixel: neighbours say nearly the same, and a guess is for the whole picture
     small = pictures[:, ::8, ::8].astype(np.float32)
     following = np.abs(np.diff(small, axis=0)).mean()
     half = len(small) // 2

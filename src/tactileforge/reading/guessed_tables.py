@@ -1,4 +1,4 @@
-"""Guesses of what the tables beside recordings are: forces, times of frames, objects, sensors."""
+"""Guesses about tables beside recordings: forces, times of frames, objects, sensors."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
 
 
 class _Places:
-    """Templates of tables by where they lie beside the recordings."""
+    """Templates of tables by their places beside the recordings."""
 
     def __init__(self, units: Units) -> None:
         self.units = units
@@ -234,7 +234,7 @@ class _Places:
 
 
 def _starts(stem: str, name: str) -> bool:
-    """Whether the name of a table is that of a recording, or begins with it."""
+    """Whether the name of a table is, or begins with, a recording's."""
     return bool(name) and (stem == name or re.match(rf"{re.escape(name)}[_.\- ]", stem) is not None)
 
 
@@ -312,7 +312,7 @@ def _step_unit(column: str, step: float) -> str:
 def guess_force(
     found: Sequence[Family], units: Units, doubts: list[str]
 ) -> tuple[dict[str, Any], list[Family]]:
-    """Guess the key of forces, and the family that it reads.
+    """Guess the key of forces, and its family of tables.
 
     Args:
         found: Families of tables.
@@ -366,7 +366,7 @@ def _time_column(family: Family) -> str | None:
 
 
 def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | None:
-    """Keys of what a row of forces is of; None where they cannot be told."""
+    """Keys of the time or frame of a row of forces; None where they cannot be told."""
     if family.key and units.each != "video":
         return {"key": family.key}
     if units.each == "touch":
@@ -406,7 +406,7 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
 def guess_labels(
     found: Sequence[Family], units: Units, doubts: list[str]
 ) -> tuple[dict[str, Any], list[Family]]:
-    """Guess the keys of objects, captions and types of sensors, and the families that they read.
+    """Guess the keys of objects, captions and types of sensors, and their families of tables.
 
     Args:
         found: Families of tables.
@@ -443,7 +443,7 @@ def guess_labels(
 def guess_shared(
     found: Sequence[Family], units: Units, is_assumed: bool, doubts: list[str]
 ) -> tuple[dict[str, Any], list[Family]]:
-    """Guess what a file of one row says of all recordings, and the rate of their frames.
+    """Guess the values of a file of one row for all recordings, and the rate of their frames.
 
     Args:
         found: Families of tables.
@@ -489,7 +489,7 @@ def _is_sensor(name: str) -> bool:
 
 
 def left_out(unread: Iterable[Path], root: Path) -> list[str]:
-    """Lines about tables and files of labels that a guess does not read, one a kind."""
+    """Lines about unread tables and files of labels, one a kind."""
     kinds: dict[str, list[str]] = {}
     for path in unread:
         kinds.setdefault(conversion(path) and path.suffix.lower(), []).append(

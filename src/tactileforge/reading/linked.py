@@ -1,4 +1,4 @@
-"""Search of folders whose folders may be links, as clusters keep their data."""
+"""Search of folders with linked folders, as clusters keep their data."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def folders_below(
 def matches(
     root: Path, pattern: str, left_out: Callable[[Path], object] = lambda path: None
 ) -> list[Path]:
-    """Paths below a folder that match a pattern, whose ``**`` enters links to folders too.
+    """Paths below a folder by a pattern; ``**`` enters links to folders too.
 
     Args:
         root: The folder.

@@ -107,7 +107,7 @@ def name_times(stems: Sequence[str], fps: float | None, unit: str | None = None)
 
 
 def frame_numbers(stems: Sequence[str]) -> list[int]:
-    """The numbers by which names count frames, ascending; [] where they are stamps, or no counter.
+    """The numbers of frames in names, ascending; [] where they are stamps, or no counter.
 
     Args:
         stems: Names without their endings, oldest first.
@@ -265,7 +265,7 @@ def _counted(numbers: list[int], fps: float | None) -> NameTimes:
     if (steps == steps[0]).all() or not fps:
         return NameTimes()
     places = np.array([number - numbers[0] for number in numbers], np.float64)
-    # most follow their neighbor: a counter of frames, and gaps are dropped ones
+    # most follow their neighbour: a counter of frames, and gaps are dropped ones
     if (steps == 1).mean() >= 0.5:
         return NameTimes(places / fps)
     for unit, ns in _NS.items():

@@ -85,7 +85,7 @@ def name_keys(paths: Iterable[Path]) -> Mapping[Path, tuple[Any, ...]]:
 
 
 def name_prefix(stem: str) -> str:
-    """What stands before the last number or word of a name.
+    """The part of a name before its last number or word.
 
     Example:
         >>> name_prefix("mug_1700000000.033"), name_prefix("mug_2_00012"), name_prefix("00012")

@@ -169,7 +169,7 @@ class LayoutReader:
             yield replace(touch, name=key, paths=paths, row=row, folder=folder)
 
     def trials(self, touches: Sequence[LayoutTouch]) -> list[str]:
-        """Names of the trials of touches, which are held out together; see `trials.trials_of`.
+        """Names of the trials of touches, the held-out units; see `trials.trials_of`.
 
         Args:
             touches: All touches of the layout.

@@ -1,4 +1,4 @@
-"""Rows of files that are no CSV: JSON, JSON lines, YAML and arrays of NumPy; and of many at once.
+"""Rows of files other than CSV: JSON, JSON lines, YAML and arrays of NumPy; and of many at once.
 
 Values within others are named by a point: ``{"force": {"z": 2}}`` has the column ``force.z``, and
 ``{"force": [0, 0, 2]}`` the columns ``force.0`` to ``force.2``.
@@ -42,7 +42,7 @@ _MAT_73 = (
 
 
 def conversion(path: Path) -> str:
-    """What a file of labels is that nothing here reads, and how to convert it; "" for another.
+    """Kind of an unread file of labels, and a way to convert it; "" for another.
 
     Example:
         >>> conversion(Path("forces.xlsx"))
@@ -180,7 +180,7 @@ def _flat(value: Any, name: str) -> Iterator[tuple[str, str]]:
 
 
 def _filled(rows: list[tuple[str, dict[str, str]]]) -> list[tuple[str, dict[str, str]]]:
-    """Rows with all columns, in the order in which they first come."""
+    """Rows with all columns, in the order of their first rows."""
     header = dict.fromkeys((name for _, cells in rows for name in cells), "")
     return [(where, header | cells) for where, cells in rows]
 

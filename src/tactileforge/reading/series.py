@@ -74,7 +74,7 @@ def names_of(paths: Sequence[Path]) -> str:
 
 
 def _common(names: Sequence[str]) -> str:
-    """The letters with which all names begin."""
+    """The common beginning of all names."""
     first, last = min(names), max(names)
     same = takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
     return "".join(letter for letter, _ in same)
@@ -101,7 +101,7 @@ def _by_place(names: Mapping[int, Sequence[str]]) -> Groups | None:
 
 
 def _places(values: Sequence[set[str]], counter: int) -> Iterator[tuple[int, ...]]:
-    """Places in names that may tell series apart: one, or else two."""
+    """Places in names for the words of series: one, or else two."""
     able = []
     for place, own in enumerate(values):
         before = values[place - 1] if place else set()
@@ -134,7 +134,7 @@ def _by_words(names: Mapping[int, Sequence[str]]) -> Groups | None:
 
 
 def _are_series(groups: Groups, counts: Mapping[int, Any], by_device: bool) -> bool:
-    """Whether groups have a counter each, which is the same, or take turns on a common one."""
+    """Whether groups count alike, or take turns on a common counter."""
     numbers = sorted(({counts[at] for at in group} for group in groups.values()), key=len)
     if len(groups) < 2 or sum(map(len, numbers)) < len(counts):  # a number is twice in a group
         return False

@@ -1,4 +1,4 @@
-"""Trials: recordings that belong together, by their names, such as those of two sensors."""
+"""Trials: recordings of one take by their names, such as those of two sensors."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _MOST, _FEWEST = 6, 3
 
 
 def trial_of(name: str) -> str:
-    """The trial of a recording, by its name alone: without sides, repetitions and what is below.
+    """The trial of a recording, by its name alone: without sides, repetitions and folders below.
 
     Args:
         name: Path of a recording, without its ending; slashes separate folders.
@@ -103,7 +103,7 @@ def trials_of(
 
 
 def _without(pattern: re.Pattern[str], names: Sequence[str]) -> list[str]:
-    """Names without a device, where the same ones are in most of what remains."""
+    """Names without a device, if most of the remaining ones agree."""
     found = {name: match for name in names if (match := pattern.search(name))}
     short = {
         name: _tidy(name[: match.start()] + name[match.end() :]) for name, match in found.items()
@@ -124,7 +124,7 @@ def _is_numbered(name: str) -> bool:
 
 
 def _at_once(spans: Mapping[str, tuple[float, float]]) -> dict[str, str]:
-    """One name for recordings that overlap in time, by each of them."""
+    """One name for recordings overlapping in time, by each of them."""
     out: dict[str, str] = {}
     first, end = "", float("-inf")
     for name, (start, stop) in sorted(spans.items(), key=lambda item: item[1]):

@@ -239,7 +239,7 @@ def predictions(
 
 
 def saliency(module: TouchModule, clips: Clips, which: Sequence[int]) -> Tensor | None:
-    """Share of each patch in the distance of a clip's vector from that of the untouched gel.
+    """Share of each patch in the distance of a clip's vector from the untouched gel's.
 
     Integrated gradients (Sundararajan et al. 2017) of the squared distance of the two projected
     class tokens, along the straight line from the gel at rest to the clip. The shares of a clip sum

@@ -47,7 +47,7 @@ class Counts:
 
 
 class FrameWatch(Protocol):
-    """What looks at every frame of a sensor; `tactileforge.checks.StreamChecks` is one."""
+    """A watcher of every frame of a sensor; `tactileforge.checks.StreamChecks` is one."""
 
     def look(self, frame: Frame, arrived: float) -> bool:
         """Look at a frame.

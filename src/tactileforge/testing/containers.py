@@ -1,4 +1,4 @@
-"""The checks of containers: a format is four methods that say where values are."""
+"""The checks of containers: a format is four methods for the places of values."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def what_is_not_there_is_a_data_error(subject: CheckSubject) -> None:
-    """A missing array, and a row beyond the last, are a `DataError` that names them."""
+    """A missing array, and a row beyond the last, are a `DataError` with their names."""
     missing = "no/such/array"
     for method in ("array", "times", "frames"):
         try:

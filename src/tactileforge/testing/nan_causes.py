@@ -1,4 +1,4 @@
-"""Where a NaN comes from: the first operation that gives one of numbers that are none."""
+"""The origin of a NaN: the first operation with one from finite numbers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NOT_THEIRS = (str(Path(torch.__file__).parent), str(Path(__file__).parent))
 
 
 class NanWatch(TorchFunctionMode):
-    """Notes the first operation that makes NaN of inputs without one.
+    """Notes the first operation with NaN from inputs without one.
 
     Example:
         >>> with NanWatch() as watch:
@@ -108,7 +108,7 @@ def _has_nan(tensor: Tensor) -> bool:
 
 
 def _place() -> str:
-    """File and line that called the operation."""
+    """File and line of the operation's caller."""
     frame: FrameType | None = sys._getframe(1)
     while frame is not None and frame.f_code.co_filename.startswith(_NOT_THEIRS):
         frame = frame.f_back

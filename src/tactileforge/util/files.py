@@ -53,7 +53,7 @@ def cache_folder(path: str | None = None) -> Path:
 
 @contextmanager
 def usual_mode(path: Path) -> Iterator[None]:
-    """Gives a new file that a library writes for its owner alone the permissions of the umask.
+    """Gives a new file of a library, private to its owner, the permissions of the umask.
 
     Example:
         >>> with usual_mode(Path("a.safetensors")):

@@ -1,4 +1,4 @@
-"""Pointers of Git LFS and git-annex: lines of text in place of a file that was not fetched."""
+"""Pointers of Git LFS and git-annex: lines of text in place of an unfetched file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LARGEST = 1024
 
 
 def pointer_words(content: bytes) -> str:
-    """What a content is that is a pointer, and how to get the file; "" for another.
+    """Kind of a pointer, and the way to get its file; "" for another.
 
     Args:
         content: The file, or its first bytes.
@@ -34,7 +34,7 @@ def pointer_words(content: bytes) -> str:
 
 
 def check_pointer(path: str | Path, start: int = 0) -> None:
-    """Check that a file that cannot be read is no pointer; a file that is not there passes.
+    """Refuse an unreadable file if it is a pointer; a file that is not there passes.
 
     Args:
         path: The file.

@@ -139,7 +139,7 @@ def _follow(parent: int) -> None:
 
 
 def end_worker_with_main() -> None:
-    """Ends this worker of ``multiprocessing`` soon after the process that asked for it.
+    """Ends this worker of ``multiprocessing`` soon after its parent.
 
     A worker of a forkserver has that server for a parent, which lives as long as its workers do: a
     main process killed by signal 9 would leave them all. The flag of daemons helps at a regular

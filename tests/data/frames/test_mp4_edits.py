@@ -1,4 +1,4 @@
-"""Videos cut without encoding them anew: an edit list hides what no player shows."""
+"""Videos cut without encoding them anew: an edit list hides the rest."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ def whole(path: Path, b_frames: int = 0) -> Path:
 
 
 def cut(path: Path, at: float, to: Path) -> Path:
-    """The packets as they are, with times that begin at ``at`` seconds (negative: later)."""
+    """The packets as they are, with times from ``at`` seconds on (negative: later)."""
     source, out = av.open(str(path)), av.open(str(to), "w")
     stream = source.streams.video[0]
     copy = out.add_stream_from_template(stream)

@@ -1,4 +1,4 @@
-"""Stacks of pictures in one file, and files of several pictures where one is wanted."""
+"""Stacks of pictures in one file, and files of several pictures in place of one."""
 
 from pathlib import Path
 

@@ -151,7 +151,7 @@ class WebDataset(Drawn):
 
     @property
     def held_out(self) -> list[str]:
-        """What is held out together."""
+        """The held-out unit."""
         if self.val_tars:
             return [f"the tars {', '.join(self.val_tars)}"]
         unit = self.layout.unit or "trial, with all sensors, cameras and repetitions in its name"

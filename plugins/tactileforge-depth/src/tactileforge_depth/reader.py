@@ -35,7 +35,7 @@ from tactileforge_depth.lighting import (
     polynomial_background,
 )
 
-#: Least agreement of a background's colors with those of a calibration. Public backgrounds reach
+#: Least agreement of a background's colours with those of a calibration. Public backgrounds reach
 #: 0.68 to 1 with the calibration of their type (seven DIGITs but one, with 0.37; three Minis, two
 #: GelSights) and -0.3 to 0.52 with those of others, but for a GelSlim and the Mini's (0.67).
 _AGREES = 0.6
@@ -91,7 +91,7 @@ class DepthReader:
         self.calibration = _calibration(self.sensor, calibration)
         self._height_mm = _height_mm(sensor) if mm_per_pixel is None else None
         self._readers: dict[tuple[int, int], SurfaceReader] = {}
-        self._checked: NDArray[np.uint8] | None = None  # the last background whose colors are known
+        self._checked: NDArray[np.uint8] | None = None  # last background with known colours
 
     def read(self, pictures: NDArray[np.uint8], background: NDArray[np.uint8]) -> Surface:
         """Reads the surface in one picture, or in each of several.
@@ -102,7 +102,7 @@ class DepthReader:
 
         Warns of pictures with another light than the background (`sensors.light`), and reads them
         as flat. Also warns of pictures with red and blue swapped against the background, and of a
-        background with other colors than the calibration's: its lights are elsewhere.
+        background with other colours than the calibration's: its lights are elsewhere.
 
         Returns:
             Slopes (2, h, w) and depth (h, w) in mm, with B in front for several pictures; ``rows``
@@ -157,7 +157,7 @@ class DepthReader:
             for one in self.calibration.backgrounds
         ]
         fits = [colour_agreement(seen, colour_grid(picture)) for picture in resting]
-        # a grey background, as of a sensor with white light, has no colors to compare
+        # a grey background, as of a sensor with white light, has no colours to compare
         if has_colours(seen) and fits and max(fits) < _AGREES:
             warnings.warn(
                 f"depth: the colors of the background do not fit the calibration (agreement "

@@ -74,7 +74,7 @@ def _ends(ref: ArrayRef, are: str, rows: int) -> NDArray[Any]:
 def splits_of(
     place: Place, keys: SplitKeys, listed: Collection[str], groups: Iterable[str]
 ) -> dict[str, str]:
-    """The split of each episode that is a group; "" for none, and {} where the file says nothing.
+    """The split of each group of an episode; "" for none, and {} where the file says nothing.
 
     Args:
         place: The file.

@@ -256,7 +256,7 @@ class Episodes:
 
     @property
     def held_out(self) -> list[str]:
-        """What is held out together."""
+        """The held-out unit."""
         template = self.keys.hold_out if self.hold_out is None else self.hold_out
         unit = template or "episode"
         return [f"by {unit}, with all its sensors and cameras"] if self.val else []

@@ -1,4 +1,4 @@
-"""Episodes of a container that are groups, or rows of its arrays, as its names tell."""
+"""Episodes of a container by its names: groups, or rows of its arrays."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SPLITS: dict[str, tuple[str, ...]] = {
 
 
 def find_groups(keys: Sequence[str]) -> tuple[str, str]:
-    """Template of the groups that are an episode each, and the fullest of them; "" for none.
+    """Template of the groups of episodes, and the fullest of them; "" for none.
 
     Example:
         >>> find_groups(["data/demo_0/obs/x", "data/demo_0/actions", "mask/train"])
@@ -76,7 +76,7 @@ def find_splits(keys: Sequence[str]) -> dict[str, str]:
 
 
 def find_ends(file: Arrays, looks: Sequence[Look], rows: int) -> dict[str, Any]:
-    """Keys of a map for episodes that are rows of all arrays; {} for none.
+    """Keys of a map for episodes as rows of all arrays; {} for none.
 
     Args:
         file: The container.

@@ -61,7 +61,7 @@ def _recognise(root: Path, places: Sequence[Place]) -> Guess | None:
 
 
 def _guess_map(root: Path, places: Sequence[Place], touch: Sequence[str]) -> Guess:
-    """A map of the first file that has touch by its names, and of others of its kind."""
+    """A map of the first file with touch by its names, and of others of its kind."""
     found: list[tuple[Place, MapGuess]] = []
     failed: list[DataError] = []
     for place in places:

@@ -63,7 +63,7 @@ _NAMED = 20
 
 
 class MapGuess:
-    """A map guessed from a container, and what is to be checked in it.
+    """A map guessed from a container, and its lines to be checked.
 
     Args:
         file: The container.
@@ -101,7 +101,7 @@ class MapGuess:
         self.keys = self._map(entries, every)
 
     def add(self, other: MapGuess) -> None:
-        """Adds touch and tracks that only another file has."""
+        """Adds touch and tracks of another file alone."""
         known = {one["key"] for one in self.keys["touch"]}
         fingers = {one["finger"] for one in self.keys["touch"]}
         for one in other.keys["touch"]:
@@ -109,7 +109,7 @@ class MapGuess:
                 self.keys["touch"].append(one)
 
     def array(self, key: str) -> Values:
-        """An array of the episode that is looked at."""
+        """An array of the chosen episode."""
         return self.file.array(self._top + key)
 
     def _look(self, key: str) -> Look | None:
@@ -193,12 +193,12 @@ class MapGuess:
         return found
 
     def _whole(self, keys: Sequence[str]) -> list[str]:
-        """Pictures of sensors: those that others are computed from, unless there are none."""
+        """Pictures of sensors: the raw ones, or else computed ones."""
         plain = [key for key in keys if not self.looks[key].has(DERIVED | STILL)]
         return plain or [key for key in keys if not self.looks[key].has(STILL | {"next"})]
 
     def _only(self, named: Sequence[str]) -> list[str]:
-        """The only array of pictures, where it is called no view of a scene."""
+        """The only array of pictures, unless its name is that of a scene's view."""
         if named or len(self.pictures) != 1:
             return []
         (key,) = self.pictures
@@ -216,7 +216,7 @@ class MapGuess:
         ]
 
     def _drawn(self, look: Look) -> dict[str, Any]:
-        """Keys of numbers that are drawn: the change from the first row, up to its largest."""
+        """Keys of drawn numbers: the change from the first row, up to its largest."""
         found = dict(taxel_keys(look) or {})
         values = self.array(look.key).rows(range(min(look.facts.rows, _SPAN_ROWS)))
         change = np.abs(values.astype(np.float64) - values[0].astype(np.float64))
@@ -243,7 +243,7 @@ class MapGuess:
         return str(found["sensor"])
 
     def _still(self, look: Look) -> dict[str, Any]:
-        """Key of the picture without contact that has the words of a touch."""
+        """Key of the picture without contact with the words of a touch."""
         own = {*look.words} - VIEWS
         for key, other in self.looks.items():
             shape = other.facts.shape
@@ -294,7 +294,7 @@ class MapGuess:
         return {"time": {"key": look.key, "unit": unit}}
 
     def _whose(self, look: Look, entries: Mapping[str, Any]) -> list[str]:
-        """Touch that an array is of, by the words that tell one from another; all for none."""
+        """Touch of an array, by its telling words; all for none."""
         words = {key: {_SIDES.get(word, word) for word in self.looks[key].words} for key in entries}
         apart = set.union(*words.values())
         apart -= {word for word in apart if all(word in own for own in words.values())}
@@ -449,7 +449,7 @@ class MapGuess:
             self.doubts.append(f"left out: {listed(left)}")
 
     def unclear(self, why: str) -> DataError:
-        """Error that lists the arrays, with what is to be typed."""
+        """Error with a list of the arrays, and the words to type."""
         shown = next(iter(self.pictures), "KEY")
         within = f"within: {self.within!r}, " if self.within else ""
         filled = f"{{about: mine, {within}touch: [{{key: {shown!r}, sensor: digit}}], fps: 30}}"
@@ -474,7 +474,7 @@ def listed(looks: Iterable[Look], within: str = "") -> str:
 
 
 def _axes_of(keys: Sequence[str]) -> dict[str, str]:
-    """Keys of forces along x, y and z, by arrays of each, with the one that stands for all.
+    """Keys of forces along x, y and z, from an array of each, with one for all.
 
     Example:
         >>> sorted(_axes_of(["data/fx", "data/fy", "data/fz"]).items())[0]
@@ -492,7 +492,7 @@ def _is_rate(value: Any) -> bool:
 
 
 def _short(keys: Sequence[str]) -> dict[str, str]:
-    """Shortest names that tell keys apart: the last parts, or those that differ."""
+    """Shortest distinct names of keys: the last parts, or the differing ones."""
     parts = {key: key.split("/") for key in keys}
     if len({one[-1] for one in parts.values()}) < len(keys):
         if len({len(one) for one in parts.values()}) == 1:

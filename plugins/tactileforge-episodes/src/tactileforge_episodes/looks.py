@@ -1,4 +1,4 @@
-"""What the values of an array look like, and the words in its name."""
+"""Looks of an array's values, and the words in its name."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def words_of(name: str) -> tuple[str, ...]:
 
 
 def picture_keys(file: Arrays, look: Look) -> dict[str, Any] | None:
-    """Keys of a map that read an array as pictures; None for other values.
+    """Keys of a map to read an array as pictures; None for other values.
 
     Args:
         file: The container or episode.
@@ -171,7 +171,7 @@ def _some(rows: int) -> list[int]:
 
 
 def taxel_keys(look: Look) -> dict[str, Any] | None:
-    """Keys of a map that read an array as numbers of taxels; None for other values."""
+    """Keys of a map to read an array as numbers of taxels; None for other values."""
     width = look.width
     if not look.is_numbers or not look.facts.rows or 0 in width:
         return None

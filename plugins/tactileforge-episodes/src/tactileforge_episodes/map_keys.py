@@ -159,7 +159,7 @@ class TouchKeys(PictureKeys):
 
 @dataclass(frozen=True, kw_only=True)
 class SplitKeys:
-    """Names of the episodes of each split, for episodes that are groups.
+    """Names of the episodes of each split, for episodes in groups.
 
     Attributes:
         train: Path of the array of names, from the top of the file; "" for all that are not held

@@ -269,7 +269,7 @@ class EpisodeFile:
         return force, None
 
     def _by_axis(self, about: ForceKeys, touch: Touch, rows: range) -> NDArray[np.float32] | None:
-        """Force whose axes are arrays of their own."""
+        """Force with an array for each axis."""
         found = [self.arrays.find(about.key, {**touch.values, "axis": axis}) for axis in "xyz"]
         if not any(found):
             return None

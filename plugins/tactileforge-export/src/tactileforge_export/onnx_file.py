@@ -78,7 +78,7 @@ class OnnxFile:
         Activations are quantised to 8 bits at run time, one scale per tensor.
         """
         # unsigned weights: the kernel of signed ones saturates on CPUs without VNNI (AVX2 alone,
-        # onnxruntime's quantization page), which cost half as much accuracy again
+        # onnxruntime's quantisation page), which cost half as much accuracy again
         quantize_dynamic(
             self.model,
             path,

@@ -35,7 +35,7 @@ _SHOWN, _LINES = 12, 100
 
 
 def top_section(name: str, survey: Scan, doubts: Sequence[str] = ()) -> Markup:
-    """Top of the page: the data set in brief, what was guessed of it, and the verdict on it."""
+    """Top of the page: the data set in brief, the guesses about it, and the verdict on it."""
     all_of = survey.findings
     carried = [
         label

@@ -52,7 +52,7 @@ class LeRobot:
         camera: Name of the feature with the camera's view of the scene; None for none.
         tracks: Names of further numeric features, kept as tracks.
         background: ``first`` where episodes begin without contact, else ``none``.
-        span: Change of a number drawn as full color, in units of the feature: one for x, y and z,
+        span: Change of a number drawn as full colour, in units of the feature: one for x, y and z,
             or three.
         rest: Number without contact where ``background`` is ``none``.
         channels: Indices of x, y and z in the last axis of a numeric feature, or of z alone; []
@@ -208,7 +208,7 @@ class LeRobot:
 
     @property
     def held_out(self) -> list[str]:
-        """What is held out together."""
+        """The held-out unit."""
         unit = "data set" if self.reading.objects else "episode"
         return [f"by {unit}, with all its sensors and cameras"] if self.val else []
 

@@ -36,7 +36,7 @@ class Drawing:
     """How numbers become pictures.
 
     Attributes:
-        span: Change of a number drawn as full color, for all axes or for each; None where no
+        span: Change of a number drawn as full colour, for all axes or for each; None where no
             feature holds numbers.
         rest: Number without contact, where the first frame of an episode is none.
         channels: Indices of x, y and z in the last axis, or of z alone; () where the last axis is

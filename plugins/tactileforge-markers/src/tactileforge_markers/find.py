@@ -34,10 +34,10 @@ class MarkerGrid:
     """Markers of a gel at rest.
 
     Attributes:
-        places: float64 (N, 2), x and y of their centers, pixels; (0, 0) is the middle of the first
+        places: float64 (N, 2), x and y of their centres, pixels; (0, 0) is the middle of the first
             pixel. Row by row from the top.
         radius: Radius of a marker, pixels.
-        pitch: Median distance of a marker from its nearest neighbor, pixels.
+        pitch: Median distance of a marker from its nearest neighbour, pixels.
         contrast: Median contrast of markers with the gel around them, grey levels.
         bright: Whether markers are brighter than the gel.
         size: Height and width of the picture.
@@ -104,7 +104,7 @@ def check_picture(picture: NDArray[np.uint8], what: str) -> None:
 def spots(picture: NDArray[np.uint8], diameter: float, bright: bool) -> NDArray[np.uint8]:
     """Contrast of each pixel with the picture around it, as far as it is a spot.
 
-    Colors of a contact are strong in one channel, a printed dot is dark (or bright) in all: the
+    Colours of a contact are strong in one channel, a printed dot is dark (or bright) in all: the
     brightest (or darkest) channel is taken, and what is narrower than twice the diameter remains.
 
     Args:
@@ -133,11 +133,11 @@ def _grey_and_spots(
 def centers(
     contrast: NDArray[np.uint8], near: NDArray[np.float64], radius: float, rounds: int = 4
 ) -> NDArray[np.float64]:
-    """Centers of mass of spots, with a moving window.
+    """Centres of mass of spots, with a moving window.
 
     Args:
         contrast: uint8 (H, W), see `spots`.
-        near: float64 (N, 2), x and y close to the centers, pixels.
+        near: float64 (N, 2), x and y close to the centres, pixels.
         radius: Radius of a spot, pixels.
         rounds: Times that the window moves.
 

@@ -85,13 +85,13 @@ def displacement_field(
 ) -> NDArray[np.float32]:
     """Displacement at a grid over the picture, whatever markers a gel has.
 
-    A cell takes the mean of the markers around its center, weighted by a Gaussian of .45 pitches.
+    A cell takes the mean of the markers around its centre, weighted by a Gaussian of .45 pitches.
 
     Args:
         places: float (N, 2), places at rest, pixels.
         moved: float (N, 2), displacements, pixels; NaN for a marker that is not seen.
         size: Height and width of the picture.
-        pitch: Distance of neighboring markers, pixels.
+        pitch: Distance of neighbouring markers, pixels.
 
     Returns:
         float32 (12, 12, 2): rows, columns, and displacement to the right and down, in percent of

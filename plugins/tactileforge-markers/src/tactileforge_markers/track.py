@@ -11,10 +11,10 @@ from tactileforge_markers.find import check_picture, find_markers
 
 #: Contrast that counts as a marker, as a share of that at rest.
 _FAINT = 0.35
-#: Distance within which a marker is looked for, and by which it may leave its neighbors, in
+#: Distance within which a marker is looked for, and by which it may leave its neighbours, in
 #: pitches.
 _REACH, _ODD = 0.5, 0.45
-#: Neighbors that say where a marker should be.
+#: Neighbours that say where a marker should be.
 _NEIGHBORS = 6
 #: Steps of the refinement, and the step in pixels that ends it.
 _REFINED = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.005)
@@ -26,7 +26,7 @@ class MarkerTracker:
     Markers are found in the reference, and keep their rows. In a frame, spots are matched with the
     markers where they were in the frame before, nearest first, and each is refined by matching its
     picture with that in the reference (Lucas and Kanade 1981). A marker that is hidden, or out of
-    the picture, is NaN; its neighbors say where it may come back.
+    the picture, is NaN; its neighbours say where it may come back.
 
     A grid looks the same after a step of one pitch, so frames have to come before markers have
     moved by half of it.
@@ -58,8 +58,8 @@ class MarkerTracker:
         self.grid = find_markers(reference, what)
         self._still = self.grid.shares(reference)
         apart = np.hypot(*(self.grid.places[:, None] - self.grid.places[None]).transpose(2, 0, 1))
-        np.fill_diagonal(apart, np.inf)  # no marker is its own neighbor
-        # int64 (N, K), numbers of the neighbors of each marker
+        np.fill_diagonal(apart, np.inf)  # no marker is its own neighbour
+        # int64 (N, K), numbers of the neighbours of each marker
         self._near = np.argsort(apart, axis=1)[:, : min(_NEIGHBORS, len(apart) - 1)]
         x, y = np.rint(self.grid.places).astype(np.int64).T
         self._soft = float(np.median(self._softened(self._still)[y, x]))
@@ -92,7 +92,7 @@ class MarkerTracker:
         moved, seen = self._refined(shares, moved, seen)
         seen &= self._smooth(moved, seen)
         self._moved = self._filled(moved, seen)
-        # wholly in the picture: a marker cut off by the border has its center elsewhere
+        # wholly in the picture: a marker cut off by the border has its centre elsewhere
         edge, (height, width) = self.grid.radius, self.grid.size
         x, y = (self.grid.places + self._moved).T
         seen &= (x >= edge) & (x <= width - 1 - edge) & (y >= edge) & (y <= height - 1 - edge)
@@ -125,7 +125,7 @@ class MarkerTracker:
         moved = self._moved.copy()
         if not len(found):
             return seen, moved
-        for _ in range(2):  # again, from where the neighbors have gone
+        for _ in range(2):  # again, from where the neighbours have gone
             expected = self.grid.places + moved
             apart = np.hypot(*(expected[:, None] - found[None]).transpose(2, 0, 1))
             spot = apart.argmin(1)
@@ -164,19 +164,19 @@ class MarkerTracker:
         return out, seen
 
     def _smooth(self, moved: NDArray[np.float64], seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Markers in motion like their neighbors."""
+        """Markers in motion like their neighbours."""
         around = np.sort(np.where(seen[:, None], moved, np.inf)[self._near], axis=1)
         count = seen[self._near].sum(1)
         rows = np.arange(len(moved))
         last = around.shape[1] - 1
-        # a median of the seen neighbors alone: the hidden ones were sorted to the end as infinity
+        # a median of the seen neighbours alone: the hidden ones were sorted to the end as infinity
         middle = around[rows, (count // 2).clip(max=last)] / 2
         middle += around[rows, ((count - 1) // 2).clip(0)] / 2
         away = np.hypot(*(moved - middle).T)
         return np.asarray((count == 0) | (away < _ODD * self.grid.pitch))
 
     def _filled(self, moved: NDArray[np.float64], seen: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Displacements, those of hidden markers from their nearest seen neighbors."""
+        """Displacements, those of hidden markers from their nearest seen neighbours."""
         out = moved.copy()
         lost = np.flatnonzero(~seen)
         if not len(lost) or not seen.any():

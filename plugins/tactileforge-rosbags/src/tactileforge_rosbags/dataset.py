@@ -159,7 +159,7 @@ class Rosbags:
 
     @property
     def held_out(self) -> list[str]:
-        """What is held out together."""
+        """The held-out unit."""
         return ["by bag, with all its sensors and cameras"] if self.val else []
 
     def plot(self, recording: Recording) -> Figure:

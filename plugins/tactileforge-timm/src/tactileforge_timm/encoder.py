@@ -29,8 +29,8 @@ class TimmEncoder(Backbone):
     network's own (``forward_head`` before the classifier). For one frame both are those of timm.
 
     A transformer of one width (ViT, DeiT, DINOv2, DINOv3, CLIP, SigLIP, EVA) does not embed hidden
-    patches, and takes tokens of the sensor. To any other network hidden patches have the mean color
-    of its normalization, and their places are left out of its map.
+    patches, and takes tokens of the sensor. To any other network hidden patches have the mean
+    colour of its normalisation, and their places are left out of its map.
 
     Args:
         model: Name of a model of timm, with or without a tag: ``vit_small_patch14_dinov2``,

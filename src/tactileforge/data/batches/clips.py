@@ -305,7 +305,7 @@ def resize_frame(frame: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.
         return np.ascontiguousarray(frame)
     shrinks = min(frame.shape[0] / size[0], frame.shape[1] / size[1]) >= 1
     much = max(frame.shape[0] / size[0], frame.shape[1] / size[1]) >= AVERAGED_FROM
-    # INTER_AREA acts like nearest-neighbor interpolation on an enlarged axis (OpenCV's
+    # INTER_AREA acts like nearest-neighbour interpolation on an enlarged axis (OpenCV's
     # InterpolationFlags), so both axes have to shrink
     how = cv2.INTER_AREA if shrinks and much else cv2.INTER_LINEAR
     out: NDArray[np.uint8] = cv2.resize(frame, size[::-1], interpolation=how)

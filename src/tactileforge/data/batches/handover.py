@@ -72,7 +72,7 @@ class PackedBatch:
 
 
 class Packing:
-    """A function that makes a batch, packing it in reading processes.
+    """A function for batches, packing them in reading processes.
 
     Args:
         collate: Function of rows, that makes a batch.
@@ -133,7 +133,7 @@ def received(batches: Iterator[Any], workers: int) -> Iterator[Batch]:
 
 
 def _lacking(error: Exception, workers: int) -> str:
-    """What the machine lacks, with the fix; "" for any other error."""
+    """The machine's shortage, with the fix; "" for any other error."""
     said = str(error)
     readers = "1 reader" if workers == 1 else f"{workers} readers"
     if _FILES.search(said):

@@ -1,4 +1,4 @@
-"""Edit lists of MP4 and MOV files: what a player shows of the stored frames (ISO 14496-12)."""
+"""Edit lists of MP4 and MOV files: the shown part of the stored frames (ISO 14496-12)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LARGEST = 1 << 28
 
 
 def shown_share(path: Path, start: int = 0, size: int | None = None) -> float:
-    """Share of the duration of a video that its edit list shows, 0 to 1; 1 without a list.
+    """Share of a video's duration in its edit list, 0 to 1; 1 without a list.
 
     A video that was cut without encoding it anew keeps the packets before the cut, and hides them.
 

@@ -93,7 +93,7 @@ def pages(image: Image.Image) -> list[int]:
 
 
 def check_single(image: Image.Image, where: str) -> None:
-    """Raises a `DataError` for a file of several pictures, of which one would be read."""
+    """Raises a `DataError` for a file of several pictures."""
     if (count := len(pages(image))) > 1:
         fix = "give videos: and its pattern" if image.format == "TIFF" else "save each by itself"
         raise DataError(f"{where}: {count} pictures in one file; {fix}")
@@ -121,7 +121,7 @@ def page_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
     # before the pixels, which may be followed by a tag that no other door reads
     turned = orientation(image)
     if image.mode in _ALPHA or "transparency" in image.info:
-        # RGBA also for a palette: convert("RGB") would drop its transparent color unseen
+        # RGBA also for a palette: convert("RGB") would drop its transparent colour unseen
         pixels = np.asarray(image.convert("RGBA"))
         if pixels[..., 3].min() < 255:
             share = float((pixels[..., 3] < 255).mean())

@@ -94,7 +94,7 @@ class StackFrames(Cropped):
         return out
 
     def _array(self) -> NDArray[np.uint8]:
-        """The array, of which only what is read comes into memory."""
+        """The array, mapped into memory."""
         array = load_array(self.path)
         if array.dtype != np.uint8:
             raise DataError(f"{self.path}: {array.dtype} values{value_fix(array[:1])}")

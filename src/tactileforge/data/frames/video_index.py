@@ -196,7 +196,7 @@ def _shown_share(path: str) -> float:
 
 
 def _shown_times(path: str) -> NDArray[np.float64]:
-    """Times of the frames that a player shows, float64 (T,), s; empty where none is decoded."""
+    """Times of the shown frames, float64 (T,), s; empty where none is decoded."""
     capture, times = open_video(path), list[float]()
     while capture.grab() and len(times) < MAX_FRAMES:
         times.append(capture.get(cv2.CAP_PROP_POS_MSEC) / 1000)
@@ -212,7 +212,7 @@ def _spread_times(times: NDArray[np.float64], rate: float) -> NDArray[np.float64
     new = np.diff(times, prepend=-np.inf) > 0
     if 2 * new.sum() <= len(times):
         return rows / (rate if np.isfinite(rate) and rate > 0 else _NO_RATE)
-    # the last ones have no later neighbor: one usual step stands for it
+    # the last ones have no later neighbour: one usual step stands for it
     period = float(np.median(np.diff(times[new])))
     known = np.append(rows[new], len(times))
     out: NDArray[np.float64] = np.interp(rows, known, np.append(times[new], times[-1] + period))

@@ -187,6 +187,6 @@ def _vertex(values: NDArray[np.float64], at: int) -> float:
     if not 0 < at < len(values) - 1:
         return 0.0
     left, middle, right = values[at - 1 : at + 2]
-    # a peak bends down; NaN at a neighbor makes the comparison false
+    # a peak bends down; NaN at a neighbour makes the comparison false
     bend = left - 2 * middle + right
     return float(0.5 * (left - right) / bend) if bend < 0 else 0.0

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 
 class _Words(NamedTuple):
-    """Patterns of words that a mirror changes: left to right, top to bottom, and by either."""
+    """Patterns of words changed by a mirror: left to right, top to bottom, and by either."""
 
     sides: str
     ends: str
@@ -130,7 +130,7 @@ def _swapped(text: str, words: re.Pattern[str]) -> str | None:
 
 
 def undeclared_words(text: str, languages: Sequence[str]) -> str:
-    """A word of direction, or of a script, of a language that is not declared; "" for none.
+    """A word of direction, or of a script, of an undeclared language; "" for none.
 
     Args:
         text: The caption.

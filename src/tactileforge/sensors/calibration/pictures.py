@@ -14,7 +14,7 @@ _SIZE = 64
 _ORDERS = 4
 _COLOURS = ("red", "green", "blue")
 _PAIRS = [(i, j) for i in range(_ORDERS) for j in range(_ORDERS) if i + j < _ORDERS]
-#: Mean change, its first moments across and down, and the coarse shape of each color's change.
+#: Mean change, its first moments across and down, and the coarse shape of each colour's change.
 CHANGE_FEATURE, MOMENT_FEATURES = "change", ("change_x", "change_y")
 SHAPE_FEATURES = tuple(f"{color}_{i}{j}" for color in _COLOURS for i, j in _PAIRS)
 #: Names of all inputs from pictures.
@@ -24,9 +24,9 @@ PICTURE_FEATURES = (CHANGE_FEATURE, *MOMENT_FEATURES, *SHAPE_FEATURES)
 def picture_inputs(frames: Tensor, background: Tensor) -> dict[str, Tensor]:
     """Numbers about the change of pictures from their background, float32 (N,) each.
 
-    ``change`` is the mean absolute change over pixels and colors, grey levels; ``change_x`` and
+    ``change`` is the mean absolute change over pixels and colours, grey levels; ``change_x`` and
     ``change_y`` are its first moments, with coordinates from -1 to 1. ``red_ij``, ``green_ij`` and
-    ``blue_ij`` are the signed change of a color, as coefficients of the lowest ten cosines (i half
+    ``blue_ij`` are the signed change of a colour, as coefficients of the lowest ten cosines (i half
     waves down, j across, i + j < 4) of `low_pass_difference`. There are 33 in all. Nothing is
     normalised or clamped, so amplitude stays.
 

@@ -189,7 +189,7 @@ class Writer:
 
 
 def _class_table(arrays: Mapping[str, NDArray[Any]]) -> str:
-    """Which clip was taken for what, with the probability of what was predicted, and of each."""
+    """Truth, prediction and probabilities of each clip."""
     names, shares = arrays["names"], arrays.get("probability")
     head = ["clip", "truth", "predicted"]
     columns: list[Any] = [arrays["clips"]]
@@ -207,7 +207,7 @@ def _class_table(arrays: Mapping[str, NDArray[Any]]) -> str:
 def _pictures(
     arrays: Mapping[str, NDArray[Any]], picture: Callable[[int], NDArray[np.uint8]]
 ) -> dict[str, NDArray[Any]]:
-    """Small pictures of what was wrong, the most certain ones first, and their places."""
+    """Small pictures of the wrong clips, the most certain ones first, and their places."""
     places = np.flatnonzero(arrays["truth"] != arrays["predicted"])
     if "probability" in arrays:
         said = arrays["probability"][places, arrays["predicted"][places]]

@@ -69,7 +69,7 @@ def class_task(task: Mapping[str, Any], classes: Mapping[str, Any]) -> dict[str,
 
 
 def _sides(root: Path) -> dict[str, str]:
-    """Name of the folder of each use, where it holds folders: images lie in those of classes."""
+    """Name of the folder of each use, if it holds folders of classes."""
     found = {}
     for path in sorted(root.iterdir()) if root.is_dir() else ():
         for side, names in _SIDES.items():
