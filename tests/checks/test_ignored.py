@@ -41,7 +41,7 @@ def test_checks_of_labels_are_left_out():
 def test_a_layout_says_it(tmp_path):
     for number in range(3):
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((32, 48, 3), 60, np.uint8))
-    layout = {"images": "*.png", "each": "recording", "sensor": "digit", "background": "none"}
+    layout = {"images": "*.png", "each": "touch", "sensor": "digit", "background": "none"}
 
     def labels(ignore):
         data = Recordings(str(tmp_path), layouts={"a": {**layout, "ignore": ignore}}, val=0)
