@@ -70,7 +70,7 @@ def test_it_is_listed_by_the_command_line(run):
         ("optimizer", "muon", "ok"),
         ("schedule", "stable_decay", "ok"),
         ("verb", "brightness", "ok"),
-        ("conf", "example", "ok"),
+        ("conf", "forces_at_a_glance", "ok"),
         ("head", "contact_area", "ok"),
         ("objective", "contact_area", "ok"),
     }

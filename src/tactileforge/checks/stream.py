@@ -29,10 +29,13 @@ class StreamChecks:
         ConfigError: No check has such a code.
 
     Example:
+        >>> import numpy as np
+        >>> from tactileforge.contracts import Frame
+        >>> from tactileforge.specs import spec
         >>> checks = StreamChecks("left", spec("digit"))
         >>> checks.look(Frame(array=np.zeros((320, 240, 3), np.uint8), time=0.0), arrived=0.0)
         True
-        >>> print(checks.found["black"])
+        >>> print(*checks.found.values())
         left: TF602 pictures are black: is its light on, is exposure= too low?
     """
 
