@@ -29,6 +29,9 @@ class StreamChecks:
         ConfigError: No check has such a code.
 
     Example:
+        >>> import numpy as np
+        >>> from tactileforge.contracts import Frame
+        >>> from tactileforge.specs import spec
         >>> checks = StreamChecks("left", spec("digit"))
         >>> checks.look(Frame(array=np.zeros((320, 240, 3), np.uint8), time=0.0), arrived=0.0)
         True
