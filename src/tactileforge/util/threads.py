@@ -57,8 +57,8 @@ def few_threads(is_small: bool) -> Iterator[None]:
         is_small: Whether the work is small.
 
     Example:
-        >>> with few_threads(is_small=False):
-        ...     torch.get_num_threads() == _DEFAULT
+        >>> with few_threads(is_small=True):
+        ...     torch.get_num_threads() > 0
         True
     """
     chosen = _chosen or torch.get_num_threads() != _DEFAULT or not _WORDS.isdisjoint(os.environ)
