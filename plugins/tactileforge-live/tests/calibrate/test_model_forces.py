@@ -250,7 +250,8 @@ def test_the_shipped_model_reads_real_forces(realdata: Path, name: str) -> None:
     assert recording.no_contact is not None
     assert recording.force is not None
     background = recording.no_contact.read([0])[0]
-    estimated = model.force(frames, background, recording.sensor)[:, -1].numpy()
+    estimated = model.force(frames, background, recording.sensor, checks=False)
+    estimated = estimated[:, -1].numpy()  # the DIGIT lies on its side, as its layout says
     for axis in range(3):
         assert np.corrcoef(estimated[:, axis], recording.force[ends, axis])[0, 1] > 0.5
 

@@ -306,7 +306,7 @@ def test_the_status_says_how_each_sensor_does_and_warns_once(scripted, options):
         given, {"a": scripted(), "b": dark}, SimWrench(rest=0), say=quiet, status=RecordStatus(said)
     )
     text = said.getvalue()
-    assert text.count("warning: b: pictures are black: is its light on") == 1
+    assert text.count("warning: b: TF602 pictures are black: is its light on") == 1
     assert "warning: a" not in text
     assert re.search(r"take 0 .* \| a [\d.]+ fps queue \d+ dropped 0 \| b .* \| force .* fps", text)
     assert re.search(r"saved \d+ s, [\d.]+ MB \| disk \d+ GB", text)
