@@ -100,8 +100,9 @@ def gate_faults(rows: Sequence[Gate], tokens: str) -> list[str]:
     single = [row for row in read if row.metric != MEAN]
     measured = {row.suite for row in single}
     faults += [f"{suite} without single tasks" for suite in means if suite not in measured]
-    for suite in means:
-        faults += _carried([row for row in single if row.suite == suite and row.counted])
+    for suite, mean in means.items():
+        counted = [row for row in single if row.suite == suite and row.counted]
+        faults += [line for line in _carried(counted) if not mean.not_above]
     below = [row.task for row in single if row.is_below_random]
     return faults + [f"below random weights: {task}" for task in below]
 

@@ -21,10 +21,11 @@ means that we know of none: ask the authors.
 _GATE = """\
 Real touches that nobody trained on here, ridge probes in closed form ([how](reports/gate.md)): the
 value, and what it is above random weights of the same architecture, 16 x 16 pixels, picture
-statistics, and a network of photographs alone, with the lower end of the 95 % interval. A model
+statistics, and photographs with all that is free, with the lower end of the 95 % interval. A model
 passes with the features recommended for it if the mean of each suite is above all four beyond the
-interval, and no task that counts is below random weights beyond it. Single tasks are shown with
-these features; [the page of the gate](reports/gate.md#the-weights-that-ship) has all."""
+interval, in value without any one task too, and no task that counts is below random weights beyond
+it. Single tasks are shown with these features; [the page of the
+gate](reports/gate.md#the-weights-that-ship) has all."""
 
 
 def describe_clip(card: cards.Card, weight: cards.Weight | None) -> str:

@@ -18,9 +18,10 @@ _CAPTION = (
     "Closed-form probes; accuracies as shares. In brackets the 95 % interval (bootstrap over "
     "recordings or objects). Below, what it is above random weights of its architecture (r) and "
     "above 16 x 16 pixels (p), paired, with the lower end of the interval; in the mean also above "
-    "picture statistics (s) and a network of photographs alone (i). ▲ above the first two beyond "
-    "the interval; ▼ below one of them beyond it. Tasks in brackets do not count. A model passes "
-    "whose mean is above all four beyond the interval, with no task below random weights."
+    "picture statistics (s) and a network of photographs, read best (i). ▲ above the first two "
+    "beyond the interval; ▼ below one of them beyond it. Tasks in brackets do not count. A model "
+    "passes whose mean is above all four beyond the interval, in value without any one task too, "
+    "with no task below random weights."
 )
 
 
