@@ -134,7 +134,10 @@ def test_one_table_of_all_recordings_with_images_in_a_subfolder(tmp_path: Path) 
         "guessed/images/mug": "mug",
         "guessed/images/bolt": "bolt",
     }
-    assert layout_of(guess)["recording"] == "{prefix}"
+    assert "recording" not in layout_of(guess)  # series of one folder are told apart anyway
+    both = Recordings(**guess.options)
+    assert len([*both.recordings("train"), *both.recordings("val")]) == 2
+    assert "2 recordings of 2 trials" in " ".join(both.held_out), "two objects"
     for trial, item in enumerate(("mug", "bolt")):
         one = found[f"guessed/images/{item}"]
         np.testing.assert_allclose(one.times, np.arange(30) / 30, atol=1e-5)

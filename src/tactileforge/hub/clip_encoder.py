@@ -28,7 +28,7 @@ from tactileforge.hub.taps import Tap, check_tap, read_layers, read_tap
 from tactileforge.util.threads import few_threads
 
 #: Parameters times frames of the largest batch that one thread computes within a frame of 30 Hz.
-_SMALL = 8_000_000
+_SMALL = 12_000_000
 
 
 class ClipEncoder:

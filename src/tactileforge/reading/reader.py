@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -160,13 +160,26 @@ class LayoutReader:
             f"{len(names)} series of images in one folder, {', '.join(names[:3])}{more}, are each "
             f"taken for a recording; images: {pattern!r} would read {names[0]} alone",
         )
+        rows = {}
         for name, paths in found.items():
             images = [path.relative_to(self.folder).as_posix() for path in paths]
-            row = row_of_series(touch.row, name, images, self.layout)
+            rows[name] = row_of_series(touch.row, name, images, self.layout)
+        is_one = self._is_one_take([(found[name], rows[name]) for name in found])
+        for name, paths in found.items():
             key = f"{touch.name}/{name}".removeprefix("./")
             # sensors of one take, but not takes of one folder, are held out together
-            folder = "" if TRIAL.match(name) else touch.name
-            yield replace(touch, name=key, paths=paths, row=row, folder=folder)
+            folder = touch.name if is_one and not TRIAL.match(name) else ""
+            yield replace(touch, name=key, paths=paths, row=rows[name], folder=folder)
+
+    def _is_one_take(self, series: Sequence[tuple[list[Path], LabelRow]]) -> bool:
+        """Whether series may be of one take: of one object, and not one after the other."""
+        several = [(paths, row) for paths, row in series if len(paths) > 1]
+        if self.layout.object and len({row.fill(self.layout.object) for _, row in several}) > 1:
+            return False
+        spans = [_span(paths) for paths, _ in several]
+        dated = sorted(span for span in spans if span is not None)
+        after = [before[1] < first[0] for before, first in pairwise(dated)]
+        return len(dated) < len(spans) or not after or not all(after)
 
     def trials(self, touches: Sequence[LayoutTouch]) -> list[str]:
         """Names of the trials of touches, the held-out units; see `trials.trials_of`.
@@ -179,9 +192,8 @@ class LayoutReader:
             names = [str(PurePosixPath(name).with_suffix("")) for name in names]
         spans = {}
         for name, touch in zip(names, touches, strict=True):
-            found = name_times([touch.paths[0].stem, touch.paths[-1].stem], None)
-            if found.start is not None and found.times is not None:
-                spans[name] = (found.start, found.start + float(found.times[-1]))
+            if (span := _span(touch.paths)) is not None:
+                spans[name] = span
         trials = trials_of(names, spans)
         alone = Counter(trials)
         # a recording without others keeps its own name, whatever words are in it
@@ -394,3 +406,11 @@ def thinned(recording: Recording, every: float) -> Recording:
     # the middle of the stretch of each frame of the camera: copies lie on both sides of it
     rows = ((np.arange(np.ceil(count / every)) + 0.5) * every).astype(int)
     return recording.select([int(row) for row in np.unique(rows) if row < count])
+
+
+def _span(paths: Sequence[Path]) -> tuple[float, float] | None:
+    """Times of the first and last image by dates in their names, s; None without."""
+    found = name_times([paths[0].stem, paths[-1].stem], None)
+    if found.start is None or found.times is None:
+        return None
+    return found.start, found.start + float(found.times[-1])

@@ -19,7 +19,7 @@ from tactileforge.reading.splits import is_held_out
 FOLDER = Path(__file__).parents[2] / "src" / "tactileforge_bench" / "conf" / "suite"
 SUITES = sorted(path.stem for path in FOLDER.glob("*.yaml"))
 #: What a suite asks for.
-ASKED = {"classes": ["classes.root=.", "classes.sensor=digit"]}
+ASKED = {"classes": ["classes.root=.", "classes.sensor=digit", "classes.folds=5"]}
 
 
 def suite(name: str, *words: str) -> dict[str, Task]:
