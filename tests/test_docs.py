@@ -59,7 +59,8 @@ def run_bash(code: str, folder: Path, *commands: Path) -> None:
 def test_code_blocks_run(
     page: Path, tmp_path: Path, warm: Warm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sys, "path", [*sys.path])
+    # a reader runs the code in the folder of the files, as a notebook does
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.setattr(registry, "_entries", cache(registry._entries.__wrapped__))  # a new reader
     blocks = BLOCK.findall(page.read_text())
     if all(mark == "no-run" for mark, *_ in blocks):
