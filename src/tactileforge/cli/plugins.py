@@ -267,13 +267,13 @@ def _example(kind: str, name: str, package: str, title: str) -> dict[str, str]:
     longest_first = sorted(words, key=len, reverse=True)
     pattern = re.compile("|".join(map(re.escape, longest_first)))
     source = files("tactileforge.example") / "tactileforge-example"
-    texts = {path: source.joinpath(path).read_text("utf-8") for path in _paths(kind)}
+
+    def renamed(text: str) -> str:
+        return pattern.sub(lambda match: words[match[0]], text)
+
     return {
-        pattern.sub(lambda match: words[match[0]], place): pattern.sub(
-            lambda match: words[match[0]], text
-        )
-        for path, whole in texts.items()
-        for place, text in [(path, _sections_of(kind, whole))]
+        renamed(path): renamed(_sections_of(kind, source.joinpath(path).read_text("utf-8")))
+        for path in _paths(kind)
     }
 
 

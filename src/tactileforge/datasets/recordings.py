@@ -31,6 +31,7 @@ from tactileforge.reading.layout import (
 from tactileforge.reading.notes import Notes, add_once
 from tactileforge.reading.reader import LayoutReader
 from tactileforge.reading.splits import (
+    SPLIT_OF_FOLDER,
     check_share,
     check_split,
     is_held_out,
@@ -43,10 +44,6 @@ from tactileforge.util.untrusted import load_yaml
 
 #: Name of a file in the root with the layouts of its data.
 LAYOUT_FILE = "tactileforge.yaml"
-#: Names of folders that mean a split, and no unit of holding out.
-_SPLIT_WORDS = frozenset(
-    {"train", "training", "val", "valid", "validation", "test", "testing", "eval", "dev"}
-)
 
 
 @dataclass(frozen=True)
@@ -250,7 +247,7 @@ def _side(layout: DatasetLayout, touch: LayoutTouch, trial: str, val: float) -> 
     if split == "object" and layout.object and (name := row.fill(layout.object)):
         return "val" if is_held_out(name, val) else "train"
     of_file = set(template_columns(split)) <= {*FILE_COLUMNS} and split not in SPLITS
-    if of_file and side and side.casefold() not in _SPLIT_WORDS:
+    if of_file and side and side.casefold() not in SPLIT_OF_FOLDER:
         unit = side
     if unit is not None:
         return "val" if is_held_out(f"{layout.name}/{unit}", val) else "train"

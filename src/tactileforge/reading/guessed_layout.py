@@ -33,6 +33,7 @@ from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_keys, name_prefix
 from tactileforge.reading.records import RECORDS, conversion
 from tactileforge.reading.series import series_of
+from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.specs.published import SPECS
 
 _VIDEOS = frozenset({".avi", ".mp4", ".mov", ".mkv", ".webm"})
@@ -47,11 +48,6 @@ ASSUMED_FPS = 30
 _BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
 #: Endings of tables that are read, and of files of labels that have to be converted.
 _TABLES = frozenset({".csv"}) | RECORDS
-#: Names of folders that are parts of a set.
-_SPLITS = {
-    **dict.fromkeys(("train", "training"), "train"),
-    **dict.fromkeys(("val", "valid", "validation", "dev", "eval", "test", "testing"), "val"),
-}
 #: Largest number of arrays whose headers are read.
 _MOST_ARRAYS = 500
 
@@ -101,7 +97,7 @@ def _parts(root: Path, media: Sequence[Path]) -> dict[str, list[Path]]:
             folders.setdefault(parts[depth], []).append(path)
         sensors = {sensor for name in folders if (sensor := named_sensor(name))}
         if len(sensors) > 1 or (
-            len(folders) > 1 and {x.lower() for x in folders} <= _SPLITS.keys()
+            len(folders) > 1 and {x.lower() for x in folders} <= SPLIT_OF_FOLDER.keys()
         ):
             return folders
     return {"": list(media)}
@@ -121,10 +117,9 @@ def _layout(
     units = _units(root, media, layout)
     frames = {*media}
     tables = [path for path in _of(files, _TABLES) if path not in frames]
-    own = folder and [path for path in tables if folder in path.relative_to(root).parts]
-    found = families(
-        [*own, *[path for path in tables if path not in own]] if own else tables, units
-    )
+    # those of the folder first
+    tables.sort(key=lambda path: folder not in path.relative_to(root).parts)
+    found = families(tables, units)
     told: list[str] = []
     shared, of_shared = guess_shared(found, units, "fps" in layout, told)
     if shared:
@@ -142,11 +137,11 @@ def _layout(
     layout |= times | _background(root, folder, media, files, layout, doubts) | force
     if "sensor" in labels:
         doubts[:] = [line for line in doubts if not line.startswith("sensor:")]
-    layout |= labels if labels else {}
+    layout |= labels
     if "object" not in layout:
         layout |= _object(root, folder, media, layout, doubts)
-    if folder.lower() in _SPLITS:
-        layout["split"] = _SPLITS[folder.lower()]
+    if folder.lower() in SPLIT_OF_FOLDER:
+        layout["split"] = SPLIT_OF_FOLDER[folder.lower()]
     used = {times["times"]["file"]} if times else set()
     read |= {
         path

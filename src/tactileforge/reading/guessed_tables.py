@@ -18,6 +18,7 @@ from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.reading.label_rows import ENDING
 from tactileforge.reading.order import name_prefix
 from tactileforge.reading.records import FILE_COLUMN, RECORDS, conversion
+from tactileforge.reading.series import SIDE_WORDS
 from tactileforge.reading.tables import read_cells
 from tactileforge.specs.published import spec
 
@@ -51,9 +52,7 @@ _TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_inst
 _FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|wrench(?:es)?|ft|fxyz|f)")
 _TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
 #: Names of several sensors of one touch.
-SIDES = frozenset(("left", "right", "l", "r", "lh", "rh", "top", "bottom", "up", "down"))
-SIDES |= {"upper", "lower", "front", "back", "inner", "outer", "first", "second", "a", "b"}
-SIDES |= {"thumb", "index", "middle", "ring", "pinky", "little"}
+SIDES = frozenset((*SIDE_WORDS, "up", "down", "first", "second", "a", "b"))
 #: Ratio of durations up to which two clocks have one unit.
 _AS_LONG = 2.5
 #: Largest plausible step of frames, s.

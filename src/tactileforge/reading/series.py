@@ -9,10 +9,14 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 _TOKEN = re.compile(r"\d+|[^\W\d_]+")
+#: Words of one side of several.
+SIDE_WORDS = (
+    *("left", "right", "l", "r", "lh", "rh", "top", "bottom", "upper", "lower", "front", "back"),
+    *("inner", "outer", "thumb", "index", "middle", "ring", "pinky", "little"),
+)
 #: Words of one sensor or camera of several.
 SIDES = re.compile(
-    r"left|right|l|r|lh|rh|top|bottom|upper|lower|front|back|inner|outer|thumb|index|middle|ring|"
-    r"pinky|little|finger|leftfinger|rightfinger|lefthand|righthand|palm|wrist"
+    rf"{'|'.join(SIDE_WORDS)}|finger|leftfinger|rightfinger|lefthand|righthand|palm|wrist"
 )
 #: Words before the number of a sensor or camera, and before that of a take.
 _DEVICE = re.compile(

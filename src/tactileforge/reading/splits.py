@@ -11,6 +11,11 @@ from tactileforge.reading.trials import trial_of
 
 #: Splits of data sets without one of their own.
 SPLITS = ("train", "val")
+#: Splits by the names that folders of them have, in lower case.
+SPLIT_OF_FOLDER = {
+    **dict.fromkeys(("train", "training"), "train"),
+    **dict.fromkeys(("val", "valid", "validation", "dev", "eval", "test", "testing"), "val"),
+}
 #: Units of holding out.
 HOLD_OUT = ("take", "object", "time")
 

@@ -28,7 +28,11 @@ from tactileforge.pages import (
     table,
 )
 from tactileforge_bench.output.charts import NAMED, POINTS, confusion, scatter
-from tactileforge_bench.results.predictions import Predictions, read_predictions
+from tactileforge_bench.results.predictions import (
+    Predictions,
+    most_certain_wrong,
+    read_predictions,
+)
 from tactileforge_bench.results.results import LossCurve, Results, ResultTask
 from tactileforge_bench.results.scores import Scores, main_score, titles
 
@@ -151,13 +155,11 @@ def _wrong(name: str, one: Predictions) -> Markup:
     if not one.clips or one.truth.shape[1] > 1:
         return Markup()
     truth, said = one.truth[:, 0], one.predicted[:, 0]
-    wrong = np.flatnonzero(truth != said)
+    wrong = most_certain_wrong(truth, said, one.probability)
     if not len(wrong):
         return Markup()
-    share = None if one.probability is None else one.probability[np.arange(len(said)), said]
-    if share is not None:
-        wrong = wrong[np.argsort(-share[wrong], kind="stable")]
-    sure = {place: "" if share is None else percent(share[place]) for place in wrong.tolist()}
+    shares = one.probability
+    sure = {i: "" if shares is None else percent(shares[i, said[i]]) for i in wrong.tolist()}
     body = paragraph(
         "The most certain ones first: those at the top may be labelled wrongly, so look at them."
     )

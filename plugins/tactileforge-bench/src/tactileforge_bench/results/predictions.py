@@ -40,6 +40,22 @@ class Predictions:
     pictures: NDArray[Any] | None = None
 
 
+def most_certain_wrong(
+    truth: NDArray[Any], predicted: NDArray[Any], probability: NDArray[Any] | None
+) -> NDArray[np.intp]:
+    """Places of the wrong clips, the most certain ones first; in order without probabilities.
+
+    Args:
+        truth: int64 (N,), classes.
+        predicted: int64 (N,), predicted classes.
+        probability: float32 (N, classes); None for probes without.
+    """
+    wrong = np.flatnonzero(truth != predicted)
+    if probability is None:
+        return wrong
+    return wrong[np.argsort(-probability[wrong, predicted[wrong]], kind="stable")]
+
+
 def read_predictions(path: Path) -> Predictions:
     """Reads a file of predictions: ``truth``, ``predicted``, ``axes`` or ``names``, ``unit``.
 

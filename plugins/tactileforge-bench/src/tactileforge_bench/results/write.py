@@ -22,6 +22,7 @@ from tactileforge.errors import TactileForgeError
 from tactileforge.hub import card_names
 from tactileforge.plugins import commit, new_part, write_text
 from tactileforge_bench.results.load import read_cell
+from tactileforge_bench.results.predictions import most_certain_wrong
 from tactileforge_bench.results.results import (
     FILE,
     FORMAT,
@@ -208,11 +209,8 @@ def _pictures(
     arrays: Mapping[str, NDArray[Any]], picture: Callable[[int], NDArray[np.uint8]]
 ) -> dict[str, NDArray[Any]]:
     """Small pictures of the wrong clips, the most certain ones first, and their places."""
-    places = np.flatnonzero(arrays["truth"] != arrays["predicted"])
-    if "probability" in arrays:
-        said = arrays["probability"][places, arrays["predicted"][places]]
-        places = places[np.argsort(-said, kind="stable")]
-    places = places[:_SHOWN]
+    truth, predicted = arrays["truth"], arrays["predicted"]
+    places = most_certain_wrong(truth, predicted, arrays.get("probability"))[:_SHOWN]
     pictures = [Image.fromarray(picture(int(place))) for place in places]
     if not pictures:
         return {}
