@@ -107,13 +107,23 @@ def gate_faults(rows: Sequence[Gate], tokens: str) -> list[str]:
     return faults + [f"below random weights: {task}" for task in below]
 
 
+def without_largest(leads: Sequence[float]) -> float:
+    """Mean lead over tasks without the largest one; 0 for a single task.
+
+    Example:
+        >>> without_largest([0.5, 0.25, -0.25])
+        0.0
+    """
+    return (sum(leads) - max(leads)) / (len(leads) - 1) if len(leads) > 1 else 0.0
+
+
 def _carried(counted: Sequence[Gate]) -> list[str]:
-    """Leads of a suite by one task alone, in words."""
+    """Leads of a suite from a single task, in words."""
     faults = []
     for name, words in COMPARED.items() if len(counted) > 1 else ():
         leads = {row.task: getattr(row, name)[0] for row in counted}
-        most = max(leads, key=leads.__getitem__)
-        if sum(leads.values()) > 0 >= sum(leads.values()) - leads[most]:
+        if sum(leads.values()) > 0 >= without_largest([*leads.values()]):
+            most = max(leads, key=leads.__getitem__)
             faults.append(f"{counted[0].suite} above {words} by one task alone: {most}")
     return faults
 

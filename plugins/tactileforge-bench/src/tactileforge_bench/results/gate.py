@@ -76,9 +76,15 @@ def compute_gate(folder: Path, results: Results) -> list[GateRow]:
     """
     gate_rows = []
     by_task = {task.name: _cells(folder, results, task) for task in gate_tasks(results)}
+    scores = {
+        (name, *key): compared(networks)
+        for name, cells in by_task.items()
+        for key, networks in cells.items()
+    }
     # in the order of the tasks: the seed of a task's draws is its place in the mean
     counted = {task.name: by_task[task.name] for task in gate_tasks(results) if task.counted}
-    best = best_readings(counted or by_task)
+    judged = counted or by_task
+    best = best_readings({key: one.value for key, one in scores.items() if key[0] in judged})
     for name, cells in by_task.items():
         for model in results.models:
             for reading in dict.fromkeys(key[1] for key in cells if key[0] == model.name):
@@ -87,28 +93,27 @@ def compute_gate(folder: Path, results: Results) -> list[GateRow]:
                     other: compared(networks, tallies)
                     for other, tallies in _others(cells, model.name, reading, best).items()
                 }
-                gate_rows.append(GateRow(name, model.name, reading, compared(networks), above))
+                score = scores[name, model.name, reading]
+                gate_rows.append(GateRow(name, model.name, reading, score, above))
     means = [
         _mean_row(counted, row, best) for row in gate_rows if row.task == next(iter(counted), "")
     ]
     return gate_rows + [row for row in means if row and len(counted) > 1]
 
 
-def best_readings(by_task: Mapping[str, _Cells]) -> dict[str, str]:
-    """The reading of each baseline with the highest mean over tasks, by name.
+def best_readings(values: Mapping[tuple[str, str, str], float]) -> dict[str, str]:
+    """The reading of each baseline with the highest sum over tasks, by name.
 
     Args:
-        by_task: Tallies of each task, by model and reading; readings that a task lacks are left
-            out.
+        values: Scores by task, model and reading; readings absent from a task are left out.
     """
-    every = list(by_task.values())
-    common = [key for key in (every[0] if every else ()) if all(key in cells for cells in every)]
+    tasks = {task for task, _, _ in values}
     best: dict[str, tuple[float, str]] = {}
-    for name, reading in common:
-        if name in _BASELINES:
-            mean = sum(compared(cells[name, reading]).value for cells in every)
-            best[name] = max(best.get(name, (mean, reading)), (mean, reading))
-    return {name: reading for name, (_, reading) in best.items()}
+    for name, reading in {(name, reading) for _, name, reading in values if name in _BASELINES}:
+        if all((task, name, reading) in values for task in tasks):
+            total = sum(values[task, name, reading] for task in sorted(tasks))
+            best[name] = max(best.get(name, (total, reading)), (total, reading))
+    return {name: best[name][1] for name in _BASELINES if name in best}
 
 
 def _mean_row(
@@ -126,10 +131,11 @@ def _mean_row(
         for name in named
     }
     above = {name: compared_over_tasks(tasks) for name, tasks in pairs.items()}
-    without = {}
-    for name in COMPARED.keys() & pairs.keys():
-        leads = [compared(*task).value for task in pairs[name]]
-        without[name] = (sum(leads) - max(leads)) / (len(leads) - 1) if len(leads) > 1 else 0.0
+    without = {
+        name: gates.without_largest([compared(*task).value for task in pairs[name]])
+        for name in COMPARED
+        if name in pairs
+    }
     score = compared_over_tasks([(cells[key], ()) for cells in every])
     return GateRow(MEAN, row.model, row.reading, score, above, without)
 
@@ -210,10 +216,13 @@ def gate_outcomes(gate_rows: Sequence[GateRow], results: Results) -> dict[str, d
 def gate_to_plain(gate_rows: Sequence[GateRow], results: Results) -> dict[str, Any]:
     """The gate as plain data, for ``gate.json`` and for cards."""
     models = {model.name: model for model in results.models}
+    means = [row for row in gate_rows if row.task == MEAN]
     return {
         "suite": results.suite,
         "versions": dict(results.versions),
-        "baselines_read_by": _best_of(gate_rows),
+        "baselines_read_by": best_readings(
+            {(MEAN, row.model, row.reading): row.score.value for row in means}
+        ),
         "tasks": {
             task.name: {"title": task.title, "metric": task.main, "counted": task.counted}
             for task in gate_tasks(results)
@@ -233,13 +242,6 @@ def gate_to_plain(gate_rows: Sequence[GateRow], results: Results) -> dict[str, A
             for row in gate_rows
         ],
     }
-
-
-def _best_of(gate_rows: Sequence[GateRow]) -> dict[str, str]:
-    """Reading of each baseline with the highest mean; as `best_readings`, from the rows."""
-    means = [row for row in gate_rows if row.task == MEAN and row.model in _BASELINES]
-    ranked = sorted(means, key=lambda row: (row.score.value, row.reading))
-    return {row.model: row.reading for row in ranked}
 
 
 def _score(score: ScoreInterval) -> dict[str, float]:
