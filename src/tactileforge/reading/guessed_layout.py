@@ -17,16 +17,11 @@ from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.frames.stacks import is_stack, open_film
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.guessed_tables import (
-    SIDES,
-    Units,
-    families,
     guess_force,
     guess_labels,
     guess_shared,
     guess_times,
-    is_for_all,
     left_out,
-    templates,
 )
 from tactileforge.reading.linked import matches
 from tactileforge.reading.name_times import name_times
@@ -34,6 +29,7 @@ from tactileforge.reading.order import name_keys, name_prefix
 from tactileforge.reading.records import RECORDS, conversion
 from tactileforge.reading.series import series_of
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
+from tactileforge.reading.table_families import SIDES, Units, families, is_for_all, templates
 from tactileforge.specs.published import SPECS
 
 _VIDEOS = frozenset({".avi", ".mp4", ".mov", ".mkv", ".webm"})

@@ -3,30 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path, PurePath
-from typing import Any, TypeAlias
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.labels.clock import UNITS, date_unit
-from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
-from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.reading.label_rows import ENDING
-from tactileforge.reading.order import name_prefix
-from tactileforge.reading.records import FILE_COLUMN, RECORDS, conversion
-from tactileforge.reading.series import SIDE_WORDS
-from tactileforge.reading.tables import read_cells
+from tactileforge.errors import ConfigError
+from tactileforge.reading.records import RECORDS, conversion
+from tactileforge.reading.table_families import Family, Units, is_for_all
 from tactileforge.specs.published import spec
 
-Cells: TypeAlias = Sequence[Mapping[str, str]]
-Parts: TypeAlias = tuple[str, ...]
-
-#: Smallest share of files or names in a table, for the table to be about them.
-_ABOUT = 0.8
 #: Name of what stands before a value of a message (``field.wrench.force.x``), or of a file.
 _BEFORE = r"(?:\S*[./])?"
 #: Headers of columns, without the unit behind them.
@@ -51,213 +41,10 @@ _TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_inst
 #: Stems of arrays by what they hold: an array has no headers.
 _FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|wrench(?:es)?|ft|fxyz|f)")
 _TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
-#: Names of several sensors of one touch.
-SIDES = frozenset((*SIDE_WORDS, "up", "down", "first", "second", "a", "b"))
 #: Ratio of durations up to which two clocks have one unit.
 _AS_LONG = 2.5
 #: Largest plausible step of frames, s.
 _SLOW = 2.0
-
-
-@dataclass(frozen=True)
-class Units:
-    """Recordings of a guess.
-
-    Attributes:
-        root: Folder of the layout.
-        each: ``video``, ``touch`` or ``sequence``.
-        files: Path of each recording from the root (a file, or a folder of images), with the paths
-            of its files.
-        count: Frames of the first recording.
-        seconds: Duration of the first recording.
-        is_timed: Whether names tell the times of its frames.
-        is_dated: Whether these are since 1970.
-    """
-
-    root: Path
-    each: str
-    files: Mapping[Parts, Sequence[Path]]
-    count: int
-    seconds: float
-    is_timed: bool
-    is_dated: bool
-
-
-@dataclass
-class Family:
-    """Tables of one template.
-
-    Attributes:
-        template: Path from the root, with the names of a recording in braces.
-        files: Paths of the tables.
-        unit: A recording of the first table.
-        rows: Cells of that table.
-        key: Column with the names of images or recordings; None without one.
-    """
-
-    template: str
-    unit: Parts
-    files: list[Path] = field(default_factory=list)
-    rows: Cells = ()
-    key: str | None = None
-
-    @property
-    def is_own(self) -> bool:
-        """Whether each recording has a table, or shares it with those of its folder."""
-        return "{" in self.template
-
-    def column(self, pattern: re.Pattern[str]) -> str | None:
-        """The first column of a pattern."""
-        header = self.rows[0] if self.rows else {}
-        return next((name for name in header if pattern.fullmatch(name.strip().lower())), None)
-
-
-def templates(files: Sequence[Path], units: Units) -> list[Family]:
-    """Files beside recordings by their template, without rows.
-
-    Args:
-        files: Paths of the files.
-        units: The recordings.
-    """
-    place = _Places(units)
-    found: dict[str, Family] = {}
-    for path in files:
-        template, unit = place.of(path.relative_to(units.root))
-        found.setdefault(template, Family(template, unit)).files.append(path)
-    return list(found.values())
-
-
-def families(tables: Sequence[Path], units: Units) -> list[Family]:
-    """Tables by template, each with the rows of the first one; those that cannot be read are not.
-
-    Args:
-        tables: Paths of tables.
-        units: The recordings.
-    """
-    names = {path.name for paths in units.files.values() for path in paths}
-    names |= {parts[-1] for parts in units.files if parts}
-    names |= {ENDING.sub("", name) for name in names}
-    out = []
-    for family in templates(tables, units):
-        path = family.files[0]
-        if family.template.rpartition("/")[2].startswith("*"):
-            path, family.key = path.with_name(f"*{path.suffix}"), FILE_COLUMN
-        try:
-            family.rows = [cells for _, cells in read_cells(path, [])]
-        except TactileForgeError:  # the reader names it, once it is told to read it
-            continue
-        if family.key:  # others may lie beside those of images
-            family.rows = [row for row in family.rows if row[FILE_COLUMN] in names]
-        if not family.rows:
-            continue
-        family.key = family.key or _key(family.rows, names)
-        if len(family.files) == 1 and family.key and "*" not in family.template:
-            family.template = family.files[0].relative_to(units.root).as_posix()
-        out.append(family)
-    return out
-
-
-class _Places:
-    """Templates of tables by their places beside the recordings."""
-
-    def __init__(self, units: Units) -> None:
-        self.units = units
-        self._exact: dict[tuple[Parts, str], Parts] = {}
-        self._prefix: dict[tuple[Parts, str], Parts] = {}
-        self._stem: dict[str, Parts] = {}
-        self._inside: dict[Parts, list[Parts]] = {}
-        self._below: dict[Parts, Parts] = {}
-        self._images: dict[Parts, frozenset[str]] = {}
-        for parts, paths in units.files.items():
-            stem = self._name(parts)
-            self._exact.setdefault((parts[:-1], stem), parts)
-            self._prefix.setdefault((parts[:-1], name_prefix(stem)), parts)
-            self._stem.setdefault(stem, parts)
-            self._inside.setdefault(parts[:-1], []).append(parts)
-            inside = parts if units.each == "sequence" else parts[:-1]
-            for depth in range(len(inside) + 1):
-                self._below.setdefault(inside[:depth], parts)
-            if units.each == "sequence":
-                self._images[parts] = frozenset(path.stem for path in paths)
-
-    def _name(self, unit: Parts) -> str:
-        last = unit[-1] if unit else ""
-        return last if self.units.each == "sequence" else PurePath(last).stem
-
-    def of(self, table: PurePath) -> tuple[str, Parts]:
-        """Template of a table, and one of its recordings."""
-        folder, stem = table.parts[:-1], table.stem
-        below = next(
-            self._below[folder[:depth]]
-            for depth in range(len(folder), -1, -1)
-            if folder[:depth] in self._below
-        )
-        if self.units.each == "sequence":
-            # a file an image: {file}/*.json
-            for inside in (folder, below):
-                if stem in self._images.get(inside, ()) and table.suffix.lower() in RECORDS:
-                    return f"{self._folder(folder, inside)}/*{table.suffix}".lstrip("/"), inside
-        unit = self._exact.get((folder, stem)) or self._exact.get((folder[:-1], stem))
-        if unit is None:
-            beside = [one for one in self._inside.get(folder, ()) if _starts(stem, self._name(one))]
-            unit = max(beside, key=len, default=None) or self._stem.get(stem)
-        prefix = name_prefix(stem)
-        if unit is None and self.units.each == "video" and prefix:
-            unit = self._prefix.get((folder, prefix))
-            if unit is not None:
-                stem = "{prefix}" + stem[len(prefix) :]
-        unit = below if unit is None else unit
-        name = self._name(unit)
-        above = unit[-2] if len(unit) > 1 else ""
-        if unit and _starts(stem, name):
-            stem = "{stem}" + stem[len(name) :]
-        elif _starts(stem, above):
-            stem = "{folder}" + stem[len(above) :]
-        inner = self._folder(folder, unit)
-        return (f"{inner}/" if inner else "") + stem + table.suffix, unit
-
-    def _folder(self, folder: Parts, unit: Parts) -> str:
-        """Folder of a table, with the names of the folders of a recording in braces."""
-        if self.units.each == "sequence" and folder == unit:
-            return "{file}" if folder else ""
-        words = {len(unit) - 2: "{folder}", len(unit) - 3: "{parent}"}
-        out = [
-            words.get(i, part) if folder[: i + 1] == unit[: i + 1] else part
-            for i, part in enumerate(folder)
-        ]
-        if out and out[-1] == folder[-1] and len(unit) > 1 and folder[-1] == unit[-2]:
-            out[-1] = "{folder}"
-        if out and unit and folder[-1] == self._name(unit):
-            out[-1] = "{stem}"
-        return "/".join(out)
-
-
-def _starts(stem: str, name: str) -> bool:
-    """Whether the name of a table is, or begins with, a recording's."""
-    return bool(name) and (stem == name or re.match(rf"{re.escape(name)}[_.\- ]", stem) is not None)
-
-
-def _filled(family: Family, units: Units) -> Iterator[bool]:
-    """Whether each recording has its table."""
-    there = {path.relative_to(units.root).as_posix() for path in family.files}
-    if "*" in family.template:
-        there = {
-            f"{name.rpartition('/')[0]}/*{PurePath(name).suffix}".lstrip("/") for name in there
-        }
-    for unit in units.files:
-        padded = ("", "", *unit)
-        stem = padded[-1] if units.each == "sequence" else PurePath(padded[-1]).stem
-        name = family.template.replace("{file}", "/".join(unit)).replace("{stem}", stem)
-        name = name.replace("{prefix}", name_prefix(stem)).replace("{folder}", padded[-2])
-        yield name.replace("{parent}", padded[-3]) in there
-
-
-def is_for_all(family: Family, units: Units) -> bool:
-    """Whether each recording has its own table, or all share one."""
-    if family.is_own:
-        return all(_filled(family, units))
-    names = {PurePath(unit[-1]).stem.lower() for unit in units.files if unit}
-    return bool(family.key) or len(units.files) == 1 or names <= SIDES
 
 
 def guess_times(
@@ -514,13 +301,3 @@ def _numbers(family: Family, column: str) -> NDArray[np.float64]:
         return np.array([float(row[column]) for row in family.rows])
     except ValueError:
         return np.array([])
-
-
-def _key(rows: Cells, names: set[str]) -> str | None:
-    """Column with the names of files; None without one."""
-    for title in rows[0]:
-        cells = [row[title] for row in rows if stated(row[title])]
-        found = {cell for cell in cells if cell.replace("\\", "/").rpartition("/")[2] in names}
-        if cells and len(found) >= _ABOUT * len(cells):  # each once: zeros are no names
-            return title
-    return None
