@@ -70,7 +70,7 @@ def test_what_saw_real_video_alone_is_above_random_weights() -> None:
 
 
 def test_the_network_of_photographs_learned_touch() -> None:
-    """Above all but photographs, which are level, in both suites; no task below random weights."""
+    """Level with photographs, above the rest in both suites; no task below random weights."""
     card, weight = cards.find_card("touch.tiny")
     found = means("touch.tiny")
     for suite in ("real", "real_held_out"):

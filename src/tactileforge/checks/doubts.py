@@ -78,7 +78,7 @@ class Suspicion:
 
 
 def check_labels(recording: Recording) -> Iterator[Suspicion]:
-    """Check labels, times and sizes; decodes nothing. Leaves out what the recording ignores."""
+    """Check labels, times and sizes, save for ignored findings; decodes nothing."""
     return (flag for flag in _suspicions(recording) if not is_ignored(recording, flag.reason))
 
 

@@ -226,7 +226,7 @@ class _SplitUp:
 
     @property
     def doubt(self) -> str:
-        """Trials on both sides, as a phrase; "" where none is."""
+        """Trials on both sides, as a phrase; "" without any."""
         sides: dict[str, set[str]] = {}
         for trial, side in zip(self.trials, self.sides, strict=True):
             sides.setdefault(trial, set()).add(side)

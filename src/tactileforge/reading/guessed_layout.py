@@ -107,7 +107,7 @@ def _layout(
     doubts: list[str],
     read: set[Path],
 ) -> dict[str, Any]:
-    """The layout of media of one sensor or split; ``read`` gets the tables that it reads."""
+    """The layout of media of one sensor or split; adds its tables to ``read``."""
     layout = _frames(root, media, files, doubts)
     layout |= _sensor(root, folder, media, doubts)
     units = _units(root, media, layout)
@@ -225,7 +225,7 @@ def _frames(
 
 
 def _told_apart(folders: Mapping[tuple[Path, str], Sequence[Path]]) -> list[str]:
-    """Distinct starts of the names of recordings of one folder; [] where they do not."""
+    """Distinct starts of the names of recordings of one folder; [] without any."""
     of_folder: dict[Path, list[str]] = {}
     for folder, prefix in folders:
         of_folder.setdefault(folder, []).append(prefix)

@@ -152,7 +152,7 @@ def _time_column(family: Family) -> str | None:
 
 
 def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | None:
-    """Keys of the time or frame of a row of forces; None where they cannot be told."""
+    """Keys of the time or frame of a row of forces; None if unknown."""
     if family.key and units.each != "video":
         return {"key": family.key}
     if units.each == "touch":
@@ -296,7 +296,7 @@ def left_out(unread: Iterable[Path], root: Path) -> list[str]:
 
 
 def _numbers(family: Family, column: str) -> NDArray[np.float64]:
-    """The numbers of a column; empty where a cell is none."""
+    """The numbers of a column; empty if a cell is not a number."""
     try:
         return np.array([float(row[column]) for row in family.rows])
     except ValueError:

@@ -107,7 +107,7 @@ def name_times(stems: Sequence[str], fps: float | None, unit: str | None = None)
 
 
 def frame_numbers(stems: Sequence[str]) -> list[int]:
-    """The numbers of frames in names, ascending; [] where they are stamps, or no counter.
+    """The numbers of frames in names, ascending; [] for stamps and other numbers.
 
     Args:
         stems: Names without their endings, oldest first.

@@ -94,7 +94,7 @@ def templates(files: Sequence[Path], units: Units) -> list[Family]:
 
 
 def families(tables: Sequence[Path], units: Units) -> list[Family]:
-    """Tables by template, each with the rows of the first one; those that cannot be read are not.
+    """Readable tables by template, each with the rows of the first one.
 
     Args:
         tables: Paths of tables.

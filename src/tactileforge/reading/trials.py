@@ -52,7 +52,7 @@ def trial_of(name: str) -> str:
 
 
 def _plain(name: str) -> str:
-    """A name without sides and repetitions; as it is, where nothing is left."""
+    """A name without sides and repetitions; unchanged if nothing is left."""
     return _tidy(_REPEAT.sub("", _SIDE.sub("", name))) or name
 
 
@@ -63,7 +63,7 @@ def _tidy(name: str) -> str:
 def trials_of(
     names: Sequence[str], spans: Mapping[str, tuple[float, float]] = MappingProxyType({})
 ) -> list[str]:
-    """The trials of the recordings of a data set; what one of them shares is held out together.
+    """The trials of the recordings of a data set, each held out as a whole.
 
     Beyond `trial_of`, these share one: recordings that differ only by the number of a device or
     the type of a sensor, the same few words in each of several numbered folders, and recordings of

@@ -34,7 +34,7 @@ def pointer_words(content: bytes) -> str:
 
 
 def check_pointer(path: str | Path, start: int = 0) -> None:
-    """Refuse an unreadable file if it is a pointer; a file that is not there passes.
+    """Refuse an unreadable file if it is a pointer; an absent file passes.
 
     Args:
         path: The file.

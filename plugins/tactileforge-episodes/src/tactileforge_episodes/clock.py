@@ -53,7 +53,7 @@ def episodes_of(arrays: EpisodeArrays, keys: EpisodeMap, rows: int) -> list[tupl
 
 
 def _ends(ref: ArrayRef, are: str, rows: int) -> NDArray[Any]:
-    """Row after the last of each episode; values that are no whole numbers stay as they are."""
+    """Row after the last of each episode; fractions stay as they are."""
     values = ref.whole().reshape(-1)
     if values.dtype.kind not in "iu" or not len(values):
         return values
@@ -74,7 +74,7 @@ def _ends(ref: ArrayRef, are: str, rows: int) -> NDArray[Any]:
 def splits_of(
     place: Place, keys: SplitKeys, listed: Collection[str], groups: Iterable[str]
 ) -> dict[str, str]:
-    """The split of each group of an episode; "" for none, and {} where the file says nothing.
+    """The split of each group of an episode; "" for none, and {} without any in the file.
 
     Args:
         place: The file.

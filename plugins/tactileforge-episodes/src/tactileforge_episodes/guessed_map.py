@@ -198,7 +198,7 @@ class MapGuess:
         return plain or [key for key in keys if not self.looks[key].has(STILL | {"next"})]
 
     def _only(self, named: Sequence[str]) -> list[str]:
-        """The only array of pictures, unless its name is that of a scene's view."""
+        """The only array of pictures, unless named as a view of the scene."""
         if named or len(self.pictures) != 1:
             return []
         (key,) = self.pictures
@@ -275,7 +275,7 @@ class MapGuess:
         return {} if all("time" in entry for entry in entries.values()) else shared or self._rate()
 
     def _read_time(self, look: Look, ends: str) -> dict[str, Any]:
-        """Key of times; {} for an array that has none."""
+        """Key of times; {} for an array without them."""
         values = self.array(look.key).rows(range(self._first(ends))).reshape(-1)
         try:
             unit, why = time_unit(look.words, values)

@@ -187,7 +187,7 @@ def taxel_keys(look: Look) -> dict[str, Any] | None:
 
 
 def time_unit(name: Sequence[str], values: NDArray[Any]) -> tuple[str, str]:
-    """Unit of times, and why it is taken; "" for values that are no times.
+    """Unit of times, and the reason for it; "" for other values.
 
     Args:
         name: Words of the name of the array.

@@ -1,4 +1,4 @@
-"""Hands batches from reading processes over; where the machine has no room, says so in one line.
+"""Hand batches over from reading processes, or report a full machine in one line.
 
 Queues of processes send what they are given in a thread of their own: an error there is printed,
 the batch is lost, and the receiver waits for it for ever. So a batch is packed before it is queued,

@@ -196,7 +196,7 @@ def _shown_share(path: str) -> float:
 
 
 def _shown_times(path: str) -> NDArray[np.float64]:
-    """Times of the shown frames, float64 (T,), s; empty where none is decoded."""
+    """Times of the shown frames, float64 (T,), s; empty without a decoded one."""
     capture, times = open_video(path), list[float]()
     while capture.grab() and len(times) < MAX_FRAMES:
         times.append(capture.get(cv2.CAP_PROP_POS_MSEC) / 1000)

@@ -76,7 +76,7 @@ def mirrored_caption(
     turned: bool = False,
     languages: Sequence[str] = ("en",),
 ) -> str:
-    """A caption of a mirrored or turned clip; "" where its words of direction cannot be changed.
+    """Caption of a mirrored or turned clip; "" if its words of direction cannot be changed.
 
     Directions of motion in English are exchanged (``slides left``); a caption with others (``press
     the left button``, ``pick up``), in another language, or of a turned clip, is left out.
@@ -110,7 +110,7 @@ def mirrored_caption(
 
 
 def _swapped(text: str, words: re.Pattern[str]) -> str | None:
-    """An English text with its directions exchanged; None where one is of no motion."""
+    """An English text with its directions exchanged; None if one is not a direction of motion."""
     motions = {
         match.end()
         for verbs, sides in ((_SIDEWAYS, "left|right"), (_MOTION, "up|down"))

@@ -96,7 +96,7 @@ class Take:
             raise error
 
     def _take_background(self) -> None:
-        """Takes the background; after the first take, what is not lifted off yet is waited for."""
+        """Takes the background; after the first take, waits for the sensor to be lifted."""
         for _ in range(_TRIES if self.summary.takes else 0):
             try:
                 return self.rig.take_background()
