@@ -99,7 +99,8 @@ def test_multirun_trains_each_in_a_folder_of_its_own() -> None:
     assert cli.run(["train", "-m", "seed=0,1", *SMALL]) == 0
     (sweep,) = Path("runs/sweeps").iterdir()
     assert {p.name for p in sweep.iterdir()} == {
-        *("0", "1", "multirun.yaml", "sweep.csv", ".lock", ".sweep.json", ".choosing")
+        *("0", "1", "multirun.yaml", "sweep.csv", "sweep.html"),
+        *(".lock", ".sweep.json", ".choosing"),
     }
     for number in range(2):
         assert yaml.safe_load((sweep / str(number) / "config.yaml").read_text())["seed"] == number

@@ -42,7 +42,7 @@ class Ft300(PtyDevice):
         super().__init__()
         self.streams, self.answer, self.left = streams, answer, packets
         self.faults = faults or Faults()
-        self.number = 0
+        self._sent = False
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
@@ -53,7 +53,9 @@ class Ft300(PtyDevice):
         while not self._over.wait(0.002):
             taken += self._obey(self.poll()[taken:])
             if self.streams:
-                for data in next(stream, []):
+                writes = next(stream, None)
+                self._sent = writes is None
+                for data in writes or ():
                     self.write(data)
 
     def _obey(self, said):
@@ -66,6 +68,10 @@ class Ft300(PtyDevice):
         if interrupts >= 50:
             self.streams = False
         return interrupts if interrupts >= 50 or interrupts < len(said) else 0
+
+    @property
+    def is_playing(self):
+        return not self._sent
 
     def disconnect(self):
         self._over.set()
@@ -119,7 +125,7 @@ def test_a_stream_that_another_program_left_is_ended_first():
 @pytest.mark.parametrize("faults", [Faults(split=1), Faults(split=5, merge=3)])
 def test_split_and_merged_packets_all_come(faults):
     with Ft300(faults=faults, packets=60) as device, Robotiq(port=device.port) as sensor:
-        frames = read_until_silent(sensor, 0.8)
+        frames = read_until_silent(sensor, 0.8, device)
         assert numbers(frames) == list(range(60))
         assert sensor.parser.bad == 0
     assert (np.diff([frame.time for frame in frames]) > 0).all()
@@ -133,7 +139,7 @@ def test_lost_bytes_and_garbage_cost_packets_and_never_give_wrong_ones():
     whole = [i for i in range(200) if packet(i) in written]
     assert 150 < len(whole) < 190
     with Ft300(faults=faults, packets=200) as device, Robotiq(port=device.port) as sensor:
-        assert numbers(read_until_silent(sensor, 0.8)) == whole
+        assert numbers(read_until_silent(sensor, 0.8, device)) == whole
 
 
 def test_random_bytes_give_hardly_any_packet():

@@ -92,6 +92,6 @@ Adamax = plugin_of(torch.optim.Adamax)
 ASGD = plugin_of(torch.optim.ASGD)
 NAdam = plugin_of(torch.optim.NAdam)
 RAdam = plugin_of(torch.optim.RAdam)
+# not Rprop: it takes steps of its own, which no learning rate or schedule reaches
 RMSprop = plugin_of(torch.optim.RMSprop)
-Rprop = plugin_of(torch.optim.Rprop)
 SGD = plugin_of(torch.optim.SGD)

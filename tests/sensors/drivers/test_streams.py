@@ -56,7 +56,7 @@ def pty():
 def test_split_and_merged_packets_all_come(pty, faults):
     with wrench_sensor(port=pty.port) as sensor:
         pty.play(map(wrench_packet, range(200)), faults=faults)
-        frames = read_until_silent(sensor)
+        frames = read_until_silent(sensor, device=pty)
         assert numbers(frames) == list(range(200))
         assert frames[7].raw == pytest.approx([7, 7, 7, -0.07, -0.07, -0.07])
         assert frames[0].array.shape == (0, 0, 3)
@@ -71,7 +71,7 @@ def test_lost_bytes_and_garbage_cost_packets_and_never_give_wrong_ones(pty):
     assert 400 < len(whole) < 450
     with wrench_sensor(port=pty.port) as sensor:
         pty.play(map(wrench_packet, range(500)), faults=faults)
-        found = numbers(read_until_silent(sensor))
+        found = numbers(read_until_silent(sensor, device=pty))
         counts = sensor.parser
         assert found == whole
         assert counts.good == len(whole)
@@ -85,14 +85,14 @@ def test_a_device_that_is_unplugged_is_an_error_and_works_again_when_it_is_back(
         assert numbers([sensor.read()]) == [0]
         pty.disconnect()
         with pytest.raises(SensorError, match=r"unplugged .*plug it in again"):
-            read_until_silent(sensor)  # what has come already, and then
+            read_until_silent(sensor, device=pty)  # what has come already, and then
         sensor.close()
         with pytest.raises(SensorError, match="no such serial port"):
             sensor.open()
         pty.connect()
         sensor.open()
         pty.play(map(wrench_packet, range(50, 60)))
-        assert numbers(read_until_silent(sensor)) == list(range(50, 60))
+        assert numbers(read_until_silent(sensor, device=pty)) == list(range(50, 60))
 
 
 def test_drops_are_counted_on_when_a_device_is_opened_again(pty):
@@ -150,7 +150,7 @@ def test_a_wrench_over_tcp_and_the_end_of_the_connection():
     with TcpDevice() as device:
         with wrench_sensor(port=f"{device.host}:{device.port}", link="tcp") as sensor:
             device.play(map(wrench_packet, range(30)), faults=Faults(split=11))
-            assert numbers(read_until_silent(sensor)) == list(range(30))
+            assert numbers(read_until_silent(sensor, device=device)) == list(range(30))
             device.disconnect()
             with pytest.raises(SensorError, match="has ended the connection"):
                 sensor.read()
@@ -171,7 +171,7 @@ def test_an_array_takes_its_baseline_and_shows_what_changes(pty):
     pty.play(packets, fps=200)
     with SerialArray(port=pty.port, **options) as sensor:
         assert sensor.rest[:, 0].tolist() == rest
-        frames = read_until_silent(sensor)
+        frames = read_until_silent(sensor, device=pty)
     assert frames[0].array.dtype == np.uint8
     assert frames[0].raw.shape == (6, 1)
     assert (frames[0].array == 128).all()
@@ -192,7 +192,7 @@ def test_magnetometers_without_header_or_checksum_keep_all_their_values(pty):
     )
     with sensor:
         pty.play([packets[0][30:], *packets[1:]], faults=Faults(split=50))
-        frames = read_until_silent(sensor)
+        frames = read_until_silent(sensor, device=pty)
     assert len(frames) >= 57
     assert frames[-1].raw == pytest.approx(np.reshape(sent[-1], (5, 4)), rel=1e-6)
     centre = np.round(128 + 127 / 900 * np.array(sent[-1][1:4])).clip(1, 255)
