@@ -28,8 +28,8 @@ from tactileforge_bench.fit.models import model_entry
 from tactileforge_bench.fit.probes.group_weights import Kernels
 from tactileforge_bench.fit.probes.ridge import Ridge
 from tactileforge_bench.fit.resolve import PreparedTask, prepare_task
-from tactileforge_bench.results.gate import MEAN
 from tactileforge_bench.results.load import read_results
+from tactileforge_bench.results.release_gate import MEAN
 from tactileforge_bench.tasks import metrics, splits
 from tactileforge_bench.tasks.source import TaskSource, open_source
 from tactileforge_bench.tasks.suite import parse_task

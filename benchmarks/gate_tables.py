@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from tactileforge_bench.results.gate import COMPARED
+from tactileforge_bench.results.release_gate import COMPARED
 
 PAGE = Path(__file__).parents[1] / "docs" / "reports" / "gate.md"
 RESULTS = Path(__file__).parent / "results"

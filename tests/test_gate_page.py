@@ -34,14 +34,19 @@ def test_the_readme_has_them_too(model: str) -> None:
 @pytest.mark.parametrize("model", gate_tables.MODELS)
 def test_cards_have_them_too(model: str) -> None:
     card, weight = cards.find_card(model)
-    found = {(row.suite, row.tokens): row for row in card.gate(weight) if row.metric == "mean"}
+    found = {
+        (row.suite, row.tokens): row for row in card.measurements(weight) if row.metric == "mean"
+    }
     assert len(found) == 8
     for (suite, reading), row in found.items():
         told = mean(suite, model, reading)
         assert row.value == told["value"]
-        for name, key in (("random", "random"), ("photographs", "imagenet")):
+        for name, key in (
+            ("random weights", "random"),
+            ("photographs with all that is free", "imagenet"),
+        ):
             lead = told["above"][key]
-            assert getattr(row, name) == [lead["value"], lead["low"], lead["high"]]
+            assert row.above[name] == [lead["value"], lead["low"], lead["high"]]
     best = max(gate_tables.READINGS, key=lambda reading: found["real", reading].value)
     assert weight.reading == best, "the reading is chosen on `real`"
 

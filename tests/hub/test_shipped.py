@@ -7,15 +7,17 @@ import cv2
 import numpy as np
 import pytest
 from shipped import SHIPPED
+from tactileforge_bench.results.release_gate import not_above
 from tactileforge_sim.dataset import Sim
 
 import tactileforge
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.clips import Clips
 from tactileforge.data.labels.displacement import decode_displacement
-from tactileforge.hub import cards
-from tactileforge.hub.gates import MEAN, Gate
+from tactileforge.hub import Measurement, cards
 from tactileforge.hub.header import read_header
+
+PHOTOGRAPHS = "photographs with all that is free"
 
 
 def test_three_models_ship() -> None:
@@ -53,20 +55,22 @@ def test_its_card_says_how_it_was_made(name: str) -> None:
         assert word in below, word
 
 
-def means(name: str) -> dict[tuple[str, str], Gate]:
+def means(name: str) -> dict[tuple[str, str], Measurement]:
     card, weight = cards.find_card(name)
-    return {(row.suite, row.tokens): row for row in card.gate(weight) if row.metric == MEAN}
+    return {
+        (row.suite, row.tokens): row for row in card.measurements(weight) if row.metric == "mean"
+    }
 
 
 def test_what_saw_real_video_alone_is_above_random_weights() -> None:
     """In the mean of the tasks of both suites, beyond the interval, with each kind of tokens."""
     found = means("anytouch2.tiny-real")
     for tokens in ("patches", "summary", "pooled"):
-        assert found["real", tokens].random[1] > 0, tokens
-        assert found["real", tokens].pixels[1] > 0, tokens
-        assert found["real_held_out", tokens].random[1] > 0, tokens
+        assert found["real", tokens].above["random weights"][1] > 0, tokens
+        assert found["real", tokens].above["pixels"][1] > 0, tokens
+        assert found["real_held_out", tokens].above["random weights"][1] > 0, tokens
     for suite in ("real", "real_held_out"):
-        assert found[suite, "patches"].not_above == ["photographs with all that is free"]
+        assert not_above(found[suite, "patches"]) == [PHOTOGRAPHS]
 
 
 def test_the_network_of_photographs_learned_touch() -> None:
@@ -75,13 +79,15 @@ def test_the_network_of_photographs_learned_touch() -> None:
     found = means("touch.tiny")
     for suite in ("real", "real_held_out"):
         mean = found[suite, weight.reading]
-        assert mean.not_above == ["photographs with all that is free"]
-        assert mean.photographs[0] > 0 > mean.photographs[1]
-    counted = [row for row in card.gate(weight) if row.counted and row.tokens == weight.reading]
+        assert not_above(mean) == [PHOTOGRAPHS]
+        assert mean.above[PHOTOGRAPHS][0] > 0 > mean.above[PHOTOGRAPHS][1]
+    counted = [
+        row for row in card.measurements(weight) if row.counted and row.tokens == weight.reading
+    ]
     assert len(counted) == 9 + 6 + 2
-    assert all(row.random[2] >= 0 for row in counted)
+    assert all(row.above["random weights"][2] >= 0 for row in counted)
     for row in found.values():
-        assert row.random[1] > 0, row
+        assert row.above["random weights"][1] > 0, row
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ from typing import Any
 
 from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError
-from tactileforge.hub import cards, gates, store
+from tactileforge.hub import cards, store
 from tactileforge.hub.header import read_header
-from tactileforge.hub.table import describe_clip, gate_rows, zoo_page
+from tactileforge.hub.table import describe_clip, measured_rows, zoo_page
 from tactileforge.pages.text_tables import align_columns
 from tactileforge.runs.folder import split_best
 from tactileforge.util.files import sha256
@@ -73,7 +73,6 @@ class _Pack:
         licence: SPDX identifier of the weights; LicenseRef-NAME for a licence without one.
         encoder: ``trained`` for the trained weights or ``slow`` for their EMA; None for the EMA if
             the run has one.
-        gate: Folders of benches, separated by commas; their release gate goes into the card.
     """
 
     run: str
@@ -82,20 +81,6 @@ class _Pack:
     name: str = ""
     licence: str = NO_LICENCE
     encoder: str | None = None
-    gate: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Gate:
-    """Keys of ``zoo gate``.
-
-    Attributes:
-        model: Name of a model, NAME.TAG.
-        benches: Folders of benches.
-    """
-
-    model: str
-    benches: list[str]
 
 
 def _list(keys: _List, _: dict[str, Any]) -> None:
@@ -132,8 +117,7 @@ def _show(keys: _Show, _: dict[str, Any]) -> None:
     sensors, data = card.trained_on(first)
     print(f"{full}: {card.purpose(first)}")
     print(_how_to_load(card, first))
-    verdict = gates.gate_verdict(card.gate(first), first.reading) if first else "not measured"
-    print(f"release gate: {verdict}\n")
+    print(f"release gate: {(first and first.gate) or 'not measured'}\n")
     facts = [
         ("title", card.title),
         ("sensors", ", ".join(sensors) or "none"),
@@ -198,10 +182,9 @@ def _details(card: cards.Card, weights: Sequence[cards.Weight], tag: str) -> Non
         table += [(r.model, r.task, r.metric, f"{r.value:g} {r.unit}", r.source) for r in results]
         print(f"\n{align_columns(table)}")
     for weight in weights:
-        if gate := gate_rows(card, weight):
-            verdict = gates.gate_verdict(card.gate(weight), weight.reading)
-            print(f"\n{weight.tag}, release gate: {verdict}")
-            print(align_columns(gate))
+        if rows := measured_rows(card, weight):
+            print(f"\n{weight.tag}, release gate: {weight.gate or 'not measured'}")
+            print(align_columns(rows))
     print(f"\n{card.text}")
 
 
@@ -221,39 +204,9 @@ def _pack(keys: _Pack, _: dict[str, Any]) -> None:
     from tactileforge.hub.pack import pack_run
 
     given: dict[str, Any] = {**vars(keys)}
-    run, benches = Path(given.pop("run").removeprefix("run:")), given.pop("gate").split(",")
-    path = pack_run(run, **given)
-    if any(benches):
-        folders = [Path(word) for word in benches if word]
-        _put(keys.name, folders, [f"run:{run}", f"file:{path}"])
-        tag = keys.name.partition(".")[2]
-        gates.stamp_card(_card(keys.name), tag, sha256(path), path.stat().st_size)
+    path = pack_run(Path(given.pop("run").removeprefix("run:")), **given)
     print(f"{path}: {path.stat().st_size / 1e6:.1f} MB, sha256 {sha256(path)}")
     print(f"load it: tactileforge.load({json.dumps(f'file:{path}', ensure_ascii=False)})")
-
-
-def _gate(keys: _Gate, _: dict[str, Any]) -> None:
-    """Writes the results of the release gate into the card of a model."""
-    card, weight = cards.find_card(keys.model)
-    words = [f"{card.name}.{weight.tag}", f"file:{cards.zoo_folder() / weight.file}"]
-    _put(words[0], [Path(bench) for bench in keys.benches], words, weight.sha256)
-
-
-def _put(model: str, benches: Sequence[Path], words: Sequence[str], sha256: str = "") -> None:
-    """Writes the gate of a model into its card."""
-    card, weight = cards.find_card(model)
-    path = _card(card.name)
-    rows = [
-        row
-        for bench in benches
-        for row in gates.read_gates(bench, weight.tag, weight.reading, words, sha256)
-    ]
-    gates.write_gates(path, rows)
-    print(f"{path}: {gates.gate_verdict(rows, weight.reading)}")
-
-
-def _card(model: str) -> Path:
-    return Path(str(cards.zoo_folder() / "recipe" / f"{model.partition('.')[0]}.md"))
 
 
 def _packed(keys: _Pack) -> Path | str | None:
@@ -267,5 +220,4 @@ COMMANDS = {
     "show": Command(run=_show, keys=_Show, bare=("model",)),
     "get": Command(run=_get, keys=_Get, bare=("model",), also={"from": "file"}, cache=True),
     "pack": Command(run=_pack, keys=_Pack, bare=("run",), writes=_packed),
-    "gate": Command(run=_gate, keys=_Gate, bare=("model", "benches")),
 }

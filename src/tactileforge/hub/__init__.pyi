@@ -1,11 +1,12 @@
-from tactileforge.hub import gates as gates
 from tactileforge.hub.cards import Card as Card
+from tactileforge.hub.cards import Measurement as Measurement
 from tactileforge.hub.cards import Weight as Weight
 from tactileforge.hub.cards import card_names as card_names
 from tactileforge.hub.cards import find_card as find_card
 from tactileforge.hub.cards import list_cards as list_cards
 from tactileforge.hub.cards import parse_card as parse_card
 from tactileforge.hub.cards import read_card as read_card
+from tactileforge.hub.cards import zoo_folder as zoo_folder
 from tactileforge.hub.classify import CLASS_FORMAT as CLASS_FORMAT
 from tactileforge.hub.classify import ClassFacts as ClassFacts
 from tactileforge.hub.classify import ClassHead as ClassHead

@@ -22,7 +22,6 @@ from typing import Any
 import yaml
 
 from tactileforge.errors import ConfigError, unknown
-from tactileforge.hub.gates import COMPARED, TOKENS, Gate, gate_passes
 from tactileforge.plugins.distributions import conf_packages, how_to_get
 from tactileforge.runs.folder import CONFIG
 from tactileforge.util import strict
@@ -34,6 +33,9 @@ _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 #: What models read beside vectors.
 READS = ("force", "surface", "words")
+#: What a probe reads: the mean of the patch tokens, ``summary`` and ``patches`` as in
+#: `Model.features`, or the groups of `Model.groups`, weighed.
+READINGS = ("pooled", "summary", "patches", "groups")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +69,8 @@ class Weight:
         text_encoder: CLIP on the model hub whose text tower they are aligned with; "" for none.
         template: Sentence of a word in the captions of their training, with ``{}`` for the word.
         reading: Features recommended for a probe, by which the release gate judges them; see
-            `gates.TOKENS`.
+            `READINGS`.
+        gate: Outcome of the release gate in words, written by `zoo gate` of tactileforge-bench.
     """
 
     tag: str
@@ -91,6 +94,7 @@ class Weight:
     text_encoder: str = ""
     template: str = "{}"
     reading: str = "summary"
+    gate: str = ""
 
     @property
     def kind(self) -> str:
@@ -130,6 +134,34 @@ class CardResult:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """A number of ours for some weights, and what it is above.
+
+    Attributes:
+        model: Tag of the weights.
+        suite: Suite of tasks.
+        task: Name of the task in print.
+        tokens: Features for the probe; one of `READINGS`.
+        metric: Name of the metric, accuracies as shares; ``mean`` for all counted tasks together.
+        value: The number.
+        chance: Value of a probe without features.
+        above: Lead over each thing that it is compared with, by its name in print: the lead, and
+            the lower and the upper end of its 95 % interval.
+        counted: Whether the mean of all tasks has it.
+    """
+
+    model: str
+    suite: str
+    task: str
+    tokens: str
+    metric: str
+    value: float
+    chance: float
+    above: dict[str, list[float]]
+    counted: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
 class Card:
     """A model of the zoo.
 
@@ -145,7 +177,7 @@ class Card:
         spacing: Seconds between them; 0 for one frame.
         weights: Files of weights, the default first.
         results: Numbers of the paper, or measured.
-        gates: The release gate of weights of ours, task by task; `zoo gate` writes it.
+        measured: Numbers of ours, task by task; `zoo gate` of tactileforge-bench writes them.
         text: The page below the front matter.
         recipe: Whether the zoo has a recipe that trains it.
     """
@@ -163,21 +195,11 @@ class Card:
     results: list[CardResult]
     text: str
     recipe: bool
-    gates: list[Gate] = field(default_factory=list)
+    measured: list[Measurement] = field(default_factory=list)
 
-    def gate(self, weight: Weight) -> list[Gate]:
-        """The release gate of some weights."""
-        return [row for row in self.gates if row.model == weight.tag]
-
-    def may_ship(self, weight: Weight) -> bool:
-        """Whether weights may ship with the package: demonstrations must be marked as such.
-
-        The text of the card then has the word *demonstration* below the heading of the weights.
-        """
-        if gate_passes(self.gate(weight), weight.reading):
-            return True
-        below = self.text.partition(f"## `{weight.tag}`")[2].partition("\n## ")[0]
-        return weight.demonstration and "demonstration" in below
+    def measurements(self, weight: Weight) -> list[Measurement]:
+        """Numbers of ours for some weights."""
+        return [row for row in self.measured if row.model == weight.tag]
 
     def weight(self, tag: str = "") -> Weight:
         """The weights with a tag, or the first.
@@ -312,8 +334,9 @@ def parse_card(name: str, text: str, recipe: bool) -> Card:
         raise ConfigError(f"{where}: {error}") from error
     front = strict.mapping(where, front)
     # few cards have them; the other lists are written even where they are empty
-    front.setdefault("gates", [])
-    for key, kind in (("weights", Weight), ("results", CardResult), ("gates", Gate)):
+    front.setdefault("measured", [])
+    kinds = {"weights": Weight, "results": CardResult, "measured": Measurement}
+    for key, kind in kinds.items():
         rows = front.get(key)
         if not isinstance(rows, list):
             raise ConfigError(f"{where}: {key} must be a list")
@@ -338,8 +361,8 @@ def _check(card: Card) -> None:
             raise ConfigError(f"{place}: tags are lower-case words, each used once")
         if bool(weight.file) + bool(weight.url) + bool(weight.layout) != 1:
             raise ConfigError(f"{place}: give one of file, url and layout")
-        if weight.reading not in TOKENS:
-            raise ConfigError(f"{place}: " + unknown("reading", weight.reading, TOKENS))
+        if weight.reading not in READINGS:
+            raise ConfigError(f"{place}: " + unknown("reading", weight.reading, READINGS))
         if weight.layout and not weight.source:
             raise ConfigError(f"{place}: state in source where the published file is available")
         if strange := [word for word in weight.reads if word not in READS]:
@@ -347,17 +370,17 @@ def _check(card: Card) -> None:
         verified = re.fullmatch(r"[0-9a-f]{64}", weight.sha256) and weight.bytes > 0
         if not weight.layout and not verified:
             raise ConfigError(f"{place}: sha256 (64 hexadecimal digits) and bytes are needed")
-    for gate in card.gates:
-        leads = (getattr(gate, name) for name in COMPARED)
-        if gate.model not in tags or gate.tokens not in TOKENS or any(len(x) != 3 for x in leads):
+    for row in card.measured:
+        whole = all(len(lead) == 3 for lead in row.above.values())
+        if row.model not in tags or row.tokens not in READINGS or not whole:
             raise ConfigError(
-                f"{where}, gates: {gate.model} with {gate.tokens}: no such weights, tokens that "
-                f"are not {' or '.join(TOKENS)}, or a lead without the ends of its interval; write "
-                "them with tactileforge zoo gate"
+                f"{where}, measured: {row.model} with {row.tokens}: no such weights, tokens that "
+                f"are not {' or '.join(READINGS)}, or a lead without the ends of its interval; "
+                "write them with tactileforge zoo gate"
             )
     # None: the clip of the card itself
-    for row in [None, *card.weights]:
-        frames, spacing = card.clip(row)
+    for weighed in [None, *card.weights]:
+        frames, spacing = card.clip(weighed)
         spaced = 0 < spacing < math.inf if frames > 1 else spacing == 0
         if frames < 1 or not spaced:
             raise ConfigError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tactileforge.hub import cards, gates
+from tactileforge.hub import cards
 from tactileforge.pages.text_tables import markdown_table
 
 _INTRO = """\
@@ -34,8 +34,10 @@ def describe_clip(card: cards.Card, weight: cards.Weight | None) -> str:
     return f"{frames} frames, {spacing:.3g} s apart" if spacing else "1 frame"
 
 
-def gate_rows(card: cards.Card, weight: cards.Weight) -> list[tuple[str, ...]]:
-    """Rows of the release gate of some weights, with a header row; empty if not measured."""
+def measured_rows(card: cards.Card, weight: cards.Weight) -> list[tuple[str, ...]]:
+    """Numbers of ours for some weights, with a header row; empty if not measured."""
+    measured = card.measurements(weight)
+    names = list(dict.fromkeys(name for row in measured for name in row.above))
     rows = [
         (
             f"{row.task} ({row.suite})",
@@ -43,18 +45,17 @@ def gate_rows(card: cards.Card, weight: cards.Weight) -> list[tuple[str, ...]]:
             row.metric,
             f"{row.value:.3f}",
             f"{row.chance:.3f}",
-            *(f"{lead:+.3f} (> {low:+.3f})" for lead, low, _ in _leads(row)),
+            *(_lead(row.above.get(name)) for name in names),
             "" if row.counted else "not counted",
         )
-        for row in card.gate(weight)
+        for row in measured
     ]
-    above = [f"above {words}" for words in gates.COMPARED.values()]
-    head = ("task", "tokens", "metric", "value", "chance", *above, "")
+    head = ("task", "tokens", "metric", "value", "chance", *(f"above {name}" for name in names), "")
     return [head, *rows] if rows else []
 
 
-def _leads(row: gates.Gate) -> list[list[float]]:
-    return [getattr(row, name) for name in gates.COMPARED]
+def _lead(above: list[float] | None) -> str:
+    return f"{above[0]:+.3f} (> {above[1]:+.3f})" if above else ""
 
 
 def zoo_page() -> str:
@@ -79,10 +80,9 @@ def zoo_page() -> str:
         parts.append(f"- **{card.title}**: {how}. {card.paper}.")
     parts += ["\n## Release gate\n", _GATE]
     for name, card, weight in cards.list_cards():
-        if weight and (rows := gate_rows(card, weight)):
+        if weight and (rows := measured_rows(card, weight)):
             kept = " Kept as a demonstration." if weight.demonstration else ""
-            verdict = gates.gate_verdict(card.gate(weight), weight.reading)
-            parts += [f"\n`{name}` {verdict}.{kept}\n", markdown_table(rows)]
+            parts += [f"\n`{name}` {weight.gate}.{kept}\n", markdown_table(rows)]
     parts.append("\n## Results\n")
     parts.append("Numbers of the source that is named, not ours.\n")
     results = [("model", "task", "metric", "value", "source")]

@@ -9,6 +9,7 @@ from made_predictions import classes
 from tactileforge_bench.output import gate_table
 from tactileforge_bench.results import gate
 from tactileforge_bench.results.gate import gate_outcome
+from tactileforge_bench.results.release_gate import MEAN
 from tactileforge_bench.results.results import Cell, ResultMetric, ResultModel, Results, ResultTask
 
 
@@ -105,7 +106,7 @@ def test_one_task_below_random_weights_is_enough_to_fail(tmp_path: Path) -> None
 def test_models_of_one_bench_are_compared_with_each_other(tmp_path: Path) -> None:
     rows = gate.compute_gate(tmp_path, bench(tmp_path, 0.9, count=2, other=0.7))
     found = {(row.task, row.model, row.reading): row.above for row in rows}
-    for name in ("t0", "t1", gate.MEAN):
+    for name in ("t0", "t1", MEAN):
         for reading in ("pooled", "patches"):
             above = found[name, "m", reading]["other"]
             below = found[name, "other", reading]["m"]
@@ -123,7 +124,7 @@ def test_a_task_whose_metric_is_no_sum_over_clips_stays_out(tmp_path: Path) -> N
     other = replace(results.tasks[1], metrics=[metric], main=metric.name)
     results = replace(results, tasks=[results.tasks[0], other, results.tasks[2]])
     rows = gate_table.write_gate(tmp_path, results)
-    assert {row.task for row in rows} == {"t0", "t2", gate.MEAN}
+    assert {row.task for row in rows} == {"t0", "t2", MEAN}
     assert gate_outcome(rows, "m")["pooled"]["tasks"] == 2
     grid = gate_table.gate_table(rows, results)
     assert grid is not None
@@ -143,7 +144,7 @@ def test_a_task_that_does_not_count_is_told_and_no_more(tmp_path: Path) -> None:
     found = {row.task: row for row in rows if row.model == "m" and row.reading == "pooled"}
     assert found["t1"].score.value == pytest.approx(0.1, abs=0.05)
     counted = [before[name].score.value for name in ("t0", "t2")]
-    assert found[gate.MEAN].score.value == pytest.approx(sum(counted) / 2, abs=0.01)
+    assert found[MEAN].score.value == pytest.approx(sum(counted) / 2, abs=0.01)
     plain = json.loads((tmp_path / "gate.json").read_text())
     assert plain["models"]["m"]["pooled"]["tasks"] == 2
     assert plain["models"]["m"]["passes"]
@@ -162,7 +163,7 @@ def test_the_mean_is_compared_with_photographs_alone(
     """With their summary, whatever the model is read by."""
     results = bench(tmp_path, 0.85, imagenet=share)
     rows = gate_table.write_gate(tmp_path, results)
-    mean = next(row for row in rows if (row.task, row.model) == (gate.MEAN, "m"))
+    mean = next(row for row in rows if (row.task, row.model) == (MEAN, "m"))
     assert mean.above["imagenet"].value == pytest.approx(0.85 - share, abs=0.1)
     outcome = gate_outcome(rows, "m")["patches"]
     assert ("imagenet" in outcome["mean_above"]) == above

@@ -11,6 +11,7 @@ from tactileforge.plugins import write_text
 from tactileforge_bench.output.grid import ColumnHead, Table, TableEntry, fixed
 from tactileforge_bench.results import gate
 from tactileforge_bench.results.gate import GateRow
+from tactileforge_bench.results.release_gate import COMPARED, FILE, MEAN
 from tactileforge_bench.results.results import Results
 from tactileforge_bench.results.scores import titles
 
@@ -30,7 +31,7 @@ def write_gate(folder: Path, results: Results) -> list[GateRow]:
     rows = gate.compute_gate(folder, results)
     if rows:
         plain = gate.gate_to_plain(rows, results)
-        write_text(folder / gate.FILE, json.dumps(plain, indent=1, allow_nan=False) + "\n")
+        write_text(folder / FILE, json.dumps(plain, indent=1, allow_nan=False) + "\n")
     return rows
 
 
@@ -48,7 +49,7 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
     for model, reading in keys:
         # None where the model was not run on a task
         cells = [known.get((model, reading, task.name)) for task in tasks]
-        mean = known.get((model, reading, gate.MEAN))
+        mean = known.get((model, reading, MEAN))
         entries = [_entry(row) for row in (*cells, mean)]
         found = outcomes.get(model, {}).get(reading)
         verdict = _verdict(found, task_titles) if found else ""
@@ -78,7 +79,7 @@ def _verdict(found: Mapping[str, Any], titles: Mapping[str, str]) -> str:
         found: Outcome with these features; see `gate.gate_outcome`.
         titles: Titles of tasks, by name.
     """
-    level = [words for name, words in gate.COMPARED.items() if name not in found["mean_above"]]
+    level = [words for name, words in COMPARED.items() if name not in found["mean_above"]]
     below = [titles[name] for name in found["below_random"]]
     faults = [f"not above {', '.join(level)}"] if level else []
     faults += [f"below random weights: {', '.join(below)}"] if below else []
@@ -88,7 +89,7 @@ def _verdict(found: Mapping[str, Any], titles: Mapping[str, str]) -> str:
 def _entry(row: GateRow | None) -> TableEntry:
     if row is None:
         return TableEntry("not run", tone="soft")
-    against = gate.COMPARED if row.task == gate.MEAN else gate.AGAINST
+    against = COMPARED if row.task == MEAN else gate.AGAINST
     leads = [(name, row.above[name]) for name in against if name in row.above]
     below = [
         f"{name[0]} {fixed(lead.value, 3, signed=True)} (> {fixed(lead.low, 2, signed=True)})"

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tactileforge.hub import gates
 from tactileforge_bench.results.bootstrap import (
     METRICS,
     GroupedScore,
@@ -19,20 +18,16 @@ from tactileforge_bench.results.bootstrap import (
     compared_over_tasks,
     grouped_score,
 )
+from tactileforge_bench.results.release_gate import COMPARED, MEAN, without_largest
 from tactileforge_bench.results.results import Results, ResultTask
 
-FILE = "gate.json"
 #: What a model has to beat; ``random`` are its own architecture's.
 AGAINST = ("random", "pixels")
-#: What the mean of all counted tasks is compared with: all that a user has without touch, in words.
-COMPARED = {gates.BENCH_NAMES[name]: words for name, words in gates.COMPARED.items()}
 #: Baselines, besides ``untrained:NAME``. Those that can be read in several ways are compared with
 #: at their best: photographs' groups have the free groups, pictures and statistics, too.
 _BASELINES = ("pixels", "statistics", "imagenet", "motion", "hog", "background", "chance")
 #: Tallies of the networks of a task by model and reading.
 _Cells = Mapping[tuple[str, str], list[GroupedScore]]
-#: Name of the row of all tasks together, whose metrics are all 1 at best.
-MEAN = "mean"
 
 
 @dataclass(frozen=True)
@@ -132,7 +127,7 @@ def _mean_row(
     }
     above = {name: compared_over_tasks(tasks) for name, tasks in pairs.items()}
     without = {
-        name: gates.without_largest([compared(*task).value for task in pairs[name]])
+        name: without_largest([compared(*task).value for task in pairs[name]])
         for name in COMPARED
         if name in pairs
     }

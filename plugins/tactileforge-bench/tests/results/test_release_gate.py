@@ -8,12 +8,24 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tactileforge_bench.results.release_gate import (
+    COMPARED,
+    MEAN,
+    SUITES,
+    gate_faults,
+    gate_passes,
+    gate_verdict,
+    may_ship,
+    read_gate,
+    stamp_card,
+    write_gate,
+)
+from tactileforge_bench.verbs import zoo_gate
 
 from tactileforge.cli import run
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.hub import cards, gates, pack
-from tactileforge.hub.gates import MEAN, SUITES, Gate, gate_faults, gate_passes, gate_verdict
-from tactileforge.hub.table import gate_rows
+from tactileforge.hub import Measurement, cards
+from tactileforge.hub.table import measured_rows
 
 SHA = "5a" * 32
 CARD = """---
@@ -49,13 +61,15 @@ def card(more: str = "", text: str = "Trained for a day.") -> str:
     return CARD.format(sha=SHA, more=more, text=text)
 
 
-def row(task: str, suite: str = "real", low: float = 0.05, tokens: str = "summary", **more) -> Gate:
+def row(
+    task: str, suite: str = "real", low: float = 0.05, tokens: str = "summary", **more
+) -> Measurement:
     """A row with the same lead over everything but what is given."""
     lead = [low + 0.1, low, low + 0.2]
-    leads = {name: more.get(name, lead) for name in gates.COMPARED}
+    above = {words: more.get(name, lead) for name, words in COMPARED.items()}
     metric = "mean" if task == MEAN else "r2"
     name = f"Task {task}: 'a', \"b\""
-    return Gate(
+    return Measurement(
         model="small",
         suite=suite,
         task=name,
@@ -64,11 +78,15 @@ def row(task: str, suite: str = "real", low: float = 0.05, tokens: str = "summar
         value=0.5,
         chance=0.0,
         counted=more.get("counted", True),
-        **leads,
+        above=above,
     )
 
 
-def rows(good: bool = True, tokens: str = "summary") -> list[Gate]:
+def with_lead(row: Measurement, name: str, lead: list[float]) -> Measurement:
+    return replace(row, above=row.above | {COMPARED[name]: lead})
+
+
+def rows(good: bool = True, tokens: str = "summary") -> list[Measurement]:
     """Two tasks and the mean of each suite; of bad weights the second mean is level."""
     low = 0.05 if good else -0.05
     return [
@@ -88,11 +106,11 @@ def test_means_of_both_suites_have_to_be_above_everything() -> None:
     assert gate_faults(rows()[:3], "summary") == ["real_held_out not measured"]
 
 
-@pytest.mark.parametrize("name", list(gates.COMPARED))
+@pytest.mark.parametrize("name", list(COMPARED))
 def test_one_of_them_level_is_a_fault(name: str) -> None:
     level = [0.1, 0.0, 0.2]
-    worse = [replace(x, **{name: level}) if x.metric == MEAN else x for x in rows()]
-    said = gates.COMPARED[name]
+    worse = [with_lead(x, name, level) if x.metric == MEAN else x for x in rows()]
+    said = COMPARED[name]
     assert gate_faults(worse, "summary") == [f"{suite} not above {said}" for suite in SUITES]
 
 
@@ -101,18 +119,18 @@ def test_no_task_that_counts_may_be_below_random_weights() -> None:
     assert gate_faults([*rows(), lost], "summary") == [f"below random weights: {lost.task}"]
     assert gate_passes([*rows(), replace(lost, counted=False)], "summary")
     # beyond the interval: one that reaches above it is level
-    assert gate_passes([*rows(), replace(lost, random=[-0.1, -0.2, 0.01])], "summary")
+    assert gate_passes([*rows(), with_lead(lost, "random", [-0.1, -0.2, 0.01])], "summary")
 
 
 def test_no_task_may_carry_the_mean() -> None:
     big, none = [0.4, 0.3, 0.5], [0.0, -0.1, 0.1]
     changed = [
-        x if x.metric == MEAN else replace(x, photographs=big if "Task 1" in x.task else none)
+        x if x.metric == MEAN else with_lead(x, "imagenet", big if "Task 1" in x.task else none)
         for x in rows()
     ]
     said = "above photographs with all that is free by one task alone: Task 1: 'a', \"b\""
     assert gate_faults(changed, "summary") == [f"{suite} {said}" for suite in SUITES]
-    third = [row("3", suite, photographs=[0.01, -0.1, 0.1]) for suite in SUITES]
+    third = [row("3", suite, imagenet=[0.01, -0.1, 0.1]) for suite in SUITES]
     assert gate_passes([*changed, *third], "summary")
 
 
@@ -133,11 +151,11 @@ def test_what_is_shipped_passes_or_says_that_it_is_a_demonstration(name: str) ->
     shipped = cards.read_card(name)
     for weight in shipped.weights:
         if weight.kind == "shipped":
-            assert shipped.gate(weight), (
+            assert shipped.measurements(weight), (
                 f"measure it: tactileforge zoo gate {name}.{weight.tag} BENCH"
             )
-            verdict = gate_verdict(shipped.gate(weight), weight.reading)
-            assert shipped.may_ship(weight), f"{name}.{weight.tag} {verdict}"
+            assert weight.gate == gate_verdict(shipped.measurements(weight), weight.reading)
+            assert may_ship(shipped, weight), f"{name}.{weight.tag} {weight.gate}"
 
 
 def test_every_file_in_the_zoo_is_on_a_card() -> None:
@@ -163,11 +181,11 @@ def test_a_made_up_bad_card_may_not_ship(
 ) -> None:
     path = tmp_path / "a.md"
     path.write_text(card(more, text))
-    gates.write_gates(path, rows(passes))
+    write_gate(path, rows(passes))
     parsed = cards.parse_card("a", path.read_text(), recipe=False)
-    assert parsed.gates == rows(passes)
-    assert parsed.may_ship(parsed.weights[0]) == good
-    table = gate_rows(parsed, parsed.weights[0])
+    assert parsed.measured == rows(passes)
+    assert may_ship(parsed, parsed.weights[0]) == good
+    table = measured_rows(parsed, parsed.weights[0])
     assert table[1][5:9] == ("+0.150 (> +0.050)",) * 4
     assert table[-1][5] == ("+0.150 (> +0.050)" if passes else "+0.050 (> -0.050)")
 
@@ -179,18 +197,18 @@ def test_a_card_may_recommend_only_known_features() -> None:
 
 def test_a_card_that_was_not_measured_may_not_ship() -> None:
     parsed = cards.parse_card("a", card(), recipe=False)
-    assert not parsed.may_ship(parsed.weights[0])
+    assert not may_ship(parsed, parsed.weights[0])
 
 
 def test_writing_again_replaces_and_keeps_the_rest(tmp_path: Path) -> None:
     path = tmp_path / "a.md"
     path.write_text(card())
-    gates.write_gates(path, rows(False))
+    write_gate(path, rows(False))
     once = path.read_text()
-    gates.write_gates(path, rows())
-    gates.write_gates(path, rows(False))
+    write_gate(path, rows())
+    write_gate(path, rows(False))
     assert path.read_text() == once
-    assert re.sub(r"gates:\n(?:  - .*\n)*", "", once) == card()
+    assert re.sub(r"measured:\n(?:  - .*\n)*|    gate: .*\n", "", once) == card()
 
 
 def bench(folder: Path, name: str = "a.small", sha: str = SHA, **above: Any) -> Path:
@@ -217,56 +235,58 @@ def bench(folder: Path, name: str = "a.small", sha: str = SHA, **above: Any) -> 
 
 
 def test_the_numbers_are_those_of_the_bench(tmp_path: Path) -> None:
-    (parsed,) = gates.read_gates(bench(tmp_path), "small", "summary", ["a.small"], SHA)
+    (parsed,) = read_gate(bench(tmp_path), "small", "summary", ["a.small"], SHA)
     assert (parsed.value, parsed.chance, parsed.metric, parsed.suite) == (0.2, -0.01, "r2", "real")
-    assert (parsed.tokens, parsed.random, parsed.pixels) == (
-        "summary",
-        [0.2, 0.1, 0.3],
-        [0.2, -0.1, 0.3],
-    )
+    assert parsed.tokens == "summary"
+    assert parsed.above["random weights"] == [0.2, 0.1, 0.3]
+    assert parsed.above["pixels"] == [0.2, -0.1, 0.3]
 
 
 def test_other_weights_are_refused(tmp_path: Path) -> None:
     with pytest.raises(DataNotFoundError, match=r"bench suite=real model=\[a\.small\]"):
-        gates.read_gates(tmp_path, "small", "summary", ["a.small"])
+        read_gate(tmp_path, "small", "summary", ["a.small"])
     with pytest.raises(DataError, match=r"measured b, not a\.small"):
-        gates.read_gates(bench(tmp_path, "b"), "small", "summary", ["a.small"])
+        read_gate(bench(tmp_path, "b"), "small", "summary", ["a.small"])
     with pytest.raises(DataError, match=r"other weights of a\.small"):
-        gates.read_gates(bench(tmp_path, sha="6" * 64), "small", "summary", ["a.small"], SHA)
+        read_gate(bench(tmp_path, sha="6" * 64), "small", "summary", ["a.small"], SHA)
     with pytest.raises(DataError, match="no baselines"):
-        gates.read_gates(bench(tmp_path, random={}), "small", "summary", ["a.small"])
+        read_gate(bench(tmp_path, random={}), "small", "summary", ["a.small"])
 
 
 def test_the_verb_writes_the_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "recipe").mkdir()
     (tmp_path / "recipe" / "a.md").write_text(card())
     monkeypatch.setattr(cards, "zoo_folder", lambda: tmp_path)
+    monkeypatch.setattr(zoo_gate, "zoo_folder", lambda: tmp_path)
     for cached in (cards.card_names, cards.read_card):
         cached.cache_clear()
     try:
         assert run(["zoo", "gate", "a.small", str(bench(tmp_path / "gate"))]) == 0
         cards.read_card.cache_clear()
-        assert len(cards.read_card("a").gates) == 1
+        assert len(cards.read_card("a").measured) == 1
         assert run(["zoo", "show", "a"]) == 0
     finally:
         for cached in (cards.card_names, cards.read_card):
             cached.cache_clear()
 
 
-def test_packing_writes_the_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_packed_run_takes_its_gate_and_the_facts_of_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "recipe").mkdir()
+    (tmp_path / "weights").mkdir()
     (tmp_path / "recipe" / "a.md").write_text(card())
-    out = tmp_path / "out.safetensors"
+    (tmp_path / "weights" / "a.small.safetensors").write_bytes(b"123")
     monkeypatch.setattr(cards, "zoo_folder", lambda: tmp_path)
-    monkeypatch.setattr(pack, "pack_run", lambda run, **options: out.write_bytes(b"123") and out)
+    monkeypatch.setattr(zoo_gate, "zoo_folder", lambda: tmp_path)
     for cached in (cards.card_names, cards.read_card):
         cached.cache_clear()
     try:
         folder = bench(tmp_path / "gate", name="run:runs/a")
-        assert run(["zoo", "pack", "runs/a", "name=a.small", f"gate={folder}"]) == 0
+        assert run(["zoo", "gate", "a.small", str(folder), "measured=run:runs/a"]) == 0
         cards.read_card.cache_clear()
         parsed = cards.read_card("a")
-        assert (len(parsed.gates), parsed.weights[0].bytes) == (1, 3)
+        assert (len(parsed.measured), parsed.weights[0].bytes) == (1, 3)
         assert parsed.weights[0].sha256 == hashlib.sha256(b"123").hexdigest()
     finally:
         for cached in (cards.card_names, cards.read_card):
@@ -276,17 +296,17 @@ def test_packing_writes_the_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_a_new_file_is_stamped(tmp_path: Path) -> None:
     path = tmp_path / "a.md"
     path.write_text(card())
-    gates.stamp_card(path, "small", "ab" * 32, 77)
+    stamp_card(path, "small", "ab" * 32, 77)
     weight = cards.parse_card("a", path.read_text(), recipe=False).weights[0]
     assert (weight.sha256, weight.bytes) == ("ab" * 32, 77)
-    with pytest.raises(ConfigError, match="'large' have no line sha256"):
-        gates.stamp_card(path, "large", "ab" * 32, 77)
+    with pytest.raises(ConfigError, match="no weights 'large'"):
+        stamp_card(path, "large", "ab" * 32, 77)
 
 
 def test_gates_name_weights_of_the_card(tmp_path: Path) -> None:
     path = tmp_path / "a.md"
     path.write_text(card())
-    gates.write_gates(path, rows())
+    write_gate(path, rows())
     text = path.read_text().replace("model: small, suite", "model: other, suite")
-    with pytest.raises(ConfigError, match="gates: other with summary: no such weights"):
+    with pytest.raises(ConfigError, match="measured: other with summary: no such weights"):
         cards.parse_card("a", text, recipe=False)

@@ -9,78 +9,38 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.util.files import write_text
+from tactileforge.hub import Card, Measurement, Weight, parse_card
+from tactileforge.plugins import write_text
 
 FILE = "gate.json"
-#: What a probe reads: the mean of the patch tokens, ``summary`` and ``patches`` as in
-#: `Model.features`, or the groups of `Model.groups`, weighed.
-TOKENS = ("pooled", "summary", "patches", "groups")
 #: Suites of the gate; the second one chooses nothing.
 SUITES = ("real", "real_held_out")
-#: Task of the row of all counted tasks together.
+#: Task of the row of all counted tasks together, whose metrics are all 1 at best.
 MEAN = "mean"
-#: What the mean has to be above, in words.
+#: What the mean has to be above: its name in the bench, and in words.
 COMPARED = {
     "random": "random weights",
     "pixels": "pixels",
     "statistics": "picture statistics",
-    "photographs": "photographs with all that is free",
+    "imagenet": "photographs with all that is free",
 }
-#: Their names in the bench.
-BENCH_NAMES = dict(zip(COMPARED, COMPARED, strict=True)) | {"photographs": "imagenet"}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Gate:
-    """One task of the gate.
-
-    Attributes:
-        model: Tag of the weights.
-        suite: ``real``, or ``real_held_out``.
-        task: Name of the task in print.
-        tokens: Features for the probe; one of `TOKENS`.
-        metric: Name of the metric, accuracies as shares; ``mean`` in the row of all tasks together.
-        value: The number.
-        chance: Value of a probe without features.
-        random: Lead over random weights of the same architecture, mean of three, with the lower and
-            the upper end of its interval.
-        pixels: Lead over 16 x 16 pixels of the difference, likewise.
-        statistics: Lead over picture statistics, likewise.
-        photographs: Lead over a network of photographs by the reading that suits it best in the
-            suite, its free groups (pixels, statistics) among them, likewise.
-        counted: Whether it counts, and the row of all tasks together has it.
-    """
-
-    model: str
-    suite: str
-    task: str
-    tokens: str
-    metric: str
-    value: float
-    chance: float
-    random: list[float]
-    pixels: list[float]
-    statistics: list[float]
-    photographs: list[float]
-    counted: bool = True
-
-    @property
-    def not_above(self) -> list[str]:
-        """What it is not above beyond the interval, in words."""
-        return [words for name, words in COMPARED.items() if getattr(self, name)[1] <= 0]
-
-    @property
-    def is_below_random(self) -> bool:
-        """Whether it counts and is below random weights beyond the interval."""
-        return self.counted and self.random[2] < 0
+def not_above(row: Measurement) -> list[str]:
+    """What it is not above beyond the interval, in words."""
+    return [words for words in COMPARED.values() if row.above[words][1] <= 0]
 
 
-def gate_faults(rows: Sequence[Gate], tokens: str) -> list[str]:
+def is_below_random(row: Measurement) -> bool:
+    """Whether it counts and is below random weights beyond the interval."""
+    return row.counted and row.above[COMPARED["random"]][2] < 0
+
+
+def gate_faults(rows: Sequence[Measurement], tokens: str) -> list[str]:
     """Lists the reasons against some weights, in words; [] for none.
 
     They pass if the mean of the counted tasks of each suite is above random weights, pixels,
@@ -95,15 +55,15 @@ def gate_faults(rows: Sequence[Gate], tokens: str) -> list[str]:
     means = {row.suite: row for row in read if row.metric == MEAN}
     faults = [f"{suite} not measured" for suite in SUITES if suite not in means]
     for suite, mean in means.items():
-        if mean.not_above:
-            faults.append(f"{suite} not above {', '.join(mean.not_above)}")
+        if level := not_above(mean):
+            faults.append(f"{suite} not above {', '.join(level)}")
     single = [row for row in read if row.metric != MEAN]
     measured = {row.suite for row in single}
     faults += [f"{suite} without single tasks" for suite in means if suite not in measured]
     for suite, mean in means.items():
         counted = [row for row in single if row.suite == suite and row.counted]
-        faults += [line for line in _carried(counted) if not mean.not_above]
-    below = [row.task for row in single if row.is_below_random]
+        faults += [line for line in _carried(counted) if not not_above(mean)]
+    below = [row.task for row in single if is_below_random(row)]
     return faults + [f"below random weights: {task}" for task in below]
 
 
@@ -117,23 +77,23 @@ def without_largest(leads: Sequence[float]) -> float:
     return (sum(leads) - max(leads)) / (len(leads) - 1) if len(leads) > 1 else 0.0
 
 
-def _carried(counted: Sequence[Gate]) -> list[str]:
+def _carried(counted: Sequence[Measurement]) -> list[str]:
     """Leads of a suite from a single task, in words."""
     faults = []
-    for name, words in COMPARED.items() if len(counted) > 1 else ():
-        leads = {row.task: getattr(row, name)[0] for row in counted}
+    for words in COMPARED.values() if len(counted) > 1 else ():
+        leads = {row.task: row.above[words][0] for row in counted}
         if sum(leads.values()) > 0 >= without_largest([*leads.values()]):
             most = max(leads, key=leads.__getitem__)
             faults.append(f"{counted[0].suite} above {words} by one task alone: {most}")
     return faults
 
 
-def gate_passes(rows: Sequence[Gate], tokens: str) -> bool:
+def gate_passes(rows: Sequence[Measurement], tokens: str) -> bool:
     """Whether some weights pass with the features recommended by their card."""
     return not gate_faults(rows, tokens)
 
 
-def gate_verdict(rows: Sequence[Gate], tokens: str) -> str:
+def gate_verdict(rows: Sequence[Measurement], tokens: str) -> str:
     """The outcome in a few words."""
     if not rows:
         return "not measured"
@@ -141,9 +101,9 @@ def gate_verdict(rows: Sequence[Gate], tokens: str) -> str:
     return f"fails with {tokens}: {'; '.join(faults)}" if faults else f"passes with {tokens}"
 
 
-def read_gates(
+def read_gate(
     folder: str | Path, tag: str, tokens: str, words: Sequence[str], sha256: str = ""
-) -> list[Gate]:
+) -> list[Measurement]:
     """The rows of some weights: single tasks with the recommended features, means with all.
 
     Args:
@@ -179,16 +139,16 @@ def read_gates(
     return [_row(path, gate, row, tag, chance) for row in chosen]
 
 
-def _row(path: Path, gate: Any, row: Any, tag: str, chance: dict[str, float]) -> Gate:
+def _row(path: Path, gate: Any, row: Any, tag: str, chance: dict[str, float]) -> Measurement:
     task, above = gate["tasks"][row["task"]], row["above"]
-    leads = {name: above.get(BENCH_NAMES[name]) for name in COMPARED}
-    absent = [COMPARED[name] for name, lead in leads.items() if not lead]
+    leads = {words: above.get(name) for name, words in COMPARED.items()}
+    absent = [words for words, lead in leads.items() if not lead]
     if absent or row["task"] not in chance:
         raise DataError(
             f"{path}: not compared with {', '.join(absent) or 'chance'}: no baselines; bench them"
             " without baselines=[]; photographs need pip install 'tactileforge[distill]'"
         )
-    return Gate(
+    return Measurement(
         model=tag,
         suite=gate["suite"],
         task=task["title"],
@@ -196,59 +156,86 @@ def _row(path: Path, gate: Any, row: Any, tag: str, chance: dict[str, float]) ->
         metric=task["metric"],
         value=row["value"],
         chance=chance[row["task"]],
-        **{name: [lead["value"], lead["low"], lead["high"]] for name, lead in leads.items()},
+        above={words: [lead["value"], lead["low"], lead["high"]] for words, lead in leads.items()},
         counted=task.get("counted", True),
     )
 
 
-def write_gates(card: Path, rows: Sequence[Gate]) -> None:
-    """Replaces the gate rows of one model in the front matter of its card.
+def may_ship(card: Card, weight: Weight) -> bool:
+    """Whether weights may ship with the package: demonstrations must be marked as such.
+
+    The text of the card then has the word *demonstration* below the heading of the weights.
+    """
+    if gate_passes(card.measurements(weight), weight.reading):
+        return True
+    below = card.text.partition(f"## `{weight.tag}`")[2].partition("\n## ")[0]
+    return weight.demonstration and "demonstration" in below
+
+
+def write_gate(path: Path, rows: Sequence[Measurement]) -> str:
+    """Replaces the rows and the verdict of some weights in the front matter of their card.
 
     Args:
-        card: The file ``NAME.md``.
+        path: The card, a file ``NAME.md``.
         rows: All of one tag.
+
+    Returns:
+        The verdict.
 
     Raises:
         ConfigError: The card has no list of results to put them before.
     """
-    text = card.read_text("utf-8")
+    text = path.read_text("utf-8")
+    tag = rows[0].model
     # as text, not by a writer of YAML: the rest of a card stays as it was typed
-    found = re.search(r"^gates:\n((?:  - .*\n)*)", text, flags=re.M)
-    kept = [
-        line
-        for line in (found[1].splitlines() if found else [])
-        if not any(line.startswith(f"  - {{model: {row.model}, ") for row in rows)
-    ]
-    block = "\n".join(["gates:", *kept, *map(_line, rows), ""])
-    text = re.sub(r"^gates:\n(?:  - .*\n)*", "", text, count=1, flags=re.M)
+    found = re.search(r"^measured:\n((?:  - .*\n)*)", text, flags=re.M)
+    others = found[1].splitlines() if found else []
+    kept = [line for line in others if not line.startswith(f"  - {{model: {tag}, ")]
+    block = "\n".join(["measured:", *kept, *map(_line, rows), ""])
+    text = re.sub(r"^measured:\n(?:  - .*\n)*", "", text, count=1, flags=re.M)
     head, mark, rest = text.partition("\nresults:")
     if not mark:
-        raise ConfigError(f"{card}: no line 'results:' in its front matter")
-    write_text(card, f"{head}\n{block}results:{rest}")
+        raise ConfigError(f"{path}: no line 'results:' in its front matter")
+    text = f"{head}\n{block}results:{rest}"
+    card = parse_card(path.stem, text, recipe=False)
+    weight = card.weight(tag)
+    verdict = gate_verdict(card.measurements(weight), weight.reading)
+    write_text(path, _with_fact(text, path, tag, "gate", json.dumps(verdict)))
+    return verdict
 
 
-def stamp_card(card: Path, tag: str, sha256: str, size: int) -> None:
+def stamp_card(path: Path, tag: str, sha256: str, size: int) -> None:
     """Updates hash and size of a file of weights in its card.
 
     Args:
-        card: The file ``NAME.md``.
+        path: The card, a file ``NAME.md``.
         tag: Tag of the weights.
         sha256: New hash of the file.
         size: New size of the file, bytes.
 
     Raises:
-        ConfigError: The card has no such line for the tag.
+        ConfigError: The card has no such weights.
     """
-    text = card.read_text("utf-8")
+    text = path.read_text("utf-8")
     for key, value in (("sha256", sha256), ("bytes", str(size))):
-        pattern = rf"(^  - tag: {re.escape(tag)}\n(?:    .*\n)*?    {key}: )\w+"
-        text, count = re.subn(pattern, rf"\g<1>{value}", text, flags=re.M)
-        if not count:
-            raise ConfigError(f"{card}: weights {tag!r} have no line {key}: to write it to")
-    write_text(card, text)
+        text = _with_fact(text, path, tag, key, value)
+    write_text(path, text)
 
 
-def _line(row: Gate) -> str:
+def _with_fact(text: str, path: Path, tag: str, key: str, value: str) -> str:
+    """The text of a card with a line ``key: value`` in the list of facts of some weights."""
+    found = re.search(rf"^  - tag: {re.escape(tag)}\n(?:    .*\n)*", text, flags=re.M)
+    if not found:
+        raise ConfigError(f"{path}: no weights {tag!r}")
+    lines = found[0].splitlines(keepends=True)
+    kept = [line for line in lines if not line.startswith(f"    {key}: ")]
+    at = next((i for i, line in enumerate(lines) if line not in kept), len(kept))
+    kept.insert(at, f"    {key}: {value}\n")
+    return text[: found.start()] + "".join(kept) + text[found.end() :]
+
+
+def _line(row: Measurement) -> str:
     values = {**vars(row), "task": json.dumps(row.task)}
-    words = [f"{key}: {value}" for key, value in values.items()]
-    return f"  - {{{', '.join(words)}}}"
+    leads = ", ".join(f"{words}: {lead}" for words, lead in row.above.items())
+    values["above"] = f"{{{leads}}}"
+    return f"  - {{{', '.join(f'{key}: {value}' for key, value in values.items())}}}"
