@@ -133,6 +133,7 @@ def test_a_run_whose_package_is_gone_names_it(tmp_path):
         ("train", "data=sim comes with tactileforge-sim"),
         ("data pack data=sim out=set", "data=sim comes with tactileforge-sim"),
         ("bench suite=sim model=[pixels]", "bench comes with tactileforge-bench"),
+        ("zoo gate touch.tiny runs/bench", "zoo gate comes with tactileforge-bench"),
         ("calibrate data=sim", "calibrate comes with tactileforge-live"),
         ("live sensor=sim", "live comes with tactileforge-live"),
         ("record sensor=sim out=set", "record comes with tactileforge-live"),

@@ -104,7 +104,7 @@ def warm_commands(folder: Path) -> Iterator[Warm]:
     command = [sys.executable, __file__, warm.address]
     server = subprocess.Popen(command, env=os.environ | _ONE_THREAD)
     try:
-        wait_until(Path(warm.address).exists, 120, "the process for commands does not start")
+        wait_until(Path(warm.address).exists, 600, "the process for commands does not start")
         yield warm
     finally:
         server.terminate()

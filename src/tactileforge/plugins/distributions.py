@@ -24,7 +24,7 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
             *("classes", "feel", "object", "public_samples", "real", "real_held_out", "sim"),
             *("sparsh", "touchd"),
         ),
-        "verbs": ("bench",),
+        "verbs": ("bench", "zoo.gate"),
     },
     "tactileforge-datasets": {
         "datasets": (
