@@ -51,7 +51,7 @@ def test_a_pad_has_packets_of_386_bytes():
 def test_split_and_merged_packets_all_come(pad, faults):
     with FlexiTac(port=pad.port, baseline=0) as sensor:
         pad.play(map(packet, range(101)), faults=faults)
-        frames = read_until_silent(sensor, 0.8)
+        frames = read_until_silent(sensor, 0.8, pad)
         assert numbers(frames) == list(range(100))  # the last one is not followed by a header yet
         assert (sensor.parser.bad, sensor.parser.lost) == (0, 0)
     assert (np.diff([frame.time for frame in frames]) > 0).all()
@@ -63,7 +63,7 @@ def test_a_header_among_the_taxels(pad):
     packets[:30] = [one.replace(b"\xaa\x55\x01", b"\xaa\x54\x01") for one in packets[:30]]
     with FlexiTac(port=pad.port, **SMALL) as sensor:
         pad.play([packets[0][3:], *packets[1:]])
-        frames = read_until_silent(sensor, 0.8)
+        frames = read_until_silent(sensor, 0.8, pad)
     assert [int(frame.raw[4, 0]) for frame in frames] == [i % 7 for i in range(1, 59)]
     assert frames[-1].raw.ravel().tolist() == [0xAA, 0x55, 1, 2, 58 % 7, 255]
 
@@ -84,7 +84,7 @@ def test_lost_bytes_and_garbage_cost_packets_and_never_give_wrong_ones(pad):
     followed = [i for i in range(300) if sent[i] + b"\xaa\x55" in written]
     with FlexiTac(port=pad.port, baseline=0) as sensor:
         pad.play(sent, faults=faults)
-        frames = read_until_silent(sensor, 0.8)
+        frames = read_until_silent(sensor, 0.8, pad)
         counts = sensor.parser
         assert counts.lost == len(written) - 386 * counts.good - counts.waiting
     assert 200 < len(followed) < 290
@@ -125,7 +125,7 @@ def test_unplugged_and_back(pad):
         sensor.read()
         pad.disconnect()
         with pytest.raises(SensorError, match="unplugged"):
-            read_until_silent(sensor, 0.8)
+            read_until_silent(sensor, 0.8, pad)
         with pytest.raises(SensorError, match="no such serial port"):
             sensor.open()
         pad.connect()

@@ -80,7 +80,7 @@ def test_a_run_is_resumed_without_the_file(trained, tmp_path):
     folder = shutil.copytree(trained, tmp_path / "run")
     config = read_config(folder) | {"resume": str(folder)}
     config["trainer"]["max_steps"] = read_checkpoint(folder)["global_step"] + 1
-    train(config, folder)
+    train(config, folder=folder)
     assert read_checkpoint(folder)["global_step"] == config["trainer"]["max_steps"]
     assert read_config(folder)["encoder"]["path"].endswith("weights.safetensors")
 

@@ -42,3 +42,5 @@ def test_the_same_data_elsewhere_and_other_data(tmp_path, capsys, monkeypatch):
     assert "the recordings are not those of the run" in capsys.readouterr().err
     assert cli.run(["train", "resume=run", "trainer.max_steps=3", "data.sources.a.root=job_2"]) == 1
     assert "no such key" in capsys.readouterr().err
+    # the command before it leaves nothing behind in the process
+    assert cli.run(["train", "resume=run", "trainer.max_steps=3"]) == 0
