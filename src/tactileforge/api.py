@@ -77,11 +77,12 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
     plain: dict[str, Any] = config if isinstance(config, dict) else _plain(config)
     resume = find_checkpoint(folder) if plain.get("resume") else None
     with run_folder.claimed(folder, resumes=resume is not None), flushed():
-        step, is_news = 0, True
+        step, is_news, known = 0, True, {}
         if resume:
             state = read_own(resume, plain.get("run"), RESUMED)  # before data is made or read
             step = int(state["global_step"])
-            is_news = change_run(plain, run_folder.read_config(folder), state)
+            known = run_folder.read_config(folder)
+            is_news = change_run(plain, known, state)
             if 0 < plain["trainer"]["max_steps"] <= step:
                 log.info("the run has ended at step %d; to go further: trainer.max_steps=", step)
         else:
@@ -90,7 +91,12 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
         weights = _check(plain, resume)
         run, why = _build(plain, folder, resume, step, weights)
         _note(run, why, is_news)
-        fit(run.trainer, run.module, run.data, run.saver, folder, resume, step)
+        try:
+            fit(run.trainer, run.module, run.data, run.saver, folder, resume, step)
+        except ConfigError:
+            if known and run.trainer.global_step == step:  # other data: the run stays as it was
+                run_folder.write_config(folder, known)
+            raise
         if run.trainer.is_global_zero:
             _report(run)
         return run.module

@@ -151,7 +151,7 @@ def _prepare(overrides: list[str]) -> list[str]:
     An option of a head may be given even if the recipe does not name the head: `compose.finish`
     moves it to the head of the objective.
     """
-    _moved.clear()  # of the command before, in one process
+    _moved.clear()  # those of an earlier command in this process
     overrides = [f"++{w}" if re.match(r"head\.\w+\.", w) else w for w in overrides]
     given = [word.partition("=")[2] for word in overrides if word.startswith("resume=")]
     folders = [unquoted(word).replace("\\=", "=") for word in given]
