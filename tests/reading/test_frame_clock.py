@@ -54,7 +54,9 @@ def test_force_times_of_another_epoch_or_rate(
 ) -> None:
     make_video("0.avi", count=60)
     write("0.csv", ramp(zero=1.7e9))
-    with pytest.raises(DataError, match=r"1700000000 to .* not overlap .*since the first frame"):
+    with pytest.raises(
+        DataError, match=r"1700000000 to .* not overlap .*start: first_row, start: contact"
+    ):
         read(tmp_path, **VIDEO, force=FORCE)
     write("0.csv", ramp(2))
     with pytest.raises(DataError, match=r"2 times as long.*102 rows a second.*partial: true"):

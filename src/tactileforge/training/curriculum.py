@@ -149,6 +149,12 @@ def from_config(
         if not isinstance(weight, int | float) or not 0 <= weight < math.inf:
             raise ConfigError(f"objective.{name}.weight={weight}: give a finite number, 0 or more")
     rows, own = _rows(config), own or {}
+    # where none starts at once, the earliest ones do not wait: nothing would be learnt before
+    used = [name for name, weight in weights.items() if weight > 0]
+    starts = {name: _number("", rows[name], "start", 0.0) for name in used if name in rows}
+    if used and len(starts) == len(used) and min(starts.values()) > 0:
+        first = {name for name, start in starts.items() if start == min(starts.values())}
+        rows = {name: row for name, row in rows.items() if name not in first}
     ramps: dict[str, Callable[[int], float]] = {}
     for name, weight in weights.items():
         if name in rows:
