@@ -531,11 +531,11 @@ def test_forces_are_read_in_newton(clips: Clips) -> None:
     truth = clips.recordings[clips.index[7, 0]].force[rows]
     assert reading.measured[7] == pytest.approx(truth)
     assert reading.predicted == pytest.approx(reading.measured + 0.25, abs=1e-5)
-    for axis, score in enumerate(ForceResult("x", {"train": reading}, "", {}).scores("train")):
+    for axis, score in enumerate(ForceResult("x", {"train": reading}, "", {}, {}).scores("train")):
         values = reading.measured[..., axis]
-        assert score.mae == pytest.approx(250, abs=0.01)
+        assert score.mae == pytest.approx(0.25, abs=1e-5)
         assert score.correlation == pytest.approx(1)
-        assert score.median == pytest.approx(1000 * np.abs(values - np.median(values)).mean())
+        assert score.median == pytest.approx(np.abs(values - np.median(values)).mean())
 
 
 def test_clips_without_a_label_are_no_points(clips: Clips) -> None:
@@ -548,8 +548,8 @@ def test_clips_without_a_label_are_no_points(clips: Clips) -> None:
 
 def test_a_force_that_does_not_vary_has_no_correlation() -> None:
     reading = ForceReading(np.zeros((5, 3, 3)), np.ones((5, 3, 3)), np.arange(5))
-    score = ForceResult("x", {"val": reading}, "", {}).scores("val")[0]
-    assert (score.mae, score.median) == (1000, 0)
+    score = ForceResult("x", {"val": reading}, "", {}, {}).scores("val")[0]
+    assert (score.mae, score.median) == (1, 0)
     assert np.isnan(score.correlation)
     assert np.isnan(score.r2)
 
@@ -560,11 +560,11 @@ def test_a_collapsed_axis_is_told() -> None:
     predicted = measured * np.array([0.05, 0.5, 1], np.float32)
     measured[:25, :, 1] = np.nan
     reading = ForceReading(measured, predicted, np.arange(50))
-    x, y, z = ForceResult("x", {"val": reading}, "", {}).scores("val")
+    x, y, z = ForceResult("x", {"val": reading}, "", {}, {}).scores("val")
     assert [score.collapsed for score in (x, y, z)] == [True, False, False]
     assert z.r2 == 1
     assert y.r2 == pytest.approx(0.75, abs=0.01)  # half of what is there, around a mean near 0
-    assert x.measured == pytest.approx(1000 * measured[..., 0].std())
+    assert x.measured == pytest.approx(measured[..., 0].std())
 
 
 @pytest.mark.parametrize("share", [1.0, 0.5, 0.0])

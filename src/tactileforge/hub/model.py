@@ -314,8 +314,8 @@ class Model(nn.Module):
         recordings (``data=recordings``); an axis that the calibration leaves out stays one. NaN,
         with a warning, in frames with changed light and no touch, or beyond the scale of the
         sensor. A published head gives the newest frame alone: (1, 3). ``checks`` and errors are
-        those of `encode`, and a ConfigError without a force head, a scale of the sensor, or of another
-        model's calibration.
+        those of `encode`, and a ConfigError without a force head, a scale of the sensor, or of
+        another model's calibration.
         """
         if checks:
             self._picture_checks(background, sensor)

@@ -19,6 +19,8 @@ SPLIT_OF_FOLDER = {
 #: Units of holding out.
 HOLD_OUT = ("take", "object", "time")
 
+#: Smallest number of names of which one is held out, whatever the share.
+_FEW = 3
 #: Target duration of a held-out block of a recording, s.
 _BLOCK_S = 0.5
 
@@ -55,7 +57,7 @@ def is_held_out(name: str, share: float) -> bool:
 
 
 def held_out_names(names: Iterable[str], share: float) -> frozenset[str]:
-    """Names in the held-out share, at least one where two or more are there.
+    """Names in the held-out share, at least one where three or more are there.
 
     Args:
         names: Names of units.
@@ -67,7 +69,7 @@ def held_out_names(names: Iterable[str], share: float) -> frozenset[str]:
     """
     known = {*names}
     found = frozenset(name for name in known if is_held_out(name, share))
-    if found or share <= 0 or len(known) < 2:
+    if found or share <= 0 or len(known) < _FEW:
         return found
     return frozenset([min(known, key=lambda name: (_place(name), name))])
 

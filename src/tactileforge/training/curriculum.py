@@ -103,6 +103,34 @@ class OwnRamp:
         return self.high * factor
 
 
+def without_waiting(config: Mapping[str, Any], weights: Mapping[str, float]) -> dict[str, Any]:
+    """The curriculum without the rows of its earliest objectives, where none starts at once.
+
+    They have their weight from the first step: before, nothing would be learnt.
+
+    Args:
+        config: Configuration of the curriculum; see `from_config`.
+        weights: Largest weight of each objective.
+
+    Example:
+        >>> rows = {"force": {"start": 0.5}, "align": {"start": 0.75}}
+        >>> without_waiting({"objective": rows}, {"force": 0.1, "align": 1.0})
+        {'objective': {'align': {'start': 0.75}}}
+        >>> without_waiting({"objective": rows}, {"pixel": 1.0, "force": 0.1})["objective"].keys()
+        dict_keys(['force', 'align'])
+    """
+    rows = _rows(config)
+    used = [name for name, weight in weights.items() if weight > 0]
+    starts = [
+        _number(f"curriculum.objective.{name}", rows[name], "start", 0.0) if name in rows else 0.0
+        for name in used
+    ]
+    first = min(starts, default=0.0)
+    early = [name for name, start in zip(used, starts, strict=True) if start == first > 0]
+    kept = {name: row for name, row in rows.items() if name not in early}
+    return {**config, "objective": kept} if early else {**config}
+
+
 def from_config(
     config: Mapping[str, Any],
     weights: Mapping[str, float],
@@ -149,12 +177,6 @@ def from_config(
         if not isinstance(weight, int | float) or not 0 <= weight < math.inf:
             raise ConfigError(f"objective.{name}.weight={weight}: give a finite number, 0 or more")
     rows, own = _rows(config), own or {}
-    # where none starts at once, the earliest ones do not wait: nothing would be learnt before
-    used = [name for name, weight in weights.items() if weight > 0]
-    starts = {name: _number("", rows[name], "start", 0.0) for name in used if name in rows}
-    if used and len(starts) == len(used) and min(starts.values()) > 0:
-        first = {name for name, start in starts.items() if start == min(starts.values())}
-        rows = {name: row for name, row in rows.items() if name not in first}
     ramps: dict[str, Callable[[int], float]] = {}
     for name, weight in weights.items():
         if name in rows:
