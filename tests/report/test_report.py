@@ -3,6 +3,7 @@ import re
 from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from tactileforge.pages.curves import Curve, read_metrics, weighed
 from tactileforge.pages.figures import curve_figure
 from tactileforge.pages.page import MINUS, NONE, duration, number, percent
 from tactileforge.report.embedding import Embedding, neighbours, principal
-from tactileforge.report.forces import ForceResult
+from tactileforge.report.forces import ForceResult, _scores
 from tactileforge.report.pictures import strips_of
 from tactileforge.report.run import report_of_run, write_report
 from tactileforge.report.samples import (
@@ -39,9 +40,10 @@ from tactileforge.report.samples import (
     saliency,
     spread,
 )
+from tactileforge.report.summary import _by_source, result_lines
 from tactileforge.training.labels import Labels
 from tactileforge.training.module import TouchModule
-from tactileforge.util.files import unsealed
+from tactileforge.util.files import sealed, unsealed
 
 SIZE = 32
 
@@ -699,3 +701,59 @@ def test_words() -> None:
     ]
     assert percent(-0.42, signed=True) == f"{MINUS}42 %"
     assert number(-0.01234) == f"{MINUS}0.0123"
+
+
+def force_of_sources() -> ForceResult:
+    rng = np.random.default_rng(0)
+    measured = rng.normal(0, 1, (40, 3, 3)).astype(np.float32)
+    off = np.where(np.arange(40) < 30, 0.5, 0.1)[:, None, None]  # own forces are read worse
+    reading = ForceReading(measured, measured + off, np.arange(40))
+    origins = ["" if i < 30 else "simulated by tactileforge" for i in range(40)]
+    return ForceResult("force", {"val": reading}, "", {}, {"val": origins})
+
+
+def test_a_mixture_tells_own_forces_from_simulated_ones() -> None:
+    result = force_of_sources()
+    found = {source: result.scores("val", source)[2].mae for source in result.sources}
+    assert found == {
+        "": pytest.approx(0.5, abs=1e-4),
+        "simulated by tactileforge": pytest.approx(0.1, abs=1e-4),
+    }
+    lines = _by_source(result)
+    assert lines[0].startswith("Force error on 30 validation clips of own recordings: x 0.50, ")
+    assert lines[1].startswith("Force error on 10 validation clips of simulated by tactileforge")
+    page = Page(_scores(result))
+    rows = {row[0]: row[1:] for row in page.tables["force-force"]}
+    assert rows["z, validation, own recordings"][0] == "0.50"
+    assert rows["z, validation, simulated by tactileforge"][0] == "0.10"
+    assert rows["z, validation"][0] == "0.40"
+
+
+def test_the_last_lines_say_the_result() -> None:
+    found = SimpleNamespace(forces=[force_of_sources()], explained={"frames": 0.52})
+    first, *_, last = result_lines(found, {}, {"force": 1.0})
+    assert re.match(
+        r"Force error on 40 validation clips: x 0\.40, y 0\.40, z 0\.40 N; always guessing the "
+        r"median: x 0\.\d\d, y 0\.\d\d, z 0\.\d\d N$",
+        first,
+    )
+    assert last.endswith("of the variance of hidden pixels: 52 % of frames")
+    curves = {"val/contrast": Curve(np.arange(3), np.array([2.0, 1.5, 1.0]))}
+    (line,) = result_lines(None, curves, {"contrast": 1.0})
+    assert line == "Validation loss fell by more than 1.0 % for 1 of 1 objectives"
+
+
+def test_the_page_begins_with_run_date_seed_and_data_and_ends_with_what_is_next(
+    write: Write, tmp_path: Path
+) -> None:
+    kept = {"command": ["tactileforge", "train"], "versions": {}, "plugins": {}}
+    sealed_text = sealed(kept | {"date": "2026-11-28 05:30 UTC"})
+    (tmp_path / "versions.json").write_text(sealed_text)
+    page = write(Touches(), "objective=[force]")
+    top = page.text[: page.text.index("Encoder")]
+    for word in (tmp_path.name, "2026-11-28 05:30 UTC", "Seed", "Data"):
+        assert word in top
+    sections = [given["id"] for tag, given in page.tags if tag == "section"]
+    assert sections[0] == "force"
+    assert sections[-1] == "next"
+    assert "tactileforge zoo pack" in page.text[page.text.rindex("Next") :]

@@ -17,7 +17,7 @@ from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 
 Touch = Callable[..., Recording]
-VOID = {"meta", "link", "img", "br", "path", "circle", "use"}
+VOID = {"meta", "wbr", "link", "img", "br", "path", "circle", "use"}
 
 
 class Checked(HTMLParser):

@@ -105,7 +105,7 @@ def _next(folder: Path, steps: int, data: TouchData) -> list[tuple[str, str]]:
     sensors = data.summary("train").sensors
     sensor = sensors[0] if sensors else "SENSOR"
     return [
-        (f"tactileforge train resume={run} trainer.max_steps={2 * steps}", "train on"),
+        (f"tactileforge train resume={run} trainer.max_steps={2 * steps}", "train it further"),
         (f"tactileforge live model=run:{run} sensor={sensor}", "watch what it reads of a sensor"),
         (f"tactileforge zoo pack {run}", "pack it into one file for others"),
     ]
@@ -118,9 +118,14 @@ def _of_clips(
     if findings is None:
         return []
     nearest = findings.captions  # None for a run without alignment
-    return [
+    first = [
         sections.frames(findings),
         forces.forces_section(findings.forces, data, curves, steps),
+    ]
+    if findings.forces:  # what matters most of such a run
+        first.reverse()
+    return [
+        *first,
         embedding.embedding_section(findings.embedding, findings.scores),
         *([captions.captions_section(nearest, findings.strips)] if nearest else []),
     ]

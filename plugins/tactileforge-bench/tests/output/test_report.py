@@ -18,7 +18,7 @@ METRICS = {
     "force": {"name": "rmse_sum_axes", "unit": "mN", "better": "lower"},
     "slip": {"name": "f1", "unit": "%", "better": "higher"},
 }
-VOID = {"meta", "link", "br", "img", "path", "use", "rect", "circle"}
+VOID = {"meta", "wbr", "link", "br", "img", "path", "use", "rect", "circle"}
 
 
 class Page(HTMLParser):
