@@ -320,9 +320,9 @@ def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
         seconds_of(keys.unit, where)
     if keys.start is not None and keys.time is None:
         raise ConfigError(f"{where}: start is of rows with times; give their column, time:, too")
-    is_word = isinstance(keys.start, str) and not template_columns(str(keys.start))
-    if is_word and keys.start not in STARTS:
-        raise ConfigError(f"{where}: {unknown('start', keys.start, STARTS)}, {OTHER_STARTS}")
+    start = keys.start if isinstance(keys.start, str) else STARTS[0]
+    if start not in STARTS and not template_columns(start):
+        raise ConfigError(f"{where}: {unknown('start', start, STARTS)}, {OTHER_STARTS}")
     # YAML reads a header such as 0 as a number; in a CSV it is text
     columns_or_none = tuple("" if name is None else str(name) for name in names)
     newton = newtons_of(columns_or_none, keys.force_unit, keys.sign, where, "force_unit")
