@@ -45,7 +45,7 @@ class Meeting:
     Attributes:
         seconds: Seconds to add to the times of forces; NaN for signals without motion.
         correlation: Correlation of force and images there, -1 to 1; NaN without motion.
-        prominence: As of `Lag`.
+        prominence: Smallest fall of the correlation on both sides, see `Lag`.
         other: Seconds of another shift that fits about as well, as of equal presses; NaN for none.
     """
 
