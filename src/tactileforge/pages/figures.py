@@ -159,7 +159,8 @@ def bars_figure(
                 axes.plot(ends, [place] * 2, "|-", color=INK, linewidth=1.2, markersize=6)
         # names may have dollar signs, which would be read as formulas
         axes.set_yticks(range(len(bars)), names, parse_math=False)
-        axes.set(ylim=(len(bars) - 0.5, -0.5), xlabel=label)
+        axes.set(ylim=(len(bars) - 0.5, -0.5))
+        axes.set_xlabel(label, loc="right")  # a long one reaches below the names, not off the page
         if limits:
             axes.set_xlim(*limits)
         axes.grid(visible=False, axis="y")
