@@ -76,6 +76,22 @@ def faults(folder: Path, wheel: Path, versions: dict[str, str]) -> list[str]:
     return found
 
 
+def size(wheel: Path) -> str:
+    """Size of a wheel, and of the weights in it, which are most of the core's."""
+    with zipfile.ZipFile(wheel) as archive:
+        held = [one for one in archive.infolist() if one.filename.endswith(".safetensors")]
+    said = f"{wheel.stat().st_size / 1e6:.1f} MB"
+    weights = sum(one.file_size for one in held)
+    return f"{said}, of which {weights / 1e6:.1f} MB of weights unpacked" if weights else said
+
+
+def keep_constraints(out: Path) -> Path:
+    """Puts the versions that the tests run with beside the wheels, for those without a clone."""
+    kept = out / "constraints.txt"
+    kept.write_bytes((ROOT / "constraints.txt").read_bytes())
+    return kept
+
+
 def _metadata(archive: zipfile.ZipFile, name: str) -> Message:
     (path,) = (one for one in archive.namelist() if one.endswith(f".dist-info/{name}"))
     return message_from_string(archive.read(path).decode("utf-8"))
@@ -105,8 +121,11 @@ def main() -> None:
     for folder, wheel in wheels.items():
         lines = faults(folder, wheel, versions)
         wrong += bool(lines)
-        print(f"{wheel.name}: {'; '.join(lines) or 'ok'}")
-    print(f"{len(wheels)} wheels in {out}: pip install --find-links {out} {out}/NAME-*.whl")
+        print(f"{wheel.name}: {'; '.join(lines) or 'ok'}, {size(wheel)}")
+    kept = keep_constraints(out)
+    print(
+        f"{len(wheels)} wheels in {out}: pip install -c {kept} --find-links {out} {out}/NAME-*.whl"
+    )
     sys.exit(1 if wrong else 0)
 
 

@@ -1,5 +1,6 @@
 """The wheel holds the same as the checkout, and trains outside of it."""
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import pytest
 from made_files import make_files
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[1]
 
@@ -47,6 +50,58 @@ def test_every_package_folder_is_listed() -> None:
         "tactileforge.zoo",
         "tactileforge.example",
     }
+
+
+def requirements() -> list[tuple[str, Requirement]]:
+    """Needs of the core and of all packages, with the place of each: extras and dependencies."""
+    found = []
+    for path in [ROOT / "pyproject.toml", *sorted(ROOT.glob("plugins/*/pyproject.toml"))]:
+        project = tomllib.loads(path.read_text("utf-8"))["project"]
+        groups = {"": project["dependencies"], **project.get("optional-dependencies", {})}
+        for extra, needs in groups.items():
+            place = f"{project['name']}[{extra}]"
+            found += [(place, Requirement(need)) for need in needs]
+    return found
+
+
+def test_every_extra_agrees_with_the_constraints() -> None:
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    known = [Requirement(line) for line in lines if line and not line.startswith("#")]
+    pins = {canonicalize_name(one.name): next(iter(one.specifier)).version for one in known}
+    assert len(pins) == len(known) > 100
+    wrong = [
+        f"{place} needs {need}, pinned is {pins[name]}"
+        for place, need in requirements()
+        if (name := canonicalize_name(need.name)) in pins
+        and not need.specifier.contains(pins[name], prereleases=True)
+    ]
+    assert not wrong
+    # mlflow takes older ones alone than the others bring
+    assert "importlib-metadata" not in pins
+
+
+def test_an_extra_names_extras_that_exist() -> None:
+    known = {place for place, _ in requirements()}
+    named = [
+        (place, f"{need.name}[{extra}]") for place, need in requirements() for extra in need.extras
+    ]
+    ours = [pair for pair in named if pair[1].startswith("tactileforge")]
+    assert ours
+    assert [pair for pair in ours if pair[1] not in known] == []
+
+
+def test_constraints_and_the_sizes_of_wheels_come_with_them(tmp_path: Path) -> None:
+    path = tmp_path / "a-1-py3-none-any.whl"
+    with zipfile.ZipFile(path, "w") as made:
+        made.writestr("a/weights.safetensors", bytes(2_000_000))
+        made.writestr("a/__init__.py", "")
+    spec = importlib.util.spec_from_file_location("wheels", ROOT / "scripts/wheels.py")
+    assert spec is not None
+    assert spec.loader is not None
+    wheels = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(wheels)
+    assert wheels.size(path) == "2.0 MB, of which 2.0 MB of weights unpacked"
+    assert wheels.keep_constraints(tmp_path).read_text() == (ROOT / "constraints.txt").read_text()
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import platform
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -218,9 +219,11 @@ def _report(run: _Run) -> None:
         whole.load_state_dict(read_checkpoint(run.folder)["state_dict"])
     loggers = run.trainer.loggers
     with collected_drawings(wanted=len(loggers) > 1) as drawings:
-        report = write_report(run.folder, whole, run.data, run.lost.skipped, run.coverage.labels)
+        report, lines = write_report(
+            run.folder, whole, run.data, run.lost.skipped, run.coverage.labels
+        )
     log_report(loggers[1:], report, drawings, run.trainer.global_step)
-    print(f"report: {report}")
+    print("\n".join([f"report: {report}", *lines]))
 
 
 def metric(module: TouchModule, name: str | None = None) -> float:
@@ -272,5 +275,6 @@ def _keep(
         "sensors": list(sensors),  # of the training data
         "precision": why,
         "commit": commit(),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     }
     write_text(folder / run_folder.VERSIONS, sealed(kept))

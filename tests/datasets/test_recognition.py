@@ -14,7 +14,7 @@ from tactileforge.cli import dispatch
 from tactileforge.contracts import Guess
 from tactileforge.datasets.recognition import recognise
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.errors import ConfigError, DataNotFoundError
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.packing import PackOptions, pack
 from tactileforge.plugins import registry
 from tactileforge.reading.guessed_layout import guess_layout
@@ -151,3 +151,44 @@ def test_what_nobody_recognises(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     make_files("photos", tmp_path)
     assert recognise(tmp_path / "photos")[0][0] == "recordings"
     assert "data set visgel cannot look at" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [("timestamp", 1e3), ("timestamp_ms", 1e3), ("time_ms", 1e3), ("t_ns", 1e9), ("stamp", 1.0)],
+)
+def test_forces_with_dates_beside_videos_without(
+    tmp_path: Path, make_video, column: str, unit: float
+) -> None:
+    make_video("0.avi", count=30)
+    rows = (f"{round((1.763e9 + i / 100) * unit, 2):.16g},0,0,{i / 20}\n" for i in range(100))
+    (tmp_path / "0.csv").write_text(f"{column},fx,fy,fz\n" + "".join(rows))
+    guess = guess_layout(tmp_path)
+    assert guess is not None
+    (layout,) = guess.options["layouts"].values()
+    assert layout["force"] == {
+        "file": "{stem}.csv",
+        "columns": ["fx", "fy", "fz"],
+        "time": column,
+        "start": "contact",
+    }
+    assert any("start: first_row" in doubt for doubt in guess.doubts)
+    layout["force"]["start"] = "first_row"
+    (one,) = read(tmp_path, guess)
+    assert one.force is not None
+    np.testing.assert_allclose(one.force[:, 2], one.times * 5, atol=0.01)
+
+
+def test_a_guess_that_fails_is_kept_to_be_corrected(
+    tmp_path: Path, make_video, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_video("touches/0.avi", count=30)
+    # no force: nothing tells where the clocks meet
+    rows = (f"{1763000000000 + 10 * i},0,0,0\n" for i in range(100))
+    (tmp_path / "touches/0.csv").write_text("timestamp_ms,fx,fy,fz\n" + "".join(rows))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DataError, match="start: contact"):
+        inspect(["inspect", "touches"])
+    assert "layout: inspect.yaml; correct it" in capsys.readouterr().out
+    (layout,) = load_yaml(Path("inspect.yaml").read_text())["layouts"].values()
+    assert layout["force"]["start"] == "contact"

@@ -1,6 +1,7 @@
 """Heads kept beside an encoder, and their forces."""
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,20 @@ def test_forces_are_those_of_the_head_in_newton(
     both = model.readings(frames, "first", ["digit", "digit"])
     assert torch.allclose(both.vector, model.encode(frames, "first", "digit"), atol=1e-5)
     assert not any(p.requires_grad for p in model.heads["force"].parameters())
+
+
+@pytest.mark.parametrize(("data", "warns"), [("recordings", 0), ("sim", 1), ("shards", 1)])
+def test_forces_learned_on_own_recordings_are_no_estimate(
+    vit: TactileViT, head: ForceHead, tmp_path: Path, data: str, warns: int
+) -> None:
+    recipe = {"data": {"name": data}}
+    header = make_header(vit, NODE, licence="MIT", spacing=0.05, heads=HEADS, recipe=recipe)
+    save_checkpoint(tmp_path / "a.safetensors", vit, header, heads={"force": head})
+    model = tactileforge.load(tmp_path / "a.safetensors")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        model.force(clips(1)[0], "first", "digit")
+    assert sum("an estimate" in str(one.message) for one in said) == warns
 
 
 def test_the_surface_is_that_of_the_head_in_mm(vit: TactileViT, tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ def test_losses_of_partial_labels_follow_the_formula(batch: Batch, loss: str) ->
     assert count == 10
     found, logs = objective(said, batch)
     assert found.item() == pytest.approx(total / count, rel=1e-5)
-    assert set(logs) == {"mae_x_mN", "mae_y_mN", "mae_z_mN"}
+    assert set(logs) == {"mae_x_N", "mae_y_N", "mae_z_N"}
 
 
 def test_an_axis_without_a_label_changes_nothing(batch: Batch) -> None:
@@ -62,12 +62,12 @@ def test_an_axis_without_a_label_changes_nothing(batch: Batch) -> None:
     garbage = torch.where(batch["force_valid"][:, None], batch["force"], 1e6)
     other = Force()(said, batch | {"force": garbage})
     assert other[0].item() == Force()(said, batch)[0].item()
-    assert other[1]["mae_x_mN"].count == 0  # an error of 0 N would be one that was never measured
+    assert other[1]["mae_x_N"].count == 0  # an error of 0 N would be one that was never measured
     scores = Force().scores(Force().sums(said, batch))
     assert not [name for name in scores if "_x" in name or "_y" in name]
     true = batch["force"][labelled, 1:, 2]
     error = said.force[labelled, :, 2] * batch["force_scale"][labelled, None, 2] - true
-    assert scores["mae_z_mN"] == pytest.approx(1000 * error.abs().mean().item(), rel=1e-5)
+    assert scores["mae_z_N"] == pytest.approx(error.abs().mean().item(), rel=1e-5)
 
 
 def recordings() -> list[Recording]:
@@ -141,9 +141,9 @@ def test_scores_are_those_of_the_whole_split(batch: Batch) -> None:
     for i, axis in enumerate("xyz"):
         error = np.nanmean((measured[:, i] - predicted[:, i]) ** 2)
         assert scores[f"r2_{axis}"] == pytest.approx(1 - error / np.nanvar(measured[:, i]))
-        deviation = 1000 * np.nanstd(predicted[:, i])
-        assert scores[f"deviation_{axis}_mN"] == pytest.approx(deviation, abs=1e-4)
-    assert scores["deviation_x_mN"] == 0  # collapsed, and it is seen
+        deviation = np.nanstd(predicted[:, i])
+        assert scores[f"deviation_{axis}_N"] == pytest.approx(deviation, abs=1e-7, rel=1e-4)
+    assert scores["deviation_x_N"] == 0  # collapsed, and it is seen
     batch["force_valid"][:] = False
     assert objective.scores(objective.sums(prediction(batch), batch)) == {}
 

@@ -165,7 +165,7 @@ def test_clips_outside_a_group_are_no_anchors(batch: Batch) -> None:
 def test_force_is_the_papers_over_the_labelled(batch: Batch) -> None:
     prediction = Forces(torch.randn(8, 3, 3), torch.randn(8, 3, 3))
     batch["force"][1] = float("nan")  # not labelled
-    total, milli = 0.0, torch.zeros(3)
+    total, newtons = 0.0, torch.zeros(3)
     labelled = [0, 2, 4, 6]
     for b in labelled:
         scaled = batch["force"][b] / batch["force_scale"][b]
@@ -174,10 +174,10 @@ def test_force_is_the_papers_over_the_labelled(batch: Batch) -> None:
             step = scaled[n] - scaled[n - 1]
             total += (prediction.delta[b, n - 1] - step).abs().sum().item() / (3 * 3)
             error = prediction.force[b, n - 1] * batch["force_scale"][b] - batch["force"][b, n]
-            milli += 1000 * error.abs() / (3 * len(labelled))
+            newtons += error.abs() / (3 * len(labelled))
     loss, logs = Force()(prediction, batch)
     assert loss.item() == pytest.approx(total / len(labelled), rel=1e-5)
-    assert [logs[f"mae_{a}_mN"].item() for a in "xyz"] == pytest.approx(milli.tolist(), rel=1e-4)
+    assert [logs[f"mae_{a}_N"].item() for a in "xyz"] == pytest.approx(newtons.tolist(), rel=1e-4)
 
 
 OBJECTIVES = {

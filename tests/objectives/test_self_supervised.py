@@ -100,7 +100,7 @@ def test_force_without_shear_is_that_of_the_normal_force(batch: Batch) -> None:
     for values in (prediction.force, prediction.delta):
         assert (values.grad[..., :2] == 0).all()
         assert (values.grad[::2, :, 2] != 0).all()
-    assert list(logs) == ["mae_z_mN"]
+    assert list(logs) == ["mae_z_N"]
 
 
 LEARNERS = {

@@ -14,7 +14,8 @@ from tactileforge_bench.output.render import render_html
 
 import tactileforge
 from tactileforge.pages import images, page
-from tactileforge.pages.templating import joined
+from tactileforge.pages.figures import bars_figure
+from tactileforge.pages.templating import breakable, joined
 
 HOSTILE = "</script><img src=x onerror=\"alert('1')\"> & more"
 PACKAGE = Path(tactileforge.__file__).parent
@@ -109,3 +110,36 @@ def test_markup_is_written_in_templates_only() -> None:
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and tag.search(node.value)
     ]
     assert written == []
+
+
+def test_long_names_break_behind_their_marks() -> None:
+    name = "guessed/left_gelsight_of_the_second_robot.mp4"
+    assert breakable("press it") == "press it"
+    assert "<wbr>" not in breakable("guessed/press_01.mp4")
+    broken = breakable(f"{name} <b>")
+    assert broken.replace("<wbr>", "") == f"{name} &lt;b&gt;"
+    longest = max(broken.split(" ")[0].split("<wbr>"), key=len)
+    assert len(longest) < 12
+
+
+def test_wide_tables_name_their_cells_for_a_phone() -> None:
+    head = ("Axis", "MAE (N)", "median guess (N)", "R2")
+    made = page.table("t", head, [("x", "0.1", "bad|0.2", "0.3")])
+    assert re.findall(r'data-head="([^"]*)"', made) == [*head[1:]]
+    assert 'class="folds"' in made
+    assert "data-head" not in page.table("t", head[:2], [("x", "0.1")])
+
+
+def test_the_next_commands_are_the_last_section() -> None:
+    part = page.next_commands([("tactileforge zoo pack runs/<a>", "pack it")])
+    assert "tactileforge zoo pack runs/&lt;a&gt;</pre>" in part.body
+
+
+def test_bars_have_intervals() -> None:
+    drawn = bars_figure("accuracy (%)", [("pixels", 50.0, 4.0), ("mine", 70.0, float("nan"))])
+    assert 'aria-label="accuracy (%) of pixels, mine"' in drawn
+    assert all(f">{name}</text>" in drawn for name in ("pixels", "mine"))
+    ends = [
+        part for part in re.findall(r'<path d="[^"]*"[^>]*>', drawn) if "stroke-width: 1.2" in part
+    ]
+    assert len(ends) == 1  # NaN has no interval

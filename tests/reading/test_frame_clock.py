@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from videos import write_video
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
@@ -54,7 +55,9 @@ def test_force_times_of_another_epoch_or_rate(
 ) -> None:
     make_video("0.avi", count=60)
     write("0.csv", ramp(zero=1.7e9))
-    with pytest.raises(DataError, match=r"1700000000 to .* not overlap .*since the first frame"):
+    with pytest.raises(
+        DataError, match=r"1700000000 to .* not overlap .*start: first_row, start: contact"
+    ):
         read(tmp_path, **VIDEO, force=FORCE)
     write("0.csv", ramp(2))
     with pytest.raises(DataError, match=r"2 times as long.*102 rows a second.*partial: true"):
@@ -215,3 +218,83 @@ def test_seconds_beside_whole_nanoseconds_are_refused(
     write("0.csv", "sec,nsec\n" + "".join(f"{DATE},{DATE}{i * 10**8:09d}\n" for i in range(10)))
     with pytest.raises(DataError, match="is not after that of the frame before"):
         read(tmp_path, **VIDEO, times={"file": "{stem}.csv", "column": "sec"})
+
+
+def pressing(tmp_path: Path, write: MakeFile, name: str, late: float, zero: float = 0.0) -> None:
+    """A video of 75 frames that brightens with a push, and its forces of 4 s that began earlier."""
+    frames = np.full((75, 32, 48, 3), 60, np.uint8)
+    push = np.exp(-(((np.arange(75) / 25) - 1.5) ** 2) / 0.05)
+    frames[:, 8:24, 10:30] += (120 * push).astype(np.uint8)[:, None, None, None]
+    write_video(tmp_path / f"{name}.avi", frames, 25)
+    times = np.arange(400) / 100
+    felt = 5 * np.exp(-((times - 1.5 - late) ** 2) / 0.05)
+    rows = (f"{(t + zero) * 1000:.0f},0,0,{f:.3f}\n" for t, f in zip(times, felt, strict=True))
+    write(f"{name}.csv", "stamp,fx,fy,fz\n" + "".join(rows))
+
+
+STAMPED = FORCE | {"time": "stamp"}
+PRESSED = VIDEO | {"background": {"first": 3}}
+
+
+@pytest.mark.parametrize("start", ["first_row", DATE * 1000])
+def test_a_layout_says_where_two_clocks_meet(
+    tmp_path: Path, write: MakeFile, start: str | float
+) -> None:
+    pressing(tmp_path, write, "0", late=0.0, zero=DATE)
+    (one,), notes = read(tmp_path, **PRESSED, force=STAMPED | {"start": start})
+    assert one.force is not None
+    np.testing.assert_allclose(one.times[np.argmax(one.force[:, 2])], 1.5, atol=0.05)
+    assert notes == []
+
+
+def test_the_start_of_each_recording_is_a_column(tmp_path: Path, write: MakeFile) -> None:
+    for name, late in (("0", 0.0), ("1", 0.6)):
+        pressing(tmp_path, write, name, late, DATE)
+    write("labels.csv", f"file,began\n0.avi,{DATE}000\n1.avi,{DATE}600\n")
+    layout = PRESSED | {"labels": {"file": "labels.csv"}}
+    found, _ = read(tmp_path, **layout, force=STAMPED | {"start": "{began}"})
+    for one in found:
+        assert one.force is not None
+        np.testing.assert_allclose(one.times[np.argmax(one.force[:, 2])], 1.5, atol=0.05)
+    write("labels.csv", f"file,began\n0.avi,{DATE}000\n1.avi,noon\n")
+    with pytest.raises(DataError, match=r"labels.csv, row 3: start: '\{began\}' .* is 'noon'"):
+        read(tmp_path, **layout, force=STAMPED | {"start": "{began}"})
+
+
+@pytest.mark.parametrize("late", [0.7, -0.9])
+def test_clocks_are_aligned_by_contact(tmp_path: Path, write: MakeFile, late: float) -> None:
+    pressing(tmp_path, write, "0", late, DATE)
+    (one,), (note,) = read(tmp_path, **PRESSED, force=STAMPED | {"start": "contact"})
+    assert one.force is not None
+    peak = one.times[np.nanargmax(one.force[:, 2])]
+    assert peak == pytest.approx(1.5, abs=0.05)
+    assert f"puts the first row at {-late:+.1f}" in note
+    assert "correlate by 0.9" in note or "correlate by 1.0" in note
+
+
+def test_nothing_tells_a_contact(tmp_path: Path, write: MakeFile, make_video: MakeFile) -> None:
+    write_video(tmp_path / "0.avi", np.full((75, 32, 48, 3), 60, np.uint8), 25)
+    times = np.arange(300) / 100
+    write("0.csv", "stamp,fx,fy,fz\n" + "".join(f"{DATE + t:.2f},0,0,{t}\n" for t in times))
+    with pytest.raises(DataError, match=r"0\.csv: .*start: contact: .* start: first_row"):
+        read(tmp_path, **PRESSED, force=STAMPED | {"start": "contact"})
+
+
+@pytest.mark.parametrize(
+    ("force", "words"),
+    [({"start": "firstrow"}, "did you mean 'first_row'"), ({"start": 3, "time": None}, "time:")],
+)
+def test_wrong_starts_are_named(tmp_path: Path, force: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        read(tmp_path, **VIDEO, force=STAMPED | force)
+
+
+def test_frames_and_forces_with_stamps_of_their_own(tmp_path: Path, write: MakeFile) -> None:
+    pressing(tmp_path, write, "0", 0.6, DATE)
+    frames = "".join(f"{(DATE + 0.6 + i / 25) * 1000:.0f}\n" for i in range(75))
+    write("0_frames.csv", "t_ms\n" + frames)
+    times = {"file": "{stem}_frames.csv", "column": "t_ms"}
+    (one,), notes = read(tmp_path, **PRESSED, times=times, force=STAMPED)
+    assert one.force is not None
+    assert one.times[np.argmax(one.force[:, 2])] == pytest.approx(1.5, abs=0.05)
+    assert notes == []

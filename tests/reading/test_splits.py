@@ -10,7 +10,7 @@ from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import DataError
-from tactileforge.reading.splits import held_out, is_held_out, split_parts, take_of
+from tactileforge.reading.splits import held_out, held_out_names, is_held_out, split_parts, take_of
 
 MakeFile = Callable[..., Path]
 LAYOUT = {"images": "*.png", "each": "touch", "sensor": "digit", "background": "none"}
@@ -25,6 +25,23 @@ def test_the_share_is_held_out() -> None:
     held = [is_held_out(f"recording {i}", 0.2) for i in range(5000)]
     assert 0.18 < np.mean(held) < 0.22
     assert not any(is_held_out(f"{i}", 0) for i in range(100))
+
+
+def test_of_few_recordings_one_is_held_out(tmp_path: Path, make_image: MakeFile) -> None:
+    names = [f"a/{i}.png" for i in range(3)]
+    assert not any(is_held_out(name, 0.05) for name in names)
+    assert len(held_out_names(names, 0.05)) == 1
+    assert held_out_names(names, 0) == held_out_names(names[:2], 0.05) == frozenset()
+    for i in range(3):
+        make_image(f"{i}.png")
+    data = Recordings(str(tmp_path), {"a": LAYOUT}, val=0.05)
+    sides = {side: {x.key for x in data.recordings(side)} for side in ("train", "val")}
+    assert sides["val"] == held_out_names(names, 0.05)
+    assert len(sides["train"]) == 2
+    # none is drawn where the layout itself has some
+    fixed = {"a": LAYOUT, "b": LAYOUT | {"images": "2.png", "split": "val"}}
+    data = Recordings(str(tmp_path), fixed, val=0.05)
+    assert {x.key for x in data.recordings("val")} == {"b/2.png"}
 
 
 def test_by_recording_others_change_nothing(tmp_path: Path, make_image: MakeFile) -> None:

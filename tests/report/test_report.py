@@ -3,6 +3,7 @@ import re
 from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from tactileforge.pages.curves import Curve, read_metrics, weighed
 from tactileforge.pages.figures import curve_figure
 from tactileforge.pages.page import MINUS, NONE, duration, number, percent
 from tactileforge.report.embedding import Embedding, neighbours, principal
-from tactileforge.report.forces import ForceResult
+from tactileforge.report.forces import ForceResult, _scores
 from tactileforge.report.pictures import strips_of
 from tactileforge.report.run import report_of_run, write_report
 from tactileforge.report.samples import (
@@ -39,9 +40,10 @@ from tactileforge.report.samples import (
     saliency,
     spread,
 )
+from tactileforge.report.summary import _by_source, result_lines
 from tactileforge.training.labels import Labels
 from tactileforge.training.module import TouchModule
-from tactileforge.util.files import unsealed
+from tactileforge.util.files import sealed, unsealed
 
 SIZE = 32
 
@@ -153,7 +155,7 @@ def write(tmp_path: Path) -> Write:
         data = TouchData(dataset, 4, (SIZE, SIZE), batch_size=8, match=0, workers=0)
         data.setup()
         module = TouchModule.from_config(config, data.summary("train").labels)
-        report = write_report(tmp_path, module, data, {}, Labels(met))
+        report, _ = write_report(tmp_path, module, data, {}, Labels(met))
         assert not list(tmp_path.glob("*.part"))
         return Page(report.read_text())
 
@@ -205,7 +207,8 @@ def test_the_page_loads_nothing_and_is_whole(run: Path) -> None:
     assert not re.findall(r"url\((?!#)|@import", html)
     assert set(re.findall(r"url\(#([^)]+)\)", html)) <= set(ids)
     names = [given["id"] for tag, given in page.tags if tag == "section"]
-    assert names == ["losses", "frames", "force", "embedding", "captions", "data", "recipe"]
+    first = ["force", "frames", "embedding", "captions"]
+    assert names == [*first, "losses", "data", "recipe", "next"]
     links = [given.get("href") for tag, given in page.tags if tag == "a"]
     assert links == [f"#{name}" for name in names]
 
@@ -321,7 +324,7 @@ def test_forces_along_one_axis(write: Write) -> None:
     page = write(Touches(shear=True), "objective=[force]", met={"force": count})
     rows = {row[0]: row[1:] for row in page.tables["force-force"]}
     assert set(rows["x, validation"]) == {NONE}
-    assert float(rows["z, validation"][4]) > 1000  # mN that were measured
+    assert float(rows["z, validation"][4]) > 1  # N that were measured
     assert "Objective 'force' has seen no force along x and y in its first 25 batches" in page.text
     assert "Better than it along" in page.text
     recordings = {row[0]: row[1:] for row in page.tables["recordings"]}
@@ -531,11 +534,11 @@ def test_forces_are_read_in_newton(clips: Clips) -> None:
     truth = clips.recordings[clips.index[7, 0]].force[rows]
     assert reading.measured[7] == pytest.approx(truth)
     assert reading.predicted == pytest.approx(reading.measured + 0.25, abs=1e-5)
-    for axis, score in enumerate(ForceResult("x", {"train": reading}, "", {}).scores("train")):
+    for axis, score in enumerate(ForceResult("x", {"train": reading}, "", {}, {}).scores("train")):
         values = reading.measured[..., axis]
-        assert score.mae == pytest.approx(250, abs=0.01)
+        assert score.mae == pytest.approx(0.25, abs=1e-5)
         assert score.correlation == pytest.approx(1)
-        assert score.median == pytest.approx(1000 * np.abs(values - np.median(values)).mean())
+        assert score.median == pytest.approx(np.abs(values - np.median(values)).mean())
 
 
 def test_clips_without_a_label_are_no_points(clips: Clips) -> None:
@@ -548,8 +551,8 @@ def test_clips_without_a_label_are_no_points(clips: Clips) -> None:
 
 def test_a_force_that_does_not_vary_has_no_correlation() -> None:
     reading = ForceReading(np.zeros((5, 3, 3)), np.ones((5, 3, 3)), np.arange(5))
-    score = ForceResult("x", {"val": reading}, "", {}).scores("val")[0]
-    assert (score.mae, score.median) == (1000, 0)
+    score = ForceResult("x", {"val": reading}, "", {}, {}).scores("val")[0]
+    assert (score.mae, score.median) == (1, 0)
     assert np.isnan(score.correlation)
     assert np.isnan(score.r2)
 
@@ -560,11 +563,11 @@ def test_a_collapsed_axis_is_told() -> None:
     predicted = measured * np.array([0.05, 0.5, 1], np.float32)
     measured[:25, :, 1] = np.nan
     reading = ForceReading(measured, predicted, np.arange(50))
-    x, y, z = ForceResult("x", {"val": reading}, "", {}).scores("val")
+    x, y, z = ForceResult("x", {"val": reading}, "", {}, {}).scores("val")
     assert [score.collapsed for score in (x, y, z)] == [True, False, False]
     assert z.r2 == 1
     assert y.r2 == pytest.approx(0.75, abs=0.01)  # half of what is there, around a mean near 0
-    assert x.measured == pytest.approx(1000 * measured[..., 0].std())
+    assert x.measured == pytest.approx(measured[..., 0].std())
 
 
 @pytest.mark.parametrize("share", [1.0, 0.5, 0.0])
@@ -699,3 +702,59 @@ def test_words() -> None:
     ]
     assert percent(-0.42, signed=True) == f"{MINUS}42 %"
     assert number(-0.01234) == f"{MINUS}0.0123"
+
+
+def force_of_sources() -> ForceResult:
+    rng = np.random.default_rng(0)
+    measured = rng.normal(0, 1, (40, 3, 3)).astype(np.float32)
+    off = np.where(np.arange(40) < 30, 0.5, 0.1)[:, None, None]  # own forces are read worse
+    reading = ForceReading(measured, measured + off, np.arange(40))
+    origins = ["" if i < 30 else "simulated by tactileforge" for i in range(40)]
+    return ForceResult("force", {"val": reading}, "", {}, {"val": origins})
+
+
+def test_a_mixture_tells_own_forces_from_simulated_ones() -> None:
+    result = force_of_sources()
+    found = {source: result.scores("val", source)[2].mae for source in result.sources}
+    assert found == {
+        "": pytest.approx(0.5, abs=1e-4),
+        "simulated by tactileforge": pytest.approx(0.1, abs=1e-4),
+    }
+    lines = _by_source(result)
+    assert lines[0].startswith("Force error on 30 validation clips of own recordings: x 0.50, ")
+    assert lines[1].startswith("Force error on 10 validation clips of simulated by tactileforge")
+    page = Page(_scores(result))
+    rows = {row[0]: row[1:] for row in page.tables["force-force"]}
+    assert rows["z, validation, own recordings"][0] == "0.50"
+    assert rows["z, validation, simulated by tactileforge"][0] == "0.10"
+    assert rows["z, validation"][0] == "0.40"
+
+
+def test_the_last_lines_say_the_result() -> None:
+    found = SimpleNamespace(forces=[force_of_sources()], explained={"frames": 0.52})
+    first, *_, last = result_lines(found, {}, {"force": 1.0})
+    assert re.match(
+        r"Force error on 40 validation clips: x 0\.40, y 0\.40, z 0\.40 N; always guessing the "
+        r"median: x 0\.\d\d, y 0\.\d\d, z 0\.\d\d N$",
+        first,
+    )
+    assert last.endswith("of the variance of hidden pixels: 52 % of frames")
+    curves = {"val/contrast": Curve(np.arange(3), np.array([2.0, 1.5, 1.0]))}
+    (line,) = result_lines(None, curves, {"contrast": 1.0})
+    assert line == "Validation loss fell by more than 1.0 % for 1 of 1 objectives"
+
+
+def test_the_page_begins_with_run_date_seed_and_data_and_ends_with_what_is_next(
+    write: Write, tmp_path: Path
+) -> None:
+    kept = {"command": ["tactileforge", "train"], "versions": {}, "plugins": {}}
+    sealed_text = sealed(kept | {"date": "2026-11-28 05:30 UTC"})
+    (tmp_path / "versions.json").write_text(sealed_text)
+    page = write(Touches(), "objective=[force]")
+    top = page.text[: page.text.index("Encoder")]
+    for word in (tmp_path.name, "2026-11-28 05:30 UTC", "Seed", "Data"):
+        assert word in top
+    sections = [given["id"] for tag, given in page.tags if tag == "section"]
+    assert sections[0] == "force"
+    assert sections[-1] == "next"
+    assert "tactileforge zoo pack" in page.text[page.text.rindex("Next") :]

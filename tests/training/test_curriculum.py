@@ -1,7 +1,13 @@
 import pytest
 
 from tactileforge.errors import ConfigError
-from tactileforge.training.curriculum import Curriculum, Ramp, from_config, in_steps
+from tactileforge.training.curriculum import (
+    Curriculum,
+    Ramp,
+    from_config,
+    in_steps,
+    without_waiting,
+)
 
 PAPER = {
     "unit": "epoch",
@@ -151,3 +157,17 @@ def test_mistakes_of_form_are_named(config: dict[str, object], message: str) -> 
     with pytest.raises(ConfigError) as raised:
         from_config(config, {"force": 1.0}, 100, 10)
     assert message in str(raised.value)
+
+
+def test_a_lone_objective_does_not_wait() -> None:
+    rows = {"force": {"start": 0.5}, "align": {"start": 0.75}}
+
+    def first(**weights: float) -> dict[str, float]:
+        config = without_waiting({"unit": "fraction", "objective": rows}, weights)
+        return from_config(config, weights, total=100, epoch=10).weights(0)
+
+    assert first(force=0.1) == {"force": 0.1}
+    assert first(force=0.1, align=1.0) == {"force": 0.1, "align": 0.0}
+    assert first(force=0.0, align=1.0) == {"force": 0.0, "align": 1.0}
+    # with one that starts at once, the others keep their plan
+    assert first(pixel=1.0, force=0.1) == {"pixel": 1.0, "force": 0.0}

@@ -78,6 +78,6 @@ def test_absent_is_not_zero(
     found = [row["train/force"] for row in rows(tmp_path)]
     assert float(found[0]) > 0
     assert found[1:] == ["", ""]
-    assert [row["train/force/mae_x_mN"] for row in rows(tmp_path)][1:] == ["", ""]
+    assert [row["train/force/mae_x_N"] for row in rows(tmp_path)][1:] == ["", ""]
     assert shown[1:] == ["no label", "no label"]
     assert float(shown[0]) > 0

@@ -202,12 +202,19 @@ def _spread(metrics: Sequence[Any]) -> list[str]:
 
 def _page(folder: Path, tables: Sequence[tuple[str, str, list[str], list[list[str]]]]) -> None:
     """Writes the tables as a page."""
-    from tactileforge.pages import Section, facts, html_page, table
+    from tactileforge.pages import Section, facts, html_page, next_commands, table
 
     sections = [
         Section(name, title, table(f"table-{name}", head, rows))
         for name, title, head, rows in tables
     ]
+    best = f"{folder.as_posix()}/{tables[-1][3][0][0]}" if tables[-1][3] else "RUN"
+    onward = [
+        (f"tactileforge report {best}", "the report of the best job"),
+        (f"tactileforge train resume={best} trainer.max_steps=STEPS", "train it on"),
+        (f"tactileforge zoo pack {best}", "pack it into one file for others"),
+    ]
+    sections.append(next_commands(onward))
     about = {"Folder": str(folder), "Jobs that have ended": str(len(tables[-1][3]))}
     write_text(folder / PAGE, html_page(f"Sweep {folder.name}", facts(about), sections))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -34,6 +34,7 @@ from tactileforge.reading.splits import (
     SPLIT_OF_FOLDER,
     check_share,
     check_split,
+    held_out_names,
     is_held_out,
     split_parts,
 )
@@ -151,17 +152,8 @@ class Recordings(Drawn):
         layouts = (
             self.layouts if self.tracks else [replace(one, tracks=None) for one in self.layouts]
         )
-        for reader in [LayoutReader(layout, self.root) for layout in layouts]:
-            touches = reader.touches()
-            for line in reader.odd:
-                add_once(self.skipped, line)
-            # the side before anything is opened: a split must not depend on readable files
-            trials = reader.trials(touches)
-            sides = [
-                _side(reader.layout, touch, trial, self.val)
-                for touch, trial in zip(touches, trials, strict=True)
-            ]
-            self._split_up[reader.layout.name] = _SplitUp(reader.layout, trials, sides)
+        readers = [LayoutReader(layout, self.root) for layout in layouts]
+        for reader, touches, sides in self._split(readers):
             for touch, side in zip(touches, sides, strict=True):
                 if side not in (split, "time"):
                     continue
@@ -189,6 +181,37 @@ class Recordings(Drawn):
         # one bad file is skipped, but a whole set of them is a mistake in the layout
         if failed and not opened and split == "train":
             raise DataError(f"not one of {len(failed)} recordings can be opened; {failed[0]}")
+
+    def _split(
+        self, readers: Sequence[LayoutReader]
+    ) -> list[tuple[LayoutReader, list[LayoutTouch], list[str]]]:
+        """Touches of each layout, with their sides, before anything is opened.
+
+        A split must not depend on readable files.
+        """
+        found = []
+        for reader in readers:
+            touches = reader.touches()
+            for line in reader.odd:
+                add_once(self.skipped, line)
+            trials = reader.trials(touches)
+            told = [
+                _side(reader.layout, touch, trial)
+                for touch, trial in zip(touches, trials, strict=True)
+            ]
+            found.append((reader, touches, trials, told))
+        drawn = [name for *_, told in found for name, _ in told if name]
+        sides_told = {side for *_, told in found for _, side in told}
+        held = held_out_names(drawn, 0 if {"val", "time"} & sides_told else self.val)
+        out = []
+        for reader, touches, trials, told in found:
+            sides = [
+                side or ("val" if name in held or is_held_out(name, self.val) else "train")
+                for name, side in told
+            ]
+            self._split_up[reader.layout.name] = _SplitUp(reader.layout, trials, sides)
+            out.append((reader, touches, sides))
+        return out
 
 
 def _labelled(reader: LayoutReader, touch: LayoutTouch) -> list[Recording] | str:
@@ -239,25 +262,25 @@ class _SplitUp:
         )
 
 
-def _side(layout: DatasetLayout, touch: LayoutTouch, trial: str, val: float) -> str:
-    """``train``, ``val``, or ``time`` for a touch with frames in both."""
+def _side(layout: DatasetLayout, touch: LayoutTouch, trial: str) -> tuple[str, str]:
+    """Name by which the side of a touch is drawn, or ``train``, ``val`` or ``time``; "" for one."""
     row, split = touch.row, layout.split
     side = row.fill(split)
     unit = {"trial": trial, "recording": touch.name, "object": trial}.get(split)
     if split == "object" and layout.object and (name := row.fill(layout.object)):
-        return "val" if is_held_out(name, val) else "train"
+        return name, ""
     of_file = set(template_columns(split)) <= {*FILE_COLUMNS} and split not in SPLITS
     if of_file and side and side.casefold() not in SPLIT_OF_FOLDER:
         unit = side
     if unit is not None:
-        return "val" if is_held_out(f"{layout.name}/{unit}", val) else "train"
+        return f"{layout.name}/{unit}", ""
     if side not in ("train", "val", "time"):
         column = layout.split.strip("{}")
         raise DataError(
             f"{row.where}: the split is {side or ''!r}, but must be train or val; layout "
             f'{layout.name!r} can say what it means: words: {{{column}: {{"{side or ""}": train}}}}'
         )
-    return side
+    return "", side
 
 
 def _parse_all(layouts: Mapping[str, Any]) -> list[DatasetLayout]:

@@ -88,6 +88,15 @@ def scales(entry: Mapping[str, Any], sensors: Sequence[str]) -> Tensor | None:
     return torch.tensor([known[name] for name in sensors])[:, None]
 
 
+def learned_measured(recipe: Mapping[str, Any]) -> bool:
+    """Whether a model has learned the forces that were measured on a user's own recordings.
+
+    Args:
+        recipe: Configuration of its training; see `Header.recipe`.
+    """
+    return (recipe.get("data") or {}).get("name") == "recordings"
+
+
 def warn_of_estimates(stacklevel: int = 3) -> None:
     """Warns of forces without a calibration of the unit.
 

@@ -34,7 +34,7 @@ def force_of(model: Model, clips: Clips, calibration: Calibration | str | Path |
         known = model.header.heads["force"].get("scale", {})
         raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
     # after the reading: if it fails, a warning about units would only be noise
-    if calibration is None:
+    if calibration is None and not forces.learned_measured(model.header.recipe):
         forces.warn_of_estimates(stacklevel=4)
     why = f"{forces.LIGHT}, or {forces.BEYOND}"
     forces.warn_of_missing("force", force.isnan().any(-1), why, stacklevel=4)

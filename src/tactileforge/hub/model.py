@@ -310,11 +310,12 @@ class Model(nn.Module):
         """The force of the object on the gel in frames 2..T, N: (T - 1, 3), or (B, T - 1, 3).
 
         Without a ``calibration`` of this unit, or its file (``tactileforge calibrate model=...``),
-        it is an estimate, and warns; an axis that the calibration leaves out stays one. NaN, with a
-        warning, in frames with changed light and no touch, or beyond the scale of the sensor. A
-        published head gives the newest frame alone: (1, 3). ``checks`` and errors are those
-        of `encode`, and a ConfigError without a force head, a scale of the sensor, or of another
-        model's calibration.
+        it is an estimate, and warns, unless the model learned forces measured on your own
+        recordings (``data=recordings``); an axis that the calibration leaves out stays one. NaN,
+        with a warning, in frames with changed light and no touch, or beyond the scale of the
+        sensor. A published head gives the newest frame alone: (1, 3). ``checks`` and errors are
+        those of `encode`, and a ConfigError without a force head, a scale of the sensor, or of
+        another model's calibration.
         """
         if checks:
             self._picture_checks(background, sensor)
@@ -555,7 +556,9 @@ class Model(nn.Module):
             unknown_sensor=unknown_sensor,
             calibration=opened,
         )
-        if opened is None and head_reader.scale_of(self, [stream.sensor or ""]) is not None:
+        is_own = forces.learned_measured(self.header.recipe)
+        has_force = head_reader.scale_of(self, [stream.sensor or ""]) is not None
+        if opened is None and has_force and not is_own:
             forces.warn_of_estimates()
         return stream
 

@@ -65,7 +65,7 @@ class Force(nn.Module):
             self.deviation.fill_(1)
 
     def forward(self, prediction: Forces, batch: Batch) -> tuple[Mean, dict[str, Mean]]:
-        """Computes the loss; logs the mean absolute error of each labelled axis, mN."""
+        """Computes the loss; logs the mean absolute error of each labelled axis, N."""
         first = 0 if self.shear else 2
         valid = batch["force_valid"][:, first:]
         scale = batch["force_scale"][:, None]
@@ -75,9 +75,8 @@ class Force(nn.Module):
         of_delta = self._errors(prediction.delta, force.diff(dim=1), self.deviation[1])
         loss = masked_mean((of_force + self.delta * of_delta).mean(1)[:, first:], valid)
         newton = ((prediction.force.detach() - force[:, 1:]) * scale).abs().mean(1)[:, first:]
-        # millinewton, in which benchmarks of touch print forces
         logs = {
-            f"mae_{axis}_mN": masked_mean(1000 * newton[:, i], valid[:, i])
+            f"mae_{axis}_N": masked_mean(newton[:, i], valid[:, i])
             for i, axis in enumerate(AXES[first:])
         }
         return loss, logs
@@ -97,7 +96,7 @@ class Force(nn.Module):
         return torch.stack([part.sum((0, 1)) for part in parts])
 
     def scores(self, sums: Tensor) -> dict[str, float]:
-        """Mean absolute error and deviation of the predictions, mN, and R2, by axis.
+        """Mean absolute error and deviation of the predictions, N, and R2, by axis.
 
         An axis without labels is left out, and so is R2 of a constant force. A deviation near 0
         means that the axis has collapsed to the same prediction for every clip.
@@ -107,9 +106,9 @@ class Force(nn.Module):
             count, true, square, predicted, predicted_square, error, off = sums[:, i].tolist()
             if not count or (i < 2 and not self.shear):
                 continue
-            scores[f"mae_{axis}_mN"] = 1000 * off / count
+            scores[f"mae_{axis}_N"] = off / count
             if (r2 := r_squared(count, true, square, error)) is not None:
                 scores[f"r2_{axis}"] = r2
             spread = max(predicted_square / count - (predicted / count) ** 2, 0.0)
-            scores[f"deviation_{axis}_mN"] = 1000 * spread**0.5
+            scores[f"deviation_{axis}_N"] = spread**0.5
         return scores

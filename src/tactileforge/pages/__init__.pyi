@@ -3,6 +3,7 @@ from tactileforge.pages.curves import read_metrics as read_metrics
 from tactileforge.pages.figures import CLASSES as CLASSES
 from tactileforge.pages.figures import INK as INK
 from tactileforge.pages.figures import Series as Series
+from tactileforge.pages.figures import bars_figure as bars_figure
 from tactileforge.pages.figures import curve_figure as curve_figure
 from tactileforge.pages.figures import draw_points as draw_points
 from tactileforge.pages.figures import drawing as drawing
@@ -33,6 +34,7 @@ from tactileforge.pages.page import heading as heading
 from tactileforge.pages.page import html_page as html_page
 from tactileforge.pages.page import items as items
 from tactileforge.pages.page import legend as legend
+from tactileforge.pages.page import next_commands as next_commands
 from tactileforge.pages.page import number as number
 from tactileforge.pages.page import panel as panel
 from tactileforge.pages.page import panels as panels

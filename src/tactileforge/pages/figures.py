@@ -68,6 +68,9 @@ _STYLE = {
     "lines.solid_capstyle": "round",
 }
 
+#: Letters of a name beside a bar.
+_LETTERS = 26
+
 #: Times and values.
 Series = tuple[NDArray[Any], NDArray[Any]]
 #: x, y, class of each point (-1 without a class), and opacity 0..1.
@@ -135,6 +138,34 @@ def lines_figure(label: str, last_step: int, lines: Mapping[str, Curve]) -> Mark
         _log_if_wide(axes, values)
         axes.set(xlim=(0, max(last_step, 1)), xlabel="step", ylabel=label)
         return svg(figure, f"{label} over steps: {', '.join(lines)}")
+
+
+def bars_figure(
+    label: str, bars: Sequence[tuple[str, float, float]], limits: tuple[float, float] | None = None
+) -> Markup:
+    """Horizontal bars with intervals, from the top.
+
+    Args:
+        label: Name of the values, with their unit.
+        bars: Name, value and half of the interval (NaN for none) of each.
+        limits: Ends of the axis; None to start it at 0.
+    """
+    names = [name if len(name) <= _LETTERS else f"{name[: _LETTERS - 1]}…" for name, *_ in bars]
+    with drawing(4.2, 0.75 + 0.26 * len(bars)) as (figure, axes):
+        for place, (_, value, half) in enumerate(bars):
+            axes.barh(place, value, 0.62, color=CLASSES[0][0], alpha=0.75)
+            if half == half:
+                ends = [value - half, value + half]
+                axes.plot(ends, [place] * 2, "|-", color=INK, linewidth=1.2, markersize=6)
+        # names may have dollar signs, which would be read as formulas
+        axes.set_yticks(range(len(bars)), names, parse_math=False)
+        axes.set(ylim=(len(bars) - 0.5, -0.5))
+        axes.set_xlabel(label, loc="right")  # a long one reaches below the names, not off the page
+        if limits:
+            axes.set_xlim(*limits)
+        axes.grid(visible=False, axis="y")
+        axes.tick_params(axis="y", length=0)
+        return svg(figure, f"{label} of {', '.join(name for name, *_ in bars)}")
 
 
 def scatter_figure(groups: Sequence[Points], labels: tuple[str, str]) -> Markup:

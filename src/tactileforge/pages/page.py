@@ -102,6 +102,15 @@ def preformatted(text: str) -> Markup:
     return piece("preformatted", text)
 
 
+def next_commands(lines: Sequence[tuple[str, str]]) -> Section:
+    """The last section of a page: commands that go on from it.
+
+    Args:
+        lines: Command, and what it is for.
+    """
+    return Section("next", "Next", piece("commands", list(lines)))
+
+
 def panel(title: str, drawing: str, caption: str = "") -> Markup:
     """A drawing with a title above and a caption below; both plain text."""
     return piece("panel", title, drawing, caption)

@@ -43,6 +43,7 @@ from tactileforge.reading.regular import read_regular as read_regular
 from tactileforge.reading.regular import stays_inside as stays_inside
 from tactileforge.reading.splits import check_share as check_share
 from tactileforge.reading.splits import check_split as check_split
+from tactileforge.reading.splits import held_out_names as held_out_names
 from tactileforge.reading.splits import is_held_out as is_held_out
 from tactileforge.reading.tables import number_or_text as number_or_text
 from tactileforge.reading.tables import read_cells as read_cells

@@ -43,6 +43,7 @@ class FrameTables:
         sensor: str,
         paths: Sequence[Path],
         note: Callable[[str], None],
+        change: Callable[[], NDArray[np.float64]],
     ) -> NDArray[np.float32]:
         """Forces per frame, (T, 3), N; see `tables.read_force`.
 
@@ -53,8 +54,9 @@ class FrameTables:
             sensor: Name of the measuring sensor.
             paths: Files of the touch.
             note: Callback for doubts, see `table_clock.on_frames`.
+            change: Function to the difference of each frame from the background, (T,).
         """
-        fit = partial(on_frames, start=clock.start, note=note)
+        fit = partial(on_frames, start=clock.start, note=note, change=change)
         images = self._images(table, path, paths, note)
         return read_force(table, path, clock.times, sensor, fit, images)
 

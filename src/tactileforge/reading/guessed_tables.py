@@ -169,10 +169,11 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
         if per_frame:
             return {}
         doubts.append(
-            f"force: {family.template} has dates in {time} and frames have none; give the times "
-            "of the frames (times:), or seconds since the first"
+            f"force: {family.template} has dates in {time} and frames have none; the push in the "
+            "pictures tells where both clocks meet (start: contact); better are start: first_row "
+            "if both began at once, the time of the first frame as a number, or times: of frames"
         )
-        return None
+        return {"time": time, "start": "contact"}
     if date or len(values) < 2:
         return {"time": time}
     span = float(values[-1] - values[0])

@@ -34,6 +34,9 @@ from tactileforge.util.strict import build, mapping
 SPLITS = ("trial", "recording", "object", "time", "train", "val")
 CHANNELS = ("rgb", "bgr")
 ROTATIONS = (0, 90, 180, 270)
+#: Words for where the clock of a table meets that of the frames, and what else may be given.
+STARTS = ("first_row", "contact")
+OTHER_STARTS = 'the time of the first frame by that clock, or "{column}" of the labels'
 MIRRORS = ("none", "x", "y")
 
 #: A code of checks, or the beginning of one.
@@ -315,6 +318,11 @@ def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
         raise ConfigError(f"{where}: give one of frame, time and key: each says what a row is of")
     if keys.unit is not None:
         seconds_of(keys.unit, where)
+    if keys.start is not None and keys.time is None:
+        raise ConfigError(f"{where}: start is of rows with times; give their column, time:, too")
+    start = keys.start if isinstance(keys.start, str) else STARTS[0]
+    if start not in STARTS and not template_columns(start):
+        raise ConfigError(f"{where}: {unknown('start', start, STARTS)}, {OTHER_STARTS}")
     # YAML reads a header such as 0 as a number; in a CSV it is text
     columns_or_none = tuple("" if name is None else str(name) for name in names)
     newton = newtons_of(columns_or_none, keys.force_unit, keys.sign, where, "force_unit")

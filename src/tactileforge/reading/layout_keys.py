@@ -79,6 +79,7 @@ class ForceKeys:
     lag_s: float = 0.0
     key: str | None = None
     unit: str | None = None
+    start: str | float | None = None
     partial: bool = False
     force_unit: str | None = None
 
@@ -113,6 +114,9 @@ class FrameTable:
         time: Column of the seconds since the first frame; None if rows are frames.
         key: Column of the names of images; None for rows by frame or time.
         unit: Unit of `time`; None for seconds, or the detected unit of dates.
+        start: Where the clock of the rows meets that of the frames: ``first_row``, ``contact``, the
+            time of the first frame as a number of `time`, or a column of the labels with that
+            number in braces; None for rows since the first frame, or frames with dates too.
         partial: Whether rows may cover a part of the recording, or exceed it; False.
     """
 
@@ -124,6 +128,7 @@ class FrameTable:
     time: str | None = None
     key: str | None = None
     unit: str | None = None
+    start: str | float | None = None
     partial: bool = False
 
 

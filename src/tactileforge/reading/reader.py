@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain, pairwise
@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
 from tactileforge.data.frames.crop import check_background_size
+from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.lazy import Crop, ImageFrames
+from tactileforge.data.frames.small import shrink
 from tactileforge.data.frames.stacks import open_film
 from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.actions import label_actions
@@ -29,7 +31,7 @@ from tactileforge.reading.layout import (
     check_action,
     check_sensor,
 )
-from tactileforge.reading.layout_keys import FrameTable
+from tactileforge.reading.layout_keys import MEDIAN_FRAMES, FrameTable
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import order_doubt
 from tactileforge.reading.series import names_of, series_of
@@ -239,7 +241,10 @@ class LayoutReader:
         if layout.labels and not row.cells:
             self._doubt(touch, f"has no row in {layout.labels}")
         times = clock.times
-        force = self._force(touch, clock)
+        background = self._background(touch, frames)
+        full = (0, 0, frames.full_shape[1], frames.full_shape[0])
+        change = partial(_change, frames, self._no_contact(frames, background, full))
+        force = self._force(touch, clock, change)
         phrases = [row.fill(phrase, spaced=True) for phrase in layout.text]
         # Common to all tiles; each tile sets its sensor, frames and background below.
         whole = Recording(
@@ -261,8 +266,6 @@ class LayoutReader:
             tier=layout.tier,
             licence=layout.licence,
         )
-        background = self._background(touch, frames)
-        full = (0, 0, frames.full_shape[1], frames.full_shape[0])
         tiles = {f"#{name}": (tile.box, tile.sensor) for name, tile in layout.crops.items()}
         for name, (box, sensor) in (tiles or {"": (full, layout.sensor or "")}).items():
             shown = frames.crop(box)
@@ -295,14 +298,25 @@ class LayoutReader:
         if doubt:
             self.doubts.append((touch.name, doubt))
 
-    def _force(self, touch: LayoutTouch, clock: FrameClock) -> NDArray[np.float32] | None:
+    def _force(
+        self, touch: LayoutTouch, clock: FrameClock, change: Callable[[], NDArray[np.float64]]
+    ) -> NDArray[np.float32] | None:
         table = self.layout.force
         if table is None:
             return None
+        if isinstance(table.start, str) and template_columns(table.start):
+            name, where = touch.row.fill(table.start), touch.row.where
+            started = number_or_text(name or "")
+            if isinstance(started, str):
+                raise DataError(
+                    f"{where}: start: {table.start!r} of force is {name!r}; give the time of the "
+                    f"first frame by the clock of {table.time!r}"
+                )
+            table = replace(table, start=started)
         felt_by = [self.layout.sensor, *(tile.sensor for tile in self.layout.crops.values())]
         sensor = self._sensor(next(name for name in felt_by if name), touch)
         path, note = self._path(table.file, touch), partial(self._doubt, touch)
-        return self._tables.force(table, path, clock, sensor, touch.paths, note)
+        return self._tables.force(table, path, clock, sensor, touch.paths, note, change)
 
     def _tracked(self, recording: Recording, touch: LayoutTouch, crop: str) -> Recording:
         keys = self.layout.tracks
@@ -406,6 +420,18 @@ def thinned(recording: Recording, every: float) -> Recording:
     # the middle of the stretch of each frame of the camera: copies lie on both sides of it
     rows = ((np.arange(np.ceil(count / every)) + 0.5) * every).astype(int)
     return recording.select([int(row) for row in np.unique(rows) if row < count])
+
+
+def _change(frames: FileFrames, no_contact: Frames | None) -> NDArray[np.float64]:
+    """Mean difference of each frame from the background, or else from the median, grey levels."""
+    shown = no_contact if no_contact is not None else frames
+    still = np.median(
+        [shrink(shown.read([row])[0]) for row in spread_rows(len(shown), MEDIAN_FRAMES)], axis=0
+    )
+    # one at a time: a recording need not fit into memory
+    return np.array(
+        [float(np.abs(shrink(frames.read([row])[0]) - still).mean()) for row in range(len(frames))]
+    )
 
 
 def _span(paths: Sequence[Path]) -> tuple[float, float] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, unknown
@@ -19,6 +19,8 @@ SPLIT_OF_FOLDER = {
 #: Units of holding out.
 HOLD_OUT = ("take", "object", "time")
 
+#: Smallest number of names of which one is held out, whatever the share.
+_FEW = 3
 #: Target duration of a held-out block of a recording, s.
 _BLOCK_S = 0.5
 
@@ -51,10 +53,32 @@ def is_held_out(name: str, share: float) -> bool:
         >>> sum(is_held_out(name, 0.1) for name in names)
         96
     """
+    return _place(name) < share * 2**64
+
+
+def held_out_names(names: Iterable[str], share: float) -> frozenset[str]:
+    """Names in the held-out share, at least one where three or more are there.
+
+    Args:
+        names: Names of units.
+        share: Share held out, 0 to 1; 0 holds out none.
+
+    Example:
+        >>> sorted(held_out_names(["a", "b", "c"], 0.01))
+        ['c']
+    """
+    known = {*names}
+    found = frozenset(name for name in known if is_held_out(name, share))
+    if found or share <= 0 or len(known) < _FEW:
+        return found
+    return frozenset([min(known, key=lambda name: (_place(name), name))])
+
+
+def _place(name: str) -> int:
     # File names that are not UTF-8 hold surrogates, which a plain encoding refuses.
     # `hash` of Python differs from process to process.
     digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).digest()
-    return int.from_bytes(digest[:8], "big") < share * 2**64
+    return int.from_bytes(digest[:8], "big")
 
 
 def held_out(recording: Recording, share: float, unit: str, split: str) -> Iterator[Recording]:

@@ -29,10 +29,11 @@ from tactileforge.reading.table_clock import on_frames
 _HEAD = 30
 #: Place and cells of a row.
 Row: TypeAlias = tuple[str, dict[str, str]]
-#: Function from a table, its path, its row times and the frames' times to row times on the frames'
-#: clock.
+#: Function from a table, its path, its row times, the frames' times and the rows' forces (n, 3) to
+#: row times on the frames' clock.
 Fit: TypeAlias = Callable[
-    [FrameTable, Path, NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]
+    [FrameTable, Path, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+    NDArray[np.float64],
 ]
 
 
@@ -70,7 +71,7 @@ def read_force(
         )
     if table.time is not None:
         clock, measured = _on_a_clock(table, path, sensor)
-        clock = fit(table, path, clock, times)
+        clock = fit(table, path, clock, times, measured)
         # images are late: what a frame shows was felt lag_s before it
         return resample(times - table.lag_s, clock, measured).astype(np.float32)
     force = np.full((len(times), 3), np.nan)

@@ -16,13 +16,13 @@ class AxisScore:
     """One axis of one split.
 
     Attributes:
-        mae: Mean absolute error, mN.
-        median: MAE of a constant guess, the median of the training clips, mN.
+        mae: Mean absolute error, N.
+        median: MAE of a constant guess, the median of the training clips, N.
         correlation: Correlation of measured and predicted force, -1 to 1; NaN if one of them does
             not vary.
         r2: Share of explained variance, at most 1; NaN if the force does not vary.
-        measured: Standard deviation of the measured force, mN.
-        predicted: Standard deviation of the predicted force, mN.
+        measured: Standard deviation of the measured force, N.
+        predicted: Standard deviation of the predicted force, N.
     """
 
     mae: float
@@ -41,7 +41,7 @@ class AxisScore:
 def axis_score(
     measured: NDArray[np.float32], predicted: NDArray[np.float32], known: NDArray[np.float32]
 ) -> AxisScore:
-    """Scores of predictions, mN.
+    """Scores of predictions, N.
 
     Args:
         measured: Measured forces, float of any shape, N; NaN without a label.
@@ -56,12 +56,12 @@ def axis_score(
     guess = np.median(known[np.isfinite(known)]) if np.isfinite(known).any() else np.median(true)
     moves = true.std() > 1e-6  # a correlation with a constant is noise of float32
     return AxisScore(
-        mae=1000 * float(np.abs(estimated - true).mean()),
-        median=1000 * float(np.abs(guess - true).mean()),
+        mae=float(np.abs(estimated - true).mean()),
+        median=float(np.abs(guess - true).mean()),
         correlation=float(np.corrcoef(true, estimated)[0, 1])
         if moves and estimated.std() > 1e-9
         else float("nan"),
         r2=1 - float(((estimated - true) ** 2).mean() / true.var()) if moves else float("nan"),
-        measured=1000 * float(true.std()),
-        predicted=1000 * float(estimated.std()),
+        measured=float(true.std()),
+        predicted=float(estimated.std()),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -30,6 +31,9 @@ from tactileforge.pages.page import (
 from tactileforge.report.axes import AxisScore, axis_score
 from tactileforge.report.samples import ClipReader, ForceReading, spread, spread_places, whole_key
 
+#: Word for the recordings of a mixture that name no source.
+OWN = "own recordings"
+
 
 @dataclass(frozen=True)
 class ForceResult:
@@ -40,20 +44,35 @@ class ForceResult:
         readings: Readings by split, ``val`` first; splits without labelled clips are absent.
         recording: Key of the recording shown over time.
         curve: Readings of the parts of that recording, by split.
+        origins: Source of each clip of the readings, by split; see `contracts.Recording`.
     """
 
     objective: str
     readings: dict[str, ForceReading]
     recording: str
     curve: dict[str, ForceReading]
+    origins: dict[str, list[str]]
 
-    def scores(self, split: str) -> list[AxisScore]:
-        """Scores of x, y and z; NaN along an axis without a label."""
-        reading, known = self.readings[split], self.readings.get("train", self.readings[split])
+    @property
+    def sources(self) -> list[str]:
+        """Distinct sources of the clips."""
+        return sorted({source for of in self.origins.values() for source in of})
+
+    def scores(self, split: str, source: str | None = None) -> list[AxisScore]:
+        """Scores of x, y and z, of all clips or of a source; NaN along an axis without a label."""
+        measured, predicted = self._of(split, source)
+        known, _ = self._of("train" if "train" in self.readings else split, source)
         return [
-            axis_score(reading.measured[..., i], reading.predicted[..., i], known.measured[..., i])
-            for i in range(len(AXES))
+            axis_score(measured[..., i], predicted[..., i], known[..., i]) for i in range(len(AXES))
         ]
+
+    def _of(self, split: str, source: str | None) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Measured and predicted forces of the clips of a source; None for all."""
+        reading = self.readings[split]
+        if source is None:
+            return reading.measured, reading.predicted
+        rows = [i for i, one in enumerate(self.origins[split]) if one == source]
+        return reading.measured[rows], reading.predicted[rows]
 
 
 def force_results(
@@ -84,8 +103,15 @@ def force_results(
             reading = readers[split].forces(cut[spread_places(len(cut), count)].tolist(), key)
             if reading:
                 curve[split] = reading
-        results.append(ForceResult(key, readings, recording, curve))
+        origins = {
+            split: _origins(readers[split].clips, reading) for split, reading in readings.items()
+        }
+        results.append(ForceResult(key, readings, recording, curve, origins))
     return results
+
+
+def _origins(clips: Clips, reading: ForceReading) -> list[str]:
+    return [clips.recordings[n].source for n in clips.index[reading.clips, 0].tolist()]
 
 
 def _liveliest(readers: Mapping[str, ClipReader], readings: Mapping[str, ForceReading]) -> str:
@@ -136,7 +162,7 @@ def _learning(objective: str, curves: Mapping[str, Curve], last_step: int) -> Ma
     drawn = []
     for name, title, unit in (
         ("r2_{}", "R\N{SUPERSCRIPT TWO} of each axis, validation", "R\N{SUPERSCRIPT TWO}"),
-        ("deviation_{}_mN", "Deviation of the predictions, validation", "mN"),
+        ("deviation_{}_N", "Deviation of the predictions, validation", "N"),
     ):
         by_axis = {axis: curves.get(f"val/{objective}/{name.format(axis)}") for axis in AXES}
         lines = {axis: curve for axis, curve in by_axis.items() if curve is not None}
@@ -197,23 +223,25 @@ def _scatter(result: ForceResult, data: TouchData, sensors: list[str], axis: int
 def _scores(result: ForceResult) -> Markup:
     rows = [
         (
-            f"{axis}, {SPLIT_WORDS[split]}",
-            milli(axis_score.mae),
-            milli(axis_score.median),
+            f"{axis}, {SPLIT_WORDS[split]}{'' if source is None else f', {source or OWN}'}",
+            newtons(axis_score.mae),
+            newtons(axis_score.median),
             number(round(axis_score.correlation, 2) + 0.0),  # + 0.0 turns -0.0 into 0
             number(round(axis_score.r2, 2) + 0.0),
-            milli(axis_score.measured),
-            f"{'bad|' if axis_score.collapsed else ''}{milli(axis_score.predicted)}",
+            newtons(axis_score.measured),
+            f"{'bad|' if axis_score.collapsed else ''}{newtons(axis_score.predicted)}",
         )
         for split in result.readings
-        for axis, axis_score in zip(AXES, result.scores(split), strict=True)
+        for source in (None, *(result.sources if len(result.sources) > 1 else ()))
+        if source is None or source in result.origins[split]
+        for axis, axis_score in zip(AXES, result.scores(split, source), strict=True)
     ]
     note = (
         "Median guess: the error of always giving the median force of the training clips. An axis "
         "whose predictions deviate by less than a tenth of the force's deviation has collapsed."
     )
-    head = ("Axis", "MAE (mN)", "median guess (mN)", "correlation", "R\N{SUPERSCRIPT TWO}")
-    columns = (*head, "deviation (mN)", "predicted (mN)")
+    head = ("Axis", "MAE (N)", "median guess (N)", "correlation", "R\N{SUPERSCRIPT TWO}")
+    columns = (*head, "deviation (N)", "predicted (N)")
     return table(f"force-{result.objective}", columns, rows, note)
 
 
@@ -240,6 +268,6 @@ def _over_time(result: ForceResult, data: TouchData) -> Markup:
     return heading(title) + legend(names, line="measured") + panels(drawings)
 
 
-def milli(value: float) -> str:
-    """A force in mN as text: whole above ten, two digits below."""
-    return NONE if value != value else f"{value:.0f}" if value >= 10 else f"{value:.2g}"
+def newtons(value: float) -> str:
+    """A force in N as text: two digits, at least to the millinewton."""
+    return NONE if value != value else f"{value:.3f}" if value < 0.1 else f"{value:.2f}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from tactileforge.data.batches.columns import plain_sizes
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import Curve, read_metrics
-from tactileforge.pages.page import Section, html_page
+from tactileforge.pages.page import Section, html_page, next_commands
 from tactileforge.report import captions, embedding, forces, sections, summary
 from tactileforge.report.findings import RunFindings, run_findings
 from tactileforge.runs import folder as run_folder
@@ -46,12 +47,12 @@ def report_of_run(folder: Path) -> Path:
         module.load_state_dict(state["state_dict"])
     except RuntimeError as error:
         raise ConfigError(f"{folder}: the checkpoint does not fit config.yaml: {error}") from error
-    return write_report(folder, module, data, state["skipped"], Labels(state["labels"]))
+    return write_report(folder, module, data, state["skipped"], Labels(state["labels"]))[0]
 
 
 def write_report(
     folder: Path, module: TouchModule, data: TouchData, skipped: Skipped, labels: Labels
-) -> Path:
+) -> tuple[Path, list[str]]:
     """Writes ``report.html`` of a finished run.
 
     The report depends only on the weights, the data and the files of the run, so writing it twice
@@ -65,7 +66,7 @@ def write_report(
         labels: Counts of the labels seen by each objective in training.
 
     Returns:
-        Path of the report.
+        Path of the report, and the result in lines for the terminal.
     """
     config = run_folder.read_config(folder)
     curves = read_metrics(folder)
@@ -79,22 +80,35 @@ def write_report(
     lines = [line for line, _ in (data.skipped | dict(skipped)).values()]
     lines = lines if findings is None else findings.skipped
     kept = run_folder.read_versions(folder)
-    top = summary.run_facts(config, module, data, steps, seconds, curves, kept)
+    top = summary.run_facts(folder, config, module, data, steps, seconds, curves, kept)
     held_out = data.val is not None
     top += summary.run_verdict(curves, weights, findings, labels, held_out, lines)
     parts = [
+        *_of_clips(findings, data, curves, steps),
         sections.losses(curves, list(weights), steps),
         *sections.balance(curves, list(weights), steps),
-        *_of_clips(findings, data, curves, steps),
         *([sections.facts(facts)] if facts else []),
         sections.data_section(data, lines),
         sections.recipe(folder),
+        next_commands(_next(folder, steps, data)),
     ]
     report = folder / "report.html"
     what = "Heads on a frozen touch encoder" if config.get("freeze") else "Touch encoder"
     title = f"{what}, trained with {', '.join(weights)}"
     write_text(report, html_page(title, top, parts))
-    return report
+    return report, summary.result_lines(findings, curves, weights)
+
+
+def _next(folder: Path, steps: int, data: TouchData) -> list[tuple[str, str]]:
+    """Commands that go on from a run."""
+    run = shlex.quote(folder.as_posix())
+    sensors = data.summary("train").sensors
+    sensor = sensors[0] if sensors else "SENSOR"
+    return [
+        (f"tactileforge train resume={run} trainer.max_steps={2 * steps}", "train it further"),
+        (f"tactileforge live model=run:{run} sensor={sensor}", "watch what it reads of a sensor"),
+        (f"tactileforge zoo pack {run}", "pack it into one file for others"),
+    ]
 
 
 def _of_clips(
@@ -104,9 +118,14 @@ def _of_clips(
     if findings is None:
         return []
     nearest = findings.captions  # None for a run without alignment
-    return [
+    first = [
         sections.frames(findings),
         forces.forces_section(findings.forces, data, curves, steps),
+    ]
+    if findings.forces:  # what matters most of such a run
+        first.reverse()
+    return [
+        *first,
         embedding.embedding_section(findings.embedding, findings.scores),
         *([captions.captions_section(nearest, findings.strips)] if nearest else []),
     ]

@@ -62,13 +62,6 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
     for key in objectives:
         logged = [curves.get(f"{kind}/{key}") for kind in ("train", "val", "weight")]
         parts.append(panel(key, curve_figure("loss", last_step, *logged, of=key), _absent(*logged)))
-    for key, title in (
-        ("lr", "learning rate"),
-        ("universal", "chance of the universal sensor token"),
-    ):
-        if key in curves:
-            label = {"lr": "learning rate", "universal": "chance"}[key]
-            parts.append(panel(title, curve_figure(label, last_step, curves[key])))
     # names of three words, as val/force/r2_x, are parts of a loss or tell about it
     parts_of = [
         panel(
@@ -83,6 +76,15 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
         )
         for key in sorted({name.partition("/")[2] for name in curves if name.count("/") == 2})
     ]
+    # what is about the plan, and not about the result, comes last
+    plan = [
+        panel(title, curve_figure(label, last_step, curves[key]))
+        for key, title, label in (
+            ("lr", "learning rate", "learning rate"),
+            ("universal", "chance of the universal sensor token", "chance"),
+        )
+        if key in curves
+    ]
     val = any(key.startswith("val/") for key in curves)
     splits = {SPLITS["train"]: "training"} | ({SPLITS["val"]: "validation"} if val else {})
     body = legend(splits, area="weight of the objective, right axis") + panels(parts)
@@ -90,6 +92,8 @@ def losses(curves: Mapping[str, Curve], objectives: Sequence[str], last_step: in
         body += paragraph("There is no validation loss.", soft=True)
     if parts_of:
         body += details("Parts of the losses", panels(parts_of))
+    if plan:
+        body += details("Learning rate and sensor tokens", panels(plan))
     return Section("losses", "Losses", body)
 
 

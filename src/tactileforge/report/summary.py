@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
@@ -12,9 +13,10 @@ from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.pages import page
 from tactileforge.pages.curves import Curve
 from tactileforge.pages.page import NONE, SPLIT_WORDS, duration, number, percent, table
+from tactileforge.report.axes import AxisScore
 from tactileforge.report.embedding import NeighbourScore
 from tactileforge.report.findings import RunFindings
-from tactileforge.report.forces import ForceResult, milli
+from tactileforge.report.forces import OWN, ForceResult, newtons
 from tactileforge.report.speed import speed_fact, speed_verdict
 from tactileforge.training.labels import Labels
 from tactileforge.training.module import TouchModule
@@ -36,6 +38,7 @@ _HEAD = (
 
 
 def run_facts(
+    folder: Path,
     config: Mapping[str, Any],
     module: TouchModule,
     data: TouchData,
@@ -44,7 +47,7 @@ def run_facts(
     curves: Mapping[str, Curve],
     kept: Mapping[str, Any],
 ) -> Markup:
-    """Facts of the run: model, data and duration; ``kept`` is its ``versions.json``."""
+    """Facts of the run: name, date, seed and data first; ``kept`` is its ``versions.json``."""
     encoder = config["encoder"]
     name = " ".join(filter(None, (encoder["name"], encoder.get("size"))))
     size = sum(parameter.numel() for parameter in module.encoder.parameters()) / 1e6
@@ -53,10 +56,14 @@ def run_facts(
     held_out = len(data.val) if data.val else 0
     versions = kept.get("versions", {})
     precision = [config["trainer"]["precision"], kept.get("precision")]
+    root = config["data"].get("root")
     about = {
+        "Run": folder.absolute().name,
+        "Date": str(kept.get("date", "")),
+        "Seed": str(config["seed"]),
+        "Data": f"{config['data']['name']}, {Path(root).name}" if root else config["data"]["name"],
         "Encoder": f"{name}, {size:.3g} M parameters",
         "Input": f"{module.encoder.frames} frames, {height} x {width} pixels",
-        "Data": config["data"]["name"],
         "Clips": f"{clips:.0f} training, {held_out} validation",
         "Sensors": ", ".join(data.summary("train").sensors),
         "Steps": f"{steps}, each of {config['batch']['size']} clips",
@@ -161,20 +168,62 @@ def _and(words: Sequence[str]) -> str:
 def _force(result: ForceResult) -> list[tuple[str, str]]:
     if not result.readings:
         return []
-    split, reading = next(iter(result.readings.items()))  # validation, if there is any
-    every = zip(AXES, result.scores(split), strict=True)
-    scores = {axis: score for axis, score in every if score.mae == score.mae}  # with labels
-    errors = ", ".join(f"{axis} {milli(score.mae)}" for axis, score in scores.items())
-    guesses = ", ".join(f"{axis} {milli(score.median)}" for axis, score in scores.items())
+    scores = _axes(result)
     better = [axis for axis, score in scores.items() if score.mae < score.median]
-    text = (
-        f"Force error on {len(reading.clips)} {SPLIT_WORDS[split]} clips: {errors} mN; always "
-        f"guessing the median: {guesses} mN. Better than it along {_and(better) or 'no axis'}."
-    )
+    text = f"{_errors(result)}. Better than it along {_and(better) or 'no axis'}."
     if collapsed := [axis for axis, score in scores.items() if score.collapsed]:
         text += f" Predictions hardly vary along {_and(collapsed)}: it has collapsed."
     is_good = len(better) == len(scores) and not collapsed
-    return [("good" if is_good else "plain" if better else "bad", text)]
+    mark = "good" if is_good else "plain" if better else "bad"
+    return [(mark, text), *(("plain", f"{line}.") for line in _by_source(result))]
+
+
+def _by_source(result: ForceResult) -> list[str]:
+    """Errors of each source, where a mixture has several, as own and simulated forces."""
+    sources = sorted(set(result.origins[next(iter(result.readings))]))
+    return [_errors(result, source) for source in sources] if len(result.sources) > 1 else []
+
+
+def _axes(result: ForceResult, source: str | None = None) -> dict[str, AxisScore]:
+    """Scores of the axes with labels, of validation, if there is any."""
+    every = zip(AXES, result.scores(next(iter(result.readings)), source), strict=True)
+    return {axis: score for axis, score in every if score.mae == score.mae}
+
+
+def _errors(result: ForceResult, source: str | None = None) -> str:
+    """Errors of each axis beside those of the median guess, of all clips or of one source."""
+    split = next(iter(result.readings))
+    origins, scores = result.origins[split], _axes(result, source)
+    count = len(origins) if source is None else origins.count(source)
+    of = "" if source is None else f" of {source or OWN}"
+    errors = ", ".join(f"{axis} {newtons(score.mae)}" for axis, score in scores.items())
+    guesses = ", ".join(f"{axis} {newtons(score.median)}" for axis, score in scores.items())
+    return (
+        f"Force error on {count} {SPLIT_WORDS[split]} clips{of}: {errors} N; always "
+        f"guessing the median: {guesses} N"
+    )
+
+
+def result_lines(
+    findings: RunFindings | None, curves: Mapping[str, Curve], weights: Mapping[str, float]
+) -> list[str]:
+    """The result of a run in a few lines for the terminal.
+
+    Force errors beside those of the median guess, and what is explained of hidden pixels; without
+    either, how the losses went.
+    """
+    lines = []
+    if findings is not None:
+        for result in findings.forces:
+            lines += [_errors(result), *_by_source(result)] if result.readings else []
+        lines += [text.removesuffix(".") for _, text in _rebuilt(findings.explained)]
+    if lines:
+        return lines
+    splits = ("val", "train")
+    known = next(
+        (split for split in splits if any(f"{split}/{key}" in curves for key in weights)), None
+    )
+    return [] if known is None else [_fell(curves, weights, known)[1].removesuffix(".")]
 
 
 def _row(key: str, weight: float, curves: Mapping[str, Curve]) -> list[str]:

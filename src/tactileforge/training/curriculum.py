@@ -103,6 +103,34 @@ class OwnRamp:
         return self.high * factor
 
 
+def without_waiting(config: Mapping[str, Any], weights: Mapping[str, float]) -> dict[str, Any]:
+    """The curriculum without the rows of its earliest objectives, where none starts at once.
+
+    They have their weight from the first step: before, nothing would be learnt.
+
+    Args:
+        config: Configuration of the curriculum; see `from_config`.
+        weights: Largest weight of each objective.
+
+    Example:
+        >>> rows = {"force": {"start": 0.5}, "align": {"start": 0.75}}
+        >>> without_waiting({"objective": rows}, {"force": 0.1, "align": 1.0})
+        {'objective': {'align': {'start': 0.75}}}
+        >>> without_waiting({"objective": rows}, {"pixel": 1.0, "force": 0.1})["objective"].keys()
+        dict_keys(['force', 'align'])
+    """
+    rows = _rows(config)
+    used = [name for name, weight in weights.items() if weight > 0]
+    starts = [
+        _number(f"curriculum.objective.{name}", rows[name], "start", 0.0) if name in rows else 0.0
+        for name in used
+    ]
+    first = min(starts, default=0.0)
+    early = [name for name, start in zip(used, starts, strict=True) if start == first > 0]
+    kept = {name: row for name, row in rows.items() if name not in early}
+    return {**config, "objective": kept} if early else {**config}
+
+
 def from_config(
     config: Mapping[str, Any],
     weights: Mapping[str, float],

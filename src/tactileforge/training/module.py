@@ -18,7 +18,7 @@ from tactileforge.encoders.views import views_of
 from tactileforge.errors import ConfigError
 from tactileforge.plugins import moves
 from tactileforge.training import balance as balances
-from tactileforge.training.curriculum import Curriculum, from_config
+from tactileforge.training.curriculum import Curriculum, from_config, without_waiting
 from tactileforge.training.finite import FiniteWatch, NotFiniteError
 from tactileforge.training.optim import build_optimizer, set_rate
 from tactileforge.training.parts import Term, build_parts, changing, logs_of, plain, term_of
@@ -204,7 +204,8 @@ class TouchModule(L.LightningModule):
         batches = _epoch_batches(self.trainer) / self.trainer.accumulate_grad_batches
         self.epoch_steps = max(1, math.ceil(batches)) if math.isfinite(batches) else total
         own = {k: x.ramp for k, x in self.objectives.items() if isinstance(x, Ramped)}
-        self.plan = from_config(self.curriculum_config, self.weights, total, self.epoch_steps, own)
+        config = without_waiting(self.curriculum_config, self.weights)
+        self.plan = from_config(config, self.weights, total, self.epoch_steps, own)
         parts = {"encoder": self.encoder}
         parts |= {f"head.{key}": head for key, head in self.heads.items()}
         parts |= {f"objective.{key}": objective for key, objective in self.objectives.items()}

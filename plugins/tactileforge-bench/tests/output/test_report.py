@@ -18,7 +18,7 @@ METRICS = {
     "force": {"name": "rmse_sum_axes", "unit": "mN", "better": "lower"},
     "slip": {"name": "f1", "unit": "%", "better": "higher"},
 }
-VOID = {"meta", "link", "br", "img", "path", "use", "rect", "circle"}
+VOID = {"meta", "wbr", "link", "br", "img", "path", "use", "rect", "circle"}
 
 
 class Page(HTMLParser):
@@ -127,7 +127,7 @@ def test_the_page_is_one_file_with_every_table_and_picture(tmp_path: Path) -> No
     )
     assert all(cell for rows in parsed.tables.values() for row in rows for cell in row)
     assert parsed.tables["main"][1] == ["<model_0>", "300.0", "300.0", "1"]
-    assert html.count("<svg role") == 2 * 3 + 2 + 1  # forces, confusions, a loss
+    assert html.count("<svg role") == 2 + 2 * 3 + 2 + 1  # bars, forces, confusions, a loss
     assert parsed.text.count("RMSE 100 mN") == 6
     assert parsed.text.count("r 1.00") == 6
     assert "true x (N)" in parsed.text
@@ -180,7 +180,7 @@ def test_predictions_that_are_gone_or_not_finite_are_told(tmp_path: Path) -> Non
     assert parsed.text.count("no picture.") == 2
     assert "no prediction is a finite number" in parsed.text
     assert "1 of 4 predictions are no finite number" in parsed.text
-    assert html.count("<svg role") == 2 + 1 + 1
+    assert html.count("<svg role") == 2 + 2 + 1 + 1  # with the bars
 
 
 @pytest.mark.slow

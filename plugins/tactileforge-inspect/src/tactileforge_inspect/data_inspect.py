@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.cli import Command
-from tactileforge.errors import home_path
+from tactileforge.errors import TactileForgeError, home_path
 from tactileforge.pages import Shown
 from tactileforge.plugins import build, dump_yaml, write_text
 from tactileforge_inspect.guess import guess_words
@@ -30,28 +30,37 @@ class _Inspect:
 
 def _inspect(keys: _Inspect, config: dict[str, Any]) -> Shown:
     """Writes a page about a data set, to look at before training."""
-    from tactileforge.datasets import LAYOUT_FILE, recognise
+    from tactileforge.datasets import recognise
     from tactileforge_inspect.write import inspect
 
     node, out = config["data"], Path(keys.out)
     # known since `guess_words` looked at the path
     doubts = recognise(home_path(keys.path))[0][1].doubts if keys.path else ()
-    data = build("datasets", node, "data")
-    found = inspect(data, node["name"], out, keys.recordings, doubts=doubts)
+    kept = _keep(keys, node, out) if keys.path else []
+    try:
+        data = build("datasets", node, "data")
+        found = inspect(data, node["name"], out, keys.recordings, doubts=doubts)
+    except TactileForgeError:
+        print("\n".join(kept))
+        raise
     print(found)
-    shown = Shown(out, out, value=found)
-    print(f"page: {keys.out}")
-    if not keys.path:
-        return shown
-    # the options of the guess are kept: as a layout file, or as an option of the group ``data``
+    print("\n".join([f"page: {keys.out}", *kept]))
+    return Shown(out, out, value=found)
+
+
+def _keep(keys: _Inspect, node: dict[str, Any], out: Path) -> list[str]:
+    """Keeps the options of a guess before these are tried, to be corrected; returns how to."""
+    from tactileforge.datasets import LAYOUT_FILE
+
+    # as a layout file, or as an option of the group ``data``
     kept = out.with_suffix(".yaml")
     layouts = node.get("layouts") if node["name"] == "recordings" else None
     write_text(kept, dump_yaml({"layouts": layouts} if layouts else node))
     if layouts:
-        print(f"layout: {kept}; correct it, and keep it as {Path(keys.path) / LAYOUT_FILE}")
-    elif node["name"] != "recordings":
-        print(f"options: {kept}; keep it as DIR/data/NAME.yaml, for --config-dir DIR data=NAME")
-    return shown
+        return [f"layout: {kept}; correct it, and keep it as {Path(keys.path or '') / LAYOUT_FILE}"]
+    if node["name"] == "recordings":
+        return []
+    return [f"options: {kept}; keep it as DIR/data/NAME.yaml, for --config-dir DIR data=NAME"]
 
 
 COMMANDS = {

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tactileforge.contracts import Dataset
 from tactileforge.errors import ConfigError
-from tactileforge.pages import html_page
+from tactileforge.pages import html_page, next_commands
 from tactileforge.plugins import write_text
 from tactileforge_inspect import issues, sections
 from tactileforge_inspect.findings import InspectionFindings
@@ -54,8 +54,22 @@ def inspect(
         sections.label_histograms(contents),
         issues.duplicates_section(contents),
         issues.suspicious_section(contents),
+        next_commands(_next(name)),
     ]
     write_text(
         path, html_page(f"Data set {name}", issues.top_section(name, contents, doubts), parts)
     )
     return contents.findings
+
+
+def _next(name: str) -> list[tuple[str, str]]:
+    """Commands that go on from a data set."""
+    root = "" if name == "sim" else " data.root=DIR"
+    return [
+        (f"tactileforge data check data={name}{root}", "the same checks as lines, for a script"),
+        (
+            f"tactileforge data pack data={name}{root} out=packed",
+            "pack it into shards, read faster",
+        ),
+        (f"tactileforge train data={name}{root} scale=demo", "train a small encoder on it"),
+    ]

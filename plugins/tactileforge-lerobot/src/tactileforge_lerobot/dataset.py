@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from tactileforge.contracts import Guess, Recording
 from tactileforge.errors import ConfigError, DataError, home_path, unknown
-from tactileforge.reading import add_once, is_held_out
+from tactileforge.reading import add_once, held_out_names
 from tactileforge_lerobot.drawn import Drawing
 from tactileforge_lerobot.features import Chosen, written_camera
 from tactileforge_lerobot.read import LeRobotFolder
@@ -170,9 +170,12 @@ class LeRobot:
         failed: list[DataError] = []
         broken: list[DataError] = []
         opened = 0
+        held = held_out_names(
+            (unit for folder in self.folders for unit in self._units(folder)), self.val
+        )
         for folder in self.folders:
             try:
-                for recording in self._recordings(folder, split, failed):
+                for recording in self._recordings(folder, split, failed, held):
                     opened += 1
                     yield recording
             except DataError as error:
@@ -183,15 +186,20 @@ class LeRobot:
         if not opened and (failed or len(broken) == len(self.folders)):
             raise (failed or broken)[-1]
 
+    def _units(self, folder: LeRobotFolder) -> list[str]:
+        """Name by which each episode is held out."""
+        name = folder.name
+        count = len(folder.episodes)
+        return [name] * count if self.reading.objects else [f"{name}/{i}" for i in range(count)]
+
     def _recordings(
-        self, folder: LeRobotFolder, split: str, failed: list[DataError]
+        self, folder: LeRobotFolder, split: str, failed: list[DataError], held: frozenset[str]
     ) -> Iterator[Recording]:
         """Yields the recordings of a split of one data set."""
         features = self.chosen.of(folder)
         camera = folder.known(self.camera, "data.camera") if self.camera else written_camera(folder)
-        for number in range(len(folder.episodes)):
-            unit = folder.name if self.reading.objects else f"{folder.name}/{number}"
-            if (split == "val") != is_held_out(unit, self.val):
+        for number, unit in enumerate(self._units(folder)):
+            if (split == "val") != (unit in held):
                 continue
             for touch in features:
                 try:

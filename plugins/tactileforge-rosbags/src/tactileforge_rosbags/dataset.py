@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tactileforge.contracts import Guess, Recording
 from tactileforge.errors import ConfigError, DataError, check_names, home_path, unknown
-from tactileforge.reading import add_once, check_data_licence, is_held_out
+from tactileforge.reading import add_once, check_data_licence, held_out_names
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -139,8 +139,9 @@ class Rosbags:
         keys, opened = self.keys, False
         bags = [*find_bags(self.root)]
         check_names("bag of `intervals`", keys.intervals, {bag.name for bag in bags})
+        held = held_out_names([bag.name for bag in bags], self.val)
         for bag in bags:
-            if ("val" if is_held_out(bag.name, self.val) else "train") != split:
+            if ("val" if bag.name in held else "train") != split:
                 continue
             try:
                 for recording in BagFile(

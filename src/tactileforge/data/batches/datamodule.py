@@ -197,11 +197,7 @@ class TouchData(L.LightningDataModule):
         if validation:
             self.val = self._clips(validation)
         else:
-            share = (
-                " (data.val= is the share; a hash of each name draws: of a few, none may be drawn)"
-                if self._has_share
-                else ""
-            )
+            share = " (data.val= is the share of names that is held out)" if self._has_share else ""
             log.warning("no recording is held out: nothing is validated%s", share)
 
     def check(self, needs: Mapping[str, frozenset[str]]) -> None:

@@ -14,6 +14,8 @@ _LEAST_SHARED = 8
 #: Smallest gap in time, as a multiple of the usual step: one lost frame makes a step of 2, and is
 #: none. No clip is cut across a gap, and nothing is interpolated.
 LARGEST_GAP = 2.5
+#: Largest difference of the correlations of two shifts that fit alike.
+_ALIKE = 0.03
 #: Smallest spread of a moving signal, as a share of its size; below it is rounding.
 _STILL = 1e-6
 
@@ -34,6 +36,23 @@ class Lag:
     correlation: float
     prominence: float
     unshifted: float
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Where two clocks meet, by the contacts that both saw.
+
+    Attributes:
+        seconds: Seconds to add to the times of forces; NaN for signals without motion.
+        correlation: Correlation of force and images there, -1 to 1; NaN without motion.
+        prominence: Smallest fall of the correlation on both sides, see `Lag`.
+        other: Seconds of another shift that fits about as well, as of equal presses; NaN for none.
+    """
+
+    seconds: float = np.nan
+    correlation: float = np.nan
+    prominence: float = np.nan
+    other: float = np.nan
 
 
 def nearest(times: ArrayLike, at: ArrayLike) -> NDArray[np.int64]:
@@ -125,6 +144,60 @@ def estimate_lag(
     return Lag(float(seconds), float(correlations[best]), float(fall), float(correlations[most]))
 
 
+def meeting(
+    rows: NDArray[np.float64],
+    size: NDArray[np.floating],
+    times: NDArray[np.float64],
+    change: NDArray[np.floating],
+) -> Meeting:
+    """Find where the clock of forces meets that of images, by the contacts that both saw.
+
+    Every shift is tried at which the two share at least half of the shorter one; of shifts that fit
+    about alike, the one nearest to a common start is taken.
+
+    Args:
+        rows: float64 (n,), times of forces, s, ascending.
+        size: float (n,), size of the force, N.
+        times: float64 (T,), times of frames, s, ascending.
+        change: float (T,), difference of each frame from the background.
+
+    Example:
+        >>> rows, times = np.arange(0, 4, 0.01), np.arange(0, 3, 0.04)
+        >>> press = np.exp(-((rows - 2.0) ** 2) / 0.05)
+        >>> seen = np.exp(-((times - 1.5) ** 2) / 0.05)
+        >>> round(meeting(rows, press, times, seen).seconds, 2)
+        -0.5
+    """
+    if min(len(rows), len(times)) < _LEAST_SHARED:
+        return Meeting()
+    period = float(np.median(np.diff(times)))
+    signals = [
+        _interpolate(np.arange(clock[0], clock[-1] + period / 2, period), clock, values)
+        for clock, values in ((rows, size), (times, change))
+    ]
+    shared = max(_LEAST_SHARED, min(map(len, signals)) // 2)
+    shifts = np.arange(shared - len(signals[0]), len(signals[1]) - shared + 1)
+    # on one axis, NaN where one has nothing: `_correlation` leaves these out
+    most = max(map(len, signals))
+    pressed, seen = (np.pad(x, (0, most - len(x)), constant_values=np.nan) for x in signals)
+    fits = np.array([_correlation(pressed, seen, shift, shared) for shift in shifts.tolist()])
+    if not np.isfinite(fits).any():
+        return Meeting()
+    fits = np.where(np.isfinite(fits), fits, -1.0)
+    inner = np.pad(fits, 1, constant_values=-1.0)
+    peaks = np.flatnonzero((fits >= inner[:-2]) & (fits >= inner[2:]))
+    alike = peaks[fits[peaks] >= fits.max() - _ALIKE]
+    alike = alike[np.argsort(np.abs(shifts[alike]), kind="stable")]
+    offsets = [
+        float((shifts[peak] + _vertex(fits, peak)) * period + times[0] - rows[0])
+        for peak in alike.tolist()
+    ]
+    best = int(alike[0])
+    fall = fits[best] - max(float(side.min()) for side in (fits[: best + 1], fits[best:]))
+    far = [one for one in offsets[1:] if abs(one - offsets[0]) > LARGEST_GAP * period]
+    return Meeting(offsets[0], float(fits[best]), float(fall), far[0] if far else np.nan)
+
+
 _NO_LAG = Lag(np.nan, np.nan, np.nan, np.nan)
 
 
@@ -168,13 +241,18 @@ def _interpolate(
     return out
 
 
-def _correlation(pressed: NDArray[np.float64], seen: NDArray[np.float64], shift: int) -> float:
+def _correlation(
+    pressed: NDArray[np.float64],
+    seen: NDArray[np.float64],
+    shift: int,
+    least: int = _LEAST_SHARED,
+) -> float:
     """Correlation of force and images ``shift`` ticks later; NaN if either is constant."""
     count = len(pressed) - abs(shift)
     a = pressed[max(0, -shift) :][:count]
     b = seen[max(0, shift) :][:count]
     both = np.isfinite(a) & np.isfinite(b)
-    if both.sum() < _LEAST_SHARED:
+    if both.sum() < least:
         return float("nan")
     a, b = a[both], b[both]
     if a.std() <= _STILL * np.abs(a).max() or b.std() <= _STILL * np.abs(b).max():

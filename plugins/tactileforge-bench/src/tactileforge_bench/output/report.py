@@ -11,10 +11,14 @@ from markupsafe import Markup
 
 from tactileforge.pages import (
     Section,
+    bars_figure,
     details,
     facts,
     html_page,
     joined,
+    next_commands,
+    panel,
+    panels,
     paragraph,
     preformatted,
     verdict,
@@ -27,6 +31,9 @@ from tactileforge_bench.output.render import render_html
 from tactileforge_bench.results.intervals import difference_interval
 from tactileforge_bench.results.results import Results
 from tactileforge_bench.results.scores import Scores, edge_rates, titles
+
+#: Largest number of tasks drawn as bars.
+_DRAWN = 12
 
 
 def bench_page(
@@ -47,6 +54,7 @@ def bench_page(
     """
     grid = comparison_tables.main_table(results, scores)
     body = render_html(grid) if grid else paragraph("There is no model, or no task.")
+    body = _bars(results, scores) + body
     parts = [Section("models", "Models", body)]
     for name, title, grid in (
         ("gate", "Release gate", gate),
@@ -69,8 +77,45 @@ def bench_page(
         theirs += details(f"{every.title}: all of the zoo", render_html(every))
     if theirs:
         parts.append(Section("theirs", "Published", theirs))
-    parts.append(_about(results))
+    parts += [_about(results), next_commands(_next(results))]
     return html_page(f"Touch encoders compared: {results.suite}", _top(results, scores), parts)
+
+
+def _bars(results: Results, scores: Scores) -> Markup:
+    """The main metric of each task as bars with intervals, of two models or more."""
+    names, drawn = titles(results), []
+    for task in results.tasks[:_DRAWN]:
+        bars = [
+            (names[model.name], interval.mean, interval.half)
+            for model in comparison_tables.main_models(results)
+            for score in scores.get((task.name, model.name), [])[:1]
+            if (interval := score.interval())
+        ]
+        if len(bars) < 2:
+            continue
+        metric = task.metric()
+        label = " ".join(filter(None, (metric.name, f"({metric.unit})" * bool(metric.unit))))
+        drawn.append(panel(task.title, bars_figure(f"{label}, {metric.better} is better", bars)))
+    if not drawn:
+        return Markup()
+    note = "Bars are means over the seeds, lines their intervals of 95 %; one seed has none."
+    return paragraph(note, soft=True) + panels(drawn, wide=True)
+
+
+def _next(results: Results) -> list[tuple[str, str]]:
+    """Commands that go on from a bench."""
+    model = results.models[0].name if results.models else "MODEL"
+    return [
+        (
+            f"tactileforge bench suite={results.suite} model=[{model},run:RUN]",
+            "compare another model, or a run of yours, in the same way",
+        ),
+        (f"tactileforge zoo show {model}", "what a model learned from, its licence and its limits"),
+        (
+            f"tactileforge export model={model} format=onnx",
+            "one file that runs without this package",
+        ),
+    ]
 
 
 def _top(results: Results, scores: Scores) -> Markup:
