@@ -95,9 +95,10 @@ def test_a_table_of_forces_of_single_images_and_a_background(tmp_path: Path) -> 
 
     (tmp_path / "forces.csv").write_text("\n".join(rows).replace(",", ";") + "\n")
     (tmp_path / "notes.csv").write_text("day,weather\n1,rain\n")
-    doubts = guess_layout(tmp_path).doubts
-    (line,) = [doubt for doubt in doubts if "left out" in doubt]
-    assert line.startswith("labels: forces.csv and 1 more are left out, since no force and no name")
+    guess = guess_layout(tmp_path)
+    (line,) = [doubt for doubt in guess.doubts if "left out" in doubt]
+    assert line.startswith("labels: notes.csv is left out, since no force and no name")
+    assert sorted(touch.force[0, 2] for touch in read(tmp_path, guess)) == list(range(6))
 
 
 def test_the_command_reads_keeps_and_says_what_is_doubtful(

@@ -38,9 +38,11 @@ from tactileforge.reading.published import label_runs as label_runs
 from tactileforge.reading.published import median_frames as median_frames
 from tactileforge.reading.published import still_background as still_background
 from tactileforge.reading.reader import LayoutReader as LayoutReader
+from tactileforge.reading.records import flat as flat
 from tactileforge.reading.regular import open_regular as open_regular
 from tactileforge.reading.regular import read_regular as read_regular
 from tactileforge.reading.regular import stays_inside as stays_inside
+from tactileforge.reading.sheets import rows_of_arrays as rows_of_arrays
 from tactileforge.reading.splits import check_share as check_share
 from tactileforge.reading.splits import check_split as check_split
 from tactileforge.reading.splits import is_held_out as is_held_out

@@ -26,7 +26,7 @@ from tactileforge.reading.guessed_tables import (
 from tactileforge.reading.linked import matches
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_keys, name_prefix
-from tactileforge.reading.records import RECORDS, conversion
+from tactileforge.reading.records import RECORDS, conversion, sheets
 from tactileforge.reading.series import series_of
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.table_families import SIDES, Units, families, is_for_all, templates
@@ -42,8 +42,10 @@ _COMPARED, _SMOOTH = 24, 0.6
 #: Frames per second where nothing tells them: the usual rate of the cameras in such sensors.
 ASSUMED_FPS = 30
 _BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
-#: Endings of tables that are read, and of files of labels that have to be converted.
-_TABLES = frozenset({".csv"}) | RECORDS
+#: Endings of tables that may be notes as well.
+_NOTES = frozenset({".txt", ".dat"})
+#: Endings of tables that are read.
+_TABLES = frozenset({".csv", ".tsv"}) | _NOTES | RECORDS
 #: Largest number of arrays whose headers are read.
 _MOST_ARRAYS = 500
 
@@ -74,9 +76,15 @@ def guess_layout(root: Path) -> Guess | None:
             root, folder, own, files, told, read
         )
         doubts += [f"{folder}: {line}" if folder else line for line in told]
-    labels = [path for path in files if path.suffix.lower() in _TABLES or conversion(path)]
+    labels = [
+        path for path in files if path.suffix.lower() in _TABLES | sheets() or conversion(path)
+    ]
     seen = {*read, *media}
-    unread = [path for path in labels if path not in seen and path.suffix not in (".yaml", ".yml")]
+    unread = [
+        path
+        for path in labels
+        if path not in seen and path.suffix not in (".yaml", ".yml", *_NOTES)
+    ]
     doubts += left_out([path for path in unread if not any(path.name in x for x in doubts)], root)
     (layout, *_) = layouts.values()
     kind = "videos" if "videos" in layout else f"images, each {layout['each']} a recording"
@@ -112,7 +120,7 @@ def _layout(
     layout |= _sensor(root, folder, media, doubts)
     units = _units(root, media, layout)
     frames = {*media}
-    tables = [path for path in _of(files, _TABLES) if path not in frames]
+    tables = [path for path in _of(files, _TABLES | sheets()) if path not in frames]
     # those of the folder first
     tables.sort(key=lambda path: folder not in path.relative_to(root).parts)
     found = families(tables, units)

@@ -23,7 +23,7 @@ _BEFORE = r"(?:\S*[./])?"
 _FORCES = {
     axis: re.compile(
         rf"{_BEFORE}(?:(?:forces?|f)[_ .]?{axis}\b.*|{axis}[_ .]?force\b.*"
-        rf"|(?:forces?|wrench|ft)[_.]{place})"
+        rf"|(?:forces?|wrench(?:es)?|ft|f|fxyz|force_?torques?)(?:_\w+)?[_.]{place})"
     )
     for place, axis in enumerate("xyz")
 }
@@ -122,6 +122,11 @@ def guess_force(
             doubts.append(f"force: {family.files[0].name} has it in {said}, left out")
             return {}, [family]
         (unit,) = stated_units
+        if family.is_numbered and family.files[0].suffix.lower() != ".npy":
+            doubts.append(
+                f"force: {family.template} has no names of columns; x, y and z are taken to be "
+                f"{', '.join(str(name) for name in columns if name)}"
+            )
         table = {"file": family.template, "columns": columns, **clock}
         table |= {} if unit == "N" else {"force_unit": unit}
         said = "newton" if unit == "N" else unit
@@ -129,26 +134,61 @@ def guess_force(
             f"force: taken for {said}, x right, y down, z into the gel, pressing positive"
         )
         return {"force": table}, [family]
+    for family in found:
+        lead = _lead(family)
+        columns = _numbered_forces(family) if lead else []
+        if lead and columns[2] and is_for_all(family, units) and not family.key:
+            said = f"frame: {lead!r}" if _counts(family, lead) else f"time: {lead!r}"
+            doubts.append(
+                f"force: {family.template} has no names of columns, and a name that tells no "
+                f"forces; if it has some: force: {{file: {family.template!r}, {said}, "
+                f"columns: {columns}}}"
+            )
+            break
     return {}, []
 
 
 def _force_columns(family: Family) -> list[str | None]:
-    if family.files[0].suffix.lower() == ".npy":
-        width = len(family.rows[0])
-        if not _FORCE_STEM.fullmatch(family.files[0].stem.lower()) or "0" not in family.rows[0]:
-            return [None] * 3
-        return ["0", "1", "2"] if width >= 3 else [None, None, "0"]
-    return [family.column(_FORCES[axis]) for axis in "xyz"]
+    if not family.is_numbered:
+        return [family.column(_FORCES[axis]) for axis in "xyz"]
+    if not _FORCE_STEM.fullmatch(family.files[0].stem.lower()):
+        return [None] * 3
+    return _numbered_forces(family)
+
+
+def _numbered_forces(family: Family) -> list[str | None]:
+    """Columns of forces in a table without names: behind a time, number or name, alone or first."""
+    columns = [name for name in family.rows[0] if name != family.key]
+    rest = columns[1:] if _lead(family) else columns
+    return [*rest[:3]] if len(rest) >= 3 else [None, None, rest[0]] if rest else [None] * 3
+
+
+def _lead(family: Family) -> str:
+    """The first column of a table without names, where it rises before others; "" for none."""
+    columns = [name for name in family.rows[0] if name != family.key]
+    # three or six columns are forces, with or without torques
+    if not family.is_numbered or len(columns) in (1, 3, 6):
+        return ""
+    values = _numbers(family, columns[0])
+    return columns[0] if len(values) > 1 and (np.diff(values) > 0).all() else ""
 
 
 def _time_column(family: Family) -> str | None:
-    path = family.files[0]
-    if path.suffix.lower() == ".npy":
-        is_times = _TIME_STEM.fullmatch(path.stem.lower()) and list(family.rows[0]) == ["0"]
-        return "0" if is_times else None
+    if family.is_numbered:
+        is_times = _TIME_STEM.fullmatch(family.files[0].stem.lower())
+        if is_times and list(family.rows[0]) == ["0"]:
+            return "0"
+        lead = _lead(family)
+        return lead if lead and not _counts(family, lead) else None
     names = [name for name in family.rows[0] if _TIME.fullmatch(name.strip().lower())]
     # the stamp of a message before the time at which it was received
     return next((name for name in names if "stamp" in name.lower()), names[0] if names else None)
+
+
+def _counts(family: Family, column: str) -> bool:
+    """Whether a column counts rows by 1."""
+    values = _numbers(family, column)
+    return bool(len(values) > 1 and values[0] in (0, 1) and (np.diff(values) == 1).all())
 
 
 def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | None:
@@ -158,6 +198,8 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
     if units.each == "touch":
         return {} if len(family.rows) == 1 else None
     frame, time = family.column(_FRAME), _time_column(family)
+    if (lead := _lead(family)) and not time:
+        frame = lead
     per_frame = len(family.rows) == units.count
     if frame and (per_frame or time is None):
         return {"frame": frame}
@@ -290,7 +332,7 @@ def left_out(unread: Iterable[Path], root: Path) -> list[str]:
             continue
         lines.append(
             f"labels: {first}{more} left out, since no force and no name of an object was seen; "
-            "give force: or labels: of the layout, if it has some (commas, decimals with points)"
+            "give force: or labels: of the layout, if it has some"
         )
     return lines
 
