@@ -47,7 +47,7 @@ COLUMNS = {"time": TIMES, **dict(zip(("fx", "fy", "fz"), zip(*FORCES, strict=Tru
 
 
 def npz(folder: Path) -> None:
-    np.savez(folder / "ft.npz", force=np.float32(FORCES), timestamps=TIMES)
+    np.savez(folder / "ft.npz", force=np.array(FORCES, np.float32), timestamps=TIMES)
 
 
 def mat(folder: Path) -> None:
@@ -167,7 +167,7 @@ def test_forces_of_a_table(write: Write, tmp_path: Path) -> None:
     assert len(found) == 2
     assert not data.skipped
     for one in found:
-        np.testing.assert_array_equal(one.force, np.float32(FORCES))
+        np.testing.assert_array_equal(one.force, np.array(FORCES, np.float32))
         np.testing.assert_allclose(one.times, TIMES, atol=1e-5)
 
 

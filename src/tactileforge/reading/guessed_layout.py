@@ -17,6 +17,7 @@ from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.frames.stacks import is_stack, open_film
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.guessed_tables import (
+    guess_apart,
     guess_force,
     guess_labels,
     guess_shared,
@@ -131,10 +132,24 @@ def _layout(
         doubts += told
         layout |= shared
         units = _units(root, media, layout)
-    times, is_dated = guess_times(found, units, doubts)
+    told = []
+    apart, of_apart = ({}, []) if "recording" in layout else guess_apart(found, units, told)
+    if apart:
+        doubts[:] = [line for line in doubts if not line.startswith("each:")] + told
+        layout |= apart
+        if "each" in apart:
+            for key in ("fps", "times"):
+                layout.pop(key, None)
+            doubts[:] = [line for line in doubts if not line.startswith("fps:")]
+        units = _units(root, media, layout)
+        found = [*of_apart, *(family for family in found if family not in of_apart)]
+    column = str(apart.get("recording", "")).strip("{}")
+    times, is_dated = guess_times(found, units, doubts, column)
     units = replace(units, is_dated=is_dated)
     force, of_force = guess_force(found, units, doubts)
-    labels, of_labels = guess_labels(found, units, doubts)
+    labels, of_labels = guess_labels(of_apart or found, units, doubts)
+    if column:
+        labels = {"labels": {"file": of_apart[0].template, "key": of_apart[0].key}} | labels
     if times:
         layout.pop("fps", None)
         doubts[:] = [line for line in doubts if not line.startswith("fps:")]
@@ -150,7 +165,7 @@ def _layout(
     read |= {
         path
         for family in found
-        if family in (*of_force, *of_labels, *of_shared) or family.template in used
+        if family in (*of_force, *of_labels, *of_shared, *of_apart) or family.template in used
         for path in family.files
     }
     return layout
@@ -163,6 +178,8 @@ def _units(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Unit
         unit = path.parent if each == "sequence" else path
         files.setdefault(unit.relative_to(root).parts, []).append(path)
     first = next(iter(files.values()))
+    if layout.get("recording") == "{prefix}":
+        first = [path for path in first if name_prefix(path.stem) == name_prefix(first[0].stem)]
     frames = _open(first[0]) if each == "video" else None
     count = len(frames) if frames is not None else len(first)
     own = getattr(frames, "times", None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import ConfigError
+from tactileforge.reading.label_rows import ends_of
 from tactileforge.reading.records import RECORDS, conversion
+from tactileforge.reading.series import series_of
 from tactileforge.reading.table_families import Family, Units, is_for_all
 from tactileforge.specs.published import spec
 
@@ -35,6 +37,10 @@ _TIME = re.compile(
 _TIME_UNIT = re.compile(r"[_ (\[]([mun]s)[)\]]?$")
 _FRAME = re.compile(r"frame(?:_?(?:i?d?x?|number|no|count))?|index")
 _OBJECT = re.compile(r"object(?:_name)?|label|class|name|material|item")
+_EPISODE = re.compile(
+    r"(?:episode|trial|sequence|seq|recording|take|video|touch|clip|grasp|press)"
+    r"(?:_?(?:id|index|idx|number|no|name))?"
+)
 _SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
 _FPS = re.compile(r"(?:camera[_.])?(?:fps|frame_?rate|frames_per_second|rate_hz|hz)")
 _TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
@@ -47,8 +53,64 @@ _AS_LONG = 2.5
 _SLOW = 2.0
 
 
-def guess_times(
+def guess_apart(
     found: Sequence[Family], units: Units, doubts: list[str]
+) -> tuple[dict[str, Any], list[Family]]:
+    """Guess what tells images of one folder apart, where a table names several in it.
+
+    Args:
+        found: Families of tables.
+        units: The recordings, each a folder.
+        doubts: Lines, added to.
+
+    Returns:
+        Keys of the layout, ``recording`` or ``each``; {} where folders are recordings. And the
+        family of tables that says so.
+    """
+    keyed = [one for one in found if one.key and "*" not in one.template]
+    if units.each != "sequence" or not keyed:
+        return {}, []
+    place = _series_by_name(units)
+    for family in keyed:
+        rows: dict[str, list[Mapping[str, str]]] = {}
+        for row in family.rows:
+            if at := place.get(row[str(family.key)].replace("\\", "/").removeprefix("./")):
+                rows.setdefault(at, []).append(row)
+        episode = family.column(_EPISODE)
+        if episode == family.key or not episode:
+            episode = None
+        if episode and any(len({row[episode] for row in own}) > 1 for own in rows.values()):
+            doubts.append(f"recording: images are told apart by {episode} of {family.template}")
+            return {"recording": f"{{{episode}}}"}, [family]
+        for column in map(family.column, (_OBJECT, _TEXT, _SENSOR)):
+            if not column or column == family.key:
+                continue
+            if any(len({row[column] for row in own} - {""}) > 1 for own in rows.values()):
+                doubts.append(
+                    f"each: {column} of {family.template} differs within a folder and no column "
+                    f"tells recordings apart, so each image is taken for a touch of its own; if "
+                    f"those of one {column} are a recording: each: sequence, recording: "
+                    f"'{{{column}}}'"
+                )
+                return {"each": "touch"}, [family]
+    return {}, []
+
+
+def _series_by_name(units: Units) -> dict[str, str]:
+    """The series of each image, by its path or the end of its path; "" where several have it."""
+    out: dict[str, str] = {}
+    for unit, paths in units.files.items():
+        for series, images in series_of(paths).items():
+            name = "/".join((*unit, series))
+            for path in images:
+                whole = path.relative_to(units.root).as_posix()
+                for end in {whole, *ends_of(whole)}:
+                    out[end] = name if out.get(end, name) == name else ""
+    return out
+
+
+def guess_times(
+    found: Sequence[Family], units: Units, doubts: list[str], apart: str = ""
 ) -> tuple[dict[str, Any], bool]:
     """Guess the key of the times of frames, and whether these are since 1970.
 
@@ -56,6 +118,7 @@ def guess_times(
         found: Families of tables.
         units: The recordings.
         doubts: Lines, added to.
+        apart: Column that tells the recordings of one folder apart; "" for none.
     """
     usable = []
     for family in found:
@@ -64,6 +127,9 @@ def guess_times(
         if column is None or not is_for_all(family, units) or units.each == "touch":
             continue
         values = _numbers(family, column)
+        if apart and apart in family.rows[0] and len(values):
+            first = family.rows[0][apart]
+            values = values[[row[apart] == first for row in family.rows]]
         if len(values) < 2 or not (np.diff(values) > 0).all():
             continue
         if units.is_timed and (units.is_dated or not date_unit(values)):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.labels.clock import UNITS, date_unit, misfit
+from tactileforge.data.labels.clock import UNITS, date_unit, misfit, seconds_since
 from tactileforge.errors import DataError
 from tactileforge.reading.layout_keys import FrameTable
 
@@ -16,9 +17,9 @@ from tactileforge.reading.layout_keys import FrameTable
 def on_frames(
     table: FrameTable,
     path: Path,
-    rows: NDArray[np.float64],
+    exact: Sequence[Decimal],
     times: NDArray[np.float64],
-    start: float | None = None,
+    start: Decimal | None = None,
     note: Callable[[str], None] = lambda line: None,
 ) -> NDArray[np.float64]:
     """Times of a table's rows, in seconds since the first frame.
@@ -26,7 +27,7 @@ def on_frames(
     Args:
         table: Column of the times, and their unit.
         path: Path of the CSV.
-        rows: float64 (n,), times in the CSV, ascending, in its unit.
+        exact: Times in the CSV, ascending, in its unit.
         times: float64 (T,), times of the frames, s.
         start: Time of the first frame, seconds since 1970, for rows with dates; None if unknown.
         note: Callback for plausible rows that leave most frames without a label.
@@ -35,11 +36,12 @@ def on_frames(
         DataError: The rows do not fit the frames; names a fitting unit or rate.
     """
     assert table.time is not None
+    rows = np.array([float(row) for row in exact])
     date = date_unit(rows)
     seconds = rows * UNITS[table.unit or "s"]
     # rows with dates can be compared with the frames only by the date of the first frame
     if date and start is not None:
-        seconds = rows * UNITS[table.unit or date] - start
+        seconds = seconds_since(exact, start, table.unit or date)
     found = misfit(seconds, times, table.partial)
     if found is None:
         return seconds

@@ -6,6 +6,7 @@ import csv
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from decimal import Decimal
 from pathlib import Path
 from typing import TypeAlias
 
@@ -31,7 +32,7 @@ Row: TypeAlias = tuple[str, dict[str, str]]
 #: Function from a table, its path, its row times and the frames' times to row times on the frames'
 #: clock.
 Fit: TypeAlias = Callable[
-    [FrameTable, Path, NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]
+    [FrameTable, Path, Sequence[Decimal], NDArray[np.float64]], NDArray[np.float64]
 ]
 
 
@@ -69,9 +70,9 @@ def read_force(
         )
     if table.time is not None:
         clock, measured = _on_a_clock(table, path, sensor)
-        clock = fit(table, path, clock, times)
+        at = fit(table, path, clock, times)
         # images are late: what a frame shows was felt lag_s before it
-        return resample(times - table.lag_s, clock, measured).astype(np.float32)
+        return resample(times - table.lag_s, at, measured).astype(np.float32)
     force = np.full((len(times), 3), np.nan)
     for frame, where, cells in _per_frame(table, path, len(times), images):
         force[frame] = _force(table, where, cells, sensor)
@@ -80,17 +81,18 @@ def read_force(
 
 def _on_a_clock(
     table: FrameTable, path: Path, sensor: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Seconds (n,) and forces (n, 3) of the rows of a CSV."""
+) -> tuple[list[Decimal], NDArray[np.float64]]:
+    """Times and forces (n, 3) of the rows of a CSV."""
     assert table.time is not None
     named = [name for name in table.columns if name]
-    clock: list[float] = []
+    clock: list[Decimal] = []
     forces = []
     rows = read_cells(path, [*named, table.time])
     part = part_of_second(table.time, rows)
     for where, cells in rows:
-        now = _number(cells[table.time], f"{where}, column {table.time!r}") + part(cells)
-        if math.isnan(now) or (clock and now <= clock[-1]):
+        found = _number(cells[table.time], f"{where}, column {table.time!r}")
+        now = Decimal(0 if math.isnan(found) else cells[table.time]) + part(cells)
+        if math.isnan(found) or (clock and now <= clock[-1]):
             raise DataError(
                 f"{where}: the time {cells[table.time]!r} is not after that of the row before; "
                 "sort the rows by time"
@@ -99,7 +101,7 @@ def _on_a_clock(
         forces.append(_force(table, where, cells, sensor))
     if not clock:
         raise DataError(f"{path}: no row; add the forces, or remove the recording")
-    return np.array(clock), np.stack(forces)
+    return clock, np.stack(forces)
 
 
 def _force(
