@@ -14,6 +14,8 @@ from tactileforge.reading.files import read_rows as read_rows
 from tactileforge.reading.files import read_text as read_text
 from tactileforge.reading.guessed_layout import ASSUMED_FPS as ASSUMED_FPS
 from tactileforge.reading.guessed_layout import guess_sensor as guess_sensor
+from tactileforge.reading.guessed_tables import NamedColumns as NamedColumns
+from tactileforge.reading.guessed_tables import named_columns as named_columns
 from tactileforge.reading.layout import DatasetLayout as DatasetLayout
 from tactileforge.reading.layout import as_texts as as_texts
 from tactileforge.reading.layout import check_action as check_action
@@ -43,6 +45,7 @@ from tactileforge.reading.regular import open_regular as open_regular
 from tactileforge.reading.regular import read_regular as read_regular
 from tactileforge.reading.regular import stays_inside as stays_inside
 from tactileforge.reading.sheets import rows_of_arrays as rows_of_arrays
+from tactileforge.reading.splits import SPLIT_OF_FOLDER as SPLIT_OF_FOLDER
 from tactileforge.reading.splits import check_share as check_share
 from tactileforge.reading.splits import check_split as check_split
 from tactileforge.reading.splits import is_held_out as is_held_out

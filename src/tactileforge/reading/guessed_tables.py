@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,52 @@ _TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
 _AS_LONG = 2.5
 #: Largest plausible step of frames, s.
 _SLOW = 2.0
+
+
+@dataclass(frozen=True)
+class NamedColumns:
+    """Columns of a table by what their names say; None for none.
+
+    Attributes:
+        force: Columns of x, y and z.
+        times: Column of times.
+        time_unit: Unit in the name of that column; "" for none.
+        recording: Column that tells recordings apart.
+        object: Column of the touched object.
+        text: Column of captions.
+        sensor: Column of the type of the sensor.
+    """
+
+    force: tuple[str | None, str | None, str | None]
+    times: str | None
+    time_unit: str
+    recording: str | None
+    object: str | None
+    text: str | None
+    sensor: str | None
+
+
+def named_columns(header: Sequence[str]) -> NamedColumns:
+    """What the names of columns say.
+
+    Args:
+        header: Names; values within others have a point, ``force.0``.
+
+    Example:
+        >>> found = named_columns(["episode_index", "t_ms", "force.0", "force.1", "force.2"])
+        >>> found.recording, found.times, found.time_unit, found.force
+        ('episode_index', 't_ms', 'ms', ('force.0', 'force.1', 'force.2'))
+    """
+    family = Family("", (), rows=[dict.fromkeys(header, "")])
+    x, y, z = (family.column(_FORCES[axis]) for axis in "xyz")
+    times = _time_column(family, "")
+    unit = _TIME_UNIT.search((times or "").lower())
+    return NamedColumns(
+        (x, y, z),
+        times,
+        unit[1] if unit else "",
+        *map(family.column, (_EPISODE, _OBJECT, _TEXT, _SENSOR)),
+    )
 
 
 def guess_apart(
@@ -239,9 +286,10 @@ def _lead(family: Family) -> str:
     return columns[0] if len(values) > 1 and (np.diff(values) > 0).all() else ""
 
 
-def _time_column(family: Family) -> str | None:
+def _time_column(family: Family, stem: str | None = None) -> str | None:
     if family.is_numbered:
-        is_times = _TIME_STEM.fullmatch(family.files[0].stem.lower())
+        stem = family.files[0].stem if stem is None else stem
+        is_times = _TIME_STEM.fullmatch(stem.lower())
         if is_times and list(family.rows[0]) == ["0"]:
             return "0"
         lead = _lead(family)
