@@ -336,7 +336,8 @@ def test_labels_that_have_to_be_converted_are_named(
         list(Recordings(str(tmp_path / "set"), {"mine": layout}).recordings("train"))
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "touch.mat").write_bytes(b"MATLAB 5.0 MAT-file")
-    with pytest.raises(DataNotFoundError, match=r"touch.mat is MATLAB: python -c .*scipy.io"):
+    assert conversion(tmp_path / "old" / "touch.mat").startswith("MATLAB: python -c ")
+    with pytest.raises(DataNotFoundError, match=r"touch.mat"):
         recognise(tmp_path / "old")
     assert "runs code" in conversion(Path("a.pkl"))
     assert conversion(Path("a.csv")) == ""

@@ -25,7 +25,7 @@ _BEFORE = r"(?:\S*[./])?"
 #: Headers of columns, without the unit behind them.
 _FORCES = {
     axis: re.compile(
-        rf"{_BEFORE}(?:(?:forces?|f)[_ .]?{axis}\b.*|{axis}[_ .]?force\b.*"
+        rf"{_BEFORE}(?:(?:forces?|f)[_ .]?{axis}(?![^\W_]).*|{axis}[_ .]?force(?![^\W_]).*"
         rf"|(?:forces?|wrench(?:es)?|ft|f|fxyz|force_?torques?)(?:_\w+)?[_.]{place})"
     )
     for place, axis in enumerate("xyz")
@@ -36,7 +36,7 @@ _TIME = re.compile(
     r"|(?:\w+\.)*(?:(?:time)?stamp[._])?(?:secs?|seconds?)"
 )
 _TIME_UNIT = re.compile(r"[_ (\[]([mun]s)[)\]]?$")
-_FRAME = re.compile(r"frame(?:_?(?:i?d?x?|number|no|count))?|index")
+_FRAME = re.compile(r"(?:video_|image_)?frame(?:_?(?:i?d?x?|number|no|count))?|index")
 _OBJECT = re.compile(r"object(?:_name)?|label|class|name|material|item")
 _EPISODE = re.compile(
     r"(?:episode|trial|sequence|seq|recording|take|video|touch|clip|grasp|press)"
@@ -48,6 +48,8 @@ _TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_inst
 #: Stems of arrays by what they hold: an array has no headers.
 _FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|wrench(?:es)?|ft|fxyz|f)")
 _TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
+#: Ratio of the most negative normal force to the largest from which pressing is negative.
+_PULLING = 3.0
 #: Ratio of durations up to which two clocks have one unit.
 _AS_LONG = 2.5
 #: Largest plausible step of frames, s.
@@ -243,6 +245,9 @@ def guess_force(
         table = {"file": family.template, "columns": columns, **clock}
         table |= {} if unit == "N" else {"force_unit": unit}
         said = "newton" if unit == "N" else unit
+        if columns[2] and _pulls(family, columns[2]):
+            table["sign"] = [1, 1, -1]
+            doubts.append(f"force: {columns[2]} is negative where it is large, so z is turned")
         doubts.append(
             f"force: taken for {said}, x right, y down, z into the gel, pressing positive"
         )
@@ -259,6 +264,15 @@ def guess_force(
             )
             break
     return {}, []
+
+
+def _pulls(family: Family, column: str) -> bool:
+    """Whether a normal force is negative where it is large: pressing is never so."""
+    values = _numbers(family, column)
+    values = values[np.isfinite(values)]
+    return bool(
+        len(values) and values.min() < -_PULLING * max(0.0, float(values.max())) < 0.0
+    ) or bool(len(values) and values.max() <= 0 > values.min())
 
 
 def _force_columns(family: Family) -> list[str | None]:
