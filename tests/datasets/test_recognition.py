@@ -152,3 +152,11 @@ def test_what_nobody_recognises(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     make_files("photos", tmp_path)
     assert recognise(tmp_path / "photos")[0][0] == "recordings"
     assert "data set visgel cannot look at" in caplog.text
+
+
+def test_a_film_that_is_not_read_is_named_with_its_conversion(tmp_path: Path) -> None:
+    Image.new("RGB", (8, 8)).save(tmp_path / "a demo.gif")
+    with pytest.raises(
+        DataNotFoundError, match=r"is a GIF, of 256 colours: ffmpeg -i 'a demo.gif'"
+    ):
+        recognise(tmp_path)
