@@ -86,7 +86,19 @@ def test_a_background_of_another_size_is_left_out(tmp_path: Path) -> None:
     found, doubts = read(tmp_path)
     assert len(found) == 4
     assert all(one.no_contact is None for one in found.values())
-    assert "background: background.png is not of the size of all pictures, and left out" in doubts
+    assert (
+        "background: background.png is not of the size and colours of all pictures, and left out"
+        in doubts
+    )
+
+
+def test_a_picture_of_something_else_is_no_background(tmp_path: Path) -> None:
+    for n in range(4):
+        image(tmp_path / f"press_{n}.png", 40 + n)
+    image(tmp_path / "pseudo_bg.png", 140)
+    found, doubts = read(tmp_path)
+    assert all(one.no_contact is None for one in found.values())
+    assert "background: pseudo_bg.png is not of the size and colours" in "".join(doubts)
 
 
 def test_a_press_that_begins_late_is_one_recording(tmp_path: Path) -> None:

@@ -48,6 +48,8 @@ _BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:r
 _NOTES = frozenset({".txt", ".dat"})
 #: Endings of tables that are read.
 _TABLES = frozenset({".csv", ".tsv"}) | _NOTES | RECORDS
+#: Grey levels by which half of a picture differs from what is no background.
+_ANOTHER = 75
 #: Largest number of folders that get a layout each.
 _MOST_PARTS = 20
 #: Types of sensors that have no package, and those that are most like them.
@@ -447,7 +449,9 @@ def _background(
         return {"background": {"file": name}}
     if stills:
         name = stills[0].relative_to(root).as_posix()
-        doubts.append(f"background: {name} is not of the size of all pictures, and left out")
+        doubts.append(
+            f"background: {name} is not of the size and colours of all pictures, and left out"
+        )
     if layout.get("each") == "touch":
         doubts.append("background: none was found, so nothing is subtracted")
         return {"background": "none"}
@@ -477,7 +481,7 @@ def _still(
 
 
 def _fits(still: Path, media: Sequence[Path]) -> bool:
-    """Whether a background has the size of the first and last frames of each folder."""
+    """Whether a background has the size of the frames of each folder, and looks alike."""
     folders: dict[Path, list[Path]] = {}
     for path in media:
         folders.setdefault(path.parent, []).append(path)
@@ -487,7 +491,11 @@ def _fits(still: Path, media: Sequence[Path]) -> bool:
     shapes = {
         None if (frames := _open(path)) is None else frames.shape for path in (still, *looked)
     }
-    return len(shapes) == 1 and None not in shapes
+    if len(shapes) > 1 or None in shapes:
+        return False
+    pictures = [_open(path) for path in (still, media[0])]
+    base, first = (frames.read([0])[0].astype(np.float32) for frames in pictures if frames)
+    return bool(np.median(np.abs(base - first)) < _ANOTHER)
 
 
 def _object(
