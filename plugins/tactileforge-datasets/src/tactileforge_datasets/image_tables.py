@@ -146,7 +146,7 @@ class ImageTables(Drawn):
 
     @cached_property
     def _files(self) -> list[tuple[Path, str]]:
-        """Tables with their side, "" for one that is to be divided."""
+        """Tables with their side; "" for one without a side."""
         found = [(path, _side(path)) for path in _tables(self.root)]
         if not found:
             raise DataNotFoundError(

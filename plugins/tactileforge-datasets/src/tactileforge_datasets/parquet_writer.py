@@ -81,7 +81,7 @@ def _write(recordings: Iterable[Recording], folder: Path, name: str, file_mb: fl
 
 
 def _schema(arrow: Any) -> Any:
-    """Types of the columns, with what Hugging Face's datasets say of them."""
+    """Types of the columns, and their features for Hugging Face's datasets."""
     image = arrow.struct([("bytes", arrow.binary()), ("path", arrow.string())])
     fields = [("image", image), *((name, arrow.string()) for name in _TEXTS)]
     fields += [("timestamp", arrow.float64())]

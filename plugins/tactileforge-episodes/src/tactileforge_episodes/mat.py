@@ -1,4 +1,4 @@
-"""Variables of MATLAB files: version 5 with scipy, 7.3 as the HDF5 that it is."""
+"""Variables of MATLAB files: version 5 with scipy, 7.3 as HDF5."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Mat73File(HdfFile):
         return np.asarray(found[..., start:stop]).T
 
     def lost(self, key: str, start: int, stop: int) -> list[int]:
-        """Rows that were never written: not known, as axes are turned round."""
+        """Never-written rows: not known, as axes are turned round."""
         return []
 
 
@@ -152,7 +152,7 @@ def _is_last(shape: tuple[int, ...], count: int) -> bool:
 
 
 def _without_ones(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Sizes of a vector or number of MATLAB, which has two axes."""
+    """Sizes of a vector or number of MATLAB, without axes of one."""
     if len(shape) == 2 and 1 in shape:
         return (prod(shape),) if prod(shape) > 1 else ()
     return shape
