@@ -210,7 +210,7 @@ def between(
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Values at other times, between the two nearest; and whether one is near enough.
 
-    A value at a time that was measured is that one to the bit; where one neighbor alone is near
+    A value at a time that was measured is that one to the bit; where one neighbour alone is near
     enough, as before the first value, it counts.
 
     Args:
