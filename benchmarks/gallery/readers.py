@@ -39,6 +39,12 @@ GENERAL: dict[str, tuple[str, tuple[str, ...], tuple[str, ...], str]] = {
         ("object", "text", "action", "force"),
         "[Tars of samples](webdataset.md)",
     ),
+    "image_tables": (
+        "Tables with images in their cells: parquet, and folders of `save_to_disk`.",
+        ("digit",),
+        ("image", "object", "text", "force"),
+        "[Tables with images](datasets.md#tables-with-images)",
+    ),
     "rosbags": (
         "ROS 1 and ROS 2 bags: pictures, wrenches and joints by topic (`tactileforge-rosbags`).",
         ("digit",),

@@ -95,9 +95,10 @@ def test_a_table_of_forces_of_single_images_and_a_background(tmp_path: Path) -> 
 
     (tmp_path / "forces.csv").write_text("\n".join(rows).replace(",", ";") + "\n")
     (tmp_path / "notes.csv").write_text("day,weather\n1,rain\n")
-    doubts = guess_layout(tmp_path).doubts
-    (line,) = [doubt for doubt in doubts if "left out" in doubt]
-    assert line.startswith("labels: forces.csv and 1 more are left out, since no force and no name")
+    guess = guess_layout(tmp_path)
+    (line,) = [doubt for doubt in guess.doubts if "left out" in doubt]
+    assert line.startswith("labels: notes.csv is left out, since no force and no name")
+    assert sorted(touch.force[0, 2] for touch in read(tmp_path, guess)) == list(range(6))
 
 
 def test_the_command_reads_keeps_and_says_what_is_doubtful(
@@ -192,3 +193,11 @@ def test_a_guess_that_fails_is_kept_to_be_corrected(
     assert "layout: inspect.yaml; correct it" in capsys.readouterr().out
     (layout,) = load_yaml(Path("inspect.yaml").read_text())["layouts"].values()
     assert layout["force"]["start"] == "contact"
+
+
+def test_a_film_that_is_not_read_is_named_with_its_conversion(tmp_path: Path) -> None:
+    Image.new("RGB", (8, 8)).save(tmp_path / "a demo.gif")
+    with pytest.raises(
+        DataNotFoundError, match=r"is a GIF, of 256 colours: ffmpeg -i 'a demo.gif'"
+    ):
+        recognise(tmp_path)

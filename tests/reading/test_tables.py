@@ -10,7 +10,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.reading.label_rows import LabelRow, label_row, read_labels
 from tactileforge.reading.layout import DatasetLayout, parse_layout
 from tactileforge.reading.layout_keys import FrameTable
-from tactileforge.reading.tables import read_actions, read_force
+from tactileforge.reading.tables import read_actions, read_cells, read_force
 
 Write = Callable[[str, str], Path]
 TIMES = np.arange(5) / 10
@@ -198,22 +198,53 @@ def test_a_csv_that_is_none_is_named(tmp_path: Path, raw: bytes, reason: str) ->
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    "text",
     [
-        ("frame;fx;fy;fz\n0;1,5;0;0\n", "separated by semicolons"),
-        ("frame\tfx\tfy\tfz\n0\t1\t0\t0\n", "separated by tabs"),
-        ("# gamma, 100 Hz\nframe, fx, fy, fz\n0,1,0,0\n", "Line 2 names the columns: remove"),
+        "frame;fx;fy;fz\n0;1,5;0;0\n3;-,5;0;0\n",
+        "frame\tfx\tfy\tfz\n0\t1,5\t0\t0\n3\t-0,5\t0\t0\n",
+        "# gamma, 100 Hz\nframe, fx, fy, fz\n0,1.5,0,0\n3,-.5,0,0\n",
+        "# frame fx fy fz\n0 1.5 0 0\n3 -.5 0 0\n",
+        "Gamma FT1\nRate,100\n\nframe,fx,fy,fz\n0,1.5,0,0\n3,-.5,0,0\n",
+        'frame,fx,fy,fz\n-,N,[N],""\n0,1.5,0,0\n3,-.5,0,0\n',
+        "frame;fx;fy;fz;note\n0;1,5;0;0;a, b\n3;-,5;0;0;c\n",
     ],
 )
-def test_a_header_that_is_not_one_is_told_how_to_mend(
+def test_a_table_as_other_programs_write_it(text: str, tmp_path: Path, write: Write) -> None:
+    force = read_force(FORCE, write("f.csv", text), TIMES, "digit")
+    np.testing.assert_array_equal(force[[0, 3], 0], np.float32([1.5, -0.5]))
+    assert np.isnan(force[[1, 2, 4]]).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("frame,fx,fy\n0,1,0\n", r"'fz'.*Known: frame, fx, fy$"),
+        ("0,1.5,0,0\n1,1.5,0,0\n", r"'fx'.*Known: 0, 1, 2, 3. The file has no line of names"),
+        ("frame,fx,fy,fz\n,mN,mN,mN\n0,1,0,0\n", r"'fx'.*Known: frame, fx \[mN\], fy"),
+    ],
+)
+def test_columns_of_other_names_or_units_are_named(
     text: str, words: str, tmp_path: Path, write: Write
 ) -> None:
-    path = write("f.csv", text)
     with pytest.raises(ConfigError, match=words):
+        read_force(FORCE, write("f.csv", text), TIMES, "digit")
+
+
+def test_numbers_and_texts_stay_what_they_are(write: Write) -> None:
+    text = 'file,text\na.png,"soft; 1,5 cm"\nb.png,hard; 2 cm\n'
+    rows = [cells for _, cells in read_cells(write("labels.csv", text), ["text"])]
+    assert [row["text"] for row in rows] == ["soft; 1,5 cm", "hard; 2 cm"]
+    # numbers with points and commas: thousands, which are no decimals
+    path = write("f.csv", "frame;fx;fy;fz\n0;1,234;0;0\n1;0.5;0;0\n")
+    with pytest.raises(DataError, match="'1,234' is not a finite number"):
         read_force(FORCE, path, TIMES, "digit")
-    path = write("f.csv", "frame,fx,fy\n0,1,0\n")
-    with pytest.raises(ConfigError, match=r"'fz'.*Known: frame, fx, fy$"):
-        read_force(FORCE, path, TIMES, "digit")
+
+
+def test_several_numbers_of_a_cell(write: Write) -> None:
+    text = 'n,wrench,pose\n0,"[0.5, 1, -2]",1 2\n1,"[3, 4, 5]",1\n2,,\n'
+    rows = [cells for _, cells in read_cells(write("labels.csv", text), ["wrench.2"])]
+    assert [row["wrench.2"] for row in rows] == ["-2", "5", ""]
+    assert "pose.0" not in rows[0]  # not so in every row
 
 
 def test_a_lag_in_milliseconds_is_no_loss_of_all_forces(tmp_path: Path, write: Write) -> None:

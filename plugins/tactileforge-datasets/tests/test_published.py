@@ -137,3 +137,11 @@ def test_a_word_for_no_value_is_no_caption(
     about = {"sensor": "digit", "frames": frames, "times": np.zeros(1), "no_contact": None}
     one = reader(".")._recording("a", object=word, text=word, **about)
     assert (one.key, one.object, one.text) == (f"{name}/a", None, None)
+
+
+@each_reader
+def test_every_reader_says_what_is_held_out(name: str, reader: type[PublishedDataset]) -> None:
+    for split in reader.splits:
+        (line,) = reader(".", split=split.name).held_out
+        assert f"split {split.name}: {split.about}" in line
+        assert line.startswith("by object, film or session") != bool(split.val)

@@ -84,6 +84,12 @@ def test_a_sensor_that_lies_on_its_side(sensor: str, quarters: int, fix: int) ->
     assert line.endswith(": x/1")
 
 
+def test_a_picture_of_several_panels_does_not_lie_on_its_side() -> None:
+    turned = np.ascontiguousarray(np.rot90(still("gelsight_mini")[:48]))
+    assert lines([turned], "gelsight_mini")
+    assert lines([np.tile(turned, (3, 1, 1))], "gelsight_mini") == []
+
+
 @pytest.mark.parametrize("sensor", ["digit", "gelsight_mini"])
 def test_a_part_of_a_set_that_is_upside_down(sensor: str) -> None:
     height = 64 if sensor == "digit" else 48

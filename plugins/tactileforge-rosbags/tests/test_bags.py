@@ -19,6 +19,7 @@ from made_bags import (
 from rosbags import rosbag1, rosbag2
 from tactileforge_rosbags import bags, pictures
 from tactileforge_rosbags.dataset import Rosbags
+from tactileforge_rosbags.series import between
 
 from tactileforge.errors import DataError
 from tactileforge.testing import check
@@ -45,9 +46,9 @@ def test_every_field(kind, tmp_path):
     np.testing.assert_array_equal(right.frames.read([3])[0], np.rot90(picture(3)))
     assert (left.frames.shape, right.frames.shape) == ((32, 24), (24, 32))
     np.testing.assert_array_equal(left.background(), picture(0))
-    # stamps are 4 ms before the recording, the lag is 12 ms: the wrench nearest to 8 ms after the
-    # recording of each picture; they are counted from 10 ms before the first one
-    number = 2 + 4 * np.arange(20)
+    # stamps are 4 ms before the recording, the lag is 12 ms: the wrench 8 ms after the recording of
+    # each picture, between two of 10 ms each; they are counted from 10 ms before the first one
+    number = 1.8 + 4 * np.arange(20)
     wanted = np.stack([number * 1e-3, np.full(20, -2e-3), number * 0.5e-3], axis=1)
     np.testing.assert_allclose(left.force, wanted, rtol=1e-6)
     assert left.force.dtype == np.float32
@@ -161,8 +162,21 @@ def test_topics_alone_make_no_force(kind, tmp_path):
     assert one.key == "one/left_image_compressed"
     assert (one.force, one.no_contact, one.image, one.licence) == (None, None, None, "MIT")
     assert {*one.tracks} == {"state", "joint_velocity", "wrench_ft_wrench"}
-    np.testing.assert_allclose(one.tracks["wrench_ft_wrench"][2], [9, 2, -4.5, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(one.tracks["wrench_ft_wrench"][2], [8.6, 2, -4.3, 0.1, 0.2, 0.3])
     assert data.provides == frozenset()
+
+
+def test_a_wrench_is_between_the_two_nearest_and_exact_at_a_stamp():
+    times = np.array([30, 0, 10, 20]) * 10**6
+    values = np.array([[3, 7], [0, 1], [1, np.nan], [2, 5]], np.float32)
+    at = np.array([-2, 0, 5, 10, 25, 30, 33, 90]) * 10**6
+    found, near = between(times, at, 0.008, values)
+    np.testing.assert_array_equal(near, [True] * 7 + [False])
+    np.testing.assert_array_equal(found[:7, 0], np.float32([0, 0, 0.5, 1, 2.5, 3, 3]))
+    np.testing.assert_array_equal(found[:7, 1], np.float32([1, 1, np.nan, np.nan, 6, 7, 7]))
+    # one of the two is too far: the nearest counts
+    far, _ = between(times, np.array([27 * 10**6]), 0.006, values)
+    assert far[0, 0] == 3
 
 
 def test_a_wrench_of_another_frame_is_a_track_and_said_so(tmp_path):

@@ -33,6 +33,8 @@ _COMPARED, _NAMED = 64, 8
 #: Smallest agreement with the sensor of a picture that is upright, or upside down, and how much
 #: better it is than the other way round; public sets reach .91 and .3.
 _SURE, _SURER = 0.85, 0.2
+#: Ratio of sides above which a picture shows several panels: no sensor is that wide.
+_PANELS = 2.0
 #: Largest relative difference of the ratio of sides from that of the turned sensor.
 _SIDES = 0.1
 
@@ -225,7 +227,7 @@ def _upside_down(
 def _turn(one: Resting, sensor: str) -> int | None:
     """Degrees to put a picture upright, clockwise; None if unsure."""
     reference = known_colours(sensor)
-    if reference is None:
+    if reference is None or max(one.shape) > _PANELS * min(one.shape):
         return None
     # with red and blue swapped as well, as one recorder may get both wrong
     for grid in (one.grid, one.grid[..., ::-1]):

@@ -50,6 +50,7 @@ from tactileforge.data.labels.augment import Augment as Augment
 from tactileforge.data.labels.augment import build_augment as build_augment
 from tactileforge.data.labels.clock import UNITS as UNITS
 from tactileforge.data.labels.clock import check_rising as check_rising
+from tactileforge.data.labels.clock import date_unit as date_unit
 from tactileforge.data.labels.displacement import encode_displacement as encode_displacement
 from tactileforge.data.labels.displacement import grid_shape as grid_shape
 from tactileforge.data.labels.missing import stated as stated

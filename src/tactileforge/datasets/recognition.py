@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shlex
 from functools import cache
 from pathlib import Path
 
@@ -56,7 +57,7 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
         files = matches(path, "**/*")[:_LOOKED] if path.is_dir() else [path]
         for file in files:
             check_pointer(file)
-        told = [f"{one} is {how}" for one in files if (how := conversion(one))]
+        told = [f"{one} is {how}" for one in files if (how := conversion(one) or _film(one))]
         if told:
             raise DataNotFoundError(f"{path}: no installed data set recognises it; {told[0]}")
         raise DataNotFoundError(
@@ -65,3 +66,10 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
         )
     # of equal scores, the first by name
     return tuple(sorted(found, key=lambda one: -one[1].score))
+
+
+def _film(path: Path) -> str:
+    """Kind of an unread film, and a way to convert it; "" for another file."""
+    if path.suffix.lower() != ".gif":
+        return ""
+    return f"a GIF, of 256 colours: ffmpeg -i {shlex.quote(path.name)} -c:v ffv1 {path.stem}.mkv"

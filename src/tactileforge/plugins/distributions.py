@@ -29,13 +29,14 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
     "tactileforge-datasets": {
         "datasets": (
             *("anytouch2", "cloth", "feats", "feel", "feelanyforce", "fota"),
-            *("gelsight_mini_pretrain", "gelslam", "gsmini_slip", "incipient_slip"),
+            *("gelsight_mini_pretrain", "gelslam", "gsmini_slip", "image_tables", "incipient_slip"),
             *("objectfolder_real", "octopi", "public_samples", "sparsh", "sparsh_force"),
             *("sparsh_pose", "sparsh_slip", "ssvtp", "tacquad", "tactile_mnist"),
             *("tactile_tracking", "touch_and_go", "touch_slide", "touchd_force", "touchd_mani"),
             *("touchd_sim", "tvl", "unitac_nv", "visgel", "webdataset", "webdataset_classes"),
             *("webdataset_clips", "ycb_slide"),
         ),
+        "verbs": ("data.parquet",),
     },
     "tactileforge-bridge": {"publishers": ("ros2", "zmq")},
     "tactileforge-digit": {"sensors": ("digit",)},
@@ -46,6 +47,7 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
             *("open_x_tactile", "reactive_diffusion", "touch_in_the_wild", "univtac"),
             *("vitamin_b", "vtouch"),
         ),
+        "verbs": ("data.zarr",),
     },
     "tactileforge-export": {"verbs": ("export",)},
     "tactileforge-flexitac": {"sensors": ("flexitac",)},

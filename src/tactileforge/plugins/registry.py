@@ -27,10 +27,10 @@ KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers",
 MODULES = ("verbs",)
 #: Kinds without a conformance suite: publishers of ``live``, schedules of the learning rate and
 #: runners of suites of ``bench`` (a function each), trackers of ``data pack``, callbacks of
-#: Lightning, and packages of YAML options.
+#: Lightning, readers of tables by the endings of their files, and packages of YAML options.
 OTHERS = (
     *("publishers", "schedules", "curves", "runners", "importers", "trackers", "callbacks"),
-    "conf",
+    *("tables", "conf"),
 )
 
 #: Kind of plugin behind the options of each group of a configuration.

@@ -14,6 +14,8 @@ from tactileforge.reading.files import read_rows as read_rows
 from tactileforge.reading.files import read_text as read_text
 from tactileforge.reading.guessed_layout import ASSUMED_FPS as ASSUMED_FPS
 from tactileforge.reading.guessed_layout import guess_sensor as guess_sensor
+from tactileforge.reading.guessed_tables import NamedColumns as NamedColumns
+from tactileforge.reading.guessed_tables import named_columns as named_columns
 from tactileforge.reading.layout import DatasetLayout as DatasetLayout
 from tactileforge.reading.layout import as_texts as as_texts
 from tactileforge.reading.layout import check_action as check_action
@@ -38,9 +40,12 @@ from tactileforge.reading.published import label_runs as label_runs
 from tactileforge.reading.published import median_frames as median_frames
 from tactileforge.reading.published import still_background as still_background
 from tactileforge.reading.reader import LayoutReader as LayoutReader
+from tactileforge.reading.records import flat as flat
 from tactileforge.reading.regular import open_regular as open_regular
 from tactileforge.reading.regular import read_regular as read_regular
 from tactileforge.reading.regular import stays_inside as stays_inside
+from tactileforge.reading.sheets import rows_of_arrays as rows_of_arrays
+from tactileforge.reading.splits import SPLIT_OF_FOLDER as SPLIT_OF_FOLDER
 from tactileforge.reading.splits import check_share as check_share
 from tactileforge.reading.splits import check_split as check_split
 from tactileforge.reading.splits import held_out_names as held_out_names

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from tactileforge.data.frames.stacks import StackFrames
 from tactileforge.data.frames.video import VideoFrames
 from tactileforge.data.frames.video_clock import rate_doubt, video_times
-from tactileforge.data.labels.clock import UNITS, check_rising, date_unit
+from tactileforge.data.labels.clock import UNITS, check_rising, date_unit, seconds_since
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.image_rows import ImageRows
 from tactileforge.reading.layout import DatasetLayout
@@ -39,7 +40,7 @@ class FrameClock:
     """
 
     times: NDArray[np.float64]
-    start: float | None = None
+    start: Decimal | None = None
     doubt: str = ""
 
 
@@ -109,11 +110,9 @@ class Clocks:
                 f"{path}: {order.column!r} gives two images of {paths[0].parent} one place; give "
                 "each its own"
             )
-        return [paths[i] for i in np.argsort(places, kind="stable")]
+        return [paths[i] for i in sorted(range(len(places)), key=places.__getitem__)]
 
-    def _values(
-        self, keys: ClockKeys, path: Path, paths: list[Path], count: int
-    ) -> NDArray[np.float64]:
+    def _values(self, keys: ClockKeys, path: Path, paths: list[Path], count: int) -> list[Decimal]:
         """A column of numbers, one per frame."""
         column = keys.column or ""
         if keys.key is not None:
@@ -130,33 +129,33 @@ class Clocks:
                 "the names of images (key:)"
             )
         part = part_of_second(column, rows)
-        return np.array(
-            [
-                _value(cells[column], f"{where}, column {column!r}") + part(cells)
-                for where, cells in rows
-            ]
-        )
+        return [
+            _value(cells[column], f"{where}, column {column!r}") + part(cells)
+            for where, cells in rows
+        ]
 
 
-def _value(cell: str, where: str) -> float:
+def _value(cell: str, where: str) -> Decimal:
     try:
         value = float(cell)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
         raise DataError(f"{where}: {cell!r} is not a finite number; fill it in")
-    return value
+    return Decimal(cell)
 
 
 def _of_values(
-    keys: ClockKeys, path: Path, values: NDArray[np.float64], fps: float | None
+    keys: ClockKeys, path: Path, exact: Sequence[Decimal], fps: float | None
 ) -> FrameClock:
     """Times from the numbers of a column, in its unit."""
+    values = np.array([float(value) for value in exact])
     check_rising(values, str(path), f"correct {keys.column!r}", shown="{:.10g}")
     date = date_unit(values)
-    seconds = UNITS[keys.unit or date or "s"]
+    unit = keys.unit or date or "s"
     # from the first, before the unit: a date in nanoseconds uses all digits of a float
-    times = (values - values[0]) * seconds
+    start = exact[0] * Decimal(str(UNITS[unit]))
+    times = seconds_since(exact, start, unit) if date else (values - values[0]) * UNITS[unit]
     period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     if keys.unit is None and not date and (period > _SLOW or (fps and period * fps > _SLOW)):
         likely = next((unit for unit in ("ms", "us") if period * UNITS[unit] < 1), "ns")
@@ -164,7 +163,7 @@ def _of_values(
             f"{path}: by {keys.column!r}, frames come every {period:.3g} s: is it another unit? "
             f"Give times: {{..., unit: {likely}}}, or unit: s if it is right"
         )
-    return FrameClock(times, float(values[0]) * seconds if date else None)
+    return FrameClock(times, start if date else None)
 
 
 def _of_names(layout: DatasetLayout, paths: list[Path]) -> FrameClock:

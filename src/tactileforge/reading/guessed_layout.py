@@ -5,18 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import islice
-from pathlib import Path
+from itertools import islice, takewhile
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
 
 from tactileforge.contracts import Frames, Guess
 from tactileforge.data.frames.companions import is_companion
+from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.frames.stacks import is_stack, open_film
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.guessed_tables import (
+    guess_apart,
     guess_force,
     guess_labels,
     guess_shared,
@@ -26,7 +28,7 @@ from tactileforge.reading.guessed_tables import (
 from tactileforge.reading.linked import matches
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_keys, name_prefix
-from tactileforge.reading.records import RECORDS, conversion
+from tactileforge.reading.records import RECORDS, conversion, sheets
 from tactileforge.reading.series import series_of
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.table_families import SIDES, Units, families, is_for_all, templates
@@ -42,8 +44,17 @@ _COMPARED, _SMOOTH = 24, 0.6
 #: Frames per second where nothing tells them: the usual rate of the cameras in such sensors.
 ASSUMED_FPS = 30
 _BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
-#: Endings of tables that are read, and of files of labels that have to be converted.
-_TABLES = frozenset({".csv"}) | RECORDS
+#: Endings of tables that may be notes as well.
+_NOTES = frozenset({".txt", ".dat"})
+#: Endings of tables that are read.
+_TABLES = frozenset({".csv", ".tsv"}) | _NOTES | RECORDS
+#: Grey levels by which half of a picture differs from what is no background.
+_ANOTHER = 75
+#: Largest number of folders that get a layout each.
+_MOST_PARTS = 20
+#: Types of sensors that have no package, and those that are most like them.
+_FOREIGN = {"wedge": "gelsight", "geltip": "gelsight", "9dtact": "gelsight"}
+_FOREIGN |= {"ninedtact": "gelsight", "tac3d": "gelsight"}
 #: Largest number of arrays whose headers are read.
 _MOST_ARRAYS = 500
 
@@ -68,15 +79,24 @@ def guess_layout(root: Path) -> Guess | None:
     layouts: dict[str, dict[str, Any]] = {}
     read: set[Path] = set()
     parts = _parts(root, touches)
+    apart = _with_backgrounds(root, touches, [path for path in media if path not in {*touches}])
+    if [*parts] == [""] and apart and _frames(root, touches, files, []).get("each") == "touch":
+        parts = apart
     for folder, own in parts.items():
         told: list[str] = []
         layouts[re.sub(r"\W+", "_", folder) or "guessed"] = layout = _layout(
             root, folder, own, files, told, read
         )
         doubts += [f"{folder}: {line}" if folder else line for line in told]
-    labels = [path for path in files if path.suffix.lower() in _TABLES or conversion(path)]
+    labels = [
+        path for path in files if path.suffix.lower() in _TABLES | sheets() or conversion(path)
+    ]
     seen = {*read, *media}
-    unread = [path for path in labels if path not in seen and path.suffix not in (".yaml", ".yml")]
+    unread = [
+        path
+        for path in labels
+        if path not in seen and path.suffix not in (".yaml", ".yml", *_NOTES)
+    ]
     doubts += left_out([path for path in unread if not any(path.name in x for x in doubts)], root)
     (layout, *_) = layouts.values()
     kind = "videos" if "videos" in layout else f"images, each {layout['each']} a recording"
@@ -96,7 +116,24 @@ def _parts(root: Path, media: Sequence[Path]) -> dict[str, list[Path]]:
             len(folders) > 1 and {x.lower() for x in folders} <= SPLIT_OF_FOLDER.keys()
         ):
             return folders
-    return {"": list(media)}
+    named: dict[str, list[Path]] = {}
+    for path in media:
+        named.setdefault(named_sensor(path.stem), []).append(path)
+    return named if len(named.keys() - {""}) > 1 else {"": list(media)}
+
+
+def _with_backgrounds(
+    root: Path, media: Sequence[Path], stills: Sequence[Path]
+) -> dict[str, list[Path]]:
+    """Files of each folder, where some of them have backgrounds of their own; {} otherwise."""
+    folders: dict[Path, list[Path]] = {}
+    for path in media:
+        folders.setdefault(path.parent, []).append(path)
+    own = {path.parent for path in stills if path.parent in folders and path.parent != root}
+    names = {folder.name for folder in folders}
+    if not own or own == folders.keys() or len(names) < len(folders) or len(names) > _MOST_PARTS:
+        return {}
+    return {folder.name: paths for folder, paths in folders.items()}
 
 
 def _layout(
@@ -112,9 +149,13 @@ def _layout(
     layout |= _sensor(root, folder, media, doubts)
     units = _units(root, media, layout)
     frames = {*media}
-    tables = [path for path in _of(files, _TABLES) if path not in frames]
+    tables = [path for path in _of(files, _TABLES | sheets()) if path not in frames]
     # those of the folder first
     tables.sort(key=lambda path: folder not in path.relative_to(root).parts)
+    # of files named by sensors, a table is of the sensor in its name
+    if folder and folder == named_sensor(media[0].stem):
+        tables = [path for path in tables if named_sensor(path.stem) in (folder, "")]
+        tables.sort(key=lambda path: named_sensor(path.stem) == "")
     found = families(tables, units)
     told: list[str] = []
     shared, of_shared = guess_shared(found, units, "fps" in layout, told)
@@ -123,10 +164,24 @@ def _layout(
         doubts += told
         layout |= shared
         units = _units(root, media, layout)
-    times, is_dated = guess_times(found, units, doubts)
+    told = []
+    apart, of_apart = ({}, []) if "recording" in layout else guess_apart(found, units, told)
+    if apart:
+        doubts[:] = [line for line in doubts if not line.startswith("each:")] + told
+        layout |= apart
+        if "each" in apart:
+            for key in ("fps", "times"):
+                layout.pop(key, None)
+            doubts[:] = [line for line in doubts if not line.startswith("fps:")]
+        units = _units(root, media, layout)
+        found = [*of_apart, *(family for family in found if family not in of_apart)]
+    column = str(apart.get("recording", "")).strip("{}")
+    times, is_dated = guess_times(found, units, doubts, column)
     units = replace(units, is_dated=is_dated)
     force, of_force = guess_force(found, units, doubts)
-    labels, of_labels = guess_labels(found, units, doubts)
+    labels, of_labels = guess_labels(of_apart or found, units, doubts)
+    if column:
+        labels = {"labels": {"file": of_apart[0].template, "key": of_apart[0].key}} | labels
     if times:
         layout.pop("fps", None)
         doubts[:] = [line for line in doubts if not line.startswith("fps:")]
@@ -142,7 +197,7 @@ def _layout(
     read |= {
         path
         for family in found
-        if family in (*of_force, *of_labels, *of_shared) or family.template in used
+        if family in (*of_force, *of_labels, *of_shared, *of_apart) or family.template in used
         for path in family.files
     }
     return layout
@@ -155,6 +210,8 @@ def _units(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Unit
         unit = path.parent if each == "sequence" else path
         files.setdefault(unit.relative_to(root).parts, []).append(path)
     first = next(iter(files.values()))
+    if layout.get("recording") == "{prefix}":
+        first = [path for path in first if name_prefix(path.stem) == name_prefix(first[0].stem)]
     frames = _open(first[0]) if each == "video" else None
     count = len(frames) if frames is not None else len(first)
     own = getattr(frames, "times", None)
@@ -265,22 +322,60 @@ def _pattern(root: Path, media: Sequence[Path], files: Sequence[Path]) -> str | 
             patterns = [f"{above}{media[0].name}"]
         elif len(set(ends)) == 1:
             patterns = [f"{above}*_{ends[0]}"]
+    folders = {path.parent for path in media}
+    strangers = {
+        path.name
+        for path in files
+        if path.suffix.lower() in endings and path.parent in folders and path not in {*media}
+    }
+    # a background that is used is no touch, whatever the pattern is
+    is_listed = any(not _BACKGROUND.search(PurePath(name).stem.lower()) for name in strangers)
+    if strangers and endings != [".npy"]:
+        found: list[str] = []
+        for ending in endings:
+            own = [path.name for path in media if path.suffix.lower() == ending]
+            rest = {name for name in strangers if name.lower().endswith(ending)}
+            found += [f"{above}{one}" for one in _apart(own, rest, is_listed) or [f"*{ending}"]]
+        patterns = found
     return patterns[0] if len(patterns) == 1 else patterns
+
+
+def _same(names: Sequence[str]) -> str:
+    """What names begin with."""
+    columns = takewhile(lambda column: len({*column}) == 1, zip(*names, strict=False))
+    return "".join(column[0] for column in columns)
+
+
+def _apart(names: Sequence[str], others: set[str], is_listed: bool) -> list[str]:
+    """Patterns of names, and not of others in the same folders; else the names, or none."""
+    # numbers count: those that are alike by chance say nothing
+    start = _same(names).rstrip("0123456789")
+    stem = _same([name[::-1] for name in names])[::-1].lstrip("0123456789")
+    ending = PurePath(names[0]).suffix
+    if len({*names}) > 1 and start and not any(name.startswith(start) for name in others):
+        return [f"{start}*{ending}"]
+    if len({*names}) > 1 and len(stem) > len(ending) and not any(x.endswith(stem) for x in others):
+        return [f"*{stem}"]
+    return sorted({*names}) if is_listed else []
 
 
 def _follow_each_other(images: Sequence[Path]) -> bool:
     """Whether images change less from one to the next than in another order."""
     if len(images) < 3:
         return False
+    # pairs spread over all images: nothing may move in the first ones
+    starts = spread_rows(len(images) - 1, min(_COMPARED // 2, len(images) - 1))
+    chosen = sorted({*starts, *(start + 1 for start in starts)})
     try:
-        pictures = ImageFrames(images[:_COMPARED]).read(range(min(len(images), _COMPARED)))
+        pictures = ImageFrames([images[i] for i in chosen]).read(range(len(chosen)))
     except TactileForgeError:
         return False
     # every eighth pixel: neighbours say nearly the same, and a guess is for the whole picture
-    small = pictures[:, ::8, ::8].astype(np.float32)
-    following = np.abs(np.diff(small, axis=0)).mean()
-    half = len(small) // 2
-    apart = np.abs(small[half : 2 * half] - small[:half]).mean()
+    small = dict(zip(chosen, pictures[:, ::8, ::8].astype(np.float32), strict=True))
+    following = np.mean([np.abs(small[start + 1] - small[start]).mean() for start in starts])
+    half = len(starts) // 2
+    pairs = zip(starts[half : 2 * half], starts[:half], strict=True)
+    apart = np.mean([np.abs(small[a] - small[b]).mean() for a, b in pairs])
     return bool(following <= _SMOOTH * apart)
 
 
@@ -292,8 +387,9 @@ def named_sensor(name: str) -> str:
 
 
 def _sensor(root: Path, folder: str, media: Sequence[Path], doubts: list[str]) -> dict[str, Any]:
+    what = "the folder" if folder in media[0].relative_to(root).parts[:-1] else "the file"
     if folder and (sensor := named_sensor(folder)):
-        doubts.append(f"sensor: {sensor}, by the name of the folder")
+        doubts.append(f"sensor: {sensor}, by the name of {what}")
         return {"sensor": sensor}
     words = "_".join([root.name, *media[0].relative_to(root).parts])
 
@@ -318,6 +414,12 @@ def guess_sensor(
     if named := [name for name in sorted(SPECS, key=len, reverse=True) if name in words]:
         return {"sensor": named[0]}
     height, width = shape()
+    if foreign := next((name for name in _FOREIGN if name in words), ""):
+        doubts.append(
+            f"sensor: {foreign} by its name, which no package has; {_FOREIGN[foreign]} is the "
+            f"nearest, tactileforge plugins new sensor {foreign} makes one"
+        )
+        return {"sensor": _FOREIGN[foreign]}
     # DIGIT alone of the usual sensors is taller than wide
     sensor = "digit" if height > width else "gelsight_mini"
     doubts.append(f"sensor: no name tells the type; {sensor} by the shape {height} x {width} alone")
@@ -345,6 +447,11 @@ def _background(
         stills = [path for path in stills if _is_of(path.relative_to(root), folder)]
     if stills and (name := _still(root, media, stills, layout)):
         return {"background": {"file": name}}
+    if stills:
+        name = stills[0].relative_to(root).as_posix()
+        doubts.append(
+            f"background: {name} is not of the size and colours of all pictures, and left out"
+        )
     if layout.get("each") == "touch":
         doubts.append("background: none was found, so nothing is subtracted")
         return {"background": "none"}
@@ -355,7 +462,8 @@ def _background(
 def _is_of(still: Path, folder: str) -> bool:
     """Whether a background lies in a folder, or is named by it and nothing else."""
     rest = _BACKGROUND.sub("", still.stem.lower()).strip("_-. ")
-    return folder in still.parts[:-1] or rest in (folder.lower(), named_sensor(folder))
+    of_name = rest in (folder.lower(), named_sensor(folder))
+    return folder in still.parts[:-1] or bool(rest and of_name)
 
 
 def _still(
@@ -365,12 +473,29 @@ def _still(
     units = _units(root, media, layout)
     for family in templates(stills, units):
         if len(family.files) > 1 and is_for_all(family, units):
-            return family.template
+            own = [path for path in media if path.parent == family.files[0].parent]
+            if not own or _fits(family.files[0], own):
+                return family.template
     shared = min(stills, key=lambda path: len(path.parts))
-    of_frames, of_still = _open(media[0]), _open(shared)
-    if of_frames is None or of_still is None or of_frames.shape != of_still.shape:
-        return ""
-    return shared.relative_to(root).as_posix()
+    return shared.relative_to(root).as_posix() if _fits(shared, media) else ""
+
+
+def _fits(still: Path, media: Sequence[Path]) -> bool:
+    """Whether a background has the size of the frames of each folder, and looks alike."""
+    folders: dict[Path, list[Path]] = {}
+    for path in media:
+        folders.setdefault(path.parent, []).append(path)
+    looked = [
+        path for paths in islice(folders.values(), _COMPARED) for path in (paths[0], paths[-1])
+    ]
+    shapes = {
+        None if (frames := _open(path)) is None else frames.shape for path in (still, *looked)
+    }
+    if len(shapes) > 1 or None in shapes:
+        return False
+    pictures = [_open(path) for path in (still, media[0])]
+    base, first = (frames.read([0])[0].astype(np.float32) for frames in pictures if frames)
+    return bool(np.median(np.abs(base - first)) < _ANOTHER)
 
 
 def _object(

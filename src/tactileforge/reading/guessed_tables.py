@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,9 @@ from numpy.typing import NDArray
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import ConfigError
+from tactileforge.reading.label_rows import ends_of
 from tactileforge.reading.records import RECORDS, conversion
+from tactileforge.reading.series import series_of
 from tactileforge.reading.table_families import Family, Units, is_for_all
 from tactileforge.specs.published import spec
 
@@ -22,8 +25,8 @@ _BEFORE = r"(?:\S*[./])?"
 #: Headers of columns, without the unit behind them.
 _FORCES = {
     axis: re.compile(
-        rf"{_BEFORE}(?:(?:forces?|f)[_ .]?{axis}\b.*|{axis}[_ .]?force\b.*"
-        rf"|(?:forces?|wrench|ft)[_.]{place})"
+        rf"{_BEFORE}(?:(?:forces?|f)[_ .]?{axis}(?![^\W_]).*|{axis}[_ .]?force(?![^\W_]).*"
+        rf"|(?:forces?|wrench(?:es)?|ft|f|fxyz|force_?torques?)(?:_\w+)?[_.]{place})"
     )
     for place, axis in enumerate("xyz")
 }
@@ -33,22 +36,130 @@ _TIME = re.compile(
     r"|(?:\w+\.)*(?:(?:time)?stamp[._])?(?:secs?|seconds?)"
 )
 _TIME_UNIT = re.compile(r"[_ (\[]([mun]s)[)\]]?$")
-_FRAME = re.compile(r"frame(?:_?(?:i?d?x?|number|no|count))?|index")
+_FRAME = re.compile(r"(?:video_|image_)?frame(?:_?(?:i?d?x?|number|no|count))?|index")
 _OBJECT = re.compile(r"object(?:_name)?|label|class|name|material|item")
+_EPISODE = re.compile(
+    r"(?:episode|trial|sequence|seq|recording|take|video|touch|clip|grasp|press)"
+    r"(?:_?(?:id|index|idx|number|no|name))?"
+)
 _SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
 _FPS = re.compile(r"(?:camera[_.])?(?:fps|frame_?rate|frames_per_second|rate_hz|hz)")
 _TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
 #: Stems of arrays by what they hold: an array has no headers.
 _FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|wrench(?:es)?|ft|fxyz|f)")
 _TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
+#: Ratio of the most negative normal force to the largest from which pressing is negative.
+_PULLING = 3.0
 #: Ratio of durations up to which two clocks have one unit.
 _AS_LONG = 2.5
 #: Largest plausible step of frames, s.
 _SLOW = 2.0
 
 
-def guess_times(
+@dataclass(frozen=True)
+class NamedColumns:
+    """Columns of a table by what their names say; None for none.
+
+    Attributes:
+        force: Columns of x, y and z.
+        times: Column of times.
+        time_unit: Unit in the name of that column; "" for none.
+        recording: Column that tells recordings apart.
+        object: Column of the touched object.
+        text: Column of captions.
+        sensor: Column of the type of the sensor.
+    """
+
+    force: tuple[str | None, str | None, str | None]
+    times: str | None
+    time_unit: str
+    recording: str | None
+    object: str | None
+    text: str | None
+    sensor: str | None
+
+
+def named_columns(header: Sequence[str]) -> NamedColumns:
+    """What the names of columns say.
+
+    Args:
+        header: Names; values within others have a point, ``force.0``.
+
+    Example:
+        >>> found = named_columns(["episode_index", "t_ms", "force.0", "force.1", "force.2"])
+        >>> found.recording, found.times, found.time_unit, found.force
+        ('episode_index', 't_ms', 'ms', ('force.0', 'force.1', 'force.2'))
+    """
+    family = Family("", (), rows=[dict.fromkeys(header, "")])
+    x, y, z = (family.column(_FORCES[axis]) for axis in "xyz")
+    times = _time_column(family, "")
+    unit = _TIME_UNIT.search((times or "").lower())
+    return NamedColumns(
+        (x, y, z),
+        times,
+        unit[1] if unit else "",
+        *map(family.column, (_EPISODE, _OBJECT, _TEXT, _SENSOR)),
+    )
+
+
+def guess_apart(
     found: Sequence[Family], units: Units, doubts: list[str]
+) -> tuple[dict[str, Any], list[Family]]:
+    """Guess what tells images of one folder apart, where a table names several in it.
+
+    Args:
+        found: Families of tables.
+        units: The recordings, each a folder.
+        doubts: Lines, added to.
+
+    Returns:
+        Keys of the layout, ``recording`` or ``each``; {} where folders are recordings. And the
+        family of tables that says so.
+    """
+    keyed = [one for one in found if one.key and "*" not in one.template]
+    if units.each != "sequence" or not keyed:
+        return {}, []
+    place = _series_by_name(units)
+    for family in keyed:
+        rows: dict[str, list[Mapping[str, str]]] = {}
+        for row in family.rows:
+            if at := place.get(row[str(family.key)].replace("\\", "/").removeprefix("./")):
+                rows.setdefault(at, []).append(row)
+        episode = family.column(_EPISODE)
+        if episode == family.key or not episode:
+            episode = None
+        if episode and any(len({row[episode] for row in own}) > 1 for own in rows.values()):
+            doubts.append(f"recording: images are told apart by {episode} of {family.template}")
+            return {"recording": f"{{{episode}}}"}, [family]
+        for column in map(family.column, (_OBJECT, _TEXT, _SENSOR)):
+            if not column or column == family.key:
+                continue
+            if any(len({row[column] for row in own} - {""}) > 1 for own in rows.values()):
+                doubts.append(
+                    f"each: {column} of {family.template} differs within a folder and no column "
+                    f"tells recordings apart, so each image is taken for a touch of its own; if "
+                    f"those of one {column} are a recording: each: sequence, recording: "
+                    f"'{{{column}}}'"
+                )
+                return {"each": "touch"}, [family]
+    return {}, []
+
+
+def _series_by_name(units: Units) -> dict[str, str]:
+    """The series of each image, by its path or the end of its path; "" where several have it."""
+    out: dict[str, str] = {}
+    for unit, paths in units.files.items():
+        for series, images in series_of(paths).items():
+            name = "/".join((*unit, series))
+            for path in images:
+                whole = path.relative_to(units.root).as_posix()
+                for end in {whole, *ends_of(whole)}:
+                    out[end] = name if out.get(end, name) == name else ""
+    return out
+
+
+def guess_times(
+    found: Sequence[Family], units: Units, doubts: list[str], apart: str = ""
 ) -> tuple[dict[str, Any], bool]:
     """Guess the key of the times of frames, and whether these are since 1970.
 
@@ -56,6 +167,7 @@ def guess_times(
         found: Families of tables.
         units: The recordings.
         doubts: Lines, added to.
+        apart: Column that tells the recordings of one folder apart; "" for none.
     """
     usable = []
     for family in found:
@@ -64,6 +176,9 @@ def guess_times(
         if column is None or not is_for_all(family, units) or units.each == "touch":
             continue
         values = _numbers(family, column)
+        if apart and apart in family.rows[0] and len(values):
+            first = family.rows[0][apart]
+            values = values[[row[apart] == first for row in family.rows]]
         if len(values) < 2 or not (np.diff(values) > 0).all():
             continue
         if units.is_timed and (units.is_dated or not date_unit(values)):
@@ -122,33 +237,86 @@ def guess_force(
             doubts.append(f"force: {family.files[0].name} has it in {said}, left out")
             return {}, [family]
         (unit,) = stated_units
+        if family.is_numbered and family.files[0].suffix.lower() != ".npy":
+            doubts.append(
+                f"force: {family.template} has no names of columns; x, y and z are taken to be "
+                f"{', '.join(str(name) for name in columns if name)}"
+            )
         table = {"file": family.template, "columns": columns, **clock}
         table |= {} if unit == "N" else {"force_unit": unit}
         said = "newton" if unit == "N" else unit
+        if columns[2] and _pulls(family, columns[2]):
+            table["sign"] = [1, 1, -1]
+            doubts.append(f"force: {columns[2]} is negative where it is large, so z is turned")
         doubts.append(
             f"force: taken for {said}, x right, y down, z into the gel, pressing positive"
         )
         return {"force": table}, [family]
+    for family in found:
+        lead = _lead(family)
+        columns = _numbered_forces(family) if lead else []
+        if lead and columns[2] and is_for_all(family, units) and not family.key:
+            said = f"frame: {lead!r}" if _counts(family, lead) else f"time: {lead!r}"
+            doubts.append(
+                f"force: {family.template} has no names of columns, and a name that tells no "
+                f"forces; if it has some: force: {{file: {family.template!r}, {said}, "
+                f"columns: {columns}}}"
+            )
+            break
     return {}, []
 
 
+def _pulls(family: Family, column: str) -> bool:
+    """Whether a normal force is negative where it is large: pressing is never so."""
+    values = _numbers(family, column)
+    values = values[np.isfinite(values)]
+    return bool(
+        len(values) and values.min() < -_PULLING * max(0.0, float(values.max())) < 0.0
+    ) or bool(len(values) and values.max() <= 0 > values.min())
+
+
 def _force_columns(family: Family) -> list[str | None]:
-    if family.files[0].suffix.lower() == ".npy":
-        width = len(family.rows[0])
-        if not _FORCE_STEM.fullmatch(family.files[0].stem.lower()) or "0" not in family.rows[0]:
-            return [None] * 3
-        return ["0", "1", "2"] if width >= 3 else [None, None, "0"]
-    return [family.column(_FORCES[axis]) for axis in "xyz"]
+    if not family.is_numbered:
+        return [family.column(_FORCES[axis]) for axis in "xyz"]
+    if not _FORCE_STEM.fullmatch(family.files[0].stem.lower()):
+        return [None] * 3
+    return _numbered_forces(family)
 
 
-def _time_column(family: Family) -> str | None:
-    path = family.files[0]
-    if path.suffix.lower() == ".npy":
-        is_times = _TIME_STEM.fullmatch(path.stem.lower()) and list(family.rows[0]) == ["0"]
-        return "0" if is_times else None
+def _numbered_forces(family: Family) -> list[str | None]:
+    """Columns of forces in a table without names: behind a time, number or name, alone or first."""
+    columns = [name for name in family.rows[0] if name != family.key]
+    rest = columns[1:] if _lead(family) else columns
+    return [*rest[:3]] if len(rest) >= 3 else [None, None, rest[0]] if rest else [None] * 3
+
+
+def _lead(family: Family) -> str:
+    """The first column of a table without names, where it rises before others; "" for none."""
+    columns = [name for name in family.rows[0] if name != family.key]
+    # three or six columns are forces, with or without torques
+    if not family.is_numbered or len(columns) in (1, 3, 6):
+        return ""
+    values = _numbers(family, columns[0])
+    return columns[0] if len(values) > 1 and (np.diff(values) > 0).all() else ""
+
+
+def _time_column(family: Family, stem: str | None = None) -> str | None:
+    if family.is_numbered:
+        stem = family.files[0].stem if stem is None else stem
+        is_times = _TIME_STEM.fullmatch(stem.lower())
+        if is_times and list(family.rows[0]) == ["0"]:
+            return "0"
+        lead = _lead(family)
+        return lead if lead and not _counts(family, lead) else None
     names = [name for name in family.rows[0] if _TIME.fullmatch(name.strip().lower())]
     # the stamp of a message before the time at which it was received
     return next((name for name in names if "stamp" in name.lower()), names[0] if names else None)
+
+
+def _counts(family: Family, column: str) -> bool:
+    """Whether a column counts rows by 1."""
+    values = _numbers(family, column)
+    return bool(len(values) > 1 and values[0] in (0, 1) and (np.diff(values) == 1).all())
 
 
 def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | None:
@@ -158,6 +326,8 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
     if units.each == "touch":
         return {} if len(family.rows) == 1 else None
     frame, time = family.column(_FRAME), _time_column(family)
+    if (lead := _lead(family)) and not time:
+        frame = lead
     per_frame = len(family.rows) == units.count
     if frame and (per_frame or time is None):
         return {"frame": frame}
@@ -291,7 +461,7 @@ def left_out(unread: Iterable[Path], root: Path) -> list[str]:
             continue
         lines.append(
             f"labels: {first}{more} left out, since no force and no name of an object was seen; "
-            "give force: or labels: of the layout, if it has some (commas, decimals with points)"
+            "give force: or labels: of the layout, if it has some"
         )
     return lines
 

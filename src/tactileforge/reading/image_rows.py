@@ -10,6 +10,7 @@ from posixpath import normpath
 
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.files import names_below
+from tactileforge.reading.label_rows import ends_of
 from tactileforge.reading.records import RECORDS
 from tactileforge.reading.tables import Row, read_cells
 
@@ -23,7 +24,7 @@ class ImageRows:
     """Finds the CSV row of each image; a CSV is read once.
 
     A row names an image by its path from the folder of the layout or of the CSV, by its absolute
-    path, or by its name if that is unique; with or without the ending.
+    path, or by the end of its path or its name if that is unique; with or without the ending.
 
     Args:
         folder: Folder of the layout.
@@ -33,8 +34,8 @@ class ImageRows:
     def __init__(self, folder: Path, images: Sequence[Path]) -> None:
         self.folder = folder
         self.images = images
-        names = Counter(image.name for image in images)
-        self._alone = {name for name, count in names.items() if count == 1}
+        ends = Counter(end for image in images for end in self._ends(image))
+        self._alone = {end for end, count in ends.items() if count == 1}
         self._tables: dict[tuple[Path, str | None], dict[str, Row]] = {}
 
     def find(
@@ -99,6 +100,11 @@ class ImageRows:
                 f" {fix}"
             )
 
+    def _ends(self, image: Path) -> list[str]:
+        """Ends of its path from folders below that of the layout on."""
+        inside = image.is_relative_to(self.folder)
+        return ends_of((image.relative_to(self.folder) if inside else image).as_posix())
+
     def _spellings(self, image: Path, table: Path, is_shared: bool) -> list[str]:
         names = [
             image.relative_to(base).as_posix()
@@ -106,8 +112,7 @@ class ImageRows:
             if image.is_relative_to(base)
         ]
         names.append(image.absolute().as_posix())
-        if not is_shared or image.name in self._alone:
-            names.append(image.name)
+        names += [end for end in self._ends(image) if not is_shared or end in self._alone]
         return [*names, *(name.removesuffix(image.suffix) for name in names)]
 
 

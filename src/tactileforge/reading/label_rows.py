@@ -118,9 +118,9 @@ def match_labels(
     """The row of each touch; without one, a row with all columns of the labels empty.
 
     Rows may write a file with ``./``, with backslashes, as an absolute path, from the folder of the
-    CSV on, in another case, without its ending, or by its name alone if that is unique. For a touch
-    that is a folder, a row names the folder or one of its images. Labels in a file of its own
-    (``{folder}/meta.json``) are one row, or rows of its images.
+    CSV on, in another case, without its ending, or by the end of the path or its name alone if that
+    is unique. For a touch that is a folder, a row names the folder or one of its images. Labels in
+    a file of its own (``{folder}/meta.json``) are one row, or rows of its images.
 
     Args:
         layout: The layout.
@@ -236,7 +236,7 @@ class _Names:
         self._short: dict[str, str | None] = {}
         for plain, name in self._exact.items():
             bare = plain.rpartition("/")[2]
-            for short in {bare, ENDING.sub("", bare), ENDING.sub("", plain)}:
+            for short in {*ends_of(plain), ENDING.sub("", bare), ENDING.sub("", plain)}:
                 known = self._short.setdefault(short, name)
                 self._short[short] = name if known == name else None
 
@@ -274,6 +274,17 @@ class _Names:
         last = name.rpartition("/")[2].casefold()
         alike = [one for one in self.all if one.rpartition("/")[2].casefold() == last]
         return get_close_matches(name, (alike or self.all)[:_COMPARED], 1, 0.0)[0]
+
+
+def ends_of(path: str) -> list[str]:
+    """Ends of a path from each of its folders on, without the whole.
+
+    Example:
+        >>> ends_of("images/mug/0.png")
+        ['mug/0.png', '0.png']
+    """
+    parts = path.split("/")
+    return ["/".join(parts[i:]) for i in range(1, len(parts))] or [path]
 
 
 def _forward(path: str) -> str:

@@ -58,7 +58,7 @@ class NameTimes:
     """
 
     times: NDArray[np.float64] | None = None
-    start: float | None = None
+    start: Decimal | None = None
     doubt: str = ""
 
 
@@ -238,7 +238,7 @@ def _dated(stamps: list[int], fps: float | None) -> NameTimes:
     doubt = ""
     if fps and not 1 / _APART < rate / fps < _APART:
         doubt = f"names come {rate:.3g} times a second and fps is {fps:g}; the names count"
-    return NameTimes(times, stamps[0] / 1e9, doubt)
+    return NameTimes(times, Decimal(stamps[0]) / 10**9, doubt)
 
 
 def _is_counter(stamps: Sequence[int]) -> bool:

@@ -142,6 +142,14 @@ class PublishedDataset(Drawn, ABC):
         about = f"split {self.split}: {self.chosen.about}"
         raise self._missing(f"nothing for {split} in {self.root} ({about})")
 
+    @property
+    def held_out(self) -> list[str]:
+        """The held-out unit."""
+        split = f"split {self.split}: {self.chosen.about}"
+        if self.chosen.val:
+            return [split]
+        return [f"by object, film or session of {split}"] if self.val else []
+
     def _side(self, item: RecordingItem) -> str | None:
         side = self.chosen.side(item.facts)
         if side != "train" or self.chosen.val:

@@ -439,4 +439,5 @@ def _span(paths: Sequence[Path]) -> tuple[float, float] | None:
     found = name_times([paths[0].stem, paths[-1].stem], None)
     if found.start is None or found.times is None:
         return None
-    return found.start, found.start + float(found.times[-1])
+    start = float(found.start)
+    return start, start + float(found.times[-1])

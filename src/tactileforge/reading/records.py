@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +16,21 @@ import numpy as np
 
 from tactileforge.data.frames.stacks import load_array
 from tactileforge.errors import DataError
+from tactileforge.plugins import names
 from tactileforge.reading.files import read_text
 from tactileforge.reading.order import name_keys
 from tactileforge.util.untrusted import load_json, load_yaml
 
 #: Endings of tables that are read here.
 RECORDS = frozenset({".json", ".jsonl", ".ndjson", ".yaml", ".yml", ".npy"})
+#: Packages that read tables of other programs, by the endings of these.
+_NEEDED = {".xlsx": "openpyxl", ".xlsm": "openpyxl", ".mat": "scipy"}
 #: Column of the name of the file that a row is from, where there is one a row.
 FILE_COLUMN = "file"
 #: Columns of equal length from which these are rows; a shorter list is a vector, such as a wrench.
 _ROWS = 8
 #: Largest number of values in one row: what has more is no row of labels.
-_CELLS = 200
+CELLS = 200
 
 _PANDAS = "python -c \"import pandas; pandas.{}('{}').to_csv('{}', index=False)\""
 _OFFICE = "libreoffice --headless --convert-to csv {}"
@@ -41,26 +45,36 @@ _MAT_73 = (
 )
 
 
+def sheets() -> frozenset[str]:
+    """Endings of tables of other programs that are read: those of the core and of packages."""
+    return frozenset((".xlsx", ".xlsm", ".npz", *(f".{name}" for name in names("tables"))))
+
+
 def conversion(path: Path) -> str:
     """Kind of an unread file of labels, and a way to convert it; "" for another.
 
     Example:
-        >>> conversion(Path("forces.xlsx"))
-        'a spreadsheet: libreoffice --headless --convert-to csv forces.xlsx'
+        >>> conversion(Path("forces.xls"))
+        'a spreadsheet: libreoffice --headless --convert-to csv forces.xls'
     """
     name, ending = shlex.quote(path.name), path.suffix.lower()
+    is_hdf5 = ending == ".mat" and _starts_with(path, b"MATLAB 7.3")
+    needed = "" if is_hdf5 else _NEEDED.get(ending, "")
+    is_missing = bool(needed) and find_spec(needed) is None
+    if ending in sheets() and not is_missing:
+        return ""
     csv, npz = f"{path.stem}.csv", f"{path.stem}.npz"
+    install = f" (or pip install {needed}: it is read as it is)" if is_missing else ""
     match ending:
-        case ".xlsx" | ".xls" | ".xlsm" | ".ods":
-            return f"a spreadsheet: {_OFFICE.format(name)}"
+        case ".xlsx" | ".xlsm" | ".xls" | ".ods":
+            return f"a spreadsheet: {_OFFICE.format(name)}{install}"
         case ".mat":
-            is_hdf5 = _starts_with(path, b"MATLAB 7.3")
             told = "MATLAB 7.3, an HDF5" if is_hdf5 else "MATLAB"
-            return f"{told}: {(_MAT_73 if is_hdf5 else _MAT).format(path.name, npz)}"
+            how = (_MAT_73 if is_hdf5 else _MAT).format(path.name, npz)
+            return f"{told}: {how}{install}"
         case ".parquet" | ".feather":
-            return f"a {ending[1:]}: {_PANDAS.format(f'read_{ending[1:]}', path.name, csv)}"
-        case ".tsv":
-            return f"separated by tabs: tr '\\t' ',' < {name} > {csv}"
+            how = _PANDAS.format(f"read_{ending[1:]}", path.name, csv)
+            return f"a {ending[1:]}: {how}{install}"
         case ".pkl" | ".pickle":
             return "a pickle, which runs code when it is read: save it as CSV or npz"
     return ""
@@ -162,15 +176,20 @@ def _cells(row: Any, path: Path) -> dict[str, str]:
             f"{path}: {type(row).__name__} where a row of named values is wanted; write it as "
             '{"force": [0, 0, 2], "object": "mug"}'
         )
-    return dict(_flat(row, ""))
+    return dict(flat(row, ""))
 
 
-def _flat(value: Any, name: str) -> Iterator[tuple[str, str]]:
-    """Names and texts of a value and those within; lists beyond the limit are left out."""
-    if isinstance(value, Mapping | list) and len(value) <= _CELLS:
+def flat(value: Any, name: str) -> Iterator[tuple[str, str]]:
+    """Names and texts of a value and those within; lists beyond the limit are left out.
+
+    Args:
+        value: Mappings, lists and plain values, within each other.
+        name: Name of the value; "" for the top.
+    """
+    if isinstance(value, Mapping | list) and len(value) <= CELLS:
         inner = value.items() if isinstance(value, Mapping) else enumerate(value)
         for key, one in inner:
-            yield from _flat(one, f"{name}.{key}" if name else str(key))
+            yield from flat(one, f"{name}.{key}" if name else str(key))
     elif isinstance(value, bool):
         yield name, str(int(value))
     elif value is None:
@@ -192,7 +211,7 @@ def _array_rows(path: Path) -> list[tuple[str, dict[str, str]]]:
         columns = [array[name].astype(str) for name in names]
     elif array.ndim in (1, 2) and array.dtype.kind in "biuf":
         table = np.asarray(array).reshape(len(array), -1)
-        if table.shape[1] > _CELLS:
+        if table.shape[1] > CELLS:
             raise DataError(f"{path}: {table.shape[1]} columns, where a table has few")
         names, columns = [str(i) for i in range(table.shape[1])], list(table.T)
     else:

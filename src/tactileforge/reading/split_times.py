@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from decimal import Decimal
 from typing import TypeAlias
 
 #: Cells of a row, by their columns.
@@ -14,7 +15,7 @@ _SECONDS = re.compile(r"(?<![a-z])(secs?|seconds?)(?![a-z])")
 _PARTS = {"nano": 10**9, "n": 10**9, "micro": 10**6, "u": 10**6, "milli": 10**3, "m": 10**3}
 
 
-def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[Cells], float]:
+def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[Cells], Decimal]:
     """Function from the cells of a row to the part of a second beside its whole seconds.
 
     Args:
@@ -28,7 +29,7 @@ def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[
     Example:
         >>> rows = [("row 2", {"stamp.sec": "17", "stamp.nanosec": "250000000"})]
         >>> part_of_second("stamp.sec", rows)(rows[0][1])
-        0.25
+        Decimal('0.25')
     """
     header = {name.casefold().strip(): name for name in (rows[0][1] if rows else {})}
     plain = column.casefold().strip()
@@ -44,5 +45,5 @@ def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[
                 and int(cells[beside]) < count
                 for _, cells in rows
             ):
-                return lambda cells, beside=beside, count=count: int(cells[beside]) / count  # type: ignore[misc]
-    return lambda cells: 0.0
+                return lambda cells, beside=beside, count=count: Decimal(cells[beside]) / count  # type: ignore[misc]
+    return lambda cells: Decimal(0)

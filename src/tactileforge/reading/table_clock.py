@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.labels.align import meeting
-from tactileforge.data.labels.clock import UNITS, date_unit, misfit
+from tactileforge.data.labels.clock import UNITS, date_unit, misfit, seconds_since
 from tactileforge.errors import DataError
 from tactileforge.reading.layout_keys import FrameTable
 
@@ -25,10 +26,10 @@ _STARTS = (
 def on_frames(
     table: FrameTable,
     path: Path,
-    rows: NDArray[np.float64],
+    exact: Sequence[Decimal],
     times: NDArray[np.float64],
     force: NDArray[np.float64],
-    start: float | None = None,
+    start: Decimal | None = None,
     note: Callable[[str], None] = lambda line: None,
     change: Callable[[], NDArray[np.float64]] | None = None,
 ) -> NDArray[np.float64]:
@@ -37,7 +38,7 @@ def on_frames(
     Args:
         table: Column of the times, their unit, and where they start.
         path: Path of the CSV.
-        rows: float64 (n,), times in the CSV, ascending, in its unit.
+        exact: Times in the CSV, ascending, in its unit.
         times: float64 (T,), times of the frames, s.
         force: float64 (n, 3), N, of the rows.
         start: Time of the first frame, seconds since 1970, for rows with dates; None if unknown.
@@ -51,19 +52,23 @@ def on_frames(
             where they start.
     """
     assert table.time is not None
-    date = date_unit(rows)
-    second = UNITS[table.unit or date or "s"]
-    if table.start == "contact":
-        assert change is not None
-        return _by_contact(table, path, (rows - rows[0]) * second, times, force, note, change())
-    seconds = rows * UNITS[table.unit or "s"]
-    if table.start == "first_row":
-        seconds = (rows - rows[0]) * second
+    date = date_unit(np.array([float(row) for row in exact]))
+    unit = table.unit or date or "s"
+    second = Decimal(str(UNITS[unit]))
+    zero = Decimal(0)
+    if table.start in ("contact", "first_row"):
+        zero = exact[0] * second
     elif isinstance(table.start, int | float):
-        seconds = (rows - table.start) * second
+        zero = Decimal(str(table.start)) * second
     # rows with dates can be compared with the frames only by the date of the first frame
     elif date and start is not None:
-        seconds = rows * second - start
+        zero = start
+    else:
+        unit = table.unit or "s"
+    seconds = seconds_since(exact, zero, unit)
+    if table.start == "contact":
+        assert change is not None
+        return _by_contact(table, path, seconds, times, force, note, change())
     found = misfit(seconds, times, table.partial)
     if found is None:
         return seconds

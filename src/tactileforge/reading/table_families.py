@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path, PurePath
 from typing import TypeAlias
 
@@ -71,6 +72,13 @@ class Family:
     def is_own(self) -> bool:
         """Whether each recording has a table, or shares it with those of its folder."""
         return "{" in self.template
+
+    @property
+    def is_numbered(self) -> bool:
+        """Whether columns have numbers in place of names, as those of an array."""
+        return bool(self.rows) and all(
+            name == str(i) for i, name in enumerate(islice(self.rows[0], 1000))
+        )
 
     def column(self, pattern: re.Pattern[str]) -> str | None:
         """The first column of a pattern."""

@@ -6,7 +6,7 @@ import csv
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from io import StringIO
+from decimal import Decimal
 from pathlib import Path
 from typing import TypeAlias
 
@@ -21,18 +21,18 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unkno
 from tactileforge.reading.files import read_text
 from tactileforge.reading.layout import check_action
 from tactileforge.reading.layout_keys import FrameTable
-from tactileforge.reading.records import RECORDS, conversion, read_many, read_records
+from tactileforge.reading.records import RECORDS, conversion, read_many, read_records, sheets
+from tactileforge.reading.sheets import read_sheet
 from tactileforge.reading.split_times import part_of_second
 from tactileforge.reading.table_clock import on_frames
+from tactileforge.reading.text_tables import in_cells, read_text_table
 
-#: Lines of a CSV among which a header that is not the first is looked for.
-_HEAD = 30
 #: Place and cells of a row.
 Row: TypeAlias = tuple[str, dict[str, str]]
 #: Function from a table, its path, its row times, the frames' times and the rows' forces (n, 3) to
 #: row times on the frames' clock.
 Fit: TypeAlias = Callable[
-    [FrameTable, Path, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+    [FrameTable, Path, Sequence[Decimal], NDArray[np.float64], NDArray[np.float64]],
     NDArray[np.float64],
 ]
 
@@ -71,9 +71,9 @@ def read_force(
         )
     if table.time is not None:
         clock, measured = _on_a_clock(table, path, sensor)
-        clock = fit(table, path, clock, times, measured)
+        at = fit(table, path, clock, times, measured)
         # images are late: what a frame shows was felt lag_s before it
-        return resample(times - table.lag_s, clock, measured).astype(np.float32)
+        return resample(times - table.lag_s, at, measured).astype(np.float32)
     force = np.full((len(times), 3), np.nan)
     for frame, where, cells in _per_frame(table, path, len(times), images):
         force[frame] = _force(table, where, cells, sensor)
@@ -82,17 +82,18 @@ def read_force(
 
 def _on_a_clock(
     table: FrameTable, path: Path, sensor: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Seconds (n,) and forces (n, 3) of the rows of a CSV."""
+) -> tuple[list[Decimal], NDArray[np.float64]]:
+    """Times and forces (n, 3) of the rows of a CSV."""
     assert table.time is not None
     named = [name for name in table.columns if name]
-    clock: list[float] = []
+    clock: list[Decimal] = []
     forces = []
     rows = read_cells(path, [*named, table.time])
     part = part_of_second(table.time, rows)
     for where, cells in rows:
-        now = _number(cells[table.time], f"{where}, column {table.time!r}") + part(cells)
-        if math.isnan(now) or (clock and now <= clock[-1]):
+        found = _number(cells[table.time], f"{where}, column {table.time!r}")
+        now = Decimal(0 if math.isnan(found) else cells[table.time]) + part(cells)
+        if math.isnan(found) or (clock and now <= clock[-1]):
             raise DataError(
                 f"{where}: the time {cells[table.time]!r} is not after that of the row before; "
                 "sort the rows by time"
@@ -101,7 +102,7 @@ def _on_a_clock(
         forces.append(_force(table, where, cells, sensor))
     if not clock:
         raise DataError(f"{path}: no row; add the forces, or remove the recording")
-    return np.array(clock), np.stack(forces)
+    return clock, np.stack(forces)
 
 
 def _force(
@@ -201,8 +202,8 @@ def read_cells(
     r"""Place and cells of each row of a CSV, or of another table; see `records.read_records`.
 
     Args:
-        path: Path of the CSV, whose first line names the columns; or of a JSON, JSON lines, YAML or
-            .npy, or a pattern of such (``mug/*.json``).
+        path: Path of the CSV, see `text_tables`; of a JSON, JSON lines, YAML or .npy, or a pattern
+            of such (``mug/*.json``); or of a table of another program, see `sheets.read_sheet`.
         needed: Required columns.
         whole: Whether an empty line is an error: the parser skips it, which shifts rows by frame.
 
@@ -222,8 +223,10 @@ def read_cells(
         raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
     if convert := conversion(path):
         raise DataError(f"{path}: not a CSV but {convert}")
-    if many or path.suffix.lower() in RECORDS:
-        rows = read_many(path) if many else read_records(path)
+    suffix = path.suffix.lower()
+    if many or suffix in RECORDS or suffix in sheets():
+        read = read_records if suffix in RECORDS else read_sheet
+        rows = _spread(read_many(path) if many else read(path))
         header = list(rows[0][1]) if rows else []
         for name in needed:
             if name not in header:
@@ -235,47 +238,49 @@ def read_cells(
         raise DataError(f"{path}: not a CSV ({error}); save it as one") from error
 
 
-def _odd_header(header: Sequence[str], lines: Sequence[str], name: str) -> str:
-    """The way to mend a header without the needed columns: another separator, or lines above."""
-    for mark, word in ((";", "semicolons"), ("\t", "tabs")):
-        if any(mark in cell for cell in header):
-            return (
-                f"Columns are separated by {word} here: save the file as CSV with commas, and "
-                "decimals with points."
+def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[Row]:
+    table = read_text_table(read_text(path))
+    header = table.header
+    if twice := [name for name in needed if header.count(name) > 1]:
+        raise DataError(f"{path}: two columns are called {twice[0]!r}; rename one")
+    rows: list[Row] = []
+    skipped = False
+    for number, cells in table.rows:
+        if not cells:
+            skipped = True
+            continue
+        where = f"{path}, row {number}"
+        if whole and skipped:  # rows are frames
+            raise DataError(
+                f"{where}: an empty line is before it; rows are frames here, so write a row of "
+                'empty cells (,, or "") for a frame without a label'
             )
-    for number, line in enumerate(lines[1:_HEAD], 2):
-        if name in (cell.strip() for cell in line.split(",")):
-            return f"Line {number} names the columns: remove the lines above it."
-    return ""
+        skipped = False
+        # a mark behind the last cell parts nothing
+        if len(cells) > len(header) and any(cells[len(header) :]):
+            raise DataError(
+                f"{where}: more cells than the header has; quote commas of texts, and write a "
+                "point for those of decimals"
+            )
+        padded = [*cells, *[""] * (len(header) - len(cells))]
+        rows.append((where, dict(zip(header, padded, strict=False))))
+    rows = _spread(rows)
+    known = list(rows[0][1]) if rows else header
+    for name in needed:
+        if name not in known:
+            fix = "" if table.named else "The file has no line of names: columns are numbered"
+            raise ConfigError(f"{path}: {unknown('column', name, known, fix)}")
+    return rows
 
 
-def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[tuple[str, dict[str, str]]]:
-    with StringIO(read_text(path), newline="") as file:
-        reader = csv.DictReader(file, restval="", skipinitialspace=True)
-        header = reader.fieldnames or []
-        if twice := [name for name in needed if list(header).count(name) > 1]:
-            raise DataError(f"{path}: two columns are called {twice[0]!r}; rename one")
-        for name in needed:
-            if name not in header:
-                fix = _odd_header(header, file.getvalue().splitlines(), name)
-                raise ConfigError(f"{path}: {unknown('column', name, header, fix)}")
-        rows = []
-        line = reader.line_num
-        for cells in reader:
-            where = f"{path}, row {reader.line_num}"
-            lines = 1 + sum(str(value).count("\n") for value in cells.values())
-            if whole and reader.line_num > line + lines:  # csv skipped an empty line
-                raise DataError(
-                    f"{where}: an empty line is before it; rows are frames here, so write a row of "
-                    'empty cells (,, or "") for a frame without a label'
-                )
-            line = reader.line_num
-            if None in cells:
-                raise DataError(
-                    f"{where}: more cells than the header has; quote commas of texts, and write a "
-                    "point for those of decimals"
-                )
-            rows.append((where, {name: value.strip() for name, value in cells.items()}))
+def _spread(rows: list[Row]) -> list[Row]:
+    """Rows with the values within their cells as columns of their own."""
+    for inner in in_cells([cells for _, cells in rows]).values():
+        names = dict.fromkeys((name for cells in inner for name in cells), "")
+        rows = [
+            (where, {**cells, **names, **more})
+            for (where, cells), more in zip(rows, inner, strict=True)
+        ]
     return rows
 
 

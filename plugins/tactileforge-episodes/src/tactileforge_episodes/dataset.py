@@ -1,4 +1,4 @@
-"""The data set ``episodes``: arrays of episodes in zarr, HDF5 and npz, read by a map."""
+"""The data set ``episodes``: arrays of episodes in zarr, HDF5, npz and mat, read by a map."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ _LABELS = ("force", "action", "object", "text", "image")
 class Episodes:
     """Arrays of episodes, one recording a sensor and episode (`docs/episodes.md`).
 
-    Files are read where they lie, in folders, zip and tar: zarr (versions 2 and 3), HDF5 and npz.
+    Files are read where they lie, in folders, zip and tar: zarr (versions 2 and 3), HDF5, npz and
+    MATLAB's .mat.
     A map says which arrays are touch, camera, state and so on.
 
     Args:
@@ -138,8 +139,8 @@ class Episodes:
         found = guess(self.root, self.touch)
         if found is None:
             raise DataNotFoundError(
-                f"{self.root}: no zarr, HDF5 or npz is there; set data.root to the folder of the "
-                "files (docs/episodes.md)"
+                f"{self.root}: no zarr, HDF5, npz or mat is there; set data.root to the folder of "
+                "the files (docs/episodes.md)"
             )
         other = "data.preset says another" if "preset" in found.options else "data.map says more"
         self._notes.append(f"{self.root}: recognised as {found.format}; {other}")
@@ -214,7 +215,7 @@ class Episodes:
             if split is None or not whole or self._split(file, 0) == split:
                 yield file
         if not count:
-            ends = ", ".join(self.keys.files) or "*.zarr, *.hdf5, *.npz, *.zip, *.tar"
+            ends = ", ".join(self.keys.files) or "*.zarr, *.hdf5, *.npz, *.mat, *.zip, *.tar"
             bad = f" ({self.skipped[0]})" if self.skipped else ""
             raise DataNotFoundError(
                 f"{self.root}: no file that ends like {ends}{bad}; set data.root to the folder of "

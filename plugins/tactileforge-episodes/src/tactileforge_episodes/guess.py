@@ -91,7 +91,7 @@ def listed_arrays(root: Path) -> str:
     """The arrays of the first file of a folder, with their types and shapes, a phrase."""
     place = next(find_places(root, str), None)
     if place is None:
-        return "no zarr, HDF5 or npz is there"
+        return "no zarr, HDF5, npz or mat is there"
     file = open_place(place)
     looks = [Look(key, file.facts(key), words_of(key)) for key in file.keys()]  # noqa: SIM118
     return f"{_shown(root, place)} has {listed(looks)}"

@@ -15,7 +15,7 @@ from tactileforge_episodes.arrays import ArrayFile
 from tactileforge_episodes.members import FolderMembers, Members, TarMembers, ZipMembers
 
 #: Kinds of files by suffix.
-KINDS = {".hdf5": "hdf5", ".h5": "hdf5", ".hdf": "hdf5", ".npz": "npz"}
+KINDS = {".hdf5": "hdf5", ".h5": "hdf5", ".hdf": "hdf5", ".npz": "npz", ".mat": "mat"}
 ARCHIVES = (".zip", ".tar")
 #: Files in the folder of a zarr group, versions 2 and 3.
 _GROUPS = {".zgroup", ".zmetadata", "zarr.json"}
@@ -30,7 +30,7 @@ class Place:
     Attributes:
         path: File, archive or folder on disk.
         inner: Path inside of the archive, "" for its top and where there is none.
-        kind: ``zarr``, ``hdf5`` or ``npz``.
+        kind: ``zarr``, ``hdf5``, ``npz`` or ``mat``.
     """
 
     path: str
@@ -153,6 +153,10 @@ def _opened(process: int, place: Place, stamp: tuple[int, int]) -> ArrayFile:
         from tactileforge_episodes.npz import NpzFile
 
         return NpzFile(str(place), file)
+    if place.kind == "mat":
+        from tactileforge_episodes.mat import open_mat
+
+        return open_mat(str(place), file)
     from tactileforge_episodes.hdf import HdfFile
 
     # not by its path: HDF5 would refuse others to open the file for writing

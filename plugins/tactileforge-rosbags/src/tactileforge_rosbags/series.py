@@ -200,3 +200,38 @@ def nearest_rows(
     base = at[0]
     rows = order[nearest((times[order] - base) / _SECOND, (at - base) / _SECOND)]
     return rows, np.abs(times[rows] - at) <= gap * _SECOND
+
+
+def between(
+    times: NDArray[np.int64],
+    at: NDArray[np.int64],
+    gap: float,
+    values: NDArray[np.float32],
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Values at other times, between the two nearest; and whether one is near enough.
+
+    A value at a time that was measured is that one to the bit; where one neighbour alone is near
+    enough, as before the first value, it counts.
+
+    Args:
+        times: Times of the values, ns, in any order.
+        at: Times to find, ns.
+        gap: Largest difference, s.
+        values: float32 (n, C).
+
+    Returns:
+        float32 (m, C), and bool (m,).
+    """
+    rows, near = nearest_rows(times, at, gap)
+    out: NDArray[np.float32] = values[rows]
+    if len(times) < 2:
+        return out, near
+    order = np.argsort(times, kind="stable")
+    after = np.searchsorted(times[order], at).clip(1, len(times) - 1)
+    first, second = order[after - 1], order[after]
+    since, until = at - times[first], times[second] - at
+    # at a time that was measured, the value stays as it is
+    inside = (since > 0) & (until > 0) & (np.maximum(since, until) <= gap * _SECOND)
+    share = (since[inside] / (since + until)[inside])[:, None]
+    out[inside] = values[first[inside]] * (1 - share) + values[second[inside]] * share
+    return out, near

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactileforge.errors import DataError
 from tactileforge_rosbags.bags import Bag, changed
 from tactileforge_rosbags.map_keys import WrenchKeys
-from tactileforge_rosbags.series import Clock, Scan, nearest_rows, scan
+from tactileforge_rosbags.series import Clock, Scan, between, nearest_rows, scan
 
 #: Types of messages of wrenches, and of joints.
 WRENCHES = ("geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/Wrench")
@@ -31,7 +31,7 @@ def read_wrench(
 ) -> tuple[NDArray[np.float32], Scan]:
     """Wrench at each frame, float32 (T, 6), as in the messages: forces, then torques.
 
-    Frames without a message within ``gap`` are NaN.
+    Between two messages within ``gap`` they are interpolated; frames without one are NaN.
 
     Args:
         bag: The bag.
@@ -47,10 +47,10 @@ def read_wrench(
         DataError: The topic is not there, of another type or empty, or no message is near a frame.
     """
     found = _wrenches(bag, topic, changed(bag.path))
-    rows, near = nearest_rows(clock.of(found.series), clock.times + round(lag * 1e9), gap)
+    at = clock.times + round(lag * 1e9)
+    wrench, near = between(clock.of(found.series), at, gap, found.values)
     if not near.any():
         raise _apart(found, clock, gap)
-    wrench: NDArray[np.float32] = found.values[rows]
     wrench[~near] = np.nan
     return wrench, found
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +78,22 @@ def date_unit(values: NDArray[np.float64]) -> str:
         if len(values) and values.min() >= low and values.max() < high:
             return unit
     return ""
+
+
+def seconds_since(values: Sequence[Decimal], zero: Decimal, unit: str = "s") -> NDArray[np.float64]:
+    """Seconds of times since a zero, exact: a float cannot hold a date in nanoseconds.
+
+    Args:
+        values: Times in their unit.
+        zero: Zero, in seconds.
+        unit: Unit of the times.
+
+    Example:
+        >>> seconds_since([Decimal("1763000000000000005")], Decimal(1763000000), "ns").tolist()
+        [5e-09]
+    """
+    scale = Decimal(str(UNITS[unit]))
+    return np.array([float(value * scale - zero) for value in values], np.float64)
 
 
 def seconds_of(unit: str, where: str) -> float:

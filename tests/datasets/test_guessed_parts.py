@@ -1,0 +1,122 @@
+"""Folders of several sensors, sizes and backgrounds: a layout for each part, with no key typed."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from videos import write_video
+
+from tactileforge.contracts import Recording
+from tactileforge.datasets.recordings import Recordings
+from tactileforge.reading.guessed_layout import guess_layout
+
+RNG = np.random.default_rng(0)
+
+
+def image(path: Path, level: int | None = None, size: tuple[int, int] = (24, 32)) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pixels = np.full((*size, 3), level) if level else RNG.integers(0, 256, (*size, 3))
+    Image.fromarray(pixels.astype(np.uint8)).save(path)
+
+
+def film(path: Path) -> None:
+    write_video(path, [np.full((24, 32, 3), level, np.uint8) for level in range(60, 84)])
+
+
+def read(root: Path) -> tuple[dict[str, Recording], Sequence[str]]:
+    guess = guess_layout(root)
+    assert guess is not None
+    data = Recordings(**guess.options)
+    found = {one.key: one for split in ("train", "val") for one in data.recordings(split)}
+    assert not data.skipped
+    return found, guess.doubts
+
+
+def test_films_named_by_sensors_have_each_its_sensor_and_forces(tmp_path: Path) -> None:
+    for sensor, factor in (("digit", -1), ("gelsight_mini", 2)):
+        film(tmp_path / f"{sensor}_press.avi")
+        rows = [f"{n},{n / 25:.4f},0.5,0,{factor * n / 10}" for n in range(24)]
+        text = "video_frame,t_s,fx_n,fy_n,fz_n\n" + "\n".join(rows)
+        (tmp_path / f"{sensor}_force.csv").write_text(text)
+    film(tmp_path / "other-1.avi")
+    found, doubts = read(tmp_path)
+    sensors = {key.split("/")[1]: one.sensor for key, one in found.items()}
+    assert sensors["digit_press.avi"] == "digit"
+    assert sensors["gelsight_mini_press.avi"] == "gelsight_mini"
+    assert len(found) == 3
+    digit, mini = (found[f"{s}/{s}_press.avi"].force for s in ("digit", "gelsight_mini"))
+    assert digit is not None
+    assert mini is not None
+    np.testing.assert_array_equal(digit[:, 2], np.arange(24, dtype=np.float32) / np.float32(10))
+    np.testing.assert_array_equal(mini[:, 0], np.float32(0.5))
+    np.testing.assert_allclose(mini[:, 2], np.arange(24) / 5, rtol=1e-6)
+    assert "digit: force: fz_n is negative where it is large, so z is turned" in doubts
+
+
+def test_images_named_by_sensors_are_read_once(tmp_path: Path) -> None:
+    for n in range(4):
+        for sensor in ("digit", "gelsight", "gelsight_mini"):
+            image(tmp_path / f"{n}_{sensor}.png")
+    found, _ = read(tmp_path)
+    assert len(found) == 12
+    for key, one in found.items():
+        assert one.sensor == key.rpartition("/")[2].removesuffix(".png").partition("_")[2]
+
+
+def test_backgrounds_are_of_their_folders_alone(tmp_path: Path) -> None:
+    for folder, level in (("a", 80), ("b", 160), ("c", None)):
+        for n in range(4):
+            image(tmp_path / folder / f"{n}.png")
+        if level:
+            image(tmp_path / folder / "bg-0.png", level)
+    found, _ = read(tmp_path)
+    assert len(found) == 12
+    levels = {
+        key[0]: None if one.no_contact is None else int(one.no_contact.read([0])[0, 0, 0, 0])
+        for key, one in found.items()
+    }
+    assert levels == {"a": 80, "b": 160, "c": None}
+
+
+def test_a_background_of_another_size_is_left_out(tmp_path: Path) -> None:
+    for n in range(4):
+        image(tmp_path / f"press_{n}.png", size=(24, 32) if n else (48, 64))
+    image(tmp_path / "background.png", 90)
+    found, doubts = read(tmp_path)
+    assert len(found) == 4
+    assert all(one.no_contact is None for one in found.values())
+    assert (
+        "background: background.png is not of the size and colours of all pictures, and left out"
+        in doubts
+    )
+
+
+def test_a_picture_of_something_else_is_no_background(tmp_path: Path) -> None:
+    for n in range(4):
+        image(tmp_path / f"press_{n}.png", 40 + n)
+    image(tmp_path / "pseudo_bg.png", 140)
+    found, doubts = read(tmp_path)
+    assert all(one.no_contact is None for one in found.values())
+    assert "background: pseudo_bg.png is not of the size and colours" in "".join(doubts)
+
+
+def test_a_press_that_begins_late_is_one_recording(tmp_path: Path) -> None:
+    base = RNG.integers(60, 120, (48, 64, 3))
+    for n in range(60):
+        noise = RNG.integers(-3, 4, base.shape)
+        pressed = base + noise
+        pressed[10:40, 10:50] += max(0, n - 25) * 3
+        (tmp_path / "take").mkdir(exist_ok=True)
+        pixels = pressed.clip(0, 255).astype(np.uint8)
+        Image.fromarray(pixels).save(tmp_path / "take" / f"{n:03d}.png")
+    found, _ = read(tmp_path)
+    assert [len(one.frames) for one in found.values()] == [60]
+
+
+def test_a_type_of_sensor_without_a_package_is_said(tmp_path: Path) -> None:
+    for n in range(4):
+        image(tmp_path / "wedge_presses" / f"{n}.png", size=(32, 24))
+    found, doubts = read(tmp_path)
+    assert {one.sensor for one in found.values()} == {"gelsight"}
+    assert "sensor: wedge by its name, which no package has" in "".join(doubts)
