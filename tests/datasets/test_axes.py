@@ -71,7 +71,7 @@ def recordings(make_video: Make, write: Make) -> Dataset:
         "videos": "*.avi",
         "sensor": "digit",
         "background": {"first": 1},
-        "split": "train",
+        "hold_out": "none",
         "force": {"file": "{stem}.csv", "columns": ["fx", "fy", "fz"], "sign": [1, 1, -0.001]},
     }
     return Recordings(str(video.parent), {"mine": layout})

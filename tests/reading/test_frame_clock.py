@@ -20,7 +20,7 @@ SEQUENCE = {
     "sensor": "digit",
     "background": "none",
 }
-FORCE = {"file": "{stem}.csv", "time": "t", "columns": ["fx", "fy", "fz"]}
+FORCE = {"file": "{stem}.csv", "times": "t", "columns": ["fx", "fy", "fz"]}
 DATE = 1763000000
 
 
@@ -43,7 +43,7 @@ def test_force_times_in_another_unit(
     write("0.csv", ramp(factor))
     with pytest.raises(DataError, match=rf"0\.csv: the column 't' ends at .*unit: {unit}$"):
         read(tmp_path, **VIDEO, force=FORCE)
-    (recording,), notes = read(tmp_path, **VIDEO, force=FORCE | {"unit": unit})
+    (recording,), notes = read(tmp_path, **VIDEO, force=FORCE | {"times": {"column": "t", "unit": unit}})
     assert recording.force is not None
     np.testing.assert_allclose(recording.force[:, 2], recording.times, atol=1e-5)
     assert notes == []
@@ -155,7 +155,7 @@ def test_order(tmp_path: Path, make_image: MakeFile, write: MakeFile) -> None:
         (SEQUENCE | {"order": "f"}, r"needs \{number\} once"),
         (VIDEO | {"order": "f{number}"}, "order: is for images of each: sequence"),
         (SEQUENCE | {"order": {"file": "o.csv"}}, "give a pattern"),
-        (SEQUENCE | {"force": FORCE | {"unit": "hour"}}, "unknown unit 'hour'"),
+        (SEQUENCE | {"force": FORCE | {"times": {"column": "t", "unit": "hour"}}}, "unknown unit 'hour'"),
         (SEQUENCE | {"force": FORCE | {"key": "file"}}, "give one of frame, time and key"),
         (
             VIDEO | {"force": {"file": "f.csv", "key": "a", "columns": ["x", "y", "z"]}},
@@ -201,7 +201,7 @@ def test_times_in_two_columns(
         f"{ms // 1000},{ms % 1000 * count // 1000},0,0,{(ms - forces[0]) / 1000}\n" for ms in forces
     ]
     write("0.csv", f"{seconds},{part},fx,fy,fz\n" + "".join(rows))
-    (one,), notes = read(tmp_path, **VIDEO, times=times, force={**FORCE, "time": seconds})
+    (one,), notes = read(tmp_path, **VIDEO, times=times, force={**FORCE, "times": seconds})
     np.testing.assert_allclose(one.times, np.arange(25) * 0.08, atol=1e-6)
     assert one.force is not None
     np.testing.assert_allclose(one.force[:, 2], np.arange(25) * 0.08, atol=1e-5)

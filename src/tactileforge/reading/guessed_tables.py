@@ -123,7 +123,7 @@ def guess_force(
             return {}, [family]
         (unit,) = stated_units
         table = {"file": family.template, "columns": columns, **clock}
-        table |= {} if unit == "N" else {"force_unit": unit}
+        table |= {} if unit == "N" else {"unit": unit}
         said = "newton" if unit == "N" else unit
         doubts.append(
             f"force: taken for {said}, x right, y down, z into the gel, pressing positive"
@@ -174,7 +174,7 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
         )
         return None
     if date or len(values) < 2:
-        return {"time": time}
+        return {"times": time}
     span = float(values[-1] - values[0])
     named = _TIME_UNIT.search(time.lower())
     fits = [
@@ -184,9 +184,9 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
     ]
     unit = named[1] if named else fits[0] if fits else "s"
     if unit == "s":
-        return {"time": time}
+        return {"times": time}
     doubts.append(f"force: {time} of {family.template} is taken for {unit}")
-    return {"time": time, "unit": unit}
+    return {"times": {"column": time, "unit": unit}}
 
 
 def guess_labels(

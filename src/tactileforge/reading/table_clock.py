@@ -49,9 +49,9 @@ def on_frames(
         return seconds
     fix = found.fix
     if found.unit and found.plain:
-        fix = f"{fix}, or say so: unit: {found.unit}"
+        fix = f"{fix}, or say so: times: {{column: {table.time}, unit: {found.unit}}}"
     elif found.unit:
-        fix = f"{fix}, with unit: {found.unit} if it stays so"
+        fix = f"{fix}, with {{column: {table.time}, unit: {found.unit}}} if it stays so"
     if found.doubtful:
         fix = f"{fix}; if all is right, say partial: true"
     if where.endswith("?"):
