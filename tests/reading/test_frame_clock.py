@@ -41,9 +41,11 @@ def test_force_times_in_another_unit(
 ) -> None:
     make_video("0.avi", count=60)
     write("0.csv", ramp(factor))
-    with pytest.raises(DataError, match=rf"0\.csv: the column 't' ends at .*unit: {unit}$"):
+    with pytest.raises(DataError, match=rf"0\.csv: the column 't' ends at .*unit: {unit}\}}$"):
         read(tmp_path, **VIDEO, force=FORCE)
-    (recording,), notes = read(tmp_path, **VIDEO, force=FORCE | {"times": {"column": "t", "unit": unit}})
+    (recording,), notes = read(
+        tmp_path, **VIDEO, force=FORCE | {"times": {"column": "t", "unit": unit}}
+    )
     assert recording.force is not None
     np.testing.assert_allclose(recording.force[:, 2], recording.times, atol=1e-5)
     assert notes == []
@@ -155,8 +157,12 @@ def test_order(tmp_path: Path, make_image: MakeFile, write: MakeFile) -> None:
         (SEQUENCE | {"order": "f"}, r"needs \{number\} once"),
         (VIDEO | {"order": "f{number}"}, "order: is for images of each: sequence"),
         (SEQUENCE | {"order": {"file": "o.csv"}}, "give a pattern"),
-        (SEQUENCE | {"force": FORCE | {"times": {"column": "t", "unit": "hour"}}}, "unknown unit 'hour'"),
-        (SEQUENCE | {"force": FORCE | {"key": "file"}}, "give one of frame, time and key"),
+        (VIDEO | {"force": FORCE | {"unit": "ms"}}, "ms is one of time; give times: .column"),
+        (
+            SEQUENCE | {"force": FORCE | {"times": {"column": "t", "unit": "hour"}}},
+            "unknown unit 'hour'",
+        ),
+        (SEQUENCE | {"force": FORCE | {"key": "file"}}, "give one of frame, times and key"),
         (
             VIDEO | {"force": {"file": "f.csv", "key": "a", "columns": ["x", "y", "z"]}},
             "are videos",

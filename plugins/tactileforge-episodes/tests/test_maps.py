@@ -19,18 +19,18 @@ licence: CC0-1.0
 source: my lab
 tier: 1
 files: ["{object}/{name}.h5"]
-fps: {key: rate}
-time: {key: clock, unit: ms}
+fps: {array: rate}
+times: {array: clock, unit: ms}
 touch:
-  - key: sensors/{finger}/pixels
+  - array: sensors/{finger}/pixels
     sensor: digit
     axes: chw
     colours: bgr
     reference: sensors/{finger}/rest?
-    force: {key: "sensors/{finger}/load", columns: [null, null, 0], unit: gf, sign: [1, 1, -1]}
+    force: {array: "sensors/{finger}/load", columns: [null, null, 0], unit: gf, sign: [1, 1, -1]}
     tracks: {temperature: "sensors/{finger}/celsius?"}
-    labels: {serial: {key: "sensors/{finger}/pixels", attr: serial}}
-camera: {key: scene}
+    labels: {serial: {array: "sensors/{finger}/pixels", attr: serial}}
+camera: {array: scene}
 state: [arm]
 action: ["command?", next_state]
 text: "touching a {object}"
@@ -92,10 +92,10 @@ def test_a_map_of_a_user_reads_without_a_package(rig):
 def test_a_rate_that_is_read_and_units_of_times(rig):
     for line, step in {
         "": 0.04,
-        "time: {key: clock, unit: us}": 4e-5,
-        "time: {key: clock, unit: frames}": 1.6,
+        "times: {array: clock, unit: us}": 4e-5,
+        "times: {array: clock, unit: frames}": 1.6,
     }.items():
-        text = OWN.replace("time: {key: clock, unit: ms}", line)
+        text = OWN.replace("times: {array: clock, unit: ms}", line)
         (rig / "own.yaml").write_text(text)
         one = next(iter(Episodes(str(rig), map=str(rig / "own.yaml"), val=0).recordings("train")))
         np.testing.assert_allclose(one.times, np.arange(6) * step, err_msg=line)
@@ -190,7 +190,7 @@ POINTS = """
 about: points
 fps: 10
 touch:
-  - key: skin
+  - array: skin
     sensor: my array
     taxels: {form: points, span: 2, baseline: first, channels: [2, 1, 0]}
 """

@@ -4,6 +4,7 @@ from tactileforge.plugins.distributions import install_command as install_comman
 from tactileforge.plugins.moves import VERSION as VERSION
 from tactileforge.plugins.registry import build as build
 from tactileforge.plugins.registry import list_plugins as list_plugins
+from tactileforge.plugins.registry import load as load
 from tactileforge.plugins.registry import names as names
 from tactileforge.plugins.registry import parameters as parameters
 from tactileforge.plugins.registry import register as register

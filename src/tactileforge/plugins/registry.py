@@ -25,11 +25,20 @@ from tactileforge.util import strict
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers", "checks")
 #: Kinds whose entry points name a module: verbs of the command line.
 MODULES = ("verbs",)
-#: Kinds without a conformance suite: publishers of ``live``, schedules of the learning rate and
-#: runners of suites of ``bench`` (a function each), trackers of ``data pack``, callbacks of
-#: Lightning, and packages of YAML options.
+#: Kinds without a conformance suite by name: publishers of ``live``, schedules of the learning rate
+#: and runners of suites of ``bench`` (a function each), trackers of ``data pack``, callbacks of
+#: Lightning, packages of YAML options, and containers of data, checked on a file of theirs.
 OTHERS = (
-    *("publishers", "schedules", "curves", "runners", "importers", "trackers", "callbacks"),
+    *(
+        "containers",
+        "publishers",
+        "schedules",
+        "curves",
+        "runners",
+        "importers",
+        "trackers",
+        "callbacks",
+    ),
     "conf",
 )
 

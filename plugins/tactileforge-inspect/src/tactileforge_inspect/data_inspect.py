@@ -37,16 +37,17 @@ def _inspect(keys: _Inspect, config: dict[str, Any]) -> Shown:
     # known since `guess_words` looked at the path
     doubts = recognise(home_path(keys.path))[0][1].doubts if keys.path else ()
     data = build("datasets", node, "data")
-    found = inspect(data, node["name"], out, keys.recordings, doubts=doubts)
+    layouts = node.get("layouts") if node["name"] == "recordings" else None
+    # as in the file: a layout file, or an option of the group ``data``, with what the set guessed
+    read = {"layouts": layouts} if layouts else {**node, **getattr(data, "guessed", {})}
+    found = inspect(data, node["name"], out, keys.recordings, doubts=doubts, layout=dump_yaml(read))
     print(found)
     shown = Shown(out, out, value=found)
     print(f"page: {keys.out}")
     if not keys.path:
         return shown
-    # the options of the guess are kept: as a layout file, or as an option of the group ``data``
     kept = out.with_suffix(".yaml")
-    layouts = node.get("layouts") if node["name"] == "recordings" else None
-    write_text(kept, dump_yaml({"layouts": layouts} if layouts else node))
+    write_text(kept, dump_yaml(read))
     if layouts:
         print(f"layout: {kept}; correct it, and keep it as {Path(keys.path) / LAYOUT_FILE}")
     elif node["name"] != "recordings":
