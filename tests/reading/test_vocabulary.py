@@ -128,4 +128,6 @@ def test_the_table_of_the_page_is_that_of_the_schemas() -> None:
 
 if __name__ == "__main__":
     text = PAGE.read_text("utf-8")
-    PAGE.write_text(re.sub(r"\| key \| meaning \|.*?(?=\n\n)", lambda _: table(), text, flags=re.S))
+    PAGE.write_text(
+        re.sub(r"\| key \| meaning \|.*?(?=\n\n)", lambda _: table(), text, count=1, flags=re.S)
+    )
