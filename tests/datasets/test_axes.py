@@ -99,7 +99,7 @@ def samples(tmp_path: Path) -> Dataset:
                 info.size = len(content)
                 tar.addfile(info, io.BytesIO(content))
     layout = {
-        "frames": "jpg",
+        "touch": "jpg",
         "sensor": "digit",
         "background": {"first": 1},
         "key": "{clip}_{frame}",

@@ -86,7 +86,7 @@ def test_names_give_times_and_meet_forces_of_the_same_epoch(
         (ramp(), {}),
         (ramp(zero=DATE), {}),
         (ramp(1e3, DATE), {}),
-        (ramp(1e3), {"unit": "ms"}),
+        (ramp(1e3), {"times": {"column": "t", "unit": "ms"}}),
     ):
         write("take.csv", file)
         (recording,), notes = read(tmp_path, **layout | {"force": FORCE | more})

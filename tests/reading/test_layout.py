@@ -19,7 +19,7 @@ def test_the_smallest_layout() -> None:
     )
     assert layout.background == BackgroundRule(None, 3, 0, False)
     assert layout.force is layout.action is layout.object is layout.camera is None
-    assert (layout.split, layout.tier, layout.provides) == ("trial", 5, frozenset())
+    assert (layout.hold_out, layout.tier, layout.provides) == ("trial", 5, frozenset())
 
 
 def test_everything_that_it_provides() -> None:

@@ -1,5 +1,6 @@
 """Arrays with a lab's own names: no key is typed, and values are those of the writer to the bit."""
 
+import html
 import json
 import re
 import shlex
@@ -488,7 +489,9 @@ def test_the_page_has_each_guess_once_and_the_map_beside_it(tmp_path, capsys):
     said = capsys.readouterr().out
     assert said.count("times: data/timestamp in s") == 1
     assert "times: data/timestamp in s" in page.read_text()
-    assert "key: data/tactile_left" in (tmp_path / "page.yaml").read_text()
+    kept = (tmp_path / "page.yaml").read_text()
+    assert "array: data/tactile_left" in kept
+    assert kept in html.unescape(page.read_text()), "as YAML to copy"
 
 
 def test_numbers_of_episodes_with_a_lost_chunk_are_refused(tmp_path):

@@ -281,3 +281,14 @@ def test_several_sets_below_a_folder_are_read_one_after_the_other(tmp_path: Path
     (line,) = data.skipped
     assert line.startswith(f"{lacks}: unknown feature in data.touch '{LEFT}'")
     assert list(data.recordings("val")) == []
+
+
+def test_pictures_are_put_upright_with_their_background(tmp_path: Path) -> None:
+    root = made_set(tmp_path / "set", images="image", episodes=1)
+    (plain,) = all_of(root, **TOUCH)
+    (one,) = all_of(root, **TOUCH, channels="bgr", rotate=90, mirror="x")
+    want = np.rot90(plain.frames.read([0, 1])[:, :, ::-1, ::-1], -1, axes=(1, 2))
+    np.testing.assert_array_equal(one.frames.read([0, 1]), want)
+    np.testing.assert_array_equal(one.no_contact.read([0]), want[:1])
+    with pytest.raises(ConfigError, match="data: rotate is 45; give the degrees, clockwise"):
+        all_of(root, **TOUCH, rotate=45)

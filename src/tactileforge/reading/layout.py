@@ -309,9 +309,9 @@ def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
         # the unit goes into the signs: readers of tables multiply once
         sign=tuple(factor * newton for factor in keys.sign),
         lag_s=keys.lag_s,
-        time=times and times.column,
+        time=None if times is None else times.column,
         key=keys.key,
-        unit=times and times.unit,
+        unit=None if times is None else times.unit,
         partial=keys.partial,
     )
 

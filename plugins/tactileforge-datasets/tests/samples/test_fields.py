@@ -62,7 +62,7 @@ def test_frames_are_in_the_order_of_their_numbers_and_holes_are_holes(tmp_path: 
 
 @pytest.mark.parametrize("kind", ["jpg", "png", "webp", "npy"])
 def test_a_sample_is_a_touch(tmp_path: Path, kind: str) -> None:
-    found = one(tmp_path, {kind: picture(90)}, {"frames": kind})
+    found = one(tmp_path, {kind: picture(90)}, {"touch": kind})
     assert levels(found) == [90]
     assert (len(found.times), found.no_contact, found.action) == (1, None, None)
 

@@ -140,7 +140,8 @@ def times_of(
     """
     ref = None if time is None else arrays.find(time.array, values)
     if time is None and stamped is not None:
-        return stamped[rows[0] : rows[1]] - stamped[rows[0]]
+        own: NDArray[np.float64] = stamped[rows[0] : rows[1]] - stamped[rows[0]]
+        return own
     if time is None or ref is None:
         return np.arange(rows[1] - rows[0]) / _needed(rate, arrays, "has no times")
     if lost := ref.lost(*rows):

@@ -126,7 +126,7 @@ class EpisodeFile:
         keys, rows = self.keys, range(start, stop)
         camera = None
         if keys.camera is not None:
-            found = self.arrays.find(keys.camera.key, self.values)
+            found = self.arrays.find(keys.camera.array, self.values)
             if found is not None:
                 self._same_rows(found, self.rows)
                 view = self._coloured(keys.camera)

@@ -90,7 +90,7 @@ def _taxels(ref: ArrayRef, entry: TouchKeys, draw: str) -> TaxelKeys | str | Non
         return "vector"
     if entry.taxels.form != "grid" or axes >= 2:
         return entry.taxels
-    return replace(entry.taxels, form="flat", values=1) if draw == "all" else "vector"
+    return replace(entry.taxels, form="flat", size=1) if draw == "all" else "vector"
 
 
 def _parts(touch: Touch) -> Iterator[Touch]:
