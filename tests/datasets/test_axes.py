@@ -102,7 +102,7 @@ def samples(tmp_path: Path) -> Dataset:
         "touch": "jpg",
         "sensor": "digit",
         "background": {"first": 1},
-        "key": "{clip}_{frame}",
+        "samples": "{clip}_{frame}",
         "fps": 10,
         "licence": "MIT",
         "force": {"values": "json", "sign": [1, 1, -0.001]},

@@ -68,12 +68,8 @@ class NpyFolder:
 
     def times(self, key: str) -> NDArray[np.float64] | None:
         """The times beside an array, `NAME.times.npy`, s; None where there are none."""
-        beside = f"{key}.times"
-        return (
-            self.array(beside).rows(range(self.array(key).facts.rows))
-            if beside in self.keys()
-            else None
-        )
+        rows, beside = self.array(key).facts.rows, f"{key}.times"
+        return self.array(beside).rows(range(rows)) if beside in self.keys() else None
 
     def frames(self, key: str) -> Frames | None:
         """Pictures of an array of uint8, (T, H, W, 3)."""
