@@ -151,3 +151,8 @@ def test_what_nobody_recognises(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     make_files("photos", tmp_path)
     assert recognise(tmp_path / "photos")[0][0] == "recordings"
     assert "data set visgel cannot look at" in caplog.text
+
+
+def test_a_path_is_not_guessed_where_that_is_said(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"data\.guess=false, and a path, which is guessed: give"):
+        inspect(["inspect", str(tmp_path), "data.guess=false"])
