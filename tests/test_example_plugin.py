@@ -65,6 +65,7 @@ def test_it_is_listed_by_the_command_line(run):
     assert {(row["kind"], row["name"], row["status"]) for row in rows} == {
         ("sensor", "dummy", "ok"),
         ("check", "worn_gel", "ok"),
+        ("container", "npy_folder", "ok"),
         ("dataset", "dummy_presses", "ok"),
         ("encoder", "small_cnn", "ok"),
         ("optimizer", "muon", "ok"),

@@ -30,7 +30,7 @@ def packed(realdata: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, chosen in SOURCES.items():
         plain = yaml.safe_load(yaml.safe_dump({key: _plain(layouts[key]) for key in chosen}))
         if name == "octopi":
-            plain[name] |= {"videos": "[ab]*_0.mov", "split": "recording"}  # a few, to be quick
+            plain[name] |= {"videos": "[ab]*_0.mov", "hold_out": "recording"}  # a few, to be quick
         data = Recordings(str(realdata), layouts=plain, val=0.2)
         assert pack(data, name, folder / name, options).splits["train"]
     pack(Sim(scenes=6, val=2, size=64), "sim", folder / "sim", options)

@@ -37,7 +37,7 @@ GENERAL: dict[str, tuple[str, tuple[str, ...], tuple[str, ...], str]] = {
         "Tars of samples by other programs, read where they lie.",
         ("digit",),
         ("object", "text", "action", "force"),
-        "[Tars of samples](webdataset.md)",
+        "[Tars of samples](data.md#tars-of-samples)",
     ),
     "image_tables": (
         "Tables with images in their cells: parquet, and folders of `save_to_disk`.",
@@ -49,7 +49,7 @@ GENERAL: dict[str, tuple[str, tuple[str, ...], tuple[str, ...], str]] = {
         "ROS 1 and ROS 2 bags: pictures, wrenches and joints by topic (`tactileforge-rosbags`).",
         ("digit",),
         ("image", "force"),
-        "[ROS bags](rosbags.md)",
+        "[ROS bags](data.md#ros-bags)",
     ),
     "mixture": (
         "Several data sets as one; every batch holds a fixed share of each.",
@@ -79,7 +79,7 @@ GENERAL: dict[str, tuple[str, tuple[str, ...], tuple[str, ...], str]] = {
         "Episodes in zarr, HDF5 and npz: twelve formats of other labs (`tactileforge-episodes`).",
         ("gelsight_mini",),
         ("image", "text", "force"),
-        "[Zarr, HDF5 and npz](episodes.md)",
+        "[Zarr, HDF5 and npz](data.md#arrays)",
     ),
     "demonstrations": (
         "Episodes of a task, for policies (`tactileforge-policies`).",

@@ -50,7 +50,7 @@ def test_sane_recordings_raise_no_doubt() -> None:
 def test_grams_millinewton_and_signs(factor: float) -> None:
     lines = said(touch(0, force=pressed(8 * factor)), touch(1, force=pressed(2 * factor)))
     assert lines[0].startswith("force out of range in 2 of 2 recordings (a/0: ")
-    assert "is it grams or mN? force_unit: of a layout" in lines[0]
+    assert "is it grams or mN? unit: of force in a layout" in lines[0]
     pulls = [line for line in lines if line.startswith("pulling force in 2 of 2 recordings (a/0")]
     assert len(pulls) == (factor < 0)
     assert len(lines) == 1 + len(pulls), "each is said once"

@@ -175,6 +175,7 @@ FILES = {
     "encoder": {"encoder.py", "test_encoder.py"},
     "objective": {"objective.py", "head.py", "test_objective.py"},
     "optimizer": {"optimizer.py", "test_optimizer.py"},
+    "container": {"container.py", "test_container.py"},
     "verb": {"verb.py", "test_verb.py"},
     "suite": {"shiny_thing.yaml", "test_suite.py"},
 }
@@ -218,7 +219,7 @@ def test_new_package_passes_its_own_tests_once_installed(kind, tmp_path, capsys,
     assert files == {"pyproject.toml", "README.md", "__init__.py"} | FILES[kind]
     text = "".join(path.read_text() for path in folder.rglob("*") if path.is_file())
     words = ("tactileforge-example", "tactileforge_example", "dummy", "Dummy", "contact_area")
-    for old in (*words, "small_cnn"):
+    for old in (*words, "small_cnn", "npy_folder", "NpyFolder"):
         assert old not in text
     groups = tomllib.loads((folder / "pyproject.toml").read_text())["project"]["entry-points"]
     several = {"objective": {"heads", "objectives"}, "optimizer": {"optimizers", "schedules"}}

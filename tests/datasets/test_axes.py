@@ -71,7 +71,7 @@ def recordings(make_video: Make, write: Make) -> Dataset:
         "videos": "*.avi",
         "sensor": "digit",
         "background": {"first": 1},
-        "split": "train",
+        "hold_out": "none",
         "force": {"file": "{stem}.csv", "columns": ["fx", "fy", "fz"], "sign": [1, 1, -0.001]},
     }
     return Recordings(str(video.parent), {"mine": layout})
@@ -99,10 +99,10 @@ def samples(tmp_path: Path) -> Dataset:
                 info.size = len(content)
                 tar.addfile(info, io.BytesIO(content))
     layout = {
-        "frames": "jpg",
+        "touch": "jpg",
         "sensor": "digit",
         "background": {"first": 1},
-        "key": "{clip}_{frame}",
+        "samples": "{clip}_{frame}",
         "fps": 10,
         "licence": "MIT",
         "force": {"values": "json", "sign": [1, 1, -0.001]},

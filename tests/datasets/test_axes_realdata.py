@@ -22,7 +22,9 @@ def motion_and_force(
     realdata: Path, name: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Motion of the imprint (n, 2) in pixels right and down, shear (n, 2), and its change."""
-    layout = OmegaConf.to_container(OmegaConf.load(CONFIG).data.layouts[name]) | {"split": "train"}
+    layout = OmegaConf.to_container(OmegaConf.load(CONFIG).data.layouts[name]) | {
+        "hold_out": "none"
+    }
     (recording,) = Recordings(str(realdata), {name: layout}).recordings("train")
     assert recording.force is not None
     assert recording.no_contact is not None

@@ -176,11 +176,11 @@ def test_what_belongs_to_a_trial_is_held_out_together(
     assert "40 recordings of 20 trials, by trials, with all sensors" in line
     assert line.endswith("14 recordings held out")
 
-    alone = Recordings(str(tmp_path), {"a": layout | {"split": "recording"}}, val=0.3)
+    alone = Recordings(str(tmp_path), {"a": layout | {"hold_out": "recording"}}, val=0.3)
     assert len([*alone.recordings("val")]) == 11
     (line,) = alone.notes
     assert "trials, such as 'trial_" in line
-    assert "are in training and validation, by split: recording" in line
+    assert "are in training and validation, by hold_out: recording" in line
 
 
 def test_two_series_of_a_folder_are_held_out_together_and_by_a_folder_on_request(
@@ -190,7 +190,7 @@ def test_two_series_of_a_folder_are_held_out_together_and_by_a_folder_on_request
         for side in ("tactile", "depth"):
             make_images(f"day{take % 3}/{take}/{side}_{{}}.png", range(2))
     for split, unit in (("trial", 2), ("{folder}", 1)):
-        layout = SEQUENCE | {"images": "*/*/*.png", "split": split}
+        layout = SEQUENCE | {"images": "*/*/*.png", "hold_out": split}
         data = Recordings(str(tmp_path), {"a": layout}, val=0.3)
         train, val = (
             {"/".join(one.key.split("/")[1 : 1 + unit]) for one in data.recordings(s)}
@@ -205,7 +205,7 @@ def test_a_folder_of_another_split_is_no_unit(
     tmp_path: Path, make_images: Callable[..., None]
 ) -> None:
     make_images("test/a/{}.png", range(2))
-    layout = SEQUENCE | {"images": "*/*/*.png", "split": "{folder}"}
+    layout = SEQUENCE | {"images": "*/*/*.png", "hold_out": "{folder}"}
     with pytest.raises(DataError, match=r"the split is 'test', but must be train or val"):
         [*Recordings(str(tmp_path), {"a": layout}).recordings("train")]
 

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.realdata
 def test_no_alarm(realdata: Path) -> None:
     layouts = OmegaConf.to_container(OmegaConf.load(CONFIG).data.layouts)
     forced = {name: keys for name, keys in layouts.items() if keys.get("force")}
-    whole = {name: {**keys, "split": "train"} for name, keys in forced.items()}
+    whole = {name: {**keys, "hold_out": "none"} for name, keys in forced.items()}
     parts = [
         one
         for side in ("train", "val")

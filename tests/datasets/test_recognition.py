@@ -170,7 +170,7 @@ def test_forces_with_dates_beside_videos_without(
     assert layout["force"] == {
         "file": "{stem}.csv",
         "columns": ["fx", "fy", "fz"],
-        "time": column,
+        "times": column,
         "start": "contact",
     }
     assert any("start: first_row" in doubt for doubt in guess.doubts)
@@ -201,3 +201,8 @@ def test_a_film_that_is_not_read_is_named_with_its_conversion(tmp_path: Path) ->
         DataNotFoundError, match=r"is a GIF, of 256 colours: ffmpeg -i 'a demo.gif'"
     ):
         recognise(tmp_path)
+
+
+def test_a_path_is_not_guessed_where_that_is_said(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"data\.guess=false, and a path, which is guessed: give"):
+        inspect(["inspect", str(tmp_path), "data.guess=false"])

@@ -134,7 +134,7 @@ def test_a_background_that_does_not_fit(
         read(tmp_path, **VIDEO | {"background": {"file": "b.mov.avi"}})
 
 
-@pytest.mark.parametrize("key", ["background", "image"])
+@pytest.mark.parametrize("key", ["background", "camera"])
 def test_a_touch_whose_other_files_are_damaged_is_left_out(
     tmp_path: Path, make_image: MakeFile, key: str
 ) -> None:
@@ -142,7 +142,7 @@ def test_a_touch_whose_other_files_are_damaged_is_left_out(
         make_image(f"{i}.png", i)
         make_image(f"more/{i}.png", i)
     (tmp_path / "more/1.png").write_bytes(b"half a png")
-    more = {"background": {"file": "more/{stem}.png"}, "image": "more/{stem}.png"}
+    more = {"background": {"file": "more/{stem}.png"}, "camera": "more/{stem}.png"}
     data = Recordings(str(tmp_path), {"a": {**IMAGES, key: more[key]}}, val=0)
     keys = [recording.key for recording in data.recordings("train")]
     assert keys == ["a/0.png", "a/2.png"]
@@ -151,7 +151,7 @@ def test_a_touch_whose_other_files_are_damaged_is_left_out(
 
 
 @pytest.mark.parametrize("pattern", ["**.png", "/tmp/*.png"])
-@pytest.mark.parametrize("key", ["images", "image"])
+@pytest.mark.parametrize("key", ["images", "camera"])
 def test_a_pattern_that_is_none_is_named(
     tmp_path: Path, make_image: MakeFile, key: str, pattern: str
 ) -> None:
@@ -293,10 +293,10 @@ def test_camera_views(tmp_path: Path, make_video: MakeFile, make_image: MakeFile
     for i in range(3):
         make_image(f"a/{i}.png", i)
     for pattern, want in (("{stem}.png", [7]), ("cam/{stem}.avi", list(range(9)))):
-        assert levels(read(tmp_path, **VIDEO | {"image": pattern})[0].image) == want
-    assert levels(read(tmp_path, **VIDEO | {"image": "{stem}/*.png"})[0].image) == [0, 1, 2]
+        assert levels(read(tmp_path, **VIDEO | {"camera": pattern})[0].image) == want
+    assert levels(read(tmp_path, **VIDEO | {"camera": "{stem}/*.png"})[0].image) == [0, 1, 2]
     with pytest.raises(DataNotFoundError, match=r"no camera view of a\.avi matches 'a\.jpg'"):
-        read(tmp_path, **VIDEO | {"image": "{stem}.jpg"})
+        read(tmp_path, **VIDEO | {"camera": "{stem}.jpg"})
 
 
 def test_a_corrupt_recording_is_left_out_and_listed(tmp_path: Path, make_video: MakeFile) -> None:
@@ -480,7 +480,7 @@ def test_conformance(tmp_path: Path, make_video: MakeFile) -> None:
 
     for i in range(8):
         make_video(f"{i}.avi", count=60)
-    layouts = {"a": VIDEO | {"split": "time", "object": "cup"}}
+    layouts = {"a": VIDEO | {"hold_out": "time", "object": "cup"}}
     results = check("dataset", "recordings", root=str(tmp_path), layouts=layouts)
     assert {result.name: result.detail for result in results if result.status != "ran"} == {}
 

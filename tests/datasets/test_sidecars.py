@@ -97,7 +97,7 @@ def test_a_wrench_as_rostopic_exports_it(tmp_path: Path) -> None:
         rows = (f"{t + 500_000_000},{n},{t},ft,0,0,{n / 50}" for n, t in stamps)
         table(tmp_path / f"run{run}/ft_wrench.csv", header, rows)
     found, guess = read(tmp_path)
-    assert layout_of(guess)["force"]["time"] == "field.header.stamp"
+    assert layout_of(guess)["force"]["times"] == "field.header.stamp"
     for one in found.values():
         np.testing.assert_allclose(one.force[:, 2], 2 * one.times, atol=1e-4)
 
@@ -112,7 +112,7 @@ def test_videos_of_a_trial_share_a_table_in_milliseconds(tmp_path: Path) -> None
         table(folder / "forces.csv", "time_ms,Fx (N),Fy (N),Fz (N)", rows)
         table(folder / "info.csv", "object,sensor", [f"o{trial},digit"])
     found, guess = read(tmp_path)
-    assert layout_of(guess)["force"]["unit"] == "ms"
+    assert layout_of(guess)["force"]["times"]["unit"] == "ms"
     assert {(one.object, one.sensor) for one in found.values()} == {
         ("o0", "digit"),
         ("o1", "digit"),

@@ -183,4 +183,4 @@ def test_columns_that_may_be_forces_are_asked_for(tmp_path: Path) -> None:
     assert guess is not None
     assert "force" not in guess.options["layouts"]["guessed"]
     doubt = next(line for line in guess.doubts if line.startswith("force:"))
-    assert "{file: '{file}/log.csv', time: '0', columns: ['1', '2', '3']}" in doubt
+    assert "{file: '{file}/log.csv', times: '0', columns: ['1', '2', '3']}" in doubt

@@ -21,7 +21,7 @@ layouts:
     labels: {file: videos/labels.csv, key: file}
     object: "{object}"
     force: {file: "forces/{stem}.csv", columns: [fx, fy, fz]}
-    split: object
+    hold_out: object
 """
 
 

@@ -83,10 +83,10 @@ def frame_samples(tar: int, clips: int = 4, frames: int = 12) -> list[tuple[str,
 
 #: Layout of `frame_samples`.
 FRAMES = {
-    "frames": "jpg",
+    "touch": "jpg",
     "sensor": "digit",
     "background": {"first": 2},
-    "key": "{object}/{clip}_{frame}",
+    "samples": "{object}/{clip}_{frame}",
     "times": {"values": "json:t", "unit": "ms"},
     "force": {"values": "json:force"},
     "object": "{object}",

@@ -271,7 +271,8 @@ def test_lines_of_several_data_sets_belong_to_their_split(tmp_path: Path) -> Non
         if number == 1:
             path.write_bytes(b"damaged")
     layout = {"images": "*.png", "each": "touch", "sensor": "digit", "background": "none"}
-    layouts = {side: {"path": side, "split": side, **layout} for side in ("train", "val")}
+    sides = {"train": "none", "val": "all"}
+    layouts = {side: {"path": side, "hold_out": sides[side], **layout} for side in sides}
     node = {"name": "recordings", "layouts": layouts}
     data = Mixture({source: {**node, "root": str(tmp_path / source)} for source in "ab"})
     planned = plan_pack(data, tmp_path / "out", OPTIONS)

@@ -21,7 +21,7 @@ SEQUENCE = {
     "sensor": "digit",
     "background": "none",
 }
-FORCE = {"file": "{stem}.csv", "time": "t", "columns": ["fx", "fy", "fz"]}
+FORCE = {"file": "{stem}.csv", "times": "t", "columns": ["fx", "fy", "fz"]}
 DATE = 1763000000
 
 
@@ -42,9 +42,11 @@ def test_force_times_in_another_unit(
 ) -> None:
     make_video("0.avi", count=60)
     write("0.csv", ramp(factor))
-    with pytest.raises(DataError, match=rf"0\.csv: the column 't' ends at .*unit: {unit}$"):
+    with pytest.raises(DataError, match=rf"0\.csv: the column 't' ends at .*unit: {unit}\}}$"):
         read(tmp_path, **VIDEO, force=FORCE)
-    (recording,), notes = read(tmp_path, **VIDEO, force=FORCE | {"unit": unit})
+    (recording,), notes = read(
+        tmp_path, **VIDEO, force=FORCE | {"times": {"column": "t", "unit": unit}}
+    )
     assert recording.force is not None
     np.testing.assert_allclose(recording.force[:, 2], recording.times, atol=1e-5)
     assert notes == []
@@ -87,7 +89,7 @@ def test_names_give_times_and_meet_forces_of_the_same_epoch(
         (ramp(), {}),
         (ramp(zero=DATE), {}),
         (ramp(1e3, DATE), {}),
-        (ramp(1e3), {"unit": "ms"}),
+        (ramp(1e3), {"times": {"column": "t", "unit": "ms"}}),
     ):
         write("take.csv", file)
         (recording,), notes = read(tmp_path, **layout | {"force": FORCE | more})
@@ -158,8 +160,12 @@ def test_order(tmp_path: Path, make_image: MakeFile, write: MakeFile) -> None:
         (SEQUENCE | {"order": "f"}, r"needs \{number\} once"),
         (VIDEO | {"order": "f{number}"}, "order: is for images of each: sequence"),
         (SEQUENCE | {"order": {"file": "o.csv"}}, "give a pattern"),
-        (SEQUENCE | {"force": FORCE | {"unit": "hour"}}, "unknown unit 'hour'"),
-        (SEQUENCE | {"force": FORCE | {"key": "file"}}, "give one of frame, time and key"),
+        (VIDEO | {"force": FORCE | {"unit": "ms"}}, "ms is one of time; give times: .column"),
+        (
+            SEQUENCE | {"force": FORCE | {"times": {"column": "t", "unit": "hour"}}},
+            "unknown unit 'hour'",
+        ),
+        (SEQUENCE | {"force": FORCE | {"key": "file"}}, "give one of frame, times and key"),
         (
             VIDEO | {"force": {"file": "f.csv", "key": "a", "columns": ["x", "y", "z"]}},
             "are videos",
@@ -204,7 +210,7 @@ def test_times_in_two_columns(
         f"{ms // 1000},{ms % 1000 * count // 1000},0,0,{(ms - forces[0]) / 1000}\n" for ms in forces
     ]
     write("0.csv", f"{seconds},{part},fx,fy,fz\n" + "".join(rows))
-    (one,), notes = read(tmp_path, **VIDEO, times=times, force={**FORCE, "time": seconds})
+    (one,), notes = read(tmp_path, **VIDEO, times=times, force={**FORCE, "times": seconds})
     np.testing.assert_allclose(one.times, np.arange(25) * 0.08, atol=1e-6)
     assert one.force is not None
     np.testing.assert_allclose(one.force[:, 2], np.arange(25) * 0.08, atol=1e-5)
@@ -232,7 +238,7 @@ def pressing(tmp_path: Path, write: MakeFile, name: str, late: float, zero: floa
     write(f"{name}.csv", "stamp,fx,fy,fz\n" + "".join(rows))
 
 
-STAMPED = FORCE | {"time": "stamp"}
+STAMPED = FORCE | {"times": "stamp"}
 PRESSED = VIDEO | {"background": {"first": 3}}
 
 
@@ -282,7 +288,7 @@ def test_nothing_tells_a_contact(tmp_path: Path, write: MakeFile, make_video: Ma
 
 @pytest.mark.parametrize(
     ("force", "words"),
-    [({"start": "firstrow"}, "did you mean 'first_row'"), ({"start": 3, "time": None}, "time:")],
+    [({"start": "firstrow"}, "did you mean 'first_row'"), ({"start": 3, "times": None}, "times:")],
 )
 def test_wrong_starts_are_named(tmp_path: Path, force: dict[str, Any], words: str) -> None:
     with pytest.raises(ConfigError, match=words):

@@ -18,8 +18,8 @@ def test_the_smallest_layout() -> None:
         "video",
     )
     assert layout.background == BackgroundRule(None, 3, 0, False)
-    assert layout.force is layout.action is layout.object is layout.image is None
-    assert (layout.split, layout.tier, layout.provides) == ("trial", 5, frozenset())
+    assert layout.force is layout.action is layout.object is layout.camera is None
+    assert (layout.hold_out, layout.tier, layout.provides) == ("trial", 5, frozenset())
 
 
 def test_everything_that_it_provides() -> None:
@@ -30,7 +30,7 @@ def test_everything_that_it_provides() -> None:
             "force": {"file": "{stem}.csv", "columns": ["a", "b", "c"], "sign": [1, -1, 1]},
             "object": "cup",
             "text": ["{action}", "a cup"],
-            "image": "{stem}.jpg",
+            "camera": "{stem}.jpg",
         },
     )
     assert layout.provides == {"force", "action", "object", "text", "image"}
@@ -92,8 +92,8 @@ FORCE = {"file": "f.csv", "columns": ["x", "y", "z"]}
         ({"tier": 6}, "tier is 6, but must be 1 to 5"),
         ({"licence": "cc by 4.0"}, "layout 'x': licence: .* did you mean 'CC-BY-4.0'"),
         ({"tier": True}, "tier is True, which is not of type int"),
-        ({"split": "objects"}, "unknown split 'objects'; did you mean 'object'"),
-        ({"split": "{split"}, r"template '\{split'.*write \{column\}"),
+        ({"hold_out": "objects"}, "unknown hold_out 'objects'; did you mean 'object'"),
+        ({"hold_out": "{split"}, r"template '\{split'.*write \{column\}"),
         ({"action": "pres"}, "layout 'x': action: unknown action 'pres'; did you mean 'press'"),
         ({"action": "force"}, "force is not given"),
         ({"action": [{"frames": [0, 5], "action": "pull"}]}, "unknown action 'pull'"),
@@ -108,7 +108,7 @@ FORCE = {"file": "f.csv", "columns": ["x", "y", "z"]}
         ),
         ({"force": FORCE | {"columns": ["z", "z", None]}}, "give each axis a column of its own"),
         ({"force": FORCE | {"sign": [1, 1]}}, "sign is .* not of type tuple"),
-        ({"force": FORCE | {"lag": 1}}, "unknown key of layout 'x': force 'lag'"),
+        ({"force": FORCE | {"lag": 1}}, "force: 'lag' is now called 'lag_s'"),
         ({"labels": {"csv": "l.csv"}}, "unknown key of layout 'x': labels 'csv'"),
         ({"labels": "l.csv"}, "labels: expected names and values, found str"),
     ],

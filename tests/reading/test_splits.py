@@ -39,7 +39,7 @@ def test_of_few_recordings_one_is_held_out(tmp_path: Path, make_image: MakeFile)
     assert sides["val"] == held_out_names(names, 0.05)
     assert len(sides["train"]) == 2
     # none is drawn where the layout itself has some
-    fixed = {"a": LAYOUT, "b": LAYOUT | {"images": "2.png", "split": "val"}}
+    fixed = {"a": LAYOUT, "b": LAYOUT | {"images": "2.png", "hold_out": "all"}}
     data = Recordings(str(tmp_path), fixed, val=0.05)
     assert {x.key for x in data.recordings("val")} == {"b/2.png"}
 
@@ -64,7 +64,7 @@ def test_by_object_all_of_an_object_is_on_one_side(
     for name, _ in rows:
         make_image(name)
     write("l.csv", "file,thing\n" + "".join(f"{name},{thing}\n" for name, thing in rows))
-    more = {"labels": {"file": "l.csv"}, "object": "{thing}", "split": "object"}
+    more = {"labels": {"file": "l.csv"}, "object": "{thing}", "hold_out": "object"}
     thing = {f"a/{name}": thing for name, thing in rows}
     train = {thing[key] for key in keys(tmp_path, "train", **more)}
     val = {thing[key] for key in keys(tmp_path, "val", **more)}
@@ -77,7 +77,7 @@ def test_by_column(tmp_path: Path, make_image: MakeFile, write: MakeFile) -> Non
     for i in range(3):
         make_image(f"{i}.png")
     write("l.csv", "file,part\n0.png,train\n1.png,val\n2.png,\n")
-    more: dict[str, Any] = {"labels": {"file": "l.csv"}, "split": "{part}"}
+    more: dict[str, Any] = {"labels": {"file": "l.csv"}, "hold_out": "{part}"}
     with pytest.raises(DataError, match=r"l\.csv, row 4: the split is '', .*words: \{part: \{\"\""):
         keys(tmp_path, "train", **more)
     more["words"] = {"part": {"": "val", "train": "train", "val": "val"}}
@@ -87,8 +87,8 @@ def test_by_column(tmp_path: Path, make_image: MakeFile, write: MakeFile) -> Non
 
 def test_constant_splits(tmp_path: Path, make_image: MakeFile) -> None:
     make_image("0.png")
-    assert keys(tmp_path, "val", split="val") == {"a/0.png"}
-    assert keys(tmp_path, "train", split="val") == set()
+    assert keys(tmp_path, "val", hold_out="all") == {"a/0.png"}
+    assert keys(tmp_path, "train", hold_out="all") == set()
 
 
 def whole(count: int) -> Recording:
@@ -136,7 +136,7 @@ def test_by_time_blocks_are_spread_evenly() -> None:
 
 def test_by_time_of_a_video(tmp_path: Path, make_video: MakeFile) -> None:
     make_video("a.avi", count=60)
-    layout = {"videos": "*.avi", "sensor": "digit", "background": {"first": 3}, "split": "time"}
+    layout = {"videos": "*.avi", "sensor": "digit", "background": {"first": 3}, "hold_out": "time"}
     data = Recordings(str(tmp_path), {"a": layout}, val=0.2)
     train, val = list(data.recordings("train")), list(data.recordings("val"))
     assert [recording.key for recording in train] == ["a/a.avi[0:24]", "a/a.avi[36:60]"]

@@ -261,7 +261,7 @@ def test_forces_in_another_unit(tmp_path: Path, write: Write) -> None:
     keys = {"file": "f.csv", "columns": ["fx_kg", "fy_kg", "fz_kg"], "sign": [1, 1, -1]}
     with pytest.raises(ConfigError, match=r"'x': force: 'fx_kg' is in kgf by its name"):
         layout(force=keys)
-    table = layout(force={**keys, "force_unit": "kgf"}).force
+    table = layout(force={**keys, "unit": "kgf"}).force
     assert table is not None
     force = read_force(table, path, TIMES, "digit")
     np.testing.assert_allclose(force[0], [0.980665, 0, -4.903325], rtol=1e-6)

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.realdata
 
 def real(realdata: Path, name: str) -> list[Recording]:
     layouts: Any = OmegaConf.to_container(OmegaConf.load(CONFIG).data.layouts)
-    layout = {**layouts[name], "split": "train"} if "force" in layouts[name] else layouts[name]
+    layout = {**layouts[name], "hold_out": "none"} if "force" in layouts[name] else layouts[name]
     return list(Recordings(str(realdata), {name: layout}, val=0).recordings("train"))
 
 

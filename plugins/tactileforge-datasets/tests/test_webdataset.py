@@ -29,7 +29,7 @@ from tactileforge.testing import check
 from tactileforge.util import downloads
 from tactileforge.util.untrusted import load_yaml
 
-STILL = {"frames": "jpg", "sensor": "digit", "background": "none"}
+STILL = {"touch": "jpg", "sensor": "digit", "background": "none"}
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def test_clips_are_held_out_by_object_and_units_of_choice(tmp_path: Path) -> Non
             for frame in range(2)
         ]
         write_tar(tmp_path / f"{number}.tar", samples)
-    layout = {**STILL, "key": "{object}/{clip}_{frame}", "fps": 10}
+    layout = {**STILL, "samples": "{object}/{clip}_{frame}", "fps": 10}
 
     def sides(layout: dict[str, Any], **options: Any) -> list[set[str]]:
         data = WebDataset(str(tmp_path), layout, **options)
@@ -210,8 +210,8 @@ def guessed(root: Path) -> dict[str, Any]:
 def test_guesses(tmp_path: Path) -> None:
     layout = guessed(made_set(tmp_path / "digit_set"))
     assert layout == {
-        "frames": "jpg",
-        "key": "{folder_a}/{clip}_{frame}",
+        "touch": "jpg",
+        "samples": "{folder_a}/{clip}_{frame}",
         "sensor": "digit",
         "background": "none",
         "force": {"values": "json:force"},
@@ -225,13 +225,13 @@ def test_guesses(tmp_path: Path) -> None:
     write_tar(tmp_path / "c/x.tar", [("a", {"mp4": film, "txt": "a mug", "bg.png": picture(9)})])
     layout = guessed(tmp_path / "c")
     assert layout == {
-        **{"frames": "mp4", "sensor": "digit", "background": {"file": "bg.png"}},
+        **{"touch": "mp4", "sensor": "digit", "background": {"file": "bg.png"}},
         "text": "{txt}",
     }
     numbered = {f"{i:04d}.png": picture(i) for i in range(5)}
     write_tar(tmp_path / "d/x.tar", [("a", {**numbered, "json": {"caption": "a", "label": "b"}})])
     layout = guessed(tmp_path / "d")
-    assert (layout["frames"], layout["fps"]) == ("{frame}.png", 30)
+    assert (layout["touch"], layout["fps"]) == ("{frame}.png", 30)
     assert (layout["text"], layout["object"]) == ("{json:caption}", "{json:label}")
     clip = np.zeros((4, 16, 20, 3), np.uint8)
     parts = {"npy": clip, "force.npy": np.zeros((4, 3)), "cam.jpg": picture(9)}
@@ -241,8 +241,8 @@ def test_guesses(tmp_path: Path) -> None:
     assert guess is not None
     assert guess.options["val_tars"] == "val*.tar"
     layout = guessed(tmp_path / "e")
-    assert (layout["frames"], layout["sensor"]) == ("npy", "gelsight_mini")
-    assert (layout["force"], layout["image"]) == ({"values": "force.npy"}, "cam.jpg")
+    assert (layout["touch"], layout["sensor"]) == ("npy", "gelsight_mini")
+    assert (layout["force"], layout["camera"]) == ({"values": "force.npy"}, "cam.jpg")
 
 
 def test_what_is_not_guessed(tmp_path: Path) -> None:

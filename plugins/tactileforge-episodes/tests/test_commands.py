@@ -112,7 +112,7 @@ def test_the_command_line_says_what_is_missing(tmp_path, capsys):
 def test_a_map_of_a_user_on_the_command_line(tmp_path):
     open_x_tactile(tmp_path)
     lines = ["about: mine", "ends: meta/episode_ends", "fps: 10", "touch:"]
-    lines.append("  - {key: data/camera_main_rgb, sensor: digit}")
+    lines.append("  - {array: data/camera_main_rgb, sensor: digit}")
     (tmp_path / "mine.yaml").write_text("\n".join(lines))
     words = ["data=episodes", f"data.root={tmp_path}", f"data.map={tmp_path / 'mine.yaml'}"]
     assert len(list(composed([*words, "data.val=0"]).recordings("train"))) == 3

@@ -15,6 +15,8 @@ from tactileforge_episodes.members import FolderMembers, TarMembers, ZipMembers
 from tactileforge_episodes.places import Place, find_places, open_place
 
 from tactileforge.errors import DataError
+from tactileforge.plugins import registry
+from tactileforge.reading import Facts
 from tactileforge.testing import check_container
 
 
@@ -288,3 +290,48 @@ def test_each_format_is_a_container(kind, tmp_path):
     (place,) = find_places(tmp_path, str)
     results = check_container(open_place(place))
     assert [one for one in results if one.status != "ran"] == []
+
+
+class Whole:
+    """An array in memory."""
+
+    def __init__(self, values):
+        self.values, self.facts = values, Facts(values.shape, values.dtype)
+
+    def rows(self, rows):
+        return self.values[list(rows)]
+
+
+class Rig:
+    """A format of another package: a folder that ends with `.rig`, with times of its own."""
+
+    def __init__(self, path):
+        self.arrays = dict(np.load(f"{path}/all.npz"))
+        self.stamps = self.arrays.pop("stamps")
+
+    def keys(self):
+        return sorted(self.arrays)
+
+    def array(self, key):
+        return Whole(self.arrays[key])
+
+    def times(self, key):
+        return self.stamps
+
+    def frames(self, key):
+        return None
+
+
+def test_a_container_of_another_package_is_found_guessed_and_read(tmp_path, monkeypatch):
+    folder = tmp_path / "data" / "take.rig"
+    folder.mkdir(parents=True)
+    frames, force = pictures(6, 24, 32, 3), np.arange(18, dtype="f4").reshape(6, 3)
+    stamps = 7 + np.array([0, 1, 2, 4, 5, 6]) / 25
+    np.savez(folder / "all.npz", tactile=frames, force=force, stamps=stamps)
+    monkeypatch.setitem(registry._registered, ("containers", "rig"), Rig)
+    guess = Episodes.recognise(tmp_path / "data")
+    assert guess.format.startswith("rig")
+    (one,) = Episodes(**guess.options, val=0).recordings("train")
+    np.testing.assert_array_equal(one.frames.read(range(6)), frames)
+    np.testing.assert_array_equal(one.force, force)
+    np.testing.assert_allclose(one.times, stamps - 7, atol=1e-9)

@@ -313,7 +313,7 @@ def test_freetacman_with_two_pads_and_the_order_of_the_channels_given(tmp_path):
         for side in ("left", "right"):
             file[f"observations/images/tactile_{side}"] = pictures(6, 24, 32, 3)
         del file["observations/images/tactile"]
-    found = read(tmp_path, "freetacman", sensors={"any": "digit"}, colours="rgb")
+    found = read(tmp_path, "freetacman", sensors={"any": "digit"}, channels="rgb")
     assert sorted(one.labels["finger"] for one in found.values()) == [
         "tactile_left",
         "tactile_right",

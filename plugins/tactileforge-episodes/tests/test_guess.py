@@ -1,5 +1,6 @@
 """Arrays with a lab's own names: no key is typed, and values are those of the writer to the bit."""
 
+import html
 import json
 import re
 import shlex
@@ -80,7 +81,11 @@ def test_a_replay_buffer_with_names_of_its_own(writer, tmp_path):
             view = one.image.read(range(len(one.frames)))
             np.testing.assert_array_equal(view, arrays["data/wrist_rgb"][rows])
     said = "\n".join(notes)
-    for word in ("sensor: no name", "time: data/timestamp in s", "force: data/force_left is taken"):
+    for word in (
+        "sensor: no name",
+        "times: data/timestamp in s",
+        "force: data/force_left is taken",
+    ):
         assert said.count(word) >= 1, word
     assert "camera: data/wrist_rgb" in said
 
@@ -124,7 +129,7 @@ def test_units_of_time(name, unit, values, seconds, tmp_path):
     (one,) = found.values()
     wanted = (values - values[0]).astype(np.float64) * seconds
     np.testing.assert_array_equal(one.times, wanted)
-    assert f"time: {name} in {unit}" in "\n".join(notes)
+    assert f"times: {name} in {unit}" in "\n".join(notes)
 
 
 def test_units_of_time_named_are_as_named(tmp_path):
@@ -482,9 +487,11 @@ def test_the_page_has_each_guess_once_and_the_map_beside_it(tmp_path, capsys):
     page = tmp_path / "page.html"
     assert cli.run(["data", "inspect", str(tmp_path / "lab"), f"out={page}"]) == 0
     said = capsys.readouterr().out
-    assert said.count("time: data/timestamp in s") == 1
-    assert "time: data/timestamp in s" in page.read_text()
-    assert "key: data/tactile_left" in (tmp_path / "page.yaml").read_text()
+    assert said.count("times: data/timestamp in s") == 1
+    assert "times: data/timestamp in s" in page.read_text()
+    kept = (tmp_path / "page.yaml").read_text()
+    assert "array: data/tactile_left" in kept
+    assert kept in html.unescape(page.read_text()), "as YAML to copy"
 
 
 def test_numbers_of_episodes_with_a_lost_chunk_are_refused(tmp_path):

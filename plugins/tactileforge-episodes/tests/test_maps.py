@@ -19,20 +19,20 @@ licence: CC0-1.0
 source: my lab
 tier: 1
 files: ["{object}/{name}.h5"]
-fps: {key: rate}
-time: {key: clock, unit: ms}
+fps: {array: rate}
+times: {array: clock, unit: ms}
 touch:
-  - key: sensors/{finger}/pixels
+  - array: sensors/{finger}/pixels
     sensor: digit
     axes: chw
-    colours: bgr
+    channels: bgr
     reference: sensors/{finger}/rest?
-    force: {key: "sensors/{finger}/load", columns: [null, null, 0], unit: gf, sign: [1, 1, -1]}
+    force: {array: "sensors/{finger}/load", columns: [null, null, 0], unit: gf, sign: [1, 1, -1]}
     tracks: {temperature: "sensors/{finger}/celsius?"}
-    labels: {serial: {key: "sensors/{finger}/pixels", attr: serial}}
-camera: {key: scene}
+    labels: {serial: {array: "sensors/{finger}/pixels", attr: serial}}
+camera: {array: scene}
 state: [arm]
-action: ["command?", next_state]
+command: ["command?", next_state]
 text: "touching a {object}"
 object: "{object}"
 background: first
@@ -92,10 +92,10 @@ def test_a_map_of_a_user_reads_without_a_package(rig):
 def test_a_rate_that_is_read_and_units_of_times(rig):
     for line, step in {
         "": 0.04,
-        "time: {key: clock, unit: us}": 4e-5,
-        "time: {key: clock, unit: frames}": 1.6,
+        "times: {array: clock, unit: us}": 4e-5,
+        "times: {array: clock, unit: frames}": 1.6,
     }.items():
-        text = OWN.replace("time: {key: clock, unit: ms}", line)
+        text = OWN.replace("times: {array: clock, unit: ms}", line)
         (rig / "own.yaml").write_text(text)
         one = next(iter(Episodes(str(rig), map=str(rig / "own.yaml"), val=0).recordings("train")))
         np.testing.assert_allclose(one.times, np.arange(6) * step, err_msg=line)
@@ -118,19 +118,23 @@ def test_a_unit_that_is_not_known_is_named(rig):
 @pytest.mark.parametrize(
     ("old", "new", "wanted"),
     [
-        ("colours: bgr", "colors: bgr", "unknown key of .*'colors'; did you mean 'colours'"),
+        ("channels: bgr", "chanels: bgr", "unknown key of .*'chanels'; did you mean 'channels'"),
         ("fps:", "fsp:", "unknown key of .*'fsp'; did you mean 'fps'"),
         ("    sensor: digit\n", "", "'sensor' is missing; for example sensor: gelsight_mini"),
-        ("colours: bgr", "colours: gbr", "'gbr', which is not of type"),
-        ("tier: 1", "tier: 9", "tier is 9; give 1 to 5"),
+        ("channels: bgr", "channels: gbr", "unknown channels 'gbr'"),
+        ("channels: bgr", "rotate: 45", "rotate is 45; give the degrees, clockwise"),
+        ("channels: bgr", "colours: bgr", "'colours' is now called 'channels'"),
+        ("command: [", "action: [", "'action' is now called 'command'"),
+        ("- array: sensors", "- key: sensors", "'key' is now called 'array'"),
+        ("tier: 1", "tier: 9", "tier is 9, but must be 1 to 5"),
         ("unit: gf", "unit: stone", "unknown unit 'stone'"),
         ("unit: ms", "unit: minutes", "'minutes', which is not of type"),
         ("[null, null, 0]", "[null, null, -1]", "give columns from 0, or null"),
         ("sensor: digit", "sensor: digit\n    white: 0", "give the value of white"),
         (
             "sensor: digit",
-            "sensor: digit\n    taxels: {channels: [0, 1]}",
-            "channels has 2; give 1 or 3",
+            "sensor: digit\n    taxels: {columns: [0, 1]}",
+            "columns has 2; give 1 or 3",
         ),
         ("sensor: digit", "sensor: digit\n    taxels: {span: 0}", "a span above 0"),
         (
@@ -190,9 +194,9 @@ POINTS = """
 about: points
 fps: 10
 touch:
-  - key: skin
+  - array: skin
     sensor: my array
-    taxels: {form: points, span: 2, baseline: first, channels: [2, 1, 0]}
+    taxels: {form: points, span: 2, baseline: first, columns: [2, 1, 0]}
 """
 
 
@@ -226,3 +230,21 @@ def test_each_preset_is_an_option_of_its_own_with_every_key():
     assert sorted(path.stem for path in places.glob("*.yaml")) == preset_names() == sorted(FORMATS)
     for name in preset_names():
         assert read_preset(name).citation, name
+
+
+def test_pictures_are_put_upright_with_their_reference_and_camera(tmp_path):
+    frames, scene = pictures(4, 24, 32, 3), pictures(4, 16, 20, 3, seed=1)
+    write_zarr(tmp_path / "x.zarr", {"pad": frames, "rest": frames[:1], "scene": scene})
+    lie = "rotate: 90, mirror: x, channels: bgr"
+    (tmp_path / "m.yaml").write_text(
+        f"about: mine\nfps: 10\nlicence: CC0-1.0\ncamera: {{array: scene, {lie}}}\n"
+        f"touch: [{{array: pad, sensor: digit, reference: rest, {lie}}}]"
+    )
+    data = Episodes(str(tmp_path), map=str(tmp_path / "m.yaml"), val=0)
+    (one,) = data.recordings("train")
+    for found, stored in ((one.frames, frames), (one.image, scene)):
+        # mirrored left to right, then turned clockwise
+        want = np.stack([np.rot90(frame[:, ::-1, ::-1], -1) for frame in stored])
+        assert found.shape == want.shape[1:3]
+        np.testing.assert_array_equal(found.read(range(4)), want)
+    np.testing.assert_array_equal(one.no_contact.read([0]), one.frames.read([0]))

@@ -181,9 +181,11 @@ def test_forces_in_another_unit_by_their_names(tmp_path: Path, named: object) ->
     about = json.loads((root / folder.INFO).read_text())
     about["features"]["observation.force.digit"]["names"] = named
     (root / folder.INFO).write_text(json.dumps(about))
-    with pytest.raises(ConfigError, match=r"is in kgf by its name .*force_sign=\[9.80665,"):
+    with pytest.raises(ConfigError, match=r"is in kgf by its name.*data.force_unit: kgf"):
         all_of(root)
-    (one,) = all_of(root, force_sign=[9.80665, 9.80665, 9.80665])
+    (same,) = all_of(root, force_sign=[9.80665, 9.80665, 9.80665])
+    (one,) = all_of(root, force_unit="kgf")
+    np.testing.assert_array_equal(same.force, one.force)
     np.testing.assert_allclose(one.force, touch(0).force * 9.80665, rtol=1e-6)
 
 

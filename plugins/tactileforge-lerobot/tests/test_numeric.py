@@ -78,18 +78,18 @@ def test_taxels_outside_of_the_hand_are_neutral_and_stay_nan_in_the_track(tmp_pa
 def test_points_with_forces_are_drawn_in_colours(tmp_path: Path) -> None:
     values = np.random.default_rng(1).normal(0, 1, (ROWS, 2, 4, 3)).astype(np.float32)
     root = made(tmp_path / "set", PAXINI, [values])
-    (both,) = all_of(root, **touch(PAXINI, span=[1.0, 2.0, 4.0], channels=[0, 1, 2]))
+    (both,) = all_of(root, **touch(PAXINI, span=[1.0, 2.0, 4.0], columns=[0, 1, 2]))
     shown = both.frames.read([2])[0]
     change = (values[2] - values[0]) * 127 / np.array([1, 2, 4])
     np.testing.assert_array_equal(shown, np.rint(128 + change).clip(1, 255))
     assert both.tracks["taxels"].shape == (ROWS, 8, 3)
     places = [[0, 0], [0, 2], [2, 0], [2, 2]]
-    options = {"span": 1.0, "channels": [0, 1, 2], "grid": [3, 3], "positions": places}
+    options = {"span": 1.0, "columns": [0, 1, 2], "grid": [3, 3], "positions": places}
     (second,) = all_of(root, **touch(f"{PAXINI}/1", **options))
     layout = TaxelLayout((3, 3), places, (0, 1, 2), 1.0)
     wanted = layout.draw(values[4, 1].astype(float), values[0, 1].astype(float))
     assert np.abs(second.frames.read([4])[0].astype(int) - wanted).max() <= 1
-    (z,) = all_of(root, **touch(f"{PAXINI}/0", span=1.0, channels=[2], grid=[2, 2]))
+    (z,) = all_of(root, **touch(f"{PAXINI}/0", span=1.0, columns=[2], grid=[2, 2]))
     assert z.frames.shape == (2, 2)
     assert (z.frames.read([4])[..., :2] == 128).all()
 
@@ -97,7 +97,7 @@ def test_points_with_forces_are_drawn_in_colours(tmp_path: Path) -> None:
 def test_displacement_and_force_of_points(tmp_path: Path) -> None:
     values = np.random.default_rng(2).normal(0, 1, (ROWS, 6, 6)).astype(np.float32)
     root = made(tmp_path / "set", "observation.tactile", [values])
-    (one,) = all_of(root, **touch("observation.tactile", span=3.0, channels=[3, 4, 5], grid=[2, 3]))
+    (one,) = all_of(root, **touch("observation.tactile", span=3.0, columns=[3, 4, 5], grid=[2, 3]))
     change = (values[1] - values[0])[:, 3:] * 127 / 3
     wanted = np.rint(128 + change).clip(1, 255).reshape(2, 3, 3)
     assert np.abs(one.frames.read([1])[0].astype(int) - wanted).max() <= 1
@@ -126,7 +126,7 @@ def test_a_depth_of_many_numbers_is_a_picture_alone(tmp_path: Path) -> None:
     ("shape", "options", "message"),
     [
         ([4, 4], {}, "holds numbers.*give data.span"),
-        ([4, 3], {"span": 1.0}, r"is its last axis x, y and z, or taxels\? Give data.channels"),
+        ([4, 3], {"span": 1.0}, r"is its last axis x, y and z, or taxels\? Give data.columns"),
         ([8], {"span": 1.0}, r"has taxels of shape \[8\], no rows and columns: give data.grid"),
         ([2, 4, 4], {"span": 1.0}, r"or one part of it: data.touch=\[observation.tactile_grid/0\]"),
         ([4, 4], {"span": 1.0, "grid": [3, 4]}, "has 16 taxels, but data.grid has 12"),
@@ -135,7 +135,7 @@ def test_a_depth_of_many_numbers_is_a_picture_alone(tmp_path: Path) -> None:
             {"span": 1.0, "grid": [9, 9], "positions": [[0, 0]]},
             "has 16 taxels, but data.positions has 1",
         ),
-        ([4, 4], {"span": 1.0, "channels": [0, 1, 4]}, r"the shape \[4, 4\], but data.channels"),
+        ([4, 4], {"span": 1.0, "columns": [0, 1, 4]}, r"the shape \[4, 4\], but data.columns"),
         ([4, 4], {"span": 0.0}, "span=0.0: give values above 0"),
         ([4, 4], {"span": 1.0, "grid": [4]}, "give data.grid"),
     ],
@@ -150,7 +150,7 @@ def test_options_that_do_not_fit_are_named(
 
 def test_a_last_axis_of_three_may_be_taxels(tmp_path: Path) -> None:
     root = made(tmp_path / "set", GRID, [np.zeros((ROWS, 4, 3), np.float32)])
-    (one,) = all_of(root, **touch(GRID, span=1.0, channels=[]))
+    (one,) = all_of(root, **touch(GRID, span=1.0, columns=[]))
     assert one.frames.shape == (4, 3)
 
 

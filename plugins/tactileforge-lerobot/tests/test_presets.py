@@ -76,7 +76,7 @@ def test_a_set_that_may_begin_in_contact_is_left_out(tmp_path: Path) -> None:
 def test_zero_rows_without_objects_are_those_of_each_episode(tmp_path: Path) -> None:
     root = made_set(tmp_path / "set", images="image")
     options: dict[str, Any] = {"touch": [LEFT], "sensors": ["digit"], "force": [WRENCH], "val": 0}
-    for number, one in enumerate(LeRobot(str(root), zero_rows=3, **options).recordings("train")):
+    for number, one in enumerate(LeRobot(str(root), force_tare=3, **options).recordings("train")):
         wrench = columns(number)[WRENCH][:, :3]
         np.testing.assert_allclose(one.force, wrench - np.median(wrench[:3], 0), atol=1e-6)
 

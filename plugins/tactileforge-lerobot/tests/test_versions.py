@@ -237,8 +237,8 @@ def test_a_video_that_is_too_short_is_named(tmp_path: Path) -> None:
         ({"force_columns": [0, 1, -2]}, "give x, y and z"),
         ({"force_sign": [1, 1]}, "give three factors"),
         ({"force_sign": [1, 0, 1]}, "none 0"),
-        ({"zero_rows": -1}, "give a number of rows"),
-        ({"zero_most": 0.5}, "and data.zero_rows"),
+        ({"force_tare": -1}, "give a number of rows"),
+        ({"force_tare_most": 0.5}, "and data.force_tare"),
         ({"sensors": ["digit", "digit"]}, "names 1 features and data.sensors 2"),
     ],
 )
@@ -264,7 +264,7 @@ def test_forces_are_turned_into_newton_along_the_axes(tmp_path: Path) -> None:
     (first, _) = all_of(root, **options, force_sign=[-1, 0.001, 9.80665])
     wanted = columns(0)[WRENCH][:, [1, 0, 2]] * [-1, 0.001, 9.80665]
     np.testing.assert_allclose(first.force, wanted, rtol=1e-6)
-    found = all_of(root, **options, turn_z=True)
+    found = all_of(root, **options, force_sign=[1, 1, "mean"])
     z = np.concatenate([columns(n)[WRENCH][:, 2] for n in range(2)])
     turned = np.concatenate([one.force[:, 2] for one in found])
     np.testing.assert_allclose(turned, z * np.sign(z.mean()), rtol=1e-6)
@@ -281,3 +281,14 @@ def test_several_sets_below_a_folder_are_read_one_after_the_other(tmp_path: Path
     (line,) = data.skipped
     assert line.startswith(f"{lacks}: unknown feature in data.touch '{LEFT}'")
     assert list(data.recordings("val")) == []
+
+
+def test_pictures_are_put_upright_with_their_background(tmp_path: Path) -> None:
+    root = made_set(tmp_path / "set", images="image", episodes=1)
+    (plain,) = all_of(root, **TOUCH)
+    (one,) = all_of(root, **TOUCH, channels="bgr", rotate=90, mirror="x")
+    want = np.rot90(plain.frames.read([0, 1])[:, :, ::-1, ::-1], -1, axes=(1, 2))
+    np.testing.assert_array_equal(one.frames.read([0, 1]), want)
+    np.testing.assert_array_equal(one.no_contact.read([0]), want[:1])
+    with pytest.raises(ConfigError, match="data: rotate is 45; give the degrees, clockwise"):
+        all_of(root, **TOUCH, rotate=45)

@@ -168,8 +168,8 @@ touch:
   - topic: /left/image/compressed
     sensor: digit
     finger: left
-    wrench: {topic: /ft/wrench, frame: gel, unit: mN, sign: [1, -1, -1], lag: 0.012}
-  - {topic: /right/image_raw, sensor: gelsight_mini, finger: right, turns: 1}
+    force: {topic: /ft/wrench, unit: mN, sign: [1, -1, -1], lag_s: -0.012}
+  - {topic: /right/image_raw, sensor: gelsight_mini, finger: right, rotate: 270}
 camera: {topic: /wrist/image_raw}
 background: first
 """

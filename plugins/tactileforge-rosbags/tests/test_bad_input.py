@@ -317,7 +317,7 @@ def test_a_wrench_of_another_clock(tmp_path):
     rows.append(("/ft", BEGIN, make.wrench(10**9, (0, 0, 1))))
     write(tmp_path / "set/one", "mcap", rows)
     wanted = "/ft: no message within 0.1 s of a frame of /gel; if their stamps are of different"
-    lines = "touch: [{topic: /gel, sensor: digit, wrench: {topic: /ft, frame: gel}}]"
+    lines = "touch: [{topic: /gel, sensor: digit, force: {topic: /ft}}]"
     refused(mapped(tmp_path, lines), wanted)
     made = data(tmp_path / "set")  # of topics that nobody named, it is a note
     (one,) = made.recordings("train")
@@ -328,9 +328,9 @@ def test_a_wrench_of_another_clock(tmp_path):
 
 def test_topics_of_a_map_that_are_absent(tmp_path):
     write(tmp_path / "set/one", "mcap", frame_rows("mcap", "/gel", 5))
-    lines = 'touch: [{topic: /gel, sensor: digit, wrench: {topic: "/ft%s", frame: gel}}]\n'
+    lines = 'touch: [{topic: /gel, sensor: digit, force: {topic: "/ft%s"}}]\n'
     refused(mapped(tmp_path, lines % ""), "unknown topic '/ft'")
-    lines = lines % "?" + 'joints: ["/arm?"]\nwrenches: {wrist: "/w?"}\ncamera: {topic: "/c?"}\n'
+    lines = lines % "?" + 'state: ["/arm?"]\ntracks: {wrist: "/w?"}\ncamera: {topic: "/c?"}\n'
     (one,) = mapped(tmp_path, lines).recordings("train")
     assert (one.force, one.image, dict(one.tracks)) == (None, None, {})
 
@@ -371,7 +371,7 @@ def test_joints_without_names_or_of_other_lengths_are_counted(tmp_path):
             "unknown bag of `intervals` 'onne'; did you mean 'one'",
         ),
         (
-            "touch: [{topic: /g, sensor: digit, wrench: {topic: /w, columns: [0, 1, 7]}}]",
+            "touch: [{topic: /g, sensor: digit, force: {topic: /w, columns: [0, 1, 7]}}]",
             r"columns \(0, 1, 7\)",
         ),
     ],

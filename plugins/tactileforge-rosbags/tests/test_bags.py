@@ -94,17 +94,15 @@ def test_raw_pictures_with_padded_rows(encoding, tmp_path):
 @pytest.mark.parametrize("encoding", ["8UC3", "8UC4"])
 def test_an_encoding_without_an_order_of_channels_is_read_where_the_map_says_it(encoding, tmp_path):
     write(tmp_path / "set/one", "mcap", frame_rows("mcap", "/gel", 3, raw=encoding))
-    for said, wanted in (("true", picture(2)), ("false", picture(2)[..., ::-1])):
+    for said, wanted in (("bgr", picture(2)), ("rgb", picture(2)[..., ::-1])):
         (tmp_path / "m.yaml").write_text(
-            f"touch: [{{topic: /gel, sensor: digit, exchanged: {said}}}]"
+            f"touch: [{{topic: /gel, sensor: digit, channels: {said}}}]"
         )
         data = Rosbags(str(tmp_path / "set"), map=str(tmp_path / "m.yaml"), val=0)
         (one,) = data.recordings("train")
         np.testing.assert_array_equal(one.frames.read([2])[0], wanted)
     unsaid = Rosbags(str(tmp_path / "set"), {"/gel": "digit"}, val=0)
-    with pytest.raises(
-        DataError, match=rf"'{encoding}' does not say .* exchanged: true where blue"
-    ):
+    with pytest.raises(DataError, match=rf"'{encoding}' does not say .* channels: bgr where blue"):
         list(unsaid.recordings("train"))
 
 
@@ -131,7 +129,7 @@ def test_exchanged_colours_are_put_right(tmp_path):
     make = Messages("sqlite3")
     rows = [("/gel", BEGIN + i, make.compressed(0, picture(i)[..., ::-1])) for i in range(2)]
     write(tmp_path / "set/one", "sqlite3", rows)
-    lines = "touch: [{topic: /gel, sensor: digit, exchanged: true}]"
+    lines = "touch: [{topic: /gel, sensor: digit, channels: bgr}]"
     (tmp_path / "m.yaml").write_text(lines)
     (one,) = Rosbags(str(tmp_path / "set"), map=str(tmp_path / "m.yaml"), val=0).recordings("train")
     np.testing.assert_array_equal(one.frames.read([1])[0], picture(1))
@@ -180,14 +178,14 @@ def test_a_wrench_is_between_the_two_nearest_and_exact_at_a_stamp():
 
 
 def test_a_wrench_of_another_frame_is_a_track_and_said_so(tmp_path):
-    lines = RIG_MAP.replace("frame: gel", "frame: flange")
+    lines = RIG_MAP.replace("unit: mN", "unit: mN, at: flange")
     write_rig(tmp_path / "set/one", "mcap")
     (tmp_path / "m.yaml").write_text(lines)
     data = Rosbags(str(tmp_path / "set"), map=str(tmp_path / "m.yaml"), val=0)
     left = next(data.recordings("train"))
     assert left.force is None
     assert left.tracks["wrench"].shape == (20, 6)
-    assert any("/ft/wrench: of another frame than the gel's" in note for note in data.notes)
+    assert any("/ft/wrench: not on the gel (at: flange)" in note for note in data.notes)
 
 
 @each

@@ -42,7 +42,7 @@ _NAMES = 2
 #: Reasons repeated by training and packing, with their fixes. The others are choices (no
 #: background), or do not affect learning (gaps: no clip is cut across one).
 FIXES = {
-    "force_out_of_range": "is it grams or mN? force_unit: of a layout (gf, mN, ...) converts",
+    "force_out_of_range": "is it grams or mN? unit: of force in a layout (gf, mN, ...) converts",
     "pulling_force": "pressing is positive: does z point out of the gel (sign: [1, 1, -1]), or was "
     "the sensor of force not tared?",
     "axes_exchanged": "in contact, z is the largest and of one sign: are the columns in the order "
@@ -189,7 +189,7 @@ class Doubts:
         if "force" in labels and self._force_frames >= FRAMES and 0 < self._strongest < _FAINT:
             out.append(
                 f"{CODES['faint_force']} the largest force is {self._felt}, less than a hundredth "
-                "of the scale of its sensor: is it kN? force_unit: kN of a layout converts"
+                "of the scale of its sensor: is it kN? unit: kN of force in a layout converts"
             )
         axis = self._axes.pressing()
         if "force" in labels and axis and "axes_exchanged" not in self._worst:

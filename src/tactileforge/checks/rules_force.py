@@ -212,7 +212,7 @@ class FaintForce(Check):
         "The largest force of the set is less than a hundredth of the scale of its sensor, or less "
         "than a twenty-fifth where pictures show a deep imprint: kN or kgf in place of N."
     )
-    fix = "is it kgf, or kN? force_unit: kgf (kN) of a layout converts"
+    fix = "is it kgf, or kN? unit: kgf (kN) of force in a layout converts"
     unit = "share of the scale"
     worst = -1
 
@@ -256,7 +256,7 @@ class ImpossibleLabels(Check):
     code, level, needs = CODES["impossible_labels"], "error", frozenset({"forces", "labels"})
     title = "Impossible labels"
     why = "A force of a hundred times the scale would tear the gel; the recording is not read."
-    fix = "say its unit (force_unit: of a layout), or correct it"
+    fix = "say its unit (unit: of force in a layout), or correct it"
 
     def look(self, seen: Seen) -> Iterable[Finding]:
         """See `Check.look`."""

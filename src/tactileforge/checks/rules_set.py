@@ -73,7 +73,7 @@ class CopiesAcrossSplits(_Copies):
         "The same pictures, at most encoded again, are trained on and validated on: the numbers "
         "say nothing of new data."
     )
-    fix = "remove one of the two, or give both one object and split by it (split: object)"
+    fix = "remove one of the two, or give both one object and split by it (hold_out: object)"
     unit = "grey levels"
     worst = -1
 

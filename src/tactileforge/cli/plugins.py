@@ -74,8 +74,8 @@ class _New:
     """Keys of ``plugins new``.
 
     Attributes:
-        kind: Kind of plugin: sensor, dataset, encoder, objective, optimizer, check, verb or
-            suite.
+        kind: Kind of plugin: sensor, dataset, container, encoder, objective, optimizer, check, verb
+            or suite.
         name: Name of the plugin as users type it, snake_case; with ``from`` None for that of the
             class.
         source: Class of your own that the package is made of (``from=my_module:Contrast``); None
@@ -190,6 +190,7 @@ _FILES = {
     "objective": ("objective.py", "head.py"),
     "optimizer": ("optimizer.py",),
     "check": ("check.py",),
+    "container": ("container.py",),
     "verb": ("verb.py",),
     "suite": ("conf/__init__.py", "conf/suite/forces_at_a_glance.yaml"),
 }
@@ -201,6 +202,7 @@ _NAMES = {
     "objective": "contact_area",
     "optimizer": "muon",
     "check": "worn_gel",
+    "container": "npy_folder",
     "verb": "brightness",
     "suite": "forces_at_a_glance",
 }
@@ -248,7 +250,9 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
     install = shlex.join(["pip", "install", "-e", str(folder)])
     check = ("plugins", "check", name)
     then = ("bench", f"suite={name}", "--cfg", "job") if kind == "suite" else check
-    print(f"wrote {folder}\nnext: {install} && {command(*then)}")
+    # a container is checked on a file of its format, which its test makes
+    last = f"pytest {shlex.quote(str(folder))}" if kind == "container" else command(*then)
+    print(f"wrote {folder}\nnext: {install} && {last}")
 
 
 def _example(kind: str, name: str, package: str, title: str) -> dict[str, str]:
@@ -296,7 +300,9 @@ def _paths(kind: str) -> list[str]:
 def _sections_of(kind: str, text: str) -> str:
     """Drops the sections of pyproject.toml and README.md about other kinds of plugins."""
     sections = re.split(r"^(?=## |\[)", text, flags=re.MULTILINE)
-    foreign = {*_KINDS, "suite"} - {kind} - ({"head"} if kind == "objective" else set())
+    foreign = (
+        {*_KINDS, "container", "suite"} - {kind} - ({"head"} if kind == "objective" else set())
+    )
     groups = {other: _GROUPS.get(other, f"{other}s") for other in foreign}
     groups |= {"schedule": "schedules"} if "optimizer" in foreign else {}
     heads = [

@@ -24,7 +24,7 @@ from tactileforge.reading.guessed_layout import guess_layout
 from tactileforge.reading.layout import (
     EXAMPLE,
     FILE_COLUMNS,
-    SPLITS,
+    UNITS_HELD_OUT,
     DatasetLayout,
     parse_layout,
 )
@@ -237,10 +237,10 @@ class _SplitUp:
     @property
     def held_out(self) -> str:
         """The held-out unit, in words."""
-        unit, count = self.layout.split, len(set(self.trials))
+        unit, count = self.layout.hold_out, len(set(self.trials))
         what = f"{len(self.trials)} recordings of {count} trials"
-        if unit in ("train", "val"):
-            return f"{what}, all for {unit}"
+        if unit in ("none", "all"):
+            return f"{what}, all for {'train' if unit == 'none' else 'val'}"
         if unit == "time":
             return f"{what}, blocks of time of each"
         by = {"trial": "trials, with all sensors, cameras and repetitions of one"}
@@ -254,28 +254,28 @@ class _SplitUp:
         for trial, side in zip(self.trials, self.sides, strict=True):
             sides.setdefault(trial, set()).add(side)
         both = [trial for trial, of in sides.items() if len(of) > 1]
-        if not both or self.layout.split == "object":
+        if not both or self.layout.hold_out == "object":
             return ""
         return (
-            f"{len(both)} trials, such as {both[0]!r}, are in training and validation, by split: "
-            f"{self.layout.split}; split: trial holds out all sensors of one"
+            f"{len(both)} trials, such as {both[0]!r}, are in training and validation, by "
+            f"hold_out: {self.layout.hold_out}; hold_out: trial holds out all sensors of one"
         )
 
 
 def _side(layout: DatasetLayout, touch: LayoutTouch, trial: str) -> tuple[str, str]:
     """Name by which the side of a touch is drawn, or ``train``, ``val`` or ``time``; "" for one."""
-    row, split = touch.row, layout.split
-    side = row.fill(split)
-    unit = {"trial": trial, "recording": touch.name, "object": trial}.get(split)
-    if split == "object" and layout.object and (name := row.fill(layout.object)):
+    row, unit_of = touch.row, layout.hold_out
+    side = {"none": "train", "all": "val"}.get(unit_of) or row.fill(unit_of)
+    unit = {"trial": trial, "recording": touch.name, "object": trial}.get(unit_of)
+    if unit_of == "object" and layout.object and (name := row.fill(layout.object)):
         return name, ""
-    of_file = set(template_columns(split)) <= {*FILE_COLUMNS} and split not in SPLITS
+    of_file = set(template_columns(unit_of)) <= {*FILE_COLUMNS} and unit_of not in UNITS_HELD_OUT
     if of_file and side and side.casefold() not in SPLIT_OF_FOLDER:
         unit = side
     if unit is not None:
         return f"{layout.name}/{unit}", ""
     if side not in ("train", "val", "time"):
-        column = layout.split.strip("{}")
+        column = unit_of.strip("{}")
         raise DataError(
             f"{row.where}: the split is {side or ''!r}, but must be train or val; layout "
             f'{layout.name!r} can say what it means: words: {{{column}: {{"{side or ""}": train}}}}'

@@ -25,12 +25,13 @@ from tactileforge.util import strict
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers", "checks")
 #: Kinds whose entry points name a module: verbs of the command line.
 MODULES = ("verbs",)
-#: Kinds without a conformance suite: publishers of ``live``, schedules of the learning rate and
-#: runners of suites of ``bench`` (a function each), trackers of ``data pack``, callbacks of
-#: Lightning, readers of tables by the endings of their files, and packages of YAML options.
+#: Kinds without a conformance suite by name: publishers of ``live``, schedules of the learning rate
+#: and runners of suites of ``bench`` (a function each), trackers of ``data pack``, callbacks of
+#: Lightning, readers of tables by the endings of their files, packages of YAML options, and
+#: containers of data, checked on a file of theirs.
 OTHERS = (
-    *("publishers", "schedules", "curves", "runners", "importers", "trackers", "callbacks"),
-    *("tables", "conf"),
+    *("containers", "publishers", "schedules", "curves", "runners", "importers", "trackers"),
+    *("callbacks", "tables", "conf"),
 )
 
 #: Kind of plugin behind the options of each group of a configuration.

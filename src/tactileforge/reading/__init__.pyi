@@ -53,4 +53,11 @@ from tactileforge.reading.splits import is_held_out as is_held_out
 from tactileforge.reading.tables import number_or_text as number_or_text
 from tactileforge.reading.tables import read_cells as read_cells
 from tactileforge.reading.trials import trial_of as trial_of
+from tactileforge.reading.vocabulary import NOTIONS as NOTIONS
+from tactileforge.reading.vocabulary import ForceKeys as ForceKeys
+from tactileforge.reading.vocabulary import Keys as Keys
+from tactileforge.reading.vocabulary import OriginKeys as OriginKeys
+from tactileforge.reading.vocabulary import StreamKeys as StreamKeys
+from tactileforge.reading.vocabulary import check_origin as check_origin
+from tactileforge.reading.vocabulary import check_stream as check_stream
 from tactileforge.util.licences import check_data_licence as check_data_licence

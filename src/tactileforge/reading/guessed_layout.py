@@ -192,7 +192,8 @@ def _layout(
     if "object" not in layout:
         layout |= _object(root, folder, media, layout, doubts)
     if folder.lower() in SPLIT_OF_FOLDER:
-        layout["split"] = SPLIT_OF_FOLDER[folder.lower()]
+        is_val = SPLIT_OF_FOLDER[folder.lower()] == "val"
+        layout["hold_out"] = "all" if is_val else "none"
     used = {times["times"]["file"]} if times else set()
     read |= {
         path

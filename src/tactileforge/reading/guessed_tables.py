@@ -243,7 +243,7 @@ def guess_force(
                 f"{', '.join(str(name) for name in columns if name)}"
             )
         table = {"file": family.template, "columns": columns, **clock}
-        table |= {} if unit == "N" else {"force_unit": unit}
+        table |= {} if unit == "N" else {"unit": unit}
         said = "newton" if unit == "N" else unit
         if columns[2] and _pulls(family, columns[2]):
             table["sign"] = [1, 1, -1]
@@ -256,7 +256,7 @@ def guess_force(
         lead = _lead(family)
         columns = _numbered_forces(family) if lead else []
         if lead and columns[2] and is_for_all(family, units) and not family.key:
-            said = f"frame: {lead!r}" if _counts(family, lead) else f"time: {lead!r}"
+            said = f"frame: {lead!r}" if _counts(family, lead) else f"times: {lead!r}"
             doubts.append(
                 f"force: {family.template} has no names of columns, and a name that tells no "
                 f"forces; if it has some: force: {{file: {family.template!r}, {said}, "
@@ -343,9 +343,9 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
             "pictures tells where both clocks meet (start: contact); better are start: first_row "
             "if both began at once, the time of the first frame as a number, or times: of frames"
         )
-        return {"time": time, "start": "contact"}
+        return {"times": time, "start": "contact"}
     if date or len(values) < 2:
-        return {"time": time}
+        return {"times": time}
     span = float(values[-1] - values[0])
     named = _TIME_UNIT.search(time.lower())
     fits = [
@@ -355,9 +355,9 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
     ]
     unit = named[1] if named else fits[0] if fits else "s"
     if unit == "s":
-        return {"time": time}
+        return {"times": time}
     doubts.append(f"force: {time} of {family.template} is taken for {unit}")
-    return {"time": time, "unit": unit}
+    return {"times": {"column": time, "unit": unit}}
 
 
 def guess_labels(

@@ -13,13 +13,13 @@ from typing import Any
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.frames.lazy import Crop
 from tactileforge.data.labels.clock import seconds_of
-from tactileforge.data.labels.newtons import newtons_of
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.reading.clock_keys import parse_order, parse_times
 from tactileforge.reading.layout_keys import (
     ActionKeys,
     BackgroundRule,
     ClockKeys,
+    ColumnKeys,
     ForceKeys,
     FrameTable,
     LayoutKeys,
@@ -27,17 +27,15 @@ from tactileforge.reading.layout_keys import (
     TrackRanges,
 )
 from tactileforge.reading.templates import template_columns
+from tactileforge.reading.vocabulary import StreamKeys, check_origin, check_stream
 from tactileforge.specs.published import spec
-from tactileforge.util.licences import check_data_licence
 from tactileforge.util.strict import build, mapping
 
-SPLITS = ("trial", "recording", "object", "time", "train", "val")
-CHANNELS = ("rgb", "bgr")
-ROTATIONS = (0, 90, 180, 270)
+#: What is held out together; ``none`` is all for training, and ``all`` for validation.
+UNITS_HELD_OUT = ("trial", "recording", "object", "time", "none", "all")
 #: Words for where the clock of a table meets that of the frames, and what else may be given.
 STARTS = ("first_row", "contact")
 OTHER_STARTS = 'the time of the first frame by that clock, or "{column}" of the labels'
-MIRRORS = ("none", "x", "y")
 
 #: A code of checks, or the beginning of one.
 _CODE = re.compile(r"[A-Z]{2,4}\d{0,3}")
@@ -81,9 +79,7 @@ class DatasetLayout:
     fps: float | None
     times: ClockKeys | str
     order: ClockKeys | str
-    bgr: bool
-    turns: int
-    mirror: str
+    stream: StreamKeys
     every: float
     ignore: tuple[str, ...]
     crops: Mapping[str, Tile]
@@ -96,11 +92,11 @@ class DatasetLayout:
     tracks: TrackKeys | tuple[TrackRanges, ...] | None
     object: str | None
     text: tuple[str, ...]
-    image: str | None
+    camera: str | None
     source: str
     licence: str
     tier: int
-    split: str
+    hold_out: str
     provides: frozenset[str] = field(default_factory=frozenset)
 
 
@@ -127,7 +123,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         "action": action is not None,
         "object": keys.object is not None,
         "text": bool(keys.text),
-        "image": keys.image is not None,
+        "image": keys.camera is not None,
     }
     return DatasetLayout(
         name=name,
@@ -139,9 +135,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         fps=keys.fps,
         times=parse_times(keys.times, each, where),
         order=parse_order(keys.order, each, where),
-        bgr=keys.channels == "bgr",
-        turns=(keys.rotate or 0) // 90,
-        mirror="" if keys.mirror == "none" else keys.mirror,
+        stream=StreamKeys(channels=keys.channels, rotate=keys.rotate, mirror=keys.mirror),
         every=keys.every,
         ignore=keys.ignore,
         crops=crops,
@@ -158,11 +152,11 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         tracks=keys.tracks,
         object=keys.object,
         text=as_texts(keys.text),
-        image=keys.image,
+        camera=keys.camera,
         source=keys.source,
         licence=keys.licence,
         tier=keys.tier,
-        split=keys.split,
+        hold_out=keys.hold_out,
         provides=frozenset(label for label, is_given in provided.items() if is_given),
     )
 
@@ -183,8 +177,8 @@ def as_texts(value: str | Sequence[str]) -> tuple[str, ...]:
 
 def _check(keys: LayoutKeys, each: str, where: str) -> None:
     """Validates constraints beyond types."""
-    if not template_columns(keys.split) and keys.split not in SPLITS:
-        raise ConfigError(f"{where}: {unknown('split', keys.split, SPLITS)}")
+    if not template_columns(keys.hold_out) and keys.hold_out not in UNITS_HELD_OUT:
+        raise ConfigError(f"{where}: {unknown('hold_out', keys.hold_out, UNITS_HELD_OUT)}")
     is_open = each == "sequence" and keys.times is None
     if (is_open and keys.fps is None) or (keys.fps is not None and keys.fps <= 0):
         raise ConfigError(f"{where}: fps is {keys.fps}; give frames per second, e.g. fps: 30")
@@ -195,9 +189,11 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
         )
     tables = (keys.force, keys.action, keys.tracks)
     if each == "video" and any(getattr(table, "key", None) for table in tables):
-        raise ConfigError(f"{where}: key: names images, and these are videos; give frame: or time:")
-    if keys.channels not in CHANNELS:
-        raise ConfigError(f"{where}: {unknown('channels', keys.channels, CHANNELS)}")
+        raise ConfigError(
+            f"{where}: key: names images, and these are videos; give frame: or times:"
+        )
+    check_stream(keys, where)
+    check_origin(keys, where)
     if isinstance(keys.tracks, tuple):
         names = [track.name for track in keys.tracks]
         if not names or "" in names or len(set(names)) < len(names):
@@ -210,17 +206,6 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
                     f"{where}: track {track.name!r} has {len(track.frames)} ranges and margin "
                     f"{track.margin}; give frames: [[first, end], ...] and 0 or more"
                 )
-    check_data_licence(f"{where}: licence", keys.licence)
-    if keys.rotate not in ROTATIONS:
-        raise ConfigError(
-            f"{where}: rotate is {keys.rotate}; give the degrees, clockwise, that put the picture "
-            "upright: 0, 90, 180 or 270"
-        )
-    if keys.mirror not in MIRRORS:
-        raise ConfigError(
-            f"{where}: mirror is {keys.mirror!r}; give x (left and right exchanged), y (top and "
-            "bottom), or none; it comes before rotate"
-        )
     if not 1 <= keys.every < float("inf"):
         raise ConfigError(
             f"{where}: every is {keys.every:g}; give the stored frames for each frame of the "
@@ -230,8 +215,6 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
         raise ConfigError(
             f"{where}: ignore has {odd[0]!r}; give codes of checks, or their beginnings: [TF307]"
         )
-    if not 1 <= keys.tier <= 5:
-        raise ConfigError(f"{where}: tier is {keys.tier}, but must be 1 to 5")
 
 
 def _files(keys: LayoutKeys, where: str) -> tuple[tuple[str, ...], str]:
@@ -314,22 +297,32 @@ def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
             f"{where}: columns are {names}; give each axis a column of its own, and null to an "
             "axis that was not measured: [null, null, fz]"
         )
-    if sum(name is not None for name in (keys.frame, keys.time, keys.key)) > 1:
-        raise ConfigError(f"{where}: give one of frame, time and key: each says what a row is of")
-    if keys.unit is not None:
-        seconds_of(keys.unit, where)
-    if keys.start is not None and keys.time is None:
-        raise ConfigError(f"{where}: start is of rows with times; give their column, time:, too")
+    if sum(name is not None for name in (keys.frame, keys.times, keys.key)) > 1:
+        raise ConfigError(f"{where}: give one of frame, times and key: each says what a row is of")
+    times = ColumnKeys(keys.times) if isinstance(keys.times, str) else keys.times
+    if times and times.unit is not None:
+        seconds_of(times.unit, f"{where}: times")
+    if keys.start is not None and times is None:
+        raise ConfigError(f"{where}: start is of rows with times; give their column, times:, too")
     start = keys.start if isinstance(keys.start, str) else STARTS[0]
     if start not in STARTS and not template_columns(start):
         raise ConfigError(f"{where}: {unknown('start', start, STARTS)}, {OTHER_STARTS}")
     # YAML reads a header such as 0 as a number; in a CSV it is text
     columns_or_none = tuple("" if name is None else str(name) for name in names)
-    newton = newtons_of(columns_or_none, keys.force_unit, keys.sign, where, "force_unit")
-    table = {key: value for key, value in vars(keys).items() if key != "force_unit"}
-    # the unit goes into the signs: readers of tables multiply once
-    sign = tuple(factor * newton for factor in keys.sign)
-    return FrameTable(**{**table, "columns": columns_or_none, "sign": sign})
+    newton = keys.newtons(columns_or_none, where)
+    return FrameTable(
+        keys.file,
+        keys.frame,
+        columns_or_none,
+        # the unit goes into the signs: readers of tables multiply once
+        sign=tuple(factor * newton for factor in keys.sign),
+        lag_s=keys.lag_s,
+        time=None if times is None else times.column,
+        key=keys.key,
+        unit=None if times is None else times.unit,
+        start=keys.start,
+        partial=keys.partial,
+    )
 
 
 def _action(keys: LayoutKeys, where: str) -> str | FrameTable | tuple[ActionRange, ...] | None:

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tactileforge.data.frames.cut import spread_rows
+from tactileforge.reading import vocabulary
+from tactileforge.reading.vocabulary import Keys, OriginKeys, StreamKeys
 
 #: Frames of the median of a recording. It leaves out a contact that covers a pixel in fewer than
 #: half of them; an odd number has a frame of its own in the middle.
@@ -47,7 +49,7 @@ class BackgroundRule:
 
 
 @dataclass(frozen=True)
-class CropKeys:
+class CropKeys(Keys):
     """Keys of a crop: its box, and its sensor (None for the layout's)."""
 
     box: tuple[int, int, int, int]
@@ -55,37 +57,46 @@ class CropKeys:
 
 
 @dataclass(frozen=True)
-class LabelKeys:
+class LabelKeys(Keys):
     """Keys of the CSV of labels: its file, and the column of the touches' names."""
 
     file: str | None = None
     key: str = "file"
 
 
-@dataclass(frozen=True)
-class ForceKeys:
+@dataclass(frozen=True, kw_only=True)
+class ForceKeys(vocabulary.ForceKeys):
     """Keys of forces; see `FrameTable`.
 
     Attributes:
-        force_unit: Unit of the forces, see `newtons.NEWTONS`; None for newton, unless the names of
-            the columns say another.
+        times: Column of the seconds since the first frame, or the column and its unit.
     """
 
     file: str = field(metadata={"example": '"{stem}.csv"'})
     columns: tuple[str | int | None, ...] = field(metadata={"example": "[fx, fy, fz]"})
     frame: str | None = None
-    time: str | None = None
-    sign: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    times: str | ColumnKeys | None = None
     lag_s: float = 0.0
     key: str | None = None
-    unit: str | None = None
     start: str | float | None = None
     partial: bool = False
-    force_unit: str | None = None
 
 
 @dataclass(frozen=True)
-class ClockKeys:
+class ColumnKeys(Keys):
+    """Keys of a column of times.
+
+    Attributes:
+        column: Name of the column.
+        unit: Unit of the times; None for seconds, or the detected unit of dates.
+    """
+
+    column: str
+    unit: str | None = None
+
+
+@dataclass(frozen=True)
+class ClockKeys(Keys):
     """Origin of the times or of the order of frames.
 
     Attributes:
@@ -133,7 +144,7 @@ class FrameTable:
 
 
 @dataclass(frozen=True)
-class ActionKeys:
+class ActionKeys(Keys):
     """Keys of actions in a CSV; see `FrameTable`."""
 
     file: str = field(metadata={"example": '"{stem}.csv"'})
@@ -143,7 +154,7 @@ class ActionKeys:
 
 
 @dataclass(frozen=True)
-class TrackKeys:
+class TrackKeys(Keys):
     """Keys of further values per frame in a CSV; see `FrameTable`.
 
     Attributes:
@@ -162,7 +173,7 @@ class TrackKeys:
 
 
 @dataclass(frozen=True)
-class TrackRanges:
+class TrackRanges(Keys):
     """Keys of a track with 1 in ranges of frames, and 0 outside.
 
     Attributes:
@@ -177,7 +188,7 @@ class TrackRanges:
 
 
 @dataclass(frozen=True)
-class RangeKeys:
+class RangeKeys(Keys):
     """Keys of an action: its first frame and the one after its last."""
 
     frames: tuple[int, int]
@@ -185,7 +196,7 @@ class RangeKeys:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LayoutKeys:
+class LayoutKeys(StreamKeys, OriginKeys):
     """Keys of a layout; see `docs/data.md`."""
 
     background: BackgroundRule | str = field(
@@ -200,9 +211,6 @@ class LayoutKeys:
     fps: float | None = None
     times: str | ClockKeys | None = None
     order: str | ClockKeys | None = None
-    channels: str = "rgb"
-    rotate: int = 0
-    mirror: str = "none"
     every: float = 1.0
     ignore: tuple[str, ...] = ()
     crops: dict[str, CropKeys] = field(default_factory=dict)
@@ -213,8 +221,5 @@ class LayoutKeys:
     tracks: TrackKeys | tuple[TrackRanges, ...] | None = None
     object: str | None = None
     text: str | tuple[str, ...] = ()
-    image: str | None = None
-    source: str = ""
-    licence: str = ""
-    tier: int = 5
-    split: str = "trial"
+    camera: str | None = None
+    hold_out: str = "trial"

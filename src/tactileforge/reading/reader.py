@@ -18,7 +18,6 @@ from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.lazy import Crop, ImageFrames
 from tactileforge.data.frames.small import shrink
 from tactileforge.data.frames.stacks import open_film
-from tactileforge.data.frames.turned import turned
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.reading.files import deeper, kind_of, matching_files
@@ -273,7 +272,7 @@ class LayoutReader:
                 whole,
                 key=whole.key + name,
                 sensor=self._sensor(sensor, touch),
-                frames=turned(shown, layout.bgr, layout.turns, layout.mirror),
+                frames=layout.stream.upright(shown),
                 no_contact=self._no_contact(shown, background, box),
             )
             yield thinned(self._tracked(tile, touch, name), layout.every)
@@ -391,11 +390,10 @@ class LayoutReader:
             return None
         base = file.crop(box) if file else shown
         rows = rule.rows(len(base))
-        layout = self.layout
-        return FrameSubset(turned(base, layout.bgr, layout.turns, layout.mirror), rows)
+        return FrameSubset(self.layout.stream.upright(base), rows)
 
     def _camera(self, touch: LayoutTouch) -> Frames | None:
-        pattern = touch.row.fill(self.layout.image) if self.layout.image else None
+        pattern = touch.row.fill(self.layout.camera) if self.layout.camera else None
         if pattern is None:
             return None
         files, _ = matching_files(self.folder, [pattern], self.layout.name)

@@ -77,12 +77,13 @@ def on_frames(
         note(f"{where}; {found.fix}, and say partial: true if they do")
         return seconds
     fix = found.fix
+    unit = f"times: {{column: {table.time}, unit: {found.unit}}}"
     if date and start is None and table.start is None:
         fix = f"frames have no dates: {_STARTS}"
     elif found.unit and found.plain:
-        fix = f"{fix}, or say so: unit: {found.unit}"
+        fix = f"{fix}, or say so: {unit}"
     elif found.unit:
-        fix = f"{fix}, with unit: {found.unit} if it stays so, or {_STARTS}"
+        fix = f"{fix}, with {unit} if it stays so, or {_STARTS}"
     elif "zero" in found.words or "overlap" in found.words:
         fix = f"{fix}, or {_STARTS}"
     if found.doubtful:

@@ -118,7 +118,7 @@ def _force(
     if impossible_row(force[None], sensor) is not None:
         raise DataError(
             f"{where}: a force of ({', '.join(f'{axis:g}' for axis in row)}) N, where {sensor} "
-            f"can feel {limits(sensor)} N at most; say its unit (force_unit: gf, mN, ...), or "
+            f"can feel {limits(sensor)} N at most; say its unit (force: unit: gf, mN, ...), or "
             "empty the cells"
         )
     return force

@@ -53,6 +53,10 @@ def build(kind: type[_T], where: str, given: Any) -> _T:
     values = mapping(where, given)
     hints = get_type_hints(kind)
     known = [spec.name for spec in _fields(kind)]
+    for old, now in getattr(kind, "RENAMED", {}).items():
+        if old in values and old not in known and (names := [new for new in now if new in known]):
+            said = f" ({now[names[0]]})" if now[names[0]] else ""
+            raise ConfigError(f"{where}: {old!r} is now called {names[0]!r}{said}")
     check_names(f"key of {where}" if where else "key", values, known)
     missing = [
         spec

@@ -87,7 +87,7 @@ def test_a_folder_in_two_sources_is_told_in_training(
 
     def source(name: str, split: str, folder: str) -> dict[str, Any]:
         layout = {"images": "*.png", "each": "touch", "sensor": "digit", "background": "none"}
-        layouts = {name: layout | {"split": split}}
+        layouts = {name: layout | {"hold_out": {"train": "none", "val": "all"}.get(split, split)}}
         return {"name": "recordings", "root": str(tmp_path / folder), "layouts": layouts}
 
     def warnings(second: dict[str, Any]) -> list[str]:

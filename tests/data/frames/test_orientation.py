@@ -83,7 +83,7 @@ def test_samples_of_tars_are_upright(tmp_path: Path) -> None:
         info = tarfile.TarInfo("x.jpg")
         info.size = len(data)
         tar.addfile(info, BytesIO(data))
-    layout = {"frames": "jpg", "sensor": "digit", "background": "none"}
+    layout = {"touch": "jpg", "sensor": "digit", "background": "none"}
     (one,) = WebDataset(str(tmp_path), layout, val=0).recordings("train")
     np.testing.assert_array_equal(one.frames.read([0])[0], upright(data))
 

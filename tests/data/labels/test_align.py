@@ -121,7 +121,7 @@ def test_lengths_have_to_agree() -> None:
 def demo(realdata: Path, name: str, lag_s: float | None) -> tuple[Recording, Lag]:
     """A recording of ToucHD's demonstration, and its lag after a correction."""
     layout = OmegaConf.to_container(OmegaConf.load(CONFIG).data.layouts[name])
-    layout["split"] = "train"
+    layout["hold_out"] = "none"
     if lag_s is not None:
         layout["force"]["lag_s"] = lag_s
     (recording,) = Recordings(str(realdata), {name: layout}).recordings("train")

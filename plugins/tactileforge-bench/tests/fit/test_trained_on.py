@@ -18,7 +18,7 @@ HEADER = Header(
     format=1, name="", encoder={"name": "a"}, package="", package_version="", sensors={},
     input={}, spacing=0.0, dtype="float32", licence="MIT",
 )  # fmt: skip
-SLIP = {"path": "gsmini_slip_franka", "videos": ["a", "b"], "split": "object"}
+SLIP = {"path": "gsmini_slip_franka", "videos": ["a", "b"], "hold_out": "object"}
 
 
 def of(**data: Any) -> Header:

@@ -26,7 +26,7 @@ _COUNTED = 20_000
 
 
 class WebDataset(Drawn):
-    """Tars of samples of other programs, as webdataset has them (`docs/webdataset.md`).
+    """Tars of samples of other programs, as webdataset has them (`docs/data.md`).
 
     Frames and videos are read where they lie. Tars of this machine are indexed by the headers of
     their members; a tar behind a URL is fetched whole when it is needed, and kept in the cache.
@@ -59,7 +59,7 @@ class WebDataset(Drawn):
         if not layout:
             raise ConfigError(
                 "data.layout is missing: it says which part of a sample is what "
-                f"(docs/webdataset.md); {command('data', 'inspect', root)} guesses one"
+                f"(docs/data.md); {command('data', 'inspect', root)} guesses one"
             )
         plain = OmegaConf.to_container(layout) if OmegaConf.is_config(layout) else layout
         self.layout = parse_samples(plain)

@@ -13,8 +13,8 @@ from tactileforge_datasets.webdataset import WebDataset
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 
-STILL = {"frames": "jpg", "sensor": "digit", "background": "none"}
-CLIP = {"frames": "npy", "sensor": "digit", "background": "none", "fps": 10}
+STILL = {"touch": "jpg", "sensor": "digit", "background": "none"}
+CLIP = {"touch": "npy", "sensor": "digit", "background": "none", "fps": 10}
 
 
 def skipped(
@@ -110,7 +110,8 @@ def test_keys_alike_and_unlike(tmp_path: Path) -> None:
     assert [line.partition(": ")[2] for line in data.skipped] == [
         "4 members without a key and an ending, the first '._x.jpg'",
         "1 samples with a part that comes twice, the first 'pen/ep01_001'",
-        "1 samples whose key is unlike layout.key={object}/{clip}_{frame}, the first 'pen/readme'",
+        "1 samples whose key is unlike layout.samples={object}/{clip}_{frame}, the first "
+        "'pen/readme'",
     ]
 
 
@@ -118,7 +119,7 @@ def test_two_frames_of_one_number_and_labels_that_differ(tmp_path: Path) -> None
     keys = {"a_1": 0, "a_01": 0, "b_1": 0, "b_2": 1, "c_1": 0, "c_2": 0}
     samples = [(key, {"jpg": picture(9), "cls": cls}) for key, cls in keys.items()]
     write_tar(tmp_path / "a.tar", samples)
-    layout = {**STILL, "key": "{clip}_{frame}", "fps": 10, "object": "{cls}"}
+    layout = {**STILL, "samples": "{clip}_{frame}", "fps": 10, "object": "{cls}"}
     data = WebDataset(str(tmp_path), layout, val=0)
     assert [one.key for one in data.recordings("train")] == ["a/c"]
     assert "two frames of one number, the first 'a_01'" in data.skipped[0]
@@ -163,7 +164,7 @@ def test_a_damaged_video_is_named_by_its_member(tmp_path: Path) -> None:
     film = video(tmp_path / "v.mp4", range(0, 200, 10))
     samples = [("good", {"mp4": film}), ("cut", {"mp4": film[:900]}), ("no", {"mp4": b"x" * 99})]
     write_tar(tmp_path / "a.tar", samples)
-    layout = {**STILL, "frames": "mp4"}
+    layout = {**STILL, "touch": "mp4"}
     data = WebDataset(str(tmp_path), layout, val=0)
     assert [one.key for one in data.recordings("train")] == ["a/good"]
     for name, line in zip(("cut", "no"), data.skipped, strict=True):
@@ -180,14 +181,14 @@ def test_times_that_a_layout_does_not_say(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"frames": "pyd"}, "pyd can run code when it is loaded, so it is never read"),
+        ({"touch": "pyd"}, "pyd can run code when it is loaded, so it is never read"),
         ({"force": {"values": "force.pickle"}}, "pickle can run code"),
-        ({"frames": "jpgg"}, "unknown kind of part 'jpgg'; did you mean 'jpg'"),
-        ({"frames": "{frame}.npy", "fps": 3}, "number pictures"),
-        ({"key": "{clip}_{frame}"}, "fps is missing"),
-        ({"key": "{clip}_{frame}", "frames": "mp4"}, "mp4 holds a clip"),
-        ({"key": "{clip}{clip}"}, "once"),
-        ({"key": "{key}"}, "none of key"),
+        ({"touch": "jpgg"}, "unknown kind of part 'jpgg'; did you mean 'jpg'"),
+        ({"touch": "{frame}.npy", "fps": 3}, "number pictures"),
+        ({"samples": "{clip}_{frame}"}, "fps is missing"),
+        ({"samples": "{clip}_{frame}", "touch": "mp4"}, "mp4 holds a clip"),
+        ({"samples": "{clip}{clip}"}, "once"),
+        ({"samples": "{key}"}, "none of key"),
         ({"sensor": "digitt"}, "did you mean 'digit'"),
         ({"object": "{clz}"}, "unknown value 'clz'; did you mean 'cls'"),
         ({"object": "{cls"}, "write values in braces"),
@@ -200,7 +201,7 @@ def test_times_that_a_layout_does_not_say(tmp_path: Path) -> None:
         ({"forse": 1}, "did you mean 'force'"),
         ({"rotate": 45}, "rotate is 45"),
         ({"force": {"values": "json:f", "unit": "stone"}}, "unit 'stone'"),
-        ({"image": "cam.txt"}, "unknown kind of part 'txt'"),
+        ({"camera": "cam.txt"}, "unknown kind of part 'txt'"),
     ],
 )
 def test_wrong_layouts_name_the_key(change: dict[str, Any], words: str) -> None:

@@ -11,7 +11,7 @@ from tactileforge_datasets.webdataset import WebDataset
 
 from tactileforge.contracts import ACTIONS, Recording
 
-STILL = {"frames": "jpg", "sensor": "digit", "background": "none"}
+STILL = {"touch": "jpg", "sensor": "digit", "background": "none"}
 
 
 def read(root: Path, layout: dict[str, Any], **options: Any) -> list[Recording]:
@@ -54,7 +54,7 @@ def test_samples_that_are_frames_of_clips(tmp_path: Path) -> None:
 def test_frames_are_in_the_order_of_their_numbers_and_holes_are_holes(tmp_path: Path) -> None:
     samples = [(f"ep_{n}", {"png": picture(10 * n)}) for n in (10, 2, 9, 4)]
     write_tar(tmp_path / "a.tar", samples)
-    layout = {**STILL, "frames": "png", "key": "{clip}_{frame}", "fps": 10}
+    layout = {**STILL, "touch": "png", "samples": "{clip}_{frame}", "fps": 10}
     (found,) = read(tmp_path, layout)
     assert levels(found) == [20, 40, 90, 100]
     np.testing.assert_allclose(found.times, [0, 0.2, 0.7, 0.8])
@@ -62,7 +62,7 @@ def test_frames_are_in_the_order_of_their_numbers_and_holes_are_holes(tmp_path: 
 
 @pytest.mark.parametrize("kind", ["jpg", "png", "webp", "npy"])
 def test_a_sample_is_a_touch(tmp_path: Path, kind: str) -> None:
-    found = one(tmp_path, {kind: picture(90)}, {"frames": kind})
+    found = one(tmp_path, {kind: picture(90)}, {"touch": kind})
     assert levels(found) == [90]
     assert (len(found.times), found.no_contact, found.action) == (1, None, None)
 
@@ -70,25 +70,25 @@ def test_a_sample_is_a_touch(tmp_path: Path, kind: str) -> None:
 def test_clips_of_arrays_videos_and_numbered_pictures(tmp_path: Path) -> None:
     values = [30, 60, 90, 120]
     clip = np.stack([picture(level) for level in values])
-    found = one(tmp_path / "a", {"npy": clip}, {"frames": "npy", "fps": 10})
+    found = one(tmp_path / "a", {"npy": clip}, {"touch": "npy", "fps": 10})
     assert levels(found) == values
     np.testing.assert_array_equal(found.frames.read([3, 0]), clip[[3, 0]])
     np.testing.assert_allclose(found.times, [0, 0.1, 0.2, 0.3])
     numbered = {f"touch.{i}.png": picture(10 * i) for i in (2, 10, 9)}
-    layout = {"frames": "touch.{frame}.png", "fps": 10}
+    layout = {"touch": "touch.{frame}.png", "fps": 10}
     assert levels(one(tmp_path / "b", numbered, layout)) == [20, 90, 100]
     filmed = {"mp4": video(tmp_path / "v.mp4", values), "txt": "a bolt"}
-    found = one(tmp_path / "c", filmed, {"frames": "mp4", "text": "{txt}"})
+    found = one(tmp_path / "c", filmed, {"touch": "mp4", "text": "{txt}"})
     assert np.abs(np.array(levels(found)) - values).max() <= 10
     np.testing.assert_allclose(found.times, np.arange(4) / 20, atol=1e-3)
-    found = one(tmp_path / "d", filmed, {"frames": "mp4", "fps": 5})
+    found = one(tmp_path / "d", filmed, {"touch": "mp4", "fps": 5})
     np.testing.assert_allclose(found.times, np.arange(4) / 5)
 
 
 def test_arrays_a_frame(tmp_path: Path) -> None:
     samples = [(f"ep_{n}", {"npy": picture(20 * n)}) for n in range(1, 5)]
     write_tar(tmp_path / "a.tar", samples)
-    layout = {**STILL, "frames": "npy", "key": "{clip}_{frame}", "fps": 10}
+    layout = {**STILL, "touch": "npy", "samples": "{clip}_{frame}", "fps": 10}
     (found,) = read(tmp_path, layout)
     assert levels(found) == [20, 40, 60, 80]
 
@@ -114,7 +114,7 @@ def test_values_of_a_clip(tmp_path: Path) -> None:
         "bg.png": picture(7),
     }
     layout = {
-        "frames": "touch.npy",
+        "touch": "touch.npy",
         "sensor": "{meta.json:sensor}",
         "background": {"file": "bg.png"},
         "times": {"values": "meta.json:clock"},
@@ -123,7 +123,7 @@ def test_values_of_a_clip(tmp_path: Path) -> None:
         "object": "{meta.json:scene.0.name}",
         "text": ["{txt}", "{meta.json:empty}", "of {cls}"],
         "words": {"cls": {3: "steel"}},
-        "image": "cam.jpg",
+        "camera": "cam.jpg",
         "tracks": {"pose": "meta.json:robot.pose", "slip": "slip.npy?"},
         "labels": {"temperature": "{meta.json:temperature}", "from": "{tar}"},
         "source": "a lab",
@@ -163,7 +163,7 @@ def test_axes_of_force_in_places_of_their_own(tmp_path: Path) -> None:
 
 def test_colours_and_turns(tmp_path: Path) -> None:
     raw = {"png": picture(60)[..., ::-1]}
-    layout = {"frames": "png", "channels": "bgr", "rotate": 90, "background": {"first": 1}}
+    layout = {"touch": "png", "channels": "bgr", "rotate": 90, "background": {"first": 1}}
     found = one(tmp_path, raw, layout)
     shown = found.frames.read([0])[0]
     np.testing.assert_array_equal(shown, np.rot90(picture(60), -1))
@@ -177,8 +177,8 @@ def test_actions_and_cameras_a_frame(tmp_path: Path) -> None:
         for i, name in enumerate(names)
     ]
     write_tar(tmp_path / "a.tar", samples)
-    layout = {**STILL, "key": "{clip}_{frame}", "fps": 10}
-    layout |= {"action": "{json:do}", "image": "cam.jpg"}
+    layout = {**STILL, "samples": "{clip}_{frame}", "fps": 10}
+    layout |= {"action": "{json:do}", "camera": "cam.jpg"}
     (found,) = read(tmp_path, layout)
     assert found.action is not None
     assert found.action.tolist() == [0, 0, -1, 1]

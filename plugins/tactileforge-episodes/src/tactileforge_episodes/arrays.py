@@ -84,9 +84,10 @@ class ArrayFile(ABC):
         self.facts(key)
         return ArrayView(self, key)
 
-    def times(self, key: str) -> None:
-        """None: these formats stamp no rows; a map says which array holds the times."""
+    def times(self, key: str) -> NDArray[np.float64] | None:
+        """None: most formats stamp no rows; a map says which array holds the times."""
         self.facts(key)
+        return None
 
     def frames(self, key: str) -> Frames | None:
         """Pictures of an array, taken to be RGB; None for other values."""

@@ -122,14 +122,26 @@ def times_of(
     values: Mapping[str, str],
     rate: float | None,
     rows: tuple[int, int],
+    stamped: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Times of the rows of an episode, s, from 0.
+
+    Args:
+        arrays: Its arrays.
+        time: Where they are; None for those of the format, else regular ones.
+        values: Values of placeholders.
+        rate: Rows per second; None for unknown.
+        rows: First row, and the one after the last.
+        stamped: Times of all rows that the format has, s; None for none.
 
     Raises:
         ConfigError: The rate is needed, and not known.
         DataError: Times are no numbers, or do not rise.
     """
-    ref = None if time is None else arrays.find(time.key, values)
+    ref = None if time is None else arrays.find(time.array, values)
+    if time is None and stamped is not None:
+        own: NDArray[np.float64] = stamped[rows[0] : rows[1]] - stamped[rows[0]]
+        return own
     if time is None or ref is None:
         return np.arange(rows[1] - rows[0]) / _needed(rate, arrays, "has no times")
     if lost := ref.lost(*rows):
@@ -151,7 +163,8 @@ def times_of(
         why = "; float32 has no place for such times" if single else ""
         raise DataError(
             f"{ref}: times do not rise at row {rows[0] + row} ({found[max(0, row - 1), 0]}, then "
-            f"{found[row, 0]}){why}; leave `time` out of the map and give data.fps, or correct them"
+            f"{found[row, 0]}){why}; leave `times` out of the map and give data.fps, or "
+            "correct them"
         )
     return seconds
 

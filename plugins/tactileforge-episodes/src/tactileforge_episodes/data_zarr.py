@@ -1,4 +1,4 @@
-"""Writes touch as zarr in the format of FTP-1; data=open_x_tactile reads it (docs/episodes.md)."""
+"""Writes touch as zarr in the format of FTP-1; data=open_x_tactile reads it (docs/data.md)."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ _LABELS = ("force", "action", "object", "text", "image")
 
 
 class Episodes:
-    """Arrays of episodes, one recording a sensor and episode (`docs/episodes.md`).
+    """Arrays of episodes, one recording a sensor and episode (`docs/data.md`).
 
     Files are read where they lie, in folders, zip and tar: zarr (versions 2 and 3), HDF5, npz and
     MATLAB's .mat.
@@ -54,7 +54,7 @@ class Episodes:
             what the map says. Others are tracks, where the map names them.
         background: ``first`` where episodes begin without contact, or ``none``; null for what the
             map says.
-        colours: Order of the channels of all pictures; null for what the map says.
+        channels: Order of the channels of all pictures; null for what the map says.
         large: Names of large tracks of the map that are read too, such as ``depth``.
         hold_out: Unit held out together, with placeholders of the map's paths such as ``{task}``;
             null for that of the map.
@@ -77,7 +77,7 @@ class Episodes:
         span: float | None = None,
         draw: Literal["none", "grids", "all"] | None = None,
         background: Literal["first", "none"] | None = None,
-        colours: Literal["rgb", "bgr"] | None = None,
+        channels: Literal["rgb", "bgr"] | None = None,
         large: Sequence[str] = (),
         hold_out: str | None = None,
         licence: str = "",
@@ -100,7 +100,7 @@ class Episodes:
         self.touch, self.guess = tuple(as_texts(touch)), guess
         self.preset, self.val, self.hold_out = preset, val, hold_out
         self.fps, self.sensors, self.span, self.draw = fps, dict(sensors or {}), span, draw
-        self.background, self.colours = background, colours
+        self.background, self.channels = background, channels
         self.large, self.licence = tuple(large), licence
         self.skipped: list[str] = []
         self._notes: list[str] = []
@@ -118,7 +118,7 @@ class Episodes:
 
         options: Mapping[str, Any] = {"preset": self.preset, "map": self.map}
         if not self.preset and not self.map:
-            options = self._guessed()
+            options = self.guessed
         if preset := options.get("preset"):
             keys = read_preset(str(preset))
         elif isinstance(options["map"], str):
@@ -128,23 +128,31 @@ class Episodes:
         check_names("data.large", self.large, keys.large)
         return keys
 
-    def _guessed(self) -> Mapping[str, Any]:
+    @cached_property
+    def guessed(self) -> Mapping[str, Any]:
+        """The preset or map that was recognised or guessed; {} where one is given.
+
+        Raises:
+            DataNotFoundError: No format is recognised, or nothing may be guessed.
+        """
+        if self.preset or self.map:
+            return {}
         from tactileforge_episodes.guess import guess, listed_arrays
 
         if not self.guess:
             raise DataNotFoundError(
                 f"{self.root}: data.guess=false, and no map; give data.preset=NAME or data.map=FILE"
-                f".yaml (docs/episodes.md); {listed_arrays(self.root)}"
+                f".yaml (docs/data.md); {listed_arrays(self.root)}"
             )
         found = guess(self.root, self.touch)
         if found is None:
             raise DataNotFoundError(
                 f"{self.root}: no zarr, HDF5, npz or mat is there; set data.root to the folder of "
-                "the files (docs/episodes.md)"
+                "the files (docs/data.md)"
             )
         other = "data.preset says another" if "preset" in found.options else "data.map says more"
         self._notes.append(f"{self.root}: recognised as {found.format}; {other}")
-        return found.options
+        return {key: value for key, value in found.options.items() if key != "root"}
 
     @property
     def notes(self) -> list[str]:
@@ -238,7 +246,7 @@ class Episodes:
             span=self.span,
             draw=self.draw,
             background=self.background,
-            colours=self.colours,
+            channels=self.channels,
             large=self.large,
             licence=self.licence,
         )

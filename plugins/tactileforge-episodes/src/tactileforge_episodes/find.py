@@ -162,7 +162,7 @@ def measure_signs(
         try:
             for touch in file.touches:
                 about = touch.keys.force
-                ref = None if about is None else file.arrays.find(about.key, touch.values)
+                ref = None if about is None else file.arrays.find(about.array, touch.values)
                 if about is None or ref is None or about.sign[2] != "mean":
                     continue
                 rows = range(min(file.rows, ref.facts.rows, _ROWS))

@@ -7,7 +7,6 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data import newtons_of
 from tactileforge.errors import DataError
 from tactileforge_episodes.map_keys import ForceKeys
 from tactileforge_episodes.refs import ArrayRef, numbers
@@ -26,9 +25,8 @@ def newtons(about: ForceKeys, where: str = "map: touch.force") -> float:
     Raises:
         ConfigError: The unit is unknown, or not stated where the key names one.
     """
-    keys = (about.key,) if isinstance(about.key, str) else about.key
-    sign = [1.0 if one == "mean" else float(one) for one in about.sign]
-    return max(newtons_of([key] * 3, about.unit, sign, where, "unit") for key in keys)
+    keys = (about.array,) if isinstance(about.array, str) else about.array
+    return max(about.newtons([key] * 3, where) for key in keys)
 
 
 def read_force(

@@ -64,7 +64,7 @@ class Pictures:
         pixels = to_pixels(values, self.keys.white, self.ref)
         if not pixels.any():  # since it was opened, a chunk may have gone
             check_stored(self.ref, range(self.start + min(indices), self.start + max(indices) + 1))
-        return np.ascontiguousarray(pixels[..., ::-1] if self.keys.colours == "bgr" else pixels)
+        return np.ascontiguousarray(pixels[..., ::-1] if self.keys.is_bgr else pixels)
 
 
 def to_pixels(values: NDArray[Any], white: float | None, where: object) -> NDArray[np.uint8]:
@@ -97,12 +97,12 @@ class Reference:
     Attributes:
         ref: The array, (H, W, 3), or (pads, H, W, 3).
         pad: Index along the first axis; None where there is none.
-        colours: Order of the channels.
+        is_bgr: Whether blue comes first.
     """
 
     ref: ArrayRef
     pad: int | None
-    colours: str
+    is_bgr: bool
 
     def __len__(self) -> int:
         return 1
@@ -119,7 +119,7 @@ class Reference:
         values = self.ref.whole()
         values = values if self.pad is None or values.ndim < 4 else values[self.pad]
         pixels = to_pixels(values.reshape(values.shape[-3:]), 255.0, self.ref)
-        return np.stack([pixels[..., ::-1] if self.colours == "bgr" else pixels] * len(indices))
+        return np.stack([pixels[..., ::-1] if self.is_bgr else pixels] * len(indices))
 
 
 def open_pictures(
@@ -144,7 +144,7 @@ def open_pictures(
     facts = ref.facts
     check_stored(ref, rows)
     if is_encoded(ref):
-        is_bgr = (keys.encoded or keys.colours) == "bgr"
+        is_bgr = (keys.encoded or keys.channels) == "bgr"
         return EncodedFrames(
             str(ref), LazyImages(len(rows), partial(_image, ref, rows)), bgr=is_bgr
         )

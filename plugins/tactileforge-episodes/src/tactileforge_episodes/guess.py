@@ -133,8 +133,8 @@ def _options(root: Path, preset: str, keys: EpisodeMap) -> tuple[dict[str, objec
 
 def _needs_rate(file: EpisodeFile) -> bool:
     """Whether the rate is in neither the file nor the map."""
-    time = file.keys.time
-    ref = None if time is None else file.arrays.find(time.key, file.values)
+    time = file.keys.times
+    ref = None if time is None else file.arrays.find(time.array, file.values)
     counts = time is not None and (
         time.unit == "frames"
         or (time.unit == "numbers_or_s" and ref is not None and ref.facts.dtype.kind in "iu")

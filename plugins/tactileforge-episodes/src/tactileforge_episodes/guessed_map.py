@@ -102,10 +102,10 @@ class MapGuess:
 
     def add(self, other: MapGuess) -> None:
         """Adds touch and tracks of another file alone."""
-        known = {one["key"] for one in self.keys["touch"]}
+        known = {one["array"] for one in self.keys["touch"]}
         fingers = {one["finger"] for one in self.keys["touch"]}
         for one in other.keys["touch"]:
-            if one["key"] not in known and one["finger"] not in fingers:
+            if one["array"] not in known and one["finger"] not in fingers:
                 self.keys["touch"].append(one)
 
     def array(self, key: str) -> Values:
@@ -175,11 +175,11 @@ class MapGuess:
             shape = self.pictures.get(key) or {}
             if key not in self.pictures:
                 shape = self._drawn(look)
-            entries[key] = {"key": key, "finger": short, "sensor": self._sensor(look), **shape}
+            entries[key] = {"array": key, "finger": short, "sensor": self._sensor(look), **shape}
             entries[key] |= self._still(look)
             self._used.add(key)
         if any("taxels" not in one for one in entries.values()):
-            self.doubts.append("colours: red is taken to be the first channel (data.colours)")
+            self.doubts.append("channels: red is taken to be the first (data.channels)")
         return entries
 
     def _given(self, key: str) -> str:
@@ -269,10 +269,10 @@ class MapGuess:
             touch = self._whose(look, entries)
             if len(touch) == 1 < len(entries):
                 entry = entries[touch[0]]
-                entry |= {} if "time" in entry else self._read_time(look, ends)
+                entry |= {} if "times" in entry else self._read_time(look, ends)
             elif not shared:
                 shared = self._read_time(look, ends)
-        return {} if all("time" in entry for entry in entries.values()) else shared or self._rate()
+        return {} if all("times" in entry for entry in entries.values()) else shared or self._rate()
 
     def _read_time(self, look: Look, ends: str) -> dict[str, Any]:
         """Key of times; {} for an array without them."""
@@ -282,16 +282,16 @@ class MapGuess:
         except ValueError as error:
             raise DataError(
                 f"{self.name}: {look}: {error}; correct the name, or say the unit in a map: "
-                f"time: {{key: {look.key}, unit: s}}"
+                f"times: {{array: {look.key}, unit: s}}"
             ) from error
         if unit == "frames":
             return {}
         if not unit:
-            self.doubts.append(f"time: {look.key} is left out, as {why}")
+            self.doubts.append(f"times: {look.key} is left out, as {why}")
             return {}
         self._used.add(look.key)
-        self.doubts.append(f"time: {look.key} in {unit}, {why}")
-        return {"time": {"key": look.key, "unit": unit}}
+        self.doubts.append(f"times: {look.key} in {unit}, {why}")
+        return {"times": {"array": look.key, "unit": unit}}
 
     def _whose(self, look: Look, entries: Mapping[str, Any]) -> list[str]:
         """Touch of an array, by its telling words; all for none."""
@@ -319,7 +319,7 @@ class MapGuess:
             for name in _RATES:
                 if _is_rate(self._attribute(key, name)):
                     place = "" if key == self._group else f"/{key}"
-                    return {"fps": {"key": place, "attr": name}}
+                    return {"fps": {"array": place, "attr": name}}
             try:
                 about = load_json(str(self._attribute(key, "env_args") or "{}"))
             except ValueError:
@@ -327,11 +327,11 @@ class MapGuess:
             inner = about.get("env_kwargs") if isinstance(about, Mapping) else None
             if isinstance(inner, Mapping) and _is_rate(inner.get("control_freq")):
                 json = "env_kwargs.control_freq"
-                return {"fps": {"key": f"/{key}", "attr": "env_args", "json": json}}
+                return {"fps": {"array": f"/{key}", "attr": "env_args", "json": json}}
         for key, look in self.looks.items():
             if look.has({*_RATES, "rate"}) and look.facts.shape in ((), (1,)) and look.is_numbers:
                 self._used.add(key)
-                return {"fps": {"key": key, "whole": True}}
+                return {"fps": {"array": key, "whole": True}}
         usual = (rate for start, rate in _USUAL if any(key.startswith(start) for key in self.looks))
         rate = next(usual, ASSUMED_FPS)
         self.doubts.append(f"fps: {rate} is assumed, as nothing tells the rate (data.fps)")
@@ -367,7 +367,10 @@ class MapGuess:
                 self.doubts.append(f"force: {name} is in {unit} by its name, so it is a track")
                 continue
             whole = look.width[-1:] in ((3,), (6,)) or "{axis}" in name
-            entry["force"] = {"key": f"{name}?", "columns": [0, 1, 2] if whole else [None, None, 0]}
+            entry["force"] = {
+                "array": f"{name}?",
+                "columns": [0, 1, 2] if whole else [None, None, 0],
+            }
             entry["force"] |= {} if unit == "N" else {"unit": unit}
             given |= {one.key for one in found if axes.get(one.key, one.key) == name}
             self.doubts.append(
@@ -394,7 +397,7 @@ class MapGuess:
         best = next(first, views[0])
         self._used.add(best)
         self.doubts.append(f"camera: {best} is the view of the scene")
-        return {"camera": {"key": f"{best}?", **self.pictures[best]}}
+        return {"camera": {"array": f"{best}?", **self.pictures[best]}}
 
     def _numbers(self) -> dict[str, Any]:
         """State, action and tracks."""
@@ -413,7 +416,7 @@ class MapGuess:
             states = [one for one in body if not says_touch(one.words)] or states
         found: dict[str, Any] = {}
         if actions:
-            found["action"] = [f"{actions[0].key}?"]
+            found["command"] = [f"{actions[0].key}?"]
         if states:
             found["state"] = [f"{one.key}?" for one in states]
         taken = {one.key for one in (*actions[:1], *states)}
@@ -428,19 +431,21 @@ class MapGuess:
             is_text = look.facts.dtype.kind in "SUO" and key not in self.pictures
             if is_text and look.has(_TEXTS) and look.facts.shape in ((), (1,), (self.rows,)):
                 self._used.add(key)
-                return {"text": {"key": f"{key}?"}}
+                return {"text": {"array": f"{key}?"}}
         top = self._group.split("/")[0]
         for key in dict.fromkeys((self._group, top, "", "data")):
             for name in ("language_instruction", "instruction", "caption", "prompt", "text"):
                 if isinstance(self._attribute(key, name), str):
-                    return {"text": {"key": "" if key == self._group else f"/{key}", "attr": name}}
+                    return {
+                        "text": {"array": "" if key == self._group else f"/{key}", "attr": name}
+                    }
             try:
                 about = load_json(str(self._attribute(key, "problem_info") or "{}"))
             except ValueError:
                 continue
             if isinstance(about, Mapping) and isinstance(about.get("language_instruction"), str):
                 json = "language_instruction"
-                return {"text": {"key": f"/{key}", "attr": "problem_info", "json": json}}
+                return {"text": {"array": f"/{key}", "attr": "problem_info", "json": json}}
         return {}
 
     def _left_out(self) -> None:
@@ -452,11 +457,11 @@ class MapGuess:
         """Error with a list of the arrays, and the words to type."""
         shown = next(iter(self.pictures), "KEY")
         within = f"within: {self.within!r}, " if self.within else ""
-        filled = f"{{about: mine, {within}touch: [{{key: {shown!r}, sensor: digit}}], fps: 30}}"
+        filled = f"{{about: mine, {within}touch: [{{array: {shown!r}, sensor: digit}}], fps: 30}}"
         return DataError(
             f"{self.name}: {why}. It has {listed(self.looks.values(), self.within)}. Say which is "
             f"touch: data=episodes data.root={self.root} 'data.touch=[{shown}]'; or fill in a map: "
-            f'"data.map={filled}" (docs/episodes.md)'
+            f'"data.map={filled}" (docs/data.md)'
         )
 
 

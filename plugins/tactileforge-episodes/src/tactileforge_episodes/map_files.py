@@ -9,7 +9,7 @@ from typing import Any
 
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.plugins import load_yaml, strict
-from tactileforge.reading import check_data_licence
+from tactileforge.reading import check_origin, check_stream
 from tactileforge_episodes.forces import newtons
 from tactileforge_episodes.map_keys import EpisodeMap, TouchKeys
 
@@ -61,20 +61,21 @@ def parse_map(where: str, content: Any) -> EpisodeMap:
     made: EpisodeMap = strict.build(EpisodeMap, where, content)
     if not made.touch:
         raise ConfigError(f"{where}: touch is empty; say which key is touch")
-    check_data_licence(f"{where}: licence", made.licence)
-    if not 1 <= made.tier <= 5:
-        raise ConfigError(f"{where}: tier is {made.tier}; give 1 to 5")
+    check_origin(made, where)
+    if made.camera:
+        check_stream(made.camera, f"{where}: camera")
     for touch in made.touch:
         _check(where, touch)
     return made
 
 
 def _check(where: str, touch: TouchKeys) -> None:
+    check_stream(touch, f"{where}: touch")
     taxels = touch.taxels
-    if taxels and taxels.channels is not None and len(taxels.channels) not in (1, 3):
-        raise ConfigError(f"{where}: touch.taxels.channels has {len(taxels.channels)}; give 1 or 3")
-    if taxels and (taxels.values < 1 or (taxels.span is not None and taxels.span <= 0)):
-        raise ConfigError(f"{where}: touch.taxels: give values and a span above 0")
+    if taxels and taxels.columns is not None and len(taxels.columns) not in (1, 3):
+        raise ConfigError(f"{where}: touch.taxels.columns has {len(taxels.columns)}; give 1 or 3")
+    if taxels and (taxels.size < 1 or (taxels.span is not None and taxels.span <= 0)):
+        raise ConfigError(f"{where}: touch.taxels: give a size and a span above 0")
     if touch.white is not None and touch.white <= 0:
         raise ConfigError(f"{where}: touch.white is {touch.white}; give the value of white")
     if touch.force and any(column is not None and column < 0 for column in touch.force.columns):

@@ -6,69 +6,72 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from tactileforge.reading import ForceKeys as ForceMeaning
+from tactileforge.reading import Keys as SchemaKeys
+from tactileforge.reading import OriginKeys, StreamKeys
+
 #: One key, or several of which the first that is there counts.
 Keys = str | tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReadKeys:
+class ReadKeys(SchemaKeys):
     """A value read from a file.
 
     Attributes:
-        key: Path of an array, of which the first row of the episode is taken; or, with ``attr``, of
-            an array or group, where one that begins with ``/`` is counted from the top of the file.
+        array: Path of an array, of which the first row of the episode is taken; or, with ``attr``,
+            of an array or group, where one that begins with ``/`` is counted from the top of the
+            file.
         attr: Name of an attribute; "" for the values of the array.
         json: Name in a JSON text, with points between those in each other; "" where the value is
             none.
         default: Value without the key; null for none.
-        names: Words of the file, and what they mean.
+        words: Words of the file, and what they mean.
         whole: Whether the array has no time axis, and all its values are taken.
     """
 
-    key: Keys
+    array: Keys
     attr: str = ""
     json: str = ""
     default: str | float | None = None
-    names: Mapping[str, str] = field(default_factory=dict)
+    words: Mapping[str, str] = field(default_factory=dict)
     whole: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
-class TimeKeys:
+class TimeKeys(SchemaKeys):
     """Times of the rows.
 
     Attributes:
-        key: Path of the array.
+        array: Path of the array.
         unit: ``s``, ``ms``, ``us``, ``ns``; ``frames`` for numbers of frames, which need ``fps``;
             or ``numbers_or_s``, frames if they are whole numbers by type, else seconds.
     """
 
-    key: Keys
+    array: Keys
     unit: Literal["s", "ms", "us", "ns", "frames", "numbers_or_s"] = "s"
 
 
 @dataclass(frozen=True, kw_only=True)
-class PictureKeys:
+class PictureKeys(StreamKeys):
     """Pictures: uint8, fractions, or encoded images, one a row.
 
     Attributes:
-        key: Path of the array.
-        colours: Order of the channels: ``rgb`` or ``bgr``.
-        encoded: Order of the channels of decoded images; null for ``colours``.
+        array: Path of the array.
+        encoded: Order of the channels of decoded images; null for ``channels``.
         axes: ``hwc``, ``chw`` with channels first, or ``hw`` for grey. A single channel is grey,
             too; a fourth, alpha, is left out.
         white: Value of white in pictures of fractions; null where there are none.
     """
 
-    key: Keys
-    colours: Literal["rgb", "bgr"] = "rgb"
+    array: Keys
     encoded: Literal["rgb", "bgr"] | None = None
     axes: Literal["hwc", "chw", "hw"] = "hwc"
     white: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class PartKeys:
+class PartKeys(SchemaKeys):
     """Parts of a row of values by attributes of its array.
 
     Attributes:
@@ -81,47 +84,44 @@ class PartKeys:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TaxelKeys:
+class TaxelKeys(SchemaKeys):
     """Numbers of taxels, drawn as pictures.
 
     Attributes:
         form: ``grid``: (rows, columns) or (rows, columns, values); ``points``: (taxels, values);
             ``flat``: all values of a row one after another.
-        values: Values of each taxel in a ``flat`` row.
-        channels: Which values are x, y and z; one alone is z. Null for all of one or three.
+        size: Values of each taxel in a ``flat`` row.
+        columns: Which values are x, y and z; one alone is z. Null for all of one or three.
         span: Change that is drawn as full colour; null where the option ``data.span`` is needed.
         baseline: ``zero``, or ``first`` for the first row of the episode.
         sensor: Type of the sensor in recordings, unless ``data.sensors`` knows its name.
     """
 
     form: Literal["grid", "points", "flat"] = "grid"
-    values: int = 1
-    channels: tuple[int, ...] | None = None
+    size: int = 1
+    columns: tuple[int, ...] | None = None
     span: float | None = None
     baseline: Literal["zero", "first"] = "zero"
     sensor: str = "serial_array"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForceKeys:
+class ForceKeys(ForceMeaning):
     """Force on a touch.
 
     Attributes:
-        key: Path of the array; with ``{axis}`` for x, y and z, those of an array each.
+        array: Path of the array; with ``{axis}`` for x, y and z, those of an array each.
         columns: Columns x, y and z; null where an axis is not measured.
-        unit: Unit of the values, such as ``N``, ``kgf`` or ``lbf``; null for newton, unless the key
-            says another.
-        sign: Factor of each axis that gives the axes of the gel: x right, y down, z into it, with
+        sign: Factors of x, y and z that give the axes of the gel: x right, y down, z into it, with
             pressing positive; ``mean`` turns z so that its mean is positive.
-        frame: ``gel`` for the force on the gel; anything else is of another frame, and makes no
-            label but the track ``wrench``.
+        at: ``gel`` for the force on the gel; anything else, such as ``flange``, acts elsewhere, and
+            makes no label but the track ``wrench``.
     """
 
-    key: Keys
+    array: Keys
     columns: tuple[int | None, int | None, int | None] = (0, 1, 2)
-    unit: str | None = None
     sign: tuple[float, float, float | Literal["mean"]] = (1.0, 1.0, 1.0)
-    frame: str = "gel"
+    at: str = "gel"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,7 +138,7 @@ class TouchKeys(PictureKeys):
         draw: Which numbers are touch: ``all``, or ``grids`` alone.
         reference: Key of the picture without contact; "" for none.
         force: Force; null for none.
-        time: Times of its own; null for those of the map.
+        times: Times of its own; null for those of the map.
         tracks: Further values by name; placeholders that the key of the touch has not stand for
             every array that fits, and is no touch itself.
         labels: Further labels of the recording.
@@ -152,13 +152,13 @@ class TouchKeys(PictureKeys):
     draw: Literal["all", "grids"] = "all"
     reference: str = ""
     force: ForceKeys | None = None
-    time: TimeKeys | None = None
+    times: TimeKeys | None = None
     tracks: Mapping[str, Keys] = field(default_factory=dict)
     labels: Mapping[str, str | ReadKeys] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
-class SplitKeys:
+class SplitKeys(SchemaKeys):
     """Names of the episodes of each split, for episodes in groups.
 
     Attributes:
@@ -172,16 +172,13 @@ class SplitKeys:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EpisodeMap:
+class EpisodeMap(OriginKeys):
     """Map of the names of a format. Keys that end with ``?`` may be absent.
 
     Attributes:
         about: The format, in a line.
         touch: Arrays of touch.
-        source: Origin of the recordings.
-        licence: Licence of the recordings, "" where each set has its own.
         citation: Publication to cite.
-        tier: Tier of the tactile dynamic pyramid, 1 to 5.
         files: Ends of the paths that are read, with placeholders; ``/`` separates folders.
         within: Group that may hold all arrays; keys start below it. With placeholders, such as
             ``data/demo_{number#}``, each group that fits is an episode.
@@ -191,11 +188,11 @@ class EpisodeMap:
         ends_are: What ``ends`` holds: ``ends``, ``starts`` or ``lengths`` of the episodes in rows,
             or ``numbers``, that of the episode of each row.
         splits: Which episodes are held out, where the file says; null for a share of them.
-        time: Times; null for regular rows at ``fps``.
+        times: Times; null for regular rows at ``fps``.
         fps: Rows per second, or where it is read; null where the option ``data.fps`` is needed.
         camera: View of the scene; null for none.
         state: Keys of the robot's state, side by side: the track ``state``.
-        action: Keys of its command, side by side: the track ``robot_action``. A last one
+        command: Keys of its command, side by side: the track ``robot_action``. A last one
             ``next_state`` is the state of the row after, where no other is there.
         tracks: Further values by name; placeholders stand for every array that fits.
         large: Values like ``tracks``, also with the placeholders of touch, that are read only if
@@ -212,21 +209,19 @@ class EpisodeMap:
 
     about: str
     touch: tuple[TouchKeys, ...]
-    source: str = ""
-    licence: str = ""
-    citation: str = ""
     tier: int = 2
+    citation: str = ""
     files: tuple[str, ...] = ()
     within: str = ""
     beside: Mapping[str, str] = field(default_factory=dict)
     ends: str = ""
     ends_are: Literal["ends", "starts", "lengths", "numbers"] = "ends"
     splits: SplitKeys | None = None
-    time: TimeKeys | None = None
+    times: TimeKeys | None = None
     fps: float | ReadKeys | None = None
     camera: PictureKeys | None = None
     state: tuple[str, ...] = ()
-    action: tuple[str, ...] = ()
+    command: tuple[str, ...] = ()
     tracks: Mapping[str, Keys] = field(default_factory=dict)
     large: Mapping[str, Keys] = field(default_factory=dict)
     text: str | ReadKeys = ""

@@ -10,6 +10,7 @@ from pathlib import Path, PurePosixPath
 from stat import S_ISDIR, S_ISREG
 
 from tactileforge.errors import DataError
+from tactileforge.plugins import names as names_of
 from tactileforge.reading import check_keys
 from tactileforge_episodes.arrays import ArrayFile
 from tactileforge_episodes.members import FolderMembers, Members, TarMembers, ZipMembers
@@ -30,7 +31,7 @@ class Place:
     Attributes:
         path: File, archive or folder on disk.
         inner: Path inside of the archive, "" for its top and where there is none.
-        kind: ``zarr``, ``hdf5``, ``npz`` or ``mat``.
+        kind: ``zarr``, ``hdf5``, ``npz`` or ``mat``, or a plugin of the kind ``containers``.
     """
 
     path: str
@@ -74,7 +75,9 @@ def _below(
         if root.suffix in (*KINDS, *ARCHIVES, ".zarr"):
             bad(f"{root}: cannot be read ({error.strerror})")
         return
-    if S_ISREG(about.st_mode):
+    if (kind := root.suffix.removeprefix(".")) in names_of("containers"):
+        yield Place(str(root), "", kind)
+    elif S_ISREG(about.st_mode):
         yield from _of_file(root, bad)
     elif not S_ISDIR(about.st_mode):
         if root.suffix in (*KINDS, *ARCHIVES):
@@ -147,6 +150,10 @@ def _opened(process: int, place: Place, stamp: tuple[int, int]) -> ArrayFile:
 
         members = _members(process, place.path, stamp)
         return ZarrFile(str(place), members, place.inner)
+    if place.kind in names_of("containers"):
+        from tactileforge_episodes.contained import ContainedFile
+
+        return ContainedFile(place.path, place.kind)
     parent = _members(process, place.path, stamp) if place.inner else FolderMembers(path.parent)
     file = parent.open(place.inner or path.name)
     if place.kind == "npz":

@@ -18,6 +18,7 @@ from tactileforge_episodes.forces import read_force
 from tactileforge_episodes.frames import Reference, open_pictures
 from tactileforge_episodes.map_keys import EpisodeMap, ForceKeys, Keys, PictureKeys
 from tactileforge_episodes.names import fill, placeholders
+from tactileforge_episodes.places import open_place
 from tactileforge_episodes.reading import Reading
 from tactileforge_episodes.refs import ArrayRef, Readable, Track, Tracks
 from tactileforge_episodes.taxels import TaxelFrames, Taxels, TaxelTrack
@@ -105,13 +106,15 @@ class EpisodeFile:
         if start == stop:
             raise DataError(f"{self.arrays.place}: episode {number} has no frames")
         span = (start, stop)
-        if not all(touch.keys.time for touch in self.touches):
-            times = times_of(self.arrays, self.keys.time, self.values, self.rate, span)
+        if not all(touch.keys.times for touch in self.touches):
+            ref = self.touches[0].ref
+            stamped = None if self.keys.times else open_place(ref.place).times(ref.key)
+            times = times_of(self.arrays, self.keys.times, self.values, self.rate, span, stamped)
         shared = self._shared(number, start, stop)
         for touch in self.touches:
             try:
-                if touch.keys.time:
-                    own = times_of(self.arrays, touch.keys.time, touch.values, self.rate, span)
+                if touch.keys.times:
+                    own = times_of(self.arrays, touch.keys.times, touch.values, self.rate, span)
                 else:
                     own = times
                 yield self._recording(touch, number, own, range(start, stop), shared)
@@ -123,18 +126,19 @@ class EpisodeFile:
         keys, rows = self.keys, range(start, stop)
         camera = None
         if keys.camera is not None:
-            found = self.arrays.find(keys.camera.key, self.values)
+            found = self.arrays.find(keys.camera.array, self.values)
             if found is not None:
                 self._same_rows(found, self.rows)
-                camera = open_pictures(found, rows, self._coloured(keys.camera))
+                view = self._coloured(keys.camera)
+                camera = view.upright(open_pictures(found, rows, view), False)
         tracks: dict[str, Readable] = {}
         for name, key in keys.tracks.items():
             tracks |= self._tracks(name, key, self.values, rows, None)
         if state := self._side_by_side(keys.state, rows):
             tracks["state"] = state
-        if action := self._side_by_side(keys.action, rows):
+        if action := self._side_by_side(keys.command, rows):
             tracks["robot_action"] = action
-        elif state and "next_state" in keys.action:
+        elif state and "next_state" in keys.command:
             tracks["robot_action"] = replace(state, ahead=1)
         return {
             "image": camera,
@@ -191,13 +195,13 @@ class EpisodeFile:
     def _frames(self, touch: Touch, rows: range) -> Frames:
         if touch.taxels is None:
             keys = self._coloured(touch.keys)
-            return open_pictures(touch.ref, rows, keys, touch.pad, touch.part)
+            return keys.upright(open_pictures(touch.ref, rows, keys, touch.pad, touch.part), False)
         about = touch.taxels
-        taxels = Taxels(touch.ref, about.form, about.values, touch.pad, touch.part, self.keys.limit)
+        taxels = Taxels(touch.ref, about.form, about.size, touch.pad, touch.part, self.keys.limit)
         width = taxels.sizes[-1]
-        channels = about.channels or ((0, 1, 2) if width == 3 else (0,))
-        if max(channels) >= width:
-            raise DataError(f"{touch.ref}: {width} values a taxel, but channels {list(channels)}")
+        columns = about.columns or ((0, 1, 2) if width == 3 else (0,))
+        if max(columns) >= width:
+            raise DataError(f"{touch.ref}: {width} values a taxel, but columns {list(columns)}")
         span = about.span if self.reading.span is None else self.reading.span
         if span is None:
             seen = np.abs(taxels.read([rows.start, rows[len(rows) // 2], rows[-1]]))
@@ -207,12 +211,12 @@ class EpisodeFile:
                 "numbers out with data.draw=none"
             )
         first = about.baseline == "first"
-        return TaxelFrames(taxels, rows.start, rows.stop, channels, span, first)
+        return TaxelFrames(taxels, rows.start, rows.stop, columns, span, first)
 
     def _coloured(self, keys: PictureKeys) -> PictureKeys:
         """Keys of pictures with the channels given by the user, if any."""
-        colours = self.reading.colours
-        return keys if colours is None else replace(keys, colours=colours, encoded=colours)
+        channels = self.reading.channels
+        return keys if channels is None else replace(keys, channels=channels, encoded=channels)
 
     def _still(self, touch: Touch, frames: Frames) -> Frames | None:
         if touch.taxels is not None:
@@ -220,7 +224,8 @@ class EpisodeFile:
         if touch.keys.reference:
             ref = self.arrays.find(touch.keys.reference, touch.values)
             if ref is not None:
-                still = Reference(ref, touch.pad, self._coloured(touch.keys).colours)
+                keys = self._coloured(touch.keys)
+                still = keys.upright(Reference(ref, touch.pad, keys.is_bgr), False)
                 if still.shape != frames.shape:
                     raise DataError(
                         f"{ref}: {still.shape[0]} x {still.shape[1]} pixels, where touch has "
@@ -251,15 +256,15 @@ class EpisodeFile:
     def _force(self, touch: Touch, rows: range) -> tuple[NDArray[np.float32] | None, Track | None]:
         """Force as a label, or, of another frame than the gel's, as a track."""
         about = touch.keys.force
-        if about is not None and "axis" in placeholders(str(about.key)):
+        if about is not None and "axis" in placeholders(str(about.array)):
             return self._by_axis(about, touch, rows), None
-        ref = None if about is None else self.arrays.find(about.key, touch.values)
+        ref = None if about is None else self.arrays.find(about.array, touch.values)
         if about is None or ref is None or ref == touch.ref:
             return None, None
         shape = self._same_rows(ref, self.rows)
         if touch.pad is not None and len(shape) == 3 and shape[1] != touch.ref.facts.shape[1]:
             return None, None  # of other pads
-        if about.frame != "gel":
+        if about.at != "gel":
             return None, self._track_of(ref, rows, touch.pad)
         force = read_force(ref, about, rows, touch.pad, self.keys.limit)
         if lost := self._lost(ref, rows, "so no force is known there"):
@@ -270,7 +275,7 @@ class EpisodeFile:
 
     def _by_axis(self, about: ForceKeys, touch: Touch, rows: range) -> NDArray[np.float32] | None:
         """Force with an array for each axis."""
-        found = [self.arrays.find(about.key, {**touch.values, "axis": axis}) for axis in "xyz"]
+        found = [self.arrays.find(about.array, {**touch.values, "axis": axis}) for axis in "xyz"]
         if not any(found):
             return None
         force = np.full((len(rows), 3), np.nan, np.float32)
@@ -301,7 +306,7 @@ class EpisodeFile:
     def _taken(self) -> set[ArrayRef]:
         """Arrays of touch and force, as opposed to tracks of a placeholder."""
         forces = [(one.keys.force, one.values) for one in self.touches if one.keys.force]
-        found = {self.arrays.find(about.key, values) for about, values in forces}
+        found = {self.arrays.find(about.array, values) for about, values in forces}
         return {one.ref for one in self.touches} | {ref for ref in found if ref is not None}
 
     def _lost(self, ref: ArrayRef, rows: range, then: str) -> list[int]:

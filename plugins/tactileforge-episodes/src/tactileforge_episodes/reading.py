@@ -18,7 +18,7 @@ class Reading:
         draw: Which numbers are touch, ``none``, ``grids`` or ``all``; None for what the map says.
         background: ``first`` or ``none``; None for what the map says.
         large: Names of large tracks that are read too.
-        colours: Order of the channels; None for what the map says.
+        channels: Order of the channels; None for what the map says.
         licence: Licence of the recordings; "" for that of the map.
         signs: Sign of z of each entry of touch whose force has the sign ``mean``.
     """
@@ -29,6 +29,6 @@ class Reading:
     draw: str | None = None
     background: str | None = None
     large: tuple[str, ...] = ()
-    colours: Literal["rgb", "bgr"] | None = None
+    channels: Literal["rgb", "bgr"] | None = None
     licence: str = ""
     signs: Mapping[int, float] = field(default_factory=dict)

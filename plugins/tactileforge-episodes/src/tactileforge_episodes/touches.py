@@ -57,7 +57,7 @@ def find_touches(
     found: list[Touch] = []
     vectors: list[str] = []
     for number, entry in enumerate(keys.touch):
-        for key, values in arrays.match(entry.key, names):
+        for key, values in arrays.match(entry.array, names):
             ref = arrays.ref(key)
             taxels = _taxels(ref, entry, draw or entry.draw)
             if isinstance(taxels, str):
@@ -71,7 +71,7 @@ def find_touches(
             "the order of the file, give data.draw=all"
         )
     if not found:
-        raise arrays.missing(keys.touch[0].key, names)
+        raise arrays.missing(keys.touch[0].array, names)
     fingers = [touch.finger for touch in found]
     if twice := sorted({name for name in fingers if fingers.count(name) > 1}):
         raise DataError(
@@ -90,7 +90,7 @@ def _taxels(ref: ArrayRef, entry: TouchKeys, draw: str) -> TaxelKeys | str | Non
         return "vector"
     if entry.taxels.form != "grid" or axes >= 2:
         return entry.taxels
-    return replace(entry.taxels, form="flat", values=1) if draw == "all" else "vector"
+    return replace(entry.taxels, form="flat", size=1) if draw == "all" else "vector"
 
 
 def _parts(touch: Touch) -> Iterator[Touch]:
@@ -134,7 +134,7 @@ def _attributes(touch: Touch, parts: PartKeys, size: int) -> Iterator[tuple[str,
         ends = np.cumsum([int(one) for one in lengths]).tolist()
     except (TypeError, ValueError, UnicodeDecodeError):
         words, ends = [], []
-    values = touch.taxels.values if touch.taxels else 1
+    values = touch.taxels.size if touch.taxels else 1
     whole = all(int(end) % values == 0 for end in ends)
     if not words or len(words) != len(ends) or ends[-1] != size or not whole:
         raise DataError(

@@ -125,7 +125,7 @@ class EpisodeArrays:
             return keys.default
         plain = _plain(found)
         if isinstance(plain, str) and len(plain) > _TEXT:
-            raise DataError(f"{self.place}, {keys.key}: a text of {len(plain)} characters")
+            raise DataError(f"{self.place}, {keys.array}: a text of {len(plain)} characters")
         if keys.json:
             try:
                 plain = load_json(str(plain))
@@ -133,11 +133,11 @@ class EpisodeArrays:
                     inner = not depth or isinstance(plain, Mapping)
                     plain = plain.get(name, keys.default) if inner else keys.default
             except (ValueError, AttributeError) as error:
-                raise DataError(f"{self.place}, {keys.key}: no JSON ({error})") from error
-        return keys.names.get(plain, plain) if isinstance(plain, str) else plain
+                raise DataError(f"{self.place}, {keys.array}: no JSON ({error})") from error
+        return keys.words.get(plain, plain) if isinstance(plain, str) else plain
 
     def _attribute(self, keys: ReadKeys, values: Mapping[str, str]) -> Any:
-        for template in _several(keys.key):
+        for template in _several(keys.array):
             key = fill(template.removesuffix("?"), values)
             hits = [key] if "{" not in key else [name for name, _ in match(key, self.keys)]
             for name in hits:
@@ -148,9 +148,9 @@ class EpisodeArrays:
         return None
 
     def _cell(self, keys: ReadKeys, values: Mapping[str, str], row: int, pad: int) -> Any:
-        if keys.default is not None and not self.match(keys.key, values):
+        if keys.default is not None and not self.match(keys.array, values):
             return None
-        ref = self.find(keys.key, values)
+        ref = self.find(keys.array, values)
         if ref is None:
             return None
         if keys.whole or not ref.facts.shape:

@@ -39,24 +39,33 @@ def _inspect(keys: _Inspect, config: dict[str, Any]) -> Shown:
     kept = _keep(keys, node, out) if keys.path else []
     try:
         data = build("datasets", node, "data")
-        found = inspect(data, node["name"], out, keys.recordings, doubts=doubts)
+        # as in a file, with what the set guessed
+        read = _options(node | getattr(data, "guessed", {}))
+        found = inspect(
+            data, node["name"], out, keys.recordings, doubts=doubts, layout=dump_yaml(read)
+        )
     except TactileForgeError:
         print("\n".join(kept))
         raise
+    kept = _keep(keys, read, out) if keys.path else []
     print(found)
     print("\n".join([f"page: {keys.out}", *kept]))
     return Shown(out, out, value=found)
 
 
+def _options(node: dict[str, Any]) -> dict[str, Any]:
+    """Options as a layout file has them, or of the group ``data``."""
+    layouts = node.get("layouts") if node.get("name") == "recordings" else None
+    return {"layouts": layouts} if layouts else node
+
+
 def _keep(keys: _Inspect, node: dict[str, Any], out: Path) -> list[str]:
-    """Keeps the options of a guess before these are tried, to be corrected; returns how to."""
+    """Keeps the options of a guess, to be corrected; returns how to."""
     from tactileforge.datasets import LAYOUT_FILE
 
-    # as a layout file, or as an option of the group ``data``
-    kept = out.with_suffix(".yaml")
-    layouts = node.get("layouts") if node["name"] == "recordings" else None
-    write_text(kept, dump_yaml({"layouts": layouts} if layouts else node))
-    if layouts:
+    kept, read = out.with_suffix(".yaml"), _options(node)
+    write_text(kept, dump_yaml(read))
+    if "layouts" in read and "name" not in read:
         return [f"layout: {kept}; correct it, and keep it as {Path(keys.path or '') / LAYOUT_FILE}"]
     if node["name"] == "recordings":
         return []

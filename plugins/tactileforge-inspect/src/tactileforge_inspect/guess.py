@@ -15,10 +15,16 @@ def guess_words(words: list[str]) -> list[str]:
         return words
     if named := next((word for word in words if word.startswith("data=")), None):
         raise ConfigError(f"{named} and a path: leave the path out, or {named}")
+    if "data.guess=false" in words:
+        raise ConfigError(
+            f"data.guess=false, and a path, which is guessed: give data=NAME data.root="
+            f"{unquoted(path)} with a layout or a map (docs/data.md)"
+        )
     found = recognise(home_path(unquoted(path)))
     name, guess = found[0]
     others = ", ".join(f"{other} ({one.format})" for other, one in found[1:3])
     print(f"{unquoted(path)}: {guess.format}, read by data={name}" + (others and f"; or: {others}"))
+    words = [word for word in words if word != "data.guess=true"]
     for doubt in guess.doubts:
         print(f"  to be checked: {doubt}")
     options = [f"++data.{key}={hydra_value(value)}" for key, value in guess.options.items()]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tactileforge.contracts import Dataset
 from tactileforge.errors import ConfigError
-from tactileforge.pages import html_page, next_commands
+from tactileforge.pages import Section, html_page, next_commands, preformatted
 from tactileforge.plugins import write_text
 from tactileforge_inspect import issues, sections
 from tactileforge_inspect.findings import InspectionFindings
@@ -21,6 +21,7 @@ def inspect(
     recordings: int = 400,
     progress: bool = True,
     doubts: Sequence[str] = (),
+    layout: str = "",
 ) -> InspectionFindings:
     """Write a page on a data set: its content, its images and its problems.
 
@@ -35,6 +36,7 @@ def inspect(
         recordings: Number of recordings to decode.
         progress: Whether to show progress bars.
         doubts: What was guessed of the data set and has to be checked, a line each.
+        layout: What the data set was read by, as YAML to copy; "" to leave it out.
 
     Returns:
         The findings; as text, a summary of a few lines.
@@ -47,7 +49,9 @@ def inspect(
     if recordings < 1:
         raise ConfigError(f"recordings={recordings}: give 1 or more")
     contents = scan_dataset(dataset, recordings, progress)
+    read = Section("read", "What was read", preformatted(layout))
     parts = [
+        *([read] if layout else []),
         sections.totals(contents),
         sections.sheets(contents),
         sections.strips(contents),

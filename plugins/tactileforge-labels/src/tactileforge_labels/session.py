@@ -104,7 +104,7 @@ class LabelSession:
             if _PART.search(recording.key):
                 self.skipped.append(
                     f"{recording.key}: a part of a recording; read whole ones, for example by "
-                    "split: recording in the layout"
+                    "hold_out: recording in the layout"
                 )
             elif path is None:
                 self.skipped.append(f"{recording.key!r}: its key is no name of a file; left out")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from tactileforge.contracts import Guess, Recording
 from tactileforge.errors import ConfigError, DataError, home_path, unknown
-from tactileforge.reading import add_once, held_out_names
+from tactileforge.reading import ForceKeys, StreamKeys, add_once, held_out_names
 from tactileforge_lerobot.drawn import Drawing
 from tactileforge_lerobot.features import Chosen, written_camera
 from tactileforge_lerobot.read import LeRobotFolder
@@ -41,21 +41,26 @@ class LeRobot:
             feature has a force.
         force_columns: Columns x, y and z of the force features; three numbers for all, or three for
             each touch feature.
-        force_sign: Factors that turn x, y and z of the forces into newton along the axes of
-            `tactileforge.contracts`: signs and units.
-        turn_z: Whether z is turned so that its mean over a data set is positive, where the sign of
-            pressing is not known.
-        zero_rows: Number of first rows whose median force is subtracted from all; of each episode,
+        force_unit: Unit of the forces, such as ``N``, ``kgf`` or ``lbf``; null for newton, unless
+            names say another.
+        force_sign: Factors of x, y and z that give the axes of `tactileforge.contracts`; ``mean``
+            turns z so that its mean over a data set is positive, where the sign of pressing is not
+            known.
+        force_tare: Number of first rows whose median force is subtracted from all; of each episode,
             or with ``objects`` of each data set.
-        zero_most: Largest force along z in these rows, in units of the feature; where it is larger,
-            the recordings are left out. None for any.
+        force_tare_most: Largest force along z in these rows, in units of the feature; where it is
+            larger, the recordings are left out. None for any.
         camera: Name of the feature with the camera's view of the scene; None for none.
+        channels: ``bgr`` where pictures of touch have red and blue exchanged; null for ``rgb``.
+        rotate: Degrees, clockwise, that put pictures of touch upright: 0, 90, 180 or 270.
+        mirror: ``x`` where left and right are exchanged, ``y`` for top and bottom, or ``none``; it
+            comes before ``rotate``.
         tracks: Names of further numeric features, kept as tracks.
         background: ``first`` where episodes begin without contact, else ``none``.
         span: Change of a number drawn as full colour, in units of the feature: one for x, y and z,
             or three.
         rest: Number without contact where ``background`` is ``none``.
-        channels: Indices of x, y and z in the last axis of a numeric feature, or of z alone; []
+        columns: Indices of x, y and z in the last axis of a numeric feature, or of z alone; []
             where that axis holds taxels. None where the shape leaves no choice.
         grid: Rows and columns of the picture of a numeric feature; None for its own.
         positions: Row and column of each taxel in the picture; None for a grid, row by row.
@@ -76,16 +81,19 @@ class LeRobot:
         sensors: Sequence[str] = (),
         force: Sequence[str] | None = None,
         force_columns: Sequence[int] = (0, 1, 2),
-        force_sign: Sequence[float] = (1.0, 1.0, 1.0),
-        turn_z: bool = False,
-        zero_rows: int = 0,
-        zero_most: float | None = None,
+        force_unit: str | None = None,
+        force_sign: Sequence[float | str] = (1.0, 1.0, 1.0),
+        force_tare: int = 0,
+        force_tare_most: float | None = None,
         camera: str | None = None,
+        channels: str | None = None,
+        rotate: int = 0,
+        mirror: str = "none",
         tracks: Sequence[str] = (),
         background: str = "first",
         span: float | Sequence[float] | None = None,
         rest: float = 0.0,
-        channels: Sequence[int] | None = None,
+        columns: Sequence[int] | None = None,
         grid: Sequence[int] | None = None,
         positions: Sequence[Sequence[float]] | None = None,
         missing: Sequence[float] = (),
@@ -99,13 +107,11 @@ class LeRobot:
         self.camera = camera
         self.reading = Reading(
             background=background,
-            drawing=Drawing(
-                span=span, rest=rest, channels=channels, grid=grid, positions=positions
-            ),
-            sign=tuple(force_sign),
-            zero_rows=zero_rows,
-            zero_most=zero_most,
-            turn_z=turn_z,
+            drawing=Drawing(span=span, rest=rest, columns=columns, grid=grid, positions=positions),
+            stream=StreamKeys(channels=channels, rotate=rotate, mirror=mirror),
+            force=ForceKeys(unit=force_unit, sign=tuple(force_sign)),  # type: ignore[arg-type]
+            tare=force_tare,
+            tare_most=force_tare_most,
             tracks=tuple(tracks),
             missing=tuple(missing),
             objects=objects,

@@ -39,7 +39,7 @@ class Drawing:
         span: Change of a number drawn as full colour, for all axes or for each; None where no
             feature holds numbers.
         rest: Number without contact, where the first frame of an episode is none.
-        channels: Indices of x, y and z in the last axis, or of z alone; () where the last axis is
+        columns: Indices of x, y and z in the last axis, or of z alone; () where the last axis is
             none of values; None where it has one number, or does not exist.
         grid: Rows and columns of the picture; None for those of the feature.
         positions: Row and column of each taxel in the picture; None for a grid, row by row.
@@ -47,7 +47,7 @@ class Drawing:
 
     span: float | Sequence[float] | None = None
     rest: float = 0.0
-    channels: Sequence[int] | None = None
+    columns: Sequence[int] | None = None
     grid: Sequence[int] | None = None
     positions: Sequence[Sequence[float]] | None = None
 
@@ -83,21 +83,21 @@ class Drawing:
 
     def _axes(self, shape: list[int], what: str) -> tuple[list[int], int, list[int]]:
         """Shape of the taxels, number of values of each, and the drawn ones among them."""
-        if self.channels is None:
+        if self.columns is None:
             if len(shape) > 1 and shape[-1] in _AXES:
                 raise ConfigError(
                     f"{what} has the shape {shape}: is its last axis x, y and z, or taxels? Give "
-                    "data.channels=[0,1,2], or data.channels=[]"
+                    "data.columns=[0,1,2], or data.columns=[]"
                 )
             if len(shape) > 2 and shape[-1] == 1:
                 return shape[:-1], 1, [0]
-        if not self.channels:
+        if not self.columns:
             return shape, 1, [0]
-        if not shape or max(self.channels) >= shape[-1]:
+        if not shape or max(self.columns) >= shape[-1]:
             raise ConfigError(
-                f"{what} has the shape {shape}, but data.channels={list(self.channels)}"
+                f"{what} has the shape {shape}, but data.columns={list(self.columns)}"
             )
-        return shape[:-1], shape[-1], list(self.channels)
+        return shape[:-1], shape[-1], list(self.columns)
 
 
 class ColumnValues:

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data import NEWTONS, named_unit
-from tactileforge.errors import ConfigError, DataError
+from tactileforge.errors import DataError
 from tactileforge_lerobot.reading import Reading, TouchFeature
 from tactileforge_lerobot.rows import EpisodeRows
 
@@ -37,49 +36,39 @@ class Forces:
         Raises:
             DataError: A table is damaged, or the first rows may be of a contact.
         """
-        self._check_unit(rows, touch)
-        forces = self._zeroed(rows, touch, episodes) * np.asarray(self.reading.sign, np.float64)
-        if self.reading.turn_z:
-            forces[:, 2] *= self._turn(touch, episodes)
+        newton = self._newton(rows, touch)
+        x, y, z = self.reading.force.sign
+        sign = (x, y, self._turn(touch, episodes) if z == "mean" else z)
+        forces = self._zeroed(rows, touch, episodes) * (np.asarray(sign, np.float64) * newton)
         with np.errstate(over="ignore"):
             return forces.astype(np.float32)
 
-    def _check_unit(self, rows: EpisodeRows, touch: TouchFeature) -> None:
-        """Raises a `ConfigError` for another unit than newton by the names, without a factor."""
+    def _newton(self, rows: EpisodeRows, touch: TouchFeature) -> float:
+        """Newton of the unit; a `ConfigError` where names say another, and no option does."""
         named = rows.info.features[touch.force].get("names")
         if isinstance(named, Mapping):
             named = next(iter(named.values()), None)
         names = [*named] if isinstance(named, list) else []
-        for column, factor in zip(touch.columns, self.reading.sign, strict=True):
-            name = str(names[column]) if column < len(names) else ""
-            unit = named_unit(name)
-            if unit in ("", "N") or abs(factor) != 1:
-                continue
-            newton = NEWTONS.get(unit)
-            signs = [f"{one * (newton or 1):.6g}" for one in self.reading.sign]
-            factors = f"data.force_sign=[{','.join(signs)}]" if newton else "factors to newton"
-            raise ConfigError(
-                f"{rows.root}: {touch.force} is in {unit} by its name {name!r}: give {factors}, or "
-                "correct the name in meta/info.json"
-            )
+        said = [str(names[column]) if column < len(names) else "" for column in touch.columns]
+        return self.reading.force.newtons(said, f"{rows.root}: {touch.force}", "data.force_unit")
 
     def _zeroed(
         self, rows: EpisodeRows, touch: TouchFeature, episodes: Sequence[EpisodeRows]
     ) -> NDArray[np.float64]:
         forces = rows.numbers(touch.force, touch.columns).astype(np.float64)
-        if not self.reading.zero_rows:
+        if not self.reading.tare:
             return forces
         home = episodes[0] if self.reading.objects else rows
-        first = home.numbers(touch.force, touch.columns)[: self.reading.zero_rows]
+        first = home.numbers(touch.force, touch.columns)[: self.reading.tare]
         first = first[np.isfinite(first).all(1)]
-        where = f"{home.place[0]}: the first {self.reading.zero_rows} rows of {touch.force}"
+        where = f"{home.place[0]}: the first {self.reading.tare} rows of {touch.force}"
         if not len(first):
-            raise DataError(f"{where} have no numbers; leave them out, or give data.zero_rows=0")
-        most, allowed = float(np.abs(first[:, 2]).max()), self.reading.zero_most
+            raise DataError(f"{where} have no numbers; leave them out, or give data.force_tare=0")
+        most, allowed = float(np.abs(first[:, 2]).max()), self.reading.tare_most
         if allowed is not None and most >= allowed:
             raise DataError(
-                f"{where} reach {most:.4g} along z, where data.zero_most={allowed:g}: they may be "
-                "of a contact, so their median is no offset; leave them out"
+                f"{where} reach {most:.4g} along z, where data.force_tare_most={allowed:g}: they "
+                "may be of a contact, so their median is no offset; leave them out"
             )
         zeroed: NDArray[np.float64] = forces - np.median(first, axis=0)
         return zeroed
@@ -94,5 +83,5 @@ class Forces:
                     total += float(np.nansum(self._zeroed(rows, touch, episodes)[:, 2]))
                 except DataError:
                     continue
-            self._turned[key] = -1.0 if total * self.reading.sign[2] < 0 else 1.0
+            self._turned[key] = -1.0 if total < 0 else 1.0
         return self._turned[key]

@@ -164,9 +164,9 @@ class Pictures:
         video = self._deep.get(path) or DeepVideo(path, form)
         self._deep[path] = video
         start = self._first(rows, feature, path, video.times)
-        drawing, shape = replace(self.drawing, channels=()), [*video.shape]
+        drawing, shape = replace(self.drawing, columns=()), [*video.shape]
         if video.channels == 3:
-            drawing = replace(drawing, channels=self.drawing.channels or (0, 1, 2))
+            drawing = replace(drawing, columns=self.drawing.columns or (0, 1, 2))
             shape.append(3)
         return DeepPart(video, start, len(rows)), drawing.arranged(shape, feature)[0]
 

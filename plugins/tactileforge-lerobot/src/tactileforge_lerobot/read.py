@@ -125,12 +125,13 @@ class LeRobotFolder:
         force = self._forces.read(rows, touch, self.episodes)[kept] if touch.force else None
         has_view = camera is not None and about.get("image", True)
         view = self._pictures.frames(rows, camera, None) if camera and has_view else None
+        still = self._upright(seen.still, touch.images)
         return Recording(
             key=key,
             sensor=str(about.get("sensor") or touch.sensor),
-            frames=FrameSubset(seen.frames, kept.tolist()),
+            frames=self._upright(FrameSubset(seen.frames, kept.tolist()), touch.images),
             times=times,
-            no_contact=self._stored_stills(about) if about else seen.still,
+            no_contact=self._stored_stills(about) if about else still,
             force=force,
             action=self._action(rows, touch.device, kept),
             object=stated(about.get("object") or self._object) or None,
@@ -143,6 +144,11 @@ class LeRobotFolder:
             tier=int(about.get("tier") or (1 if force is not None else 2)),
             licence=str(about.get("licence") or ""),
         )
+
+    def _upright(self, frames: Frames | None, feature: str) -> Any:
+        """Pictures as the sensor sees them; numbers are drawn as they are."""
+        is_picture = split_part(feature)[0] in self.info.pictures()
+        return self.reading.stream.upright(frames) if frames and is_picture else frames
 
     @property
     def _object(self) -> str | None:

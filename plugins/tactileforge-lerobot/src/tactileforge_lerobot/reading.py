@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.reading import ForceKeys, StreamKeys, check_stream
 from tactileforge_lerobot.drawn import Drawing
 
 _BACKGROUNDS = ("first", "none")
@@ -41,10 +42,10 @@ class Reading:
     Attributes:
         background: ``first`` where episodes begin without contact, or ``none``.
         drawing: How numbers become pictures.
-        sign: Factors of the forces along x, y and z.
-        zero_rows: Number of first rows whose median force is subtracted; 0 for none.
-        zero_most: Largest force along z in those rows, in units of the feature; None for any.
-        turn_z: Whether z is turned so that its mean over a data set is positive.
+        stream: How pictures lie.
+        force: Unit and signs of the forces.
+        tare: Number of first rows whose median force is subtracted; 0 for none.
+        tare_most: Largest force along z in those rows, in units of the feature; None for any.
         tracks: Numeric features kept as tracks.
         missing: Numbers stored in place of an unknown value.
         objects: Whether a data set is one recording of one object, cut into episodes.
@@ -52,10 +53,10 @@ class Reading:
 
     background: str = "first"
     drawing: Drawing = field(default_factory=Drawing)
-    sign: Sequence[float] = (1.0, 1.0, 1.0)
-    zero_rows: int = 0
-    zero_most: float | None = None
-    turn_z: bool = False
+    stream: StreamKeys = field(default_factory=StreamKeys)
+    force: ForceKeys = field(default_factory=ForceKeys)
+    tare: int = 0
+    tare_most: float | None = None
     tracks: Sequence[str] = ()
     missing: Sequence[float] = ()
     objects: bool = False
@@ -63,13 +64,19 @@ class Reading:
     def __post_init__(self) -> None:
         if self.background not in _BACKGROUNDS:
             raise ConfigError(unknown("data.background", self.background, _BACKGROUNDS))
-        if len(self.sign) != 3 or 0 in self.sign:
-            raise ConfigError(f"data.force_sign={list(self.sign)}: give three factors, none 0")
-        if self.zero_rows < 0:
-            raise ConfigError(f"data.zero_rows={self.zero_rows}: give a number of rows, 0 for none")
-        if self.zero_most is not None and (self.zero_rows == 0 or self.zero_most <= 0):
+        check_stream(self.stream, "data")
+        sign = self.force.sign
+        if len(sign) != 3 or 0 in sign or any(isinstance(one, str) for one in sign[:2]):
+            raise ConfigError(f"data.force_sign={list(sign)}: give three factors, none 0")
+        if isinstance(sign[2], str) and sign[2] != "mean":
+            raise ConfigError(f"data.force_sign={list(sign)}: z is a factor, or mean")
+        self.force.newtons([""] * 3, "data", "force_unit")
+        if self.tare < 0:
+            raise ConfigError(f"data.force_tare={self.tare}: give a number of rows, 0 for none")
+        if self.tare_most is not None and (self.tare == 0 or self.tare_most <= 0):
             raise ConfigError(
-                f"data.zero_most={self.zero_most:g}: give a force above 0, and data.zero_rows"
+                f"data.force_tare_most={self.tare_most:g}: give a force above 0, and "
+                "data.force_tare"
             )
 
 

@@ -98,7 +98,7 @@ def _numeric(info: Info, touch: list[str]) -> dict[str, Any]:
     shape = info.features[touch[0]]["shape"]
     options: dict[str, Any] = {"span": 1.0}
     if len(shape) > 1 and shape[-1] in (3, 6):
-        options["channels"] = [0, 1, 2] if shape[-1] == 3 else [3, 4, 5]
+        options["columns"] = [0, 1, 2] if shape[-1] == 3 else [3, 4, 5]
         shape = shape[:-1]
     elif len(shape) > 2 and shape[-1] == 1:
         shape = shape[:-1]

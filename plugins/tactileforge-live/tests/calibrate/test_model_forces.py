@@ -180,7 +180,9 @@ def test_the_page_says_the_error_before_and_after(calibrated: CalibrationResult)
 
 
 def trial(realdata: Path, name: str) -> Recording:
-    layout = OmegaConf.to_container(OmegaConf.load(PUBLIC).data.layouts[name]) | {"split": "train"}
+    layout = OmegaConf.to_container(OmegaConf.load(PUBLIC).data.layouts[name]) | {
+        "hold_out": "none"
+    }
     (recording,) = Recordings(str(realdata), {name: layout}).recordings("train")
     return recording
 

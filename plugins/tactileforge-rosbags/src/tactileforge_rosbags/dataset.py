@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Rosbags:
-    """ROS bags, one recording a sensor and bag or interval (`docs/rosbags.md`).
+    """ROS bags, one recording a sensor and bag or interval (`docs/data.md`).
 
     Read are rosbag2 in sqlite3 and mcap, and ROS 1 bags, by the package ``rosbags``, without ROS:
     topics of raw and compressed pictures, of wrenches and of joint states.
@@ -74,7 +74,7 @@ class Rosbags:
         if not self.map and not self.topics:
             raise ConfigError(
                 f"{self.root}: which topics are touch? data.topics={{TOPIC: SENSOR}}, or a map: "
-                f"data.map=FILE.yaml (docs/rosbags.md); {self._held()}"
+                f"data.map=FILE.yaml (docs/data.md); {self._held()}"
             )
         keys = read_map(home_path(self.map)) if self.map else map_of(self.topics)
         return replace(
@@ -111,7 +111,7 @@ class Rosbags:
             return frozenset()
         parts = [part for parts in keys.intervals.values() for part in parts]
         stated = {
-            "force": any(one.wrench and one.wrench.frame == "gel" for one in keys.touch),
+            "force": any(one.force and one.force.at == "gel" for one in keys.touch),
             "object": keys.object or any(part.object for part in parts),
             "text": keys.text or any(part.text for part in parts),
             "image": keys.camera is not None,

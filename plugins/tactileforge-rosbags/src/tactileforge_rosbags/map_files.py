@@ -8,7 +8,7 @@ from typing import Any
 
 from tactileforge.errors import ConfigError
 from tactileforge.plugins import load_yaml, strict
-from tactileforge.reading import check_data_licence
+from tactileforge.reading import check_origin, check_stream
 from tactileforge_rosbags.map_keys import BagMap, TouchKeys, finger_of
 
 
@@ -41,14 +41,16 @@ def _checked(where: str, content: Any) -> BagMap:
     made: BagMap = strict.build(BagMap, where, content)
     if not made.touch:
         raise ConfigError(f"{where}: touch is empty; say which topics are touch")
-    check_data_licence(f"{where}: licence", made.licence)
+    check_origin(made, where)
+    for stream in (*made.touch, *([made.camera] if made.camera else [])):
+        check_stream(stream, f"{where}: {stream.topic}")
     if not made.gap > 0:
         raise ConfigError(f"{where}: gap is {made.gap}; give seconds above 0")
     fingers = [finger_of(touch) for touch in made.touch]
     if twice := sorted({name for name in fingers if fingers.count(name) > 1}):
         raise ConfigError(f"{where}: two touches are called {twice[0]!r}; give each its `finger`")
     for touch in made.touch:
-        _check_wrench(where, touch)
+        _check_force(f"{where}: touch.force", touch)
     for bag, parts in made.intervals.items():
         if bad := [part for part in parts if not 0 <= part.start < part.stop]:
             raise ConfigError(
@@ -58,7 +60,9 @@ def _checked(where: str, content: Any) -> BagMap:
     return made
 
 
-def _check_wrench(where: str, touch: TouchKeys) -> None:
-    columns = touch.wrench.columns if touch.wrench else ()
-    if any(column not in (None, 0, 1, 2) for column in columns):
-        raise ConfigError(f"{where}: touch.wrench.columns {columns}; give 0, 1, 2 or null")
+def _check_force(where: str, touch: TouchKeys) -> None:
+    if touch.force is None:
+        return
+    if any(column not in (None, 0, 1, 2) for column in touch.force.columns):
+        raise ConfigError(f"{where}.columns {touch.force.columns}; give 0, 1, 2 or null")
+    touch.force.newtons([touch.force.topic] * 3, where)

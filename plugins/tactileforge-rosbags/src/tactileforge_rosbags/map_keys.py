@@ -6,48 +6,44 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from tactileforge.reading import ForceKeys as ForceMeaning
+from tactileforge.reading import Keys, OriginKeys, StreamKeys
+
 
 @dataclass(frozen=True, kw_only=True)
-class WrenchKeys:
-    """Wrench on a touch.
+class ForceKeys(ForceMeaning):
+    """Force on a touch.
 
     Attributes:
         topic: Topic of `geometry_msgs` ``WrenchStamped`` or ``Wrench``; with a ``?`` at its end, it
             may be absent.
-        frame: ``gel`` for the force on the gel, which is the label; anything else is another frame,
-            and makes no label but the track ``wrench``.
-        sign: Factor of each axis that gives the axes of the gel: x right, y down, z into it, with
-            pressing positive.
+        at: ``gel`` for the force on the gel, which is the label; anything else, such as
+            ``flange``, acts elsewhere, and makes no label but the track ``wrench``.
         columns: Which of the force's x, y and z (0, 1, 2) lie along the axes of the gel; null where
             an axis is not measured.
-        unit: Unit of the forces.
-        lag: Time by which the wrench is late, s.
+        lag_s: Delay of the pictures behind the force, s: a frame shows the force of so long before
+            it.
     """
 
     topic: str
-    frame: str = ""
-    sign: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    at: str = "gel"
     columns: tuple[int | None, int | None, int | None] = (0, 1, 2)
-    unit: Literal["N", "mN", "kgf", "gf"] = "N"
-    lag: float = 0.0
+    lag_s: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class PictureKeys:
+class PictureKeys(StreamKeys):
     """A topic of pictures.
 
     Attributes:
         topic: Topic of `sensor_msgs` ``CompressedImage``, or of ``Image`` in rgb8, bgr8, rgba8,
             bgra8, mono8, 8UC1, yuv422 (uyvy) or yuv422_yuy2 (yuyv); 8UC3 and 8UC4 need
-            ``exchanged``.
-        exchanged: Whether red and blue are exchanged in the pictures; null for no, and an error
-            where the encoding does not say the order of channels.
-        turns: Quarter turns, counter-clockwise, to put a picture upright.
+            ``channels``.
+        channels: ``bgr`` where red and blue are exchanged in the pictures; null for what the
+            encoding says, and an error where it does not say the order.
     """
 
     topic: str
-    exchanged: bool | None = None
-    turns: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,16 +53,16 @@ class TouchKeys(PictureKeys):
     Attributes:
         sensor: Type of the sensor.
         finger: Name of the finger; "" for that of the topic.
-        wrench: Its wrench; null for none.
+        force: Its force, from a topic of wrenches; null for none.
     """
 
     sensor: str = field(metadata={"example": "digit"})
     finger: str = ""
-    wrench: WrenchKeys | None = None
+    force: ForceKeys | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class IntervalKeys:
+class IntervalKeys(Keys):
     """A part of a bag, and its own labels.
 
     Attributes:
@@ -85,15 +81,15 @@ class IntervalKeys:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BagMap:
+class BagMap(OriginKeys):
     """Map of the topics of bags.
 
     Attributes:
         touch: Topics of touch.
         camera: Topic of the view of the scene; with a ``?`` at its end, it may be absent.
-        joints: Topics of `sensor_msgs` ``JointState``: the tracks ``state``, ``joint_velocity`` and
+        state: Topics of `sensor_msgs` ``JointState``: the tracks ``state``, ``joint_velocity`` and
             ``joint_effort``; null for all of the bag.
-        wrenches: Topics of wrenches that are tracks, by the name of the track; null for all of the
+        tracks: Topics of wrenches that are tracks, by the name of the track; null for all of the
             bag, but those of touches.
         clock: ``header`` for the stamps of messages where each has one, or ``bag`` for the time of
             recording.
@@ -105,14 +101,13 @@ class BagMap:
         object: Name of the touched object.
         text: Caption.
         labels: Further labels.
-        source: Origin of the recordings.
-        licence: Licence of the recordings.
+        tier: Tier of the tactile dynamic pyramid, 1 to 5, of touch without a force.
     """
 
     touch: tuple[TouchKeys, ...]
     camera: PictureKeys | None = None
-    joints: tuple[str, ...] | None = None
-    wrenches: Mapping[str, str] | None = None
+    state: tuple[str, ...] | None = None
+    tracks: Mapping[str, str] | None = None
     clock: Literal["header", "bag"] = "header"
     gap: float = 0.1
     background: Literal["none", "first", "bag"] = "none"
@@ -120,8 +115,7 @@ class BagMap:
     object: str = ""
     text: str = ""
     labels: Mapping[str, str | float] = field(default_factory=dict)
-    source: str = ""
-    licence: str = ""
+    tier: int = 2
 
 
 def finger_of(touch: TouchKeys) -> str:

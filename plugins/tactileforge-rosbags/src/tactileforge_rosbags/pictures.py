@@ -87,7 +87,7 @@ def size_of(message: Any, is_ordered: bool = False) -> tuple[int, int]:
     if not is_ordered and getattr(message, "encoding", "") in _UNORDERED:
         raise DataError(
             f"encoding {message.encoding!r} does not say the order of channels; say it in a map: "
-            "exchanged: true where blue comes first (OpenCV, cv_bridge), or exchanged: false"
+            "channels: bgr where blue comes first (OpenCV, cv_bridge), or channels: rgb"
         )
     image = image_of(message)
     if isinstance(image, np.ndarray):
@@ -110,11 +110,16 @@ class BagFrames:
     Args:
         series: Their messages.
         keys: How they lie.
-        shape: Height and width, pixels, as they are read.
+        stored: Height and width, pixels, as they lie in the bag.
     """
 
-    def __init__(self, series: Series, keys: PictureKeys, shape: tuple[int, int]) -> None:
-        self.series, self.keys, self.shape = series, keys, shape
+    def __init__(self, series: Series, keys: PictureKeys, stored: tuple[int, int]) -> None:
+        self.series, self.keys, self.stored = series, keys, stored
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the upright picture, pixels."""
+        return self.stored[::-1] if self.keys.turns % 2 else self.stored
 
     def __len__(self) -> int:
         return len(self.series)
@@ -127,11 +132,9 @@ class BagFrames:
         clip = EncodedFrames(
             str(self.series),
             LazyImages(len(self), images.__getitem__),
-            bgr=bool(self.keys.exchanged),
-            turns=self.keys.turns,
         )
-        clip.shape = self.shape
-        return clip.read(indices)
+        clip.shape = self.stored
+        return self.keys.upright(clip).read(indices)
 
     def _fetch(self, rows: list[int]) -> Iterator[tuple[int, bytes | NDArray[np.uint8]]]:
         """Yields pictures by number; rows near to each other are read in one go."""
@@ -163,7 +166,7 @@ def open_frames(bag: Bag, keys: PictureKeys, changed: int) -> tuple[BagFrames, s
     Raises:
         DataError: The topic is not there, of another type, empty, or none of its pictures is good.
     """
-    found = _scan(bag, keys.topic, changed, keys.exchanged is not None)
+    found = _scan(bag, keys.topic, changed, keys.channels is not None)
     sizes = found.values
     height, width = sizes[0]
     same = np.array([size == sizes[0] for size in sizes])
@@ -173,8 +176,7 @@ def open_frames(bag: Bag, keys: PictureKeys, changed: int) -> tuple[BagFrames, s
         line += "; " if line else f"{found.series}: "
         line += f"{int((~same).sum())} pictures left out: of {other[0]} x {other[1]} pixels, where "
         line += f"the first has {height} x {width}"
-    shape = (width, height) if keys.turns % 2 else (height, width)
-    return BagFrames(found.series.take(same), keys, shape), line
+    return BagFrames(found.series.take(same), keys, (height, width)), line
 
 
 @lru_cache(maxsize=64)

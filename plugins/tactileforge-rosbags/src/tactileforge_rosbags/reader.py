@@ -79,7 +79,7 @@ class BagFile:
         if repeated:
             total = len(frames)
             self._left_out(f"{series}: {repeated} of {total} frames left out: they repeat a time")
-        frames = BagFrames(series, touch, frames.shape)
+        frames = BagFrames(series, touch, frames.stored)
         for part in self._parts(frames):
             try:
                 yield self._recording(touch, frames, part, stamps)
@@ -118,7 +118,7 @@ class BagFile:
     ) -> Recording:
         keys, about = self.keys, part.about
         series = whole.series.take(part.rows)
-        frames = BagFrames(series, touch, whole.shape)
+        frames = BagFrames(series, touch, whole.stored)
         clock = Clock(series, stamps)
         force, own = self._reads.force(touch, clock)
         tracks, labels = self._reads.tracks(clock)
@@ -144,7 +144,7 @@ class BagFile:
             },
             tracks={**tracks, **own},
             source=keys.source or f"ROS bag {self.bag.name}",
-            tier=1 if force is not None else 2,
+            tier=1 if force is not None else keys.tier,
             licence=keys.licence,
         )
 
@@ -177,7 +177,7 @@ class BagFile:
                 f"{series}: no picture within {_AROUND:g} s of {clock.touch.topic}; if their "
                 "stamps are of different clocks, give data.clock=bag"
             )
-        return BagFrames(series.take(rows), named, frames.shape), times[rows]
+        return BagFrames(series.take(rows), named, frames.stored), times[rows]
 
     def _left_out(self, line: str) -> None:
         if line:

@@ -35,7 +35,7 @@ class TrackReader:
     note: Callable[[str], object]
 
     def force(self, touch: TouchKeys, clock: Clock) -> tuple[NDArray[np.float32] | None, _Found]:
-        """Force on the gel, or the track ``wrench`` for a wrench of another frame.
+        """Force on the gel, or the track ``wrench`` for a wrench elsewhere.
 
         Args:
             touch: The touch.
@@ -44,14 +44,14 @@ class TrackReader:
         Raises:
             DataError: The topic is not there, of another type or empty, or of another time.
         """
-        about = touch.wrench
+        about = touch.force
         topic = present(self.bag, about.topic) if about else ""
         if about is None or not topic:
             return None, {}
-        wrench = self._wrench(topic, clock, about.lag)
-        if about.frame == "gel":
+        wrench = self._wrench(topic, clock, about.lag_s)
+        if about.at == "gel":
             return force_of(wrench, about), {}
-        self.note(f"{topic}: of another frame than the gel's, so a track, and no label of force")
+        self.note(f"{topic}: not on the gel (at: {about.at}), so a track, and no label of force")
         return None, {"wrench": wrench}
 
     def tracks(self, clock: Clock) -> tuple[_Found, dict[str, str]]:
@@ -67,8 +67,8 @@ class TrackReader:
         for name, topic in self._wrenches().items():
             if there := present(self.bag, topic):
                 read = self._reader(name, there, clock)
-                tracks |= self._free(self.keys.wrenches is None, read)
-        joints = self._all(JOINTS) if self.keys.joints is None else self.keys.joints
+                tracks |= self._free(self.keys.tracks is None, read)
+        joints = self._all(JOINTS) if self.keys.state is None else self.keys.state
         topics = [name for topic in joints if (name := present(self.bag, topic))]
         labels: dict[str, str] = {}
 
@@ -80,14 +80,14 @@ class TrackReader:
                 labels["joints"] = " ".join(names)
             return found
 
-        tracks |= self._free(self.keys.joints is None, read_all)
+        tracks |= self._free(self.keys.state is None, read_all)
         return tracks, labels
 
     def _wrenches(self) -> Mapping[str, str]:
         """Wrench topics read as tracks, by name."""
-        if self.keys.wrenches is not None:
-            return self.keys.wrenches
-        used = {one.wrench.topic.removesuffix("?") for one in self.keys.touch if one.wrench}
+        if self.keys.tracks is not None:
+            return self.keys.tracks
+        used = {one.force.topic.removesuffix("?") for one in self.keys.touch if one.force}
         return {f"wrench_{plain(one)}": one for one in self._all(WRENCHES) if one not in used}
 
     def _reader(self, name: str, topic: str, clock: Clock) -> Callable[[], _Found]:
@@ -103,8 +103,8 @@ class TrackReader:
             self.note(f"left out: {error}")
             return {}
 
-    def _wrench(self, topic: str, clock: Clock, lag: float) -> NDArray[np.float32]:
-        wrench, found = read_wrench(self.bag, topic, clock, self.keys.gap, lag)
+    def _wrench(self, topic: str, clock: Clock, lag_s: float) -> NDArray[np.float32]:
+        wrench, found = read_wrench(self.bag, topic, clock, self.keys.gap, lag_s)
         self.left_out(found.line)
         if clock.stamps and found.series.stamped is None:
             self.note(

@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 
 from tactileforge.errors import DataError
 from tactileforge_rosbags.bags import Bag, changed
-from tactileforge_rosbags.map_keys import WrenchKeys
+from tactileforge_rosbags.map_keys import ForceKeys
 from tactileforge_rosbags.series import Clock, Scan, between, nearest_rows, scan
 
 #: Types of messages of wrenches, and of joints.
 WRENCHES = ("geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/Wrench")
 JOINTS = ("sensor_msgs/msg/JointState",)
-#: Newton of each unit.
-_NEWTON = {"N": 1.0, "mN": 1e-3, "kgf": 9.80665, "gf": 9.80665e-3}
 #: Most sets of joint names of a topic.
 _SETS = 16
 #: Tracks of joints, by the field of the message.
@@ -27,7 +25,7 @@ _TRACKS = {"position": "state", "velocity": "joint_velocity", "effort": "joint_e
 
 
 def read_wrench(
-    bag: Bag, topic: str, clock: Clock, gap: float, lag: float = 0.0
+    bag: Bag, topic: str, clock: Clock, gap: float, lag_s: float = 0.0
 ) -> tuple[NDArray[np.float32], Scan]:
     """Wrench at each frame, float32 (T, 6), as in the messages: forces, then torques.
 
@@ -38,7 +36,7 @@ def read_wrench(
         topic: Name of the topic.
         clock: Clock of the frames.
         gap: Largest difference in time, s.
-        lag: Time by which the wrench is late, s.
+        lag_s: Delay of the frames behind the wrench, s.
 
     Returns:
         The wrenches, and the reading of the topic.
@@ -47,7 +45,7 @@ def read_wrench(
         DataError: The topic is not there, of another type or empty, or no message is near a frame.
     """
     found = _wrenches(bag, topic, changed(bag.path))
-    at = clock.times + round(lag * 1e9)
+    at = clock.times - round(lag_s * 1e9)
     wrench, near = between(clock.of(found.series), at, gap, found.values)
     if not near.any():
         raise _apart(found, clock, gap)
@@ -67,12 +65,13 @@ def _wrench(message: Any) -> tuple[float, ...]:
     return force.x, force.y, force.z, torque.x, torque.y, torque.z
 
 
-def force_of(wrench: NDArray[np.float32], keys: WrenchKeys) -> NDArray[np.float32]:
+def force_of(wrench: NDArray[np.float32], keys: ForceKeys) -> NDArray[np.float32]:
     """Force on the gel, float32 (T, 3), N, of wrenches along other axes."""
+    newton = keys.newtons([keys.topic] * 3, "touch.force")
     force = np.full((len(wrench), 3), np.nan, np.float32)
     for axis, (column, sign) in enumerate(zip(keys.columns, keys.sign, strict=True)):
         if column is not None:
-            force[:, axis] = wrench[:, column] * (sign * _NEWTON[keys.unit])
+            force[:, axis] = wrench[:, column] * (sign * newton)
     return force
 
 

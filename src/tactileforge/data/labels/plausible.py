@@ -54,8 +54,8 @@ def impossible(recording: Recording) -> str:
             most = ", ".join(f"{axis:g}" for axis in limits(recording.sensor))
             return (
                 f"{recording.key}, row {row}: a force of ({felt}) N, where {recording.sensor} "
-                f"can feel ({most}) N at most; say its unit (force_unit: of a layout), or correct "
-                "it"
+                f"can feel ({most}) N at most; say its unit (unit: of force in a layout), or "
+                "correct it"
             )
     for name, value in recording.labels.items():
         if not isinstance(value, str) and abs(value) > _LARGEST:

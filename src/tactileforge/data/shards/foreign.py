@@ -44,7 +44,7 @@ def check_foreign(path: Path) -> None:
     raise ForeignShardError(
         f"{path}: a {kind} of another program ({', '.join(endings).strip(', ') or 'no endings'}),"
         " not one of tactileforge's; read it with data=webdataset and a layout, which "
-        f"{command('data', 'inspect', str(path.parent))} guesses (docs/webdataset.md)"
+        f"{command('data', 'inspect', str(path.parent))} guesses (docs/data.md)"
     )
 
 

@@ -49,7 +49,8 @@ def _sets(node: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
         yield from _sets(inner)
     layouts = {name: layout for name, layout in (node.get("layouts") or {}).items() if layout}
     for name, layout in layouts.items():
-        by_object = layout.get("split") == "object"
+        # `split` in the recipes of older models
+        by_object = layout.get("hold_out", layout.get("split")) == "object"
         files = layout.get("videos") or layout.get("images") or ""
         path = str(
             PurePosixPath(str(layout.get("path", name))) / (files if files == str(files) else "")

@@ -89,14 +89,14 @@ def _layout(
         return {}
     key = next(iter(samples))
     words = "_".join([root.absolute().name, key, *parts])
-    layout |= guess_sensor(words, lambda: _shape(parts, str(layout["frames"])), doubts)
+    layout |= guess_sensor(words, lambda: _shape(parts, str(layout["touch"])), doubts)
     background = [part for part in counts if kind_of(part) in PICTURES and _BACKGROUND.search(part)]
     layout["background"] = {"file": background[0]} if background else "none"
     if not background:
         doubts.append("background: none was found, so nothing is subtracted")
     cameras = [part for part in counts if kind_of(part) in PICTURES and _CAMERA.search(part)]
-    if cameras and cameras[0] != layout["frames"]:
-        layout["image"] = cameras[0]
+    if cameras and cameras[0] != layout["touch"]:
+        layout["camera"] = cameras[0]
     layout |= _values(parts, doubts)
     if times := layout.pop("times", ""):
         layout |= _times(samples, layout, times, doubts)
@@ -116,17 +116,17 @@ def _frames(
     touch = [part for part in usual if not _CAMERA.search(part)] or usual
     videos = [part for part in touch if kind_of(part) in VIDEOS]
     if videos:
-        return {"frames": videos[0]}
+        return {"touch": videos[0]}
     stills = [part for part in touch if kind_of(part) in PICTURES]
     numbered = [m for part in stills if (m := _NUMBERED.fullmatch(part))]
     if len(numbered) > 1:
         one = numbered[0]
         doubts.append(f"fps: {ASSUMED_FPS} is assumed, names tell no times")
-        return {"frames": f"{one['start']}{{frame}}.{one['kind']}", "fps": ASSUMED_FPS}
+        return {"touch": f"{one['start']}{{frame}}.{one['kind']}", "fps": ASSUMED_FPS}
     if len(stills) > 1:
-        doubts.append(f"frames: {stills[0]} is taken for the touch, beside {', '.join(stills[1:])}")
+        doubts.append(f"touch: {stills[0]} is taken for the touch, beside {', '.join(stills[1:])}")
     if stills:
-        return {"frames": stills[0]} | _clips(samples, doubts)
+        return {"touch": stills[0]} | _clips(samples, doubts)
     return _arrays(samples, [part for part in touch if kind_of(part) == "npy"], doubts)
 
 
@@ -142,9 +142,9 @@ def _arrays(
             continue
         if dtype == "uint8" and len(shape) in (3, 4) and shape[-1] == 3:
             if len(shape) == 3:
-                return {"frames": part} | _clips(samples, doubts)
+                return {"touch": part} | _clips(samples, doubts)
             doubts.append(f"fps: {ASSUMED_FPS} is assumed")
-            return {"frames": part, "fps": ASSUMED_FPS}
+            return {"touch": part, "fps": ASSUMED_FPS}
     return {}
 
 
@@ -160,11 +160,11 @@ def _clips(samples: Mapping[str, dict[str, Blob]], doubts: list[str]) -> dict[st
             depth = next(iter(clips)).count("/")
             folders = "".join(f"{{folder_{chr(97 + i)}}}/" for i in range(depth))
             doubts.append(
-                f"key: samples that differ in the number behind {sign!r} are taken for frames of a "
-                f"clip, {ASSUMED_FPS} a second without times"
+                f"samples: those that differ in the number behind {sign!r} are taken for frames of "
+                f"a clip, {ASSUMED_FPS} a second without times"
             )
-            return {"key": f"{folders}{{clip}}{sign}{{frame}}", "fps": ASSUMED_FPS}
-    doubts.append("frames: each sample is taken for a touch of its own")
+            return {"samples": f"{folders}{{clip}}{sign}{{frame}}", "fps": ASSUMED_FPS}
+    doubts.append("touch: each sample is taken for a touch of its own")
     return {}
 
 

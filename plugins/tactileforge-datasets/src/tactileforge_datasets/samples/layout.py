@@ -8,13 +8,18 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from tactileforge.contracts import ACTIONS
-from tactileforge.data import newtons_of
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.plugins import strict
 from tactileforge.reading import (
     BackgroundRule,
+    ForceKeys,
+    Keys,
+    OriginKeys,
+    StreamKeys,
     as_texts,
+    check_origin,
     check_sensor,
+    check_stream,
     parse_background,
     without_nulls,
 )
@@ -36,7 +41,7 @@ ALWAYS = ("key", "tar", "folder")
 
 
 @dataclass(frozen=True, kw_only=True)
-class SampleTimes:
+class SampleTimes(Keys):
     """Times of frames.
 
     Attributes:
@@ -49,28 +54,23 @@ class SampleTimes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SampleForce:
+class SampleForce(ForceKeys):
     """Forces, x, y and z a frame.
 
     Attributes:
         values: Place of three values or more, or a list of the places of x, y and z, null for an
             axis that was not measured.
         columns: Columns of x, y and z in one place; null for an axis that was not measured.
-        unit: ``N``, ``mN``, ``kgf``, ``gf``, ``lbf`` or ``ozf``; null for newton, unless the names
-            of the places say another.
-        sign: Factors of x, y and z that give x right, y down, and z into the gel.
     """
 
     values: str | tuple[str | None, str | None, str | None] = field(
         metadata={"example": "json:force"}
     )
     columns: tuple[int | None, int | None, int | None] = (0, 1, 2)
-    unit: str | None = None
-    sign: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class SampleLayout:
+class SampleLayout(StreamKeys, OriginKeys):
     """Keys of a layout of samples.
 
     A part is the ending of a member's name behind the first dot: ``jpg``, ``touch.png``. A place is
@@ -79,18 +79,17 @@ class SampleLayout:
     ``key`` in braces: ``touching a {json:object}``.
 
     Attributes:
-        frames: Part of the touch: a picture, an array ``npy`` of one picture or of a clip, a video,
+        touch: Part of the touch: a picture, an array ``npy`` of one picture or of a clip, a video,
             or numbered pictures of a clip, ``{frame}.jpg``.
         sensor: Type of the sensor, or a template of it.
         background: ``{file: PART}`` of the sample, ``{first: N}``, ``{last: N}`` or
             ``{median: true}`` of the recording, or ``none``.
-        key: Template of the keys of samples, such as ``{object}/{clip}_{frame}``. With ``{frame}``
-            a sample is a frame of a clip; without, a recording. "" for any key.
+        samples: Template of the keys of samples, such as ``{object}/{clip}_{frame}``. With
+            ``{frame}`` a sample is a frame of a clip; without, a recording. "" for any key.
         fps: Frames a second of clips without times.
         times: Times of frames; null for those of the video, or even ones.
-        channels: ``rgb``, or ``bgr`` where the writer exchanged red and blue.
-        rotate: Degrees, clockwise, to put pictures upright: 0, 90, 180 or 270.
-        image: Part of the paired camera view, with ``?`` where recordings may lack it; "" for none.
+        camera: Part of the paired camera view, with ``?`` where recordings may lack it; "" for
+            none.
         force: Forces; null for none.
         action: An action, a template of it, ``force`` to read it from the forces, or ``none``; null
             for ``force`` where there are forces.
@@ -101,20 +100,15 @@ class SampleLayout:
         labels: Templates of further labels, by name.
         hold_out: Template of the unit held out together; "" for the ``{object}`` of the
             key, if it has one, or else the recording.
-        source: Origin of the recordings.
-        licence: Licence of the recordings.
-        tier: Tier of the tactile dynamic pyramid, 1 (force) to 5 (press).
     """
 
-    frames: str = field(metadata={"example": "jpg"})
+    touch: str = field(metadata={"example": "jpg"})
     sensor: str = field(metadata={"example": "digit"})
     background: BackgroundRule | str = field(metadata={"example": "{first: 3}, or none"})
-    key: str = ""
+    samples: str = ""
     fps: float | None = None
     times: SampleTimes | None = None
-    channels: Literal["rgb", "bgr"] = "rgb"
-    rotate: Literal[0, 90, 180, 270] = 0
-    image: str = ""
+    camera: str = ""
     force: SampleForce | None = None
     action: str | None = None
     object: str = ""
@@ -123,19 +117,16 @@ class SampleLayout:
     tracks: dict[str, str] = field(default_factory=dict)
     labels: dict[str, str] = field(default_factory=dict)
     hold_out: str = ""
-    source: str = ""
-    licence: str = ""
-    tier: int = 5
 
     @property
     def by_frame(self) -> bool:
         """Whether a sample is a frame of a clip."""
-        return FRAME in fields_of(self.key)
+        return FRAME in fields_of(self.samples)
 
     @property
     def numbered(self) -> bool:
         """Whether a sample has numbered pictures."""
-        return FRAME in fields_of(self.frames)
+        return FRAME in fields_of(self.touch)
 
     @property
     def captions(self) -> tuple[str, ...]:
@@ -150,7 +141,7 @@ class SampleLayout:
     @property
     def placeholders(self) -> tuple[str, ...]:
         """Placeholders of the key, and those of every sample."""
-        return (*(name for name in fields_of(self.key) if name != FRAME), *ALWAYS)
+        return (*(name for name in fields_of(self.samples) if name != FRAME), *ALWAYS)
 
     @property
     def numbers(self) -> list[str]:
@@ -174,11 +165,11 @@ class SampleLayout:
     @property
     def parts(self) -> set[str]:
         """Names of the parts to read."""
-        names = {self.image.removesuffix("?"), *(parse_place(one).part for one in self.numbers)}
+        names = {self.camera.removesuffix("?"), *(parse_place(one).part for one in self.numbers)}
         names |= {place.part for text in self.templates.values() for place in self.places(text)}
         if isinstance(self.background, BackgroundRule) and self.background.file:
             names.add(self.background.file)
-        names |= set() if self.numbered else {self.frames}
+        names |= set() if self.numbered else {self.touch}
         return {name.lower() for name in names} - {""}
 
     def places(self, template: str) -> Iterator[Place]:
@@ -195,7 +186,7 @@ class SampleLayout:
             "action": self.action != "none" and bool(self.force or self.action),
             "object": bool(self.object),
             "text": bool(self.captions),
-            "image": bool(self.image),
+            "image": bool(self.camera),
         }
         return frozenset(label for label, is_there in there.items() if is_there)
 
@@ -211,29 +202,29 @@ def parse_samples(config: Any) -> SampleLayout:
     """
     where = "data.layout"
     layout = strict.build(SampleLayout, where, without_nulls(strict.mapping(where, config)))
-    check_kind(layout.frames, (*PICTURES, *VIDEOS, "npy"), f"{where}.frames")
+    check_kind(layout.touch, (*PICTURES, *VIDEOS, "npy"), f"{where}.touch")
     if layout.fps is not None and not 0 < layout.fps < 1e5:
         raise ConfigError(f"{where}.fps is {layout.fps}; give frames per second, e.g. 30")
-    is_video = kind_of(layout.frames) in VIDEOS
+    is_video = kind_of(layout.touch) in VIDEOS
     if layout.by_frame and (is_video or layout.numbered):
         raise ConfigError(
-            f"{where}: {layout.frames} holds a clip, and {{frame}} of key={layout.key!r} says that "
-            "a sample is a frame; leave one of them out"
+            f"{where}: {layout.touch} holds a clip, and {{frame}} of samples={layout.samples!r} "
+            "says that a sample is a frame; leave one of them out"
         )
-    if layout.numbered and (is_video or kind_of(layout.frames) == "npy"):
-        raise ConfigError(f"{where}.frames is {layout.frames}: number pictures, {{frame}}.jpg")
+    if layout.numbered and (is_video or kind_of(layout.touch) == "npy"):
+        raise ConfigError(f"{where}.touch is {layout.touch}: number pictures, {{frame}}.jpg")
     if (layout.by_frame or layout.numbered) and layout.fps is None and layout.times is None:
         raise ConfigError(f"{where}: fps is missing; give frames per second, or times")
     _check_templates(layout, where)
     parse_background(layout.background, f"{where}.background")
-    if layout.image:
-        check_kind(layout.image.removesuffix("?"), (*PICTURES, *VIDEOS, "npy"), f"{where}.image")
+    if layout.camera:
+        check_kind(layout.camera.removesuffix("?"), (*PICTURES, *VIDEOS, "npy"), f"{where}.camera")
     for place in layout.numbers:
         check_kind(parse_place(place).part, ("npy", *TEXTS), f"{where}: {place}")
     if layout.force:
         newtons(layout.force)
-    if not 1 <= layout.tier <= 5:
-        raise ConfigError(f"{where}.tier is {layout.tier}, but must be 1 to 5")
+    check_stream(layout, where)
+    check_origin(layout, where)
     return layout
 
 
@@ -241,16 +232,16 @@ def newtons(keys: SampleForce) -> float:
     """Newton of the unit of forces; see `newtons.newtons_of`."""
     places = (keys.values,) * 3 if isinstance(keys.values, str) else keys.values
     names = [place or "" for place in places]
-    return newtons_of(names, keys.unit, keys.sign, "data.layout.force", "unit")
+    return keys.newtons(names, "data.layout.force")
 
 
 def _check_templates(layout: SampleLayout, where: str) -> None:
-    names = fields_of(layout.key)
+    names = fields_of(layout.samples)
     for name in names:
         if not re.fullmatch(r"[a-z_]+", name) or names.count(name) > 1 or name in ALWAYS:
             raise ConfigError(
-                f"{where}.key: {{{name}}} must be a word of its own in small letters, once, and "
-                f"none of {', '.join(ALWAYS)}"
+                f"{where}.samples: {{{name}}} must be a word of its own in small letters, once, "
+                f"and none of {', '.join(ALWAYS)}"
             )
     for key, template in layout.templates.items():
         for place in layout.places(template):

@@ -17,7 +17,6 @@ from tactileforge.data import (
     check_background_size,
     check_rising,
     label_actions,
-    turned,
 )
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading import (
@@ -120,16 +119,16 @@ class _Opening(UnitValues):
         """Frames of the touch, as they lie in the tar."""
         layout, samples = self.layout, self.unit.samples
         if layout.numbered:
-            names = numbered_parts(samples[0], layout.frames)
+            names = numbered_parts(samples[0], layout.touch)
             if not names:
-                raise self.missing(samples[0], layout.frames)
-            return self._shown([samples[0].parts[name] for name in names], layout.frames)
-        blobs = [self.part(sample, layout.frames) for sample in samples]
-        frames = self._shown(blobs, layout.frames)
+                raise self.missing(samples[0], layout.touch)
+            return self._shown([samples[0].parts[name] for name in names], layout.touch)
+        blobs = [self.part(sample, layout.touch) for sample in samples]
+        frames = self._shown(blobs, layout.touch)
         if len(frames) != len(samples) and layout.by_frame:
             raise DataError(
                 f"{self.where}: {len(frames)} pictures in {len(samples)} samples; with {{frame}} "
-                "in layout.key, a sample has one"
+                "in layout.samples, a sample has one"
             )
         return frames
 
@@ -137,7 +136,7 @@ class _Opening(UnitValues):
         return shown(f"{self.where}.{part}", blobs, part)
 
     def _upright(self, frames: Frames) -> Frames:
-        return turned(frames, self.layout.channels == "bgr", self.layout.rotate // 90)
+        return self.layout.upright(frames)
 
     def _times(self, frames: Frames) -> NDArray[np.float64]:
         layout, count = self.layout, len(frames)
@@ -213,9 +212,9 @@ class _Opening(UnitValues):
         return FrameSubset(self._upright(base), rule.rows(len(base)))
 
     def _camera(self) -> Frames | None:
-        name = self.layout.image.removesuffix("?")
+        name = self.layout.camera.removesuffix("?")
         there = [sample for sample in self.unit.samples if name.lower() in sample.parts]
-        if not name or (not there and self.layout.image.endswith("?")):
+        if not name or (not there and self.layout.camera.endswith("?")):
             return None
         return self._shown([self.part(sample, name) for sample in self.unit.samples], name)
 

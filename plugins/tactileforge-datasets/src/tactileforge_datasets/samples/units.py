@@ -80,7 +80,7 @@ def read_samples(path: Path, name: str, layout: SampleLayout) -> SampleTar:
     for key in twice:
         samples.pop(key, None)
     known = layout.parts
-    numbered = _pattern(layout.frames) if layout.numbered else None
+    numbered = _pattern(layout.touch) if layout.numbered else None
     for parts in samples.values():
         for part in parts:
             if part not in known and not (numbered and numbered.fullmatch(part)):
@@ -121,7 +121,7 @@ def _units(
     found: SampleTar,
 ) -> Iterator[Unit]:
     """Yields the recordings of samples; notes keys unlike the layout's."""
-    pattern = _pattern(layout.key) if layout.key else None
+    pattern = _pattern(layout.samples) if layout.samples else None
     clips: dict[tuple[str, ...], list[Sample]] = {}
     unlike = []
     for key, parts in samples.items():
@@ -135,7 +135,7 @@ def _units(
         # 18 digits fit int64
         row = Sample(key, parts, int(number[-18:]))
         clips.setdefault(tuple(map("=".join, alike)), []).append(row)
-    _say(found, path, f"samples whose key is unlike layout.key={layout.key}", unlike)
+    _say(found, path, f"samples whose key is unlike layout.samples={layout.samples}", unlike)
     for rows in clips.values():
         rows.sort(key=lambda row: row.frame)
         numbers = [row.frame for row in rows]

@@ -85,7 +85,7 @@ class UnitValues:
             one, other = sorted(texts)[:2]
             raise DataError(
                 f"{self.where}: frames with {one!r} and with {other!r} for {template}; a recording "
-                "has one value: correct it, or part them by layout.key"
+                "has one value: correct it, or part them by layout.samples"
             )
         return texts.pop()
 
