@@ -38,9 +38,6 @@ from tactileforge.reading.published import label_runs as label_runs
 from tactileforge.reading.published import median_frames as median_frames
 from tactileforge.reading.published import still_background as still_background
 from tactileforge.reading.reader import LayoutReader as LayoutReader
-from tactileforge.reading.regular import open_regular as open_regular
-from tactileforge.reading.regular import read_regular as read_regular
-from tactileforge.reading.regular import stays_inside as stays_inside
 from tactileforge.reading.splits import check_share as check_share
 from tactileforge.reading.splits import check_split as check_split
 from tactileforge.reading.splits import is_held_out as is_held_out
@@ -48,3 +45,7 @@ from tactileforge.reading.tables import number_or_text as number_or_text
 from tactileforge.reading.tables import read_cells as read_cells
 from tactileforge.reading.trials import trial_of as trial_of
 from tactileforge.util.licences import check_data_licence as check_data_licence
+from tactileforge.util.regular import open_regular as open_regular
+from tactileforge.util.regular import read_regular as read_regular
+from tactileforge.util.regular import regular_text as regular_text
+from tactileforge.util.regular import stays_inside as stays_inside

@@ -8,6 +8,7 @@ from typing import Any
 from tactileforge.contracts import Guess
 from tactileforge.errors import DataError
 from tactileforge.plugins import names
+from tactileforge.reading import read_regular
 from tactileforge.specs import SPECS
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.info import Info
@@ -34,7 +35,9 @@ def _guess(root: Path, place: Path, count: int) -> Guess | None:
     try:
         info = Info.read(place)
     except DataError as error:
-        if "codebase_version" not in (place / folder.INFO).read_text("utf-8", "replace"):
+        if "codebase_version" not in read_regular(place / folder.INFO, 1 << 28).decode(
+            "utf-8", "replace"
+        ):
             return None
         return Guess(options=options, format="LeRobot", score=1.0, doubts=(str(error),))
     doubts: list[str] = []
