@@ -30,14 +30,20 @@ def recognise(root: Path) -> Guess | None:
         return None
 
 
+def _is_ours(path: Path) -> bool:
+    """Whether a damaged file says that it is the metadata of LeRobot."""
+    try:
+        return b"codebase_version" in read_regular(path, 1 << 28)
+    except (OSError, DataError):
+        return False
+
+
 def _guess(root: Path, place: Path, count: int) -> Guess | None:
     options: dict[str, Any] = {"root": str(root)}
     try:
         info = Info.read(place)
     except DataError as error:
-        if "codebase_version" not in read_regular(place / folder.INFO, 1 << 28).decode(
-            "utf-8", "replace"
-        ):
+        if not _is_ours(place / folder.INFO):
             return None
         return Guess(options=options, format="LeRobot", score=1.0, doubts=(str(error),))
     doubts: list[str] = []
