@@ -79,6 +79,22 @@ def test_odd_first_frames_are_told_with_the_frames_to_take(
     assert f"settled from frame {odd}" in found.words
 
 
+@pytest.mark.parametrize("start", [40, COUNT - 3])
+def test_a_background_of_odd_frames_anywhere_is_told(start: int) -> None:
+    frames = made_touch().frames.read(range(COUNT))
+    rest = range(start, start + 3)
+    whole = ArrayFrames(frames.copy())
+    good = made_touch(frames=whole, no_contact=FrameSubset(whole, rest))
+    frames[rest] = frames[rest] // 40
+    film = ArrayFrames(frames)
+    (found,) = findings(
+        made_touch(frames=film, no_contact=FrameSubset(film, rest)), select="odd_first_frames"
+    )
+    assert found.words.startswith(f"frames {start} to {start + 2}, which are the background")
+    assert not found.keys, "which frames are without contact is not known"
+    assert start == 40 or findings(good, select="odd_first_frames") == []
+
+
 def test_green_first_frames_are_told_and_one_of_three_is_not_the_median() -> None:
     frames = made_touch().frames.read(range(COUNT))
     frames[:3] = (0, 255, 0)

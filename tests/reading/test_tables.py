@@ -141,7 +141,9 @@ def test_force_that_contradicts_the_frames(
 
 def test_force_without_a_frame_column_counts_its_rows(tmp_path: Path, write: Write) -> None:
     path = write("f.csv", "fx,fy,fz\n" + "0,0,1\n" * 6)
-    with pytest.raises(DataError, match="row 7: frame 5 does not exist"):
+    with pytest.raises(
+        DataError, match=r"row 7: a row for each frame, and there are 5 .*is one missing"
+    ):
         read_force(FrameTable("f.csv", None, ("fx", "fy", "fz")), path, TIMES, "digit")
 
     path = write("f.csv", "fx,fy,fz\n" + "0,0,1\n" * 4)

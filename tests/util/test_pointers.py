@@ -12,9 +12,9 @@ from tactileforge.errors import DataError
 from tactileforge.hub.classify import read_class_head
 from tactileforge.hub.header import read_header
 from tactileforge.reading import load_pickle, read_cells, read_text
-from tactileforge.reading.regular import open_regular
 from tactileforge.runs.checkpoint_file import read_checkpoint
 from tactileforge.util.pointers import check_pointer, pointer_words
+from tactileforge.util.regular import open_regular
 from tactileforge.util.untrusted import load_json
 
 LFS = f"version https://git-lfs.github.com/spec/v1\noid sha256:{'4d' * 32}\nsize 12345678\n"

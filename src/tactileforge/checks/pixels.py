@@ -65,15 +65,16 @@ def _has_changed(seen: FrameSample) -> bool:
 
 
 def odd_first_frames(recording: Recording, seen: FrameSample) -> Suspicion | None:
-    """Find a background of first frames that are another picture, as of a camera just opened.
+    """Find a background of frames that are another picture, as of a camera just opened.
 
     Args:
         recording: The recording.
         seen: Some of its frames.
     """
-    if not seen.own or min(seen.own) > 0 or seen.others <= NEW_GROUND:
+    if not seen.own or seen.others <= NEW_GROUND:
         return None
-    start = settled(recording, seen)
+    is_first = min(seen.own) == 0
+    start = settled(recording, seen) if is_first else _likest(seen)
     if start is None:
         return None
     frames = recording.frames.read([start])
@@ -85,6 +86,13 @@ def odd_first_frames(recording: Recording, seen: FrameSample) -> Suspicion | Non
     if not is_other:
         return None
     count = len(seen.own)
+    if not is_first:  # switched off, or a flash
+        words = (
+            f"frames {min(seen.own)} to {max(seen.own)}, which are the background, are another "
+            f"picture than all others, by {seen.others:.0f} grey levels in half of it: name frames "
+            f"without contact: background: {{frames: [{start}, {start + 1}]}} if there is none"
+        )
+        return Suspicion("odd_first_frames", seen.others, words)
     stop = min(start + count, len(recording.frames))
     what = f"the first {count} frames are" if count > 1 else "the first frame is"
     words = (
@@ -92,6 +100,12 @@ def odd_first_frames(recording: Recording, seen: FrameSample) -> Suspicion | Non
         f"the gel is settled from frame {start}, so background: {{frames: [{start}, {stop}]}}"
     )
     return Suspicion("odd_first_frames", seen.others, words)
+
+
+def _likest(seen: FrameSample) -> int | None:
+    """Frame outside the background that differs least from it; None without one."""
+    others = [i for i, row in enumerate(seen.rows.tolist()) if row not in seen.own]
+    return int(seen.rows[min(others, key=lambda i: float(seen.change[i]))]) if others else None
 
 
 def settled(recording: Recording, seen: FrameSample) -> int | None:

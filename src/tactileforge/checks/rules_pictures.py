@@ -99,7 +99,8 @@ class OddFirstFrames(PixelCheck):
         """See `Check.look`."""
         for one in super().look(seen):
             start, _, stop = one.words.partition("frames: [")[2].rstrip("]}").partition(", ")
-            keys = {"background": {"frames": [int(start), int(stop)]}}
+            is_sure = stop.isdigit()  # of other frames than the first, which touch is not known
+            keys = {"background": {"frames": [int(start), int(stop)]}} if is_sure else None
             yield self.found(one.where, one.words, one.value, keys)
 
     @staticmethod

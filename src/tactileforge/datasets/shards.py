@@ -25,6 +25,7 @@ from tactileforge.reading.splits import (
     held_out,
 )
 from tactileforge.util.files import cache_folder
+from tactileforge.util.regular import MOST_WHOLE, read_regular
 
 
 class Shards(Drawn):
@@ -76,7 +77,7 @@ class Shards(Drawn):
             return None
         loose = [*sorted(root.glob("train-*.tar")), *sorted(root.glob("val-*.tar"))]
         try:
-            index.parse_index((root / index.INDEX_FILE).read_bytes(), str(root))
+            index.parse_index(read_regular(root / index.INDEX_FILE, MOST_WHOLE), str(root))
         except (OSError, DataError):
             if not loose or is_foreign(loose[0]):
                 return None

@@ -41,9 +41,6 @@ from tactileforge.reading.published import median_frames as median_frames
 from tactileforge.reading.published import still_background as still_background
 from tactileforge.reading.reader import LayoutReader as LayoutReader
 from tactileforge.reading.records import flat as flat
-from tactileforge.reading.regular import open_regular as open_regular
-from tactileforge.reading.regular import read_regular as read_regular
-from tactileforge.reading.regular import stays_inside as stays_inside
 from tactileforge.reading.sheets import rows_of_arrays as rows_of_arrays
 from tactileforge.reading.splits import SPLIT_OF_FOLDER as SPLIT_OF_FOLDER
 from tactileforge.reading.splits import check_share as check_share
@@ -61,3 +58,7 @@ from tactileforge.reading.vocabulary import StreamKeys as StreamKeys
 from tactileforge.reading.vocabulary import check_origin as check_origin
 from tactileforge.reading.vocabulary import check_stream as check_stream
 from tactileforge.util.licences import check_data_licence as check_data_licence
+from tactileforge.util.regular import open_regular as open_regular
+from tactileforge.util.regular import read_regular as read_regular
+from tactileforge.util.regular import regular_text as regular_text
+from tactileforge.util.regular import stays_inside as stays_inside

@@ -15,7 +15,7 @@ from tactileforge.data.frames.companions import is_companion
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.linked import matches
 from tactileforge.reading.order import name_keys, natural
-from tactileforge.util.pointers import pointer_words
+from tactileforge.util.regular import MOST_WHOLE, read_regular
 
 #: Byte order marks of UTF-32 and UTF-16. UTF-32 first: the mark of UTF-16 LE begins UTF-32 LE's.
 _MARKS = {
@@ -41,9 +41,7 @@ def read_text(path: Path) -> str:
         DataError: The file cannot be read, or is not UTF-8; names it and its likely encoding.
     """
     try:
-        raw = path.read_bytes()
-        if words := pointer_words(raw):
-            raise DataError(f"{path}: {words}")
+        raw = read_regular(path, MOST_WHOLE)
         encoding = wide_encoding(raw)
         if encoding is None:
             return raw.decode("utf-8-sig")

@@ -177,6 +177,12 @@ def _per_frame(
             frame = int(text)
         except ValueError:
             raise DataError(f"{where}: frame {text!r} is not a whole number; correct it") from None
+        if frame >= count and table.frame is None:
+            raise DataError(
+                f"{where}: a row for each frame, and there are {count} frames: is one missing? "
+                "Removing rows may shift the others: give frame: the column of frame numbers, or "
+                "times: that of times; of one table for all images, key: that of their names"
+            )
         if not 0 <= frame < count:
             raise DataError(
                 f"{where}: frame {frame} does not exist, the recording has 0 to {count - 1}; "

@@ -16,6 +16,7 @@ from tactileforge.reading import (
     PublishedDataset,
     RecordingItem,
     frame_times,
+    regular_text,
 )
 from tactileforge_datasets.official_splits import ANYTOUCH2_CLOTH, CLOTH_OFFICIAL
 
@@ -114,7 +115,7 @@ class Cloth(PublishedDataset):
         if not path.is_file():
             raise self._missing(f"no file {path}")
         try:
-            content = load_json(path.read_text(encoding="utf-8"))
+            content = load_json(regular_text(path))
             return {_plain(key): value for key, value in content.items()}
         except (AttributeError, ValueError) as error:
             raise DataError(f"{path}: not a JSON object: {error}; download it again") from error

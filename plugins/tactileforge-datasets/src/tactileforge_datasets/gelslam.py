@@ -13,7 +13,13 @@ from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data import ImageFrames, VideoFrames
 from tactileforge.errors import DataError
 from tactileforge.plugins import load_yaml
-from tactileforge.reading import PublishedDataset, RecordingItem, read_cells, still_background
+from tactileforge.reading import (
+    PublishedDataset,
+    RecordingItem,
+    read_cells,
+    regular_text,
+    still_background,
+)
 from tactileforge_datasets.checks import inside
 
 #: First frames of a film, which are without contact.
@@ -135,7 +141,7 @@ def _scale(path: Path) -> float:
     if not path.is_file():
         return 0.0
     try:
-        said = load_yaml(path.read_text(encoding="utf-8"))
+        said = load_yaml(regular_text(path))
     except (OSError, ValueError) as error:
         raise DataError(f"{path}: not YAML ({error}); correct it, or remove it") from error
     scale = said.get("ppmm") if isinstance(said, dict) else None

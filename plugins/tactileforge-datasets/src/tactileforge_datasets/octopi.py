@@ -12,7 +12,7 @@ from typing import Any
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data import VideoFrames, video_times, without_companions
 from tactileforge.errors import DataError
-from tactileforge.reading import ALL_FOR_TRAINING, PublishedDataset, RecordingItem
+from tactileforge.reading import ALL_FOR_TRAINING, PublishedDataset, RecordingItem, regular_text
 from tactileforge_datasets.official_splits import OCTOPI_OFFICIAL
 
 _PREFIX = "physiclear_"
@@ -97,7 +97,7 @@ def _constants(root: Path) -> dict[str, Any]:
         return {}
     # Parsed, not imported: nothing of the checkout is executed.
     try:
-        body = ast.parse(path.read_text(encoding="utf-8")).body
+        body = ast.parse(regular_text(path)).body
     except (MemoryError, RecursionError, SyntaxError, ValueError) as error:
         raise DataError(
             f"{path}: not the constants of Octopi: {type(error).__name__} {error}; download it"

@@ -20,6 +20,7 @@ from tactileforge.reading import (
     frame_times,
     label_runs,
     read_rows,
+    regular_text,
     still_background,
 )
 from tactileforge_datasets.official_splits import TVL_OFFICIAL
@@ -122,7 +123,7 @@ class Tvl(PublishedDataset):
         if not path.is_file():
             raise self._missing(f"neither {path.with_name('train.csv')} nor {path}")
         try:
-            lists = load_json(path.read_text(encoding="utf-8"))
+            lists = load_json(regular_text(path))
             touches = lists["tactile"]
             nothing = [""] * len(touches)
             backgrounds = lists.get("background") or nothing

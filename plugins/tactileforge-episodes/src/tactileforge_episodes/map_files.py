@@ -9,7 +9,7 @@ from typing import Any
 
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.plugins import load_yaml, strict
-from tactileforge.reading import check_origin, check_stream
+from tactileforge.reading import check_origin, check_stream, regular_text
 from tactileforge_episodes.forces import newtons
 from tactileforge_episodes.map_keys import EpisodeMap, TouchKeys
 
@@ -42,7 +42,7 @@ def read_map(path: Path) -> EpisodeMap:
         ConfigError: The file cannot be read, or a key is unknown, missing or of another type.
     """
     try:
-        return parse_map(str(path), load_yaml(path.read_text("utf-8")))
+        return parse_map(str(path), load_yaml(regular_text(path)))
     except (OSError, ValueError) as error:
         why = " ".join(str(error).split())
         raise ConfigError(f"data.map={path}: cannot be read ({why}); correct it") from error

@@ -25,8 +25,9 @@ DAMAGED = (
     *(OverflowError, MemoryError),
     TokenError,  # numpy reads headers as literals of Python
 )
-#: Largest compressed member of a zip, bytes: it is unpacked in memory.
+#: Largest member that is read whole, bytes.
 _LARGEST = 1 << 28
+_TOO_LARGE = f"more than {_LARGEST} bytes, which no chunk has; download it again"
 #: Ways of a zip to compress that are unpacked within limits.
 _PACKED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 #: Length of the fixed part of a local header of a zip, and its place of two lengths.
@@ -110,7 +111,9 @@ class FolderMembers:
         """Bytes of a file; see `Members.read`."""
         try:
             with os.fdopen(open_regular(self.path / name, self.path), "rb") as file:
-                return _part(file, start, stop)
+                if stop is None and os.fstat(file.fileno()).st_size > _LARGEST + abs(start):
+                    raise DataError(f"{self.path / name}: {_TOO_LARGE}")
+                return _part(file, start, stop, f"{self.path / name}")
         except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
             return None
         except OSError as error:
@@ -214,7 +217,7 @@ class ZipMembers(ArchiveMembers):
         if entry is None or entry.is_dir():
             return None
         if entry.compress_type == zipfile.ZIP_STORED:
-            return _part(self.open(name), start, stop)
+            return _part(self.open(name), start, stop, f"{self.path}: {name}")
         why = check_unpacked(entry.compress_size, entry.file_size)
         if entry.compress_type not in _PACKED:
             why = f"compressed by method {entry.compress_type}"
@@ -224,7 +227,8 @@ class ZipMembers(ArchiveMembers):
             )
         try:
             with self.archive.open(entry) as member:
-                return _part(io.BytesIO(member.read(entry.file_size)), start, stop)
+                content = io.BytesIO(member.read(entry.file_size))
+                return _part(content, start, stop, f"{self.path}: {name}")
         except DAMAGED as error:
             raise self._damaged(name, error) from error
 
@@ -278,7 +282,7 @@ class TarMembers(ArchiveMembers):
         found = self._place(name)
         if found is None:
             return None
-        content = _part(found, start, stop)
+        content = _part(found, start, stop, f"{self.path}: {name}")
         if start == 0 and stop is None and len(content) != self.places[name][1]:
             raise DataError(f"{self.path}: {name} is cut off; download it again")
         return content
@@ -313,10 +317,12 @@ def _is_file(entry: os.DirEntry[str]) -> bool:
         return False
 
 
-def _part(file: IO[bytes] | Slice, start: int, stop: int | None) -> bytes:
+def _part(file: IO[bytes] | Slice, start: int, stop: int | None, where: str) -> bytes:
     if start:
         file.seek(start, os.SEEK_END if start < 0 else os.SEEK_SET)
-    content = file.read() if stop is None else file.read(stop - start)
+    content = file.read(_LARGEST + 1 if stop is None else stop - start)
+    if stop is None and len(content) > _LARGEST:
+        raise DataError(f"{where}: {_TOO_LARGE}")
     return bytes(content)
 
 

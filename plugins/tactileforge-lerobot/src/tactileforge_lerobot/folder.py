@@ -63,7 +63,10 @@ def inside(root: Path, name: str, where: str) -> Path:
     if "\0" in name or any(len(part.encode()) > 255 for part in name.split("/")):
         raise DataError(f"{where}: {name[:60]!r} is no path; correct it")
     path = root / name
-    real, folder = path.resolve(), root.resolve()
+    try:
+        real, folder = path.resolve(), root.resolve()
+    except RuntimeError:  # up to Python 3.12
+        raise DataError(f"{where}: {name} is a link that loops; put the file there") from None
     shared = folder.parent.parent / "blobs" if folder.parent.name == "snapshots" else folder
     if not real.is_relative_to(folder) and not real.is_relative_to(shared):
         raise DataError(

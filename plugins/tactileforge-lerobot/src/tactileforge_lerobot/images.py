@@ -5,8 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from tactileforge.errors import DataError
+from tactileforge.reading import read_regular
 from tactileforge_lerobot.folder import inside
 from tactileforge_lerobot.parquet import read_cell
+
+#: Largest file of a picture, bytes.
+_MOST = 1 << 28
 
 
 def read_image(root: Path, path: Path, feature: str, start: int, i: int) -> bytes:
@@ -30,6 +34,6 @@ def read_image(root: Path, path: Path, feature: str, start: int, i: int) -> byte
     if not isinstance(name, str) or not name:
         raise DataError(f"{where}: neither bytes nor the path of an image")
     try:
-        return inside(root, name, where).read_bytes()
+        return read_regular(inside(root, name, where), _MOST)
     except OSError as error:
         raise DataError(f"{where}: {name} cannot be read ({error.strerror})") from error

@@ -10,6 +10,7 @@ from typing import Any
 
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.plugins import load_json
+from tactileforge.reading import regular_text
 from tactileforge_lerobot.folder import (
     CHUNK,
     DATA,
@@ -61,7 +62,7 @@ class Info:
                 f"{path}: not there; set data.root to the folder of a LeRobot data set"
             )
         try:
-            info_json = load_json(path.read_text(encoding="utf-8"))
+            info_json = load_json(regular_text(path))
             said = str(info_json["codebase_version"])
             version = _version(path, said)
             info = cls(

@@ -8,6 +8,7 @@ from typing import Any
 from tactileforge.contracts import Guess
 from tactileforge.errors import DataError
 from tactileforge.plugins import names
+from tactileforge.reading import read_regular
 from tactileforge.specs import SPECS
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.info import Info
@@ -29,12 +30,20 @@ def recognise(root: Path) -> Guess | None:
         return None
 
 
+def _is_ours(path: Path) -> bool:
+    """Whether a damaged file says that it is the metadata of LeRobot."""
+    try:
+        return b"codebase_version" in read_regular(path, 1 << 28)
+    except (OSError, DataError):
+        return False
+
+
 def _guess(root: Path, place: Path, count: int) -> Guess | None:
     options: dict[str, Any] = {"root": str(root)}
     try:
         info = Info.read(place)
     except DataError as error:
-        if "codebase_version" not in (place / folder.INFO).read_text("utf-8", "replace"):
+        if not _is_ours(place / folder.INFO):
             return None
         return Guess(options=options, format="LeRobot", score=1.0, doubts=(str(error),))
     doubts: list[str] = []

@@ -10,6 +10,7 @@ from tactileforge.contracts import Recording
 from tactileforge.data import describe_recording, encode_image
 from tactileforge.errors import DataError
 from tactileforge.plugins import load_json
+from tactileforge.reading import regular_text
 
 #: Keys of a recording stored in columns of the tables.
 _COLUMNS = ("version", "times", "force", "action", "tracks", "image_times")
@@ -29,7 +30,7 @@ def read_touch(path: Path) -> tuple[Any, list[dict[str, dict[str, Any]]]]:
         DataError: The file is damaged.
     """
     try:
-        stored = load_json(path.read_text(encoding="utf-8"))
+        stored = load_json(regular_text(path))
         episodes = [
             {str(name): _checked(about) for name, about in parts.items()}
             for parts in stored["episodes"]

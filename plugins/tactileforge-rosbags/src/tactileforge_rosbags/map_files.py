@@ -8,7 +8,7 @@ from typing import Any
 
 from tactileforge.errors import ConfigError
 from tactileforge.plugins import load_yaml, strict
-from tactileforge.reading import check_origin, check_stream
+from tactileforge.reading import check_origin, check_stream, regular_text
 from tactileforge_rosbags.map_keys import BagMap, TouchKeys, finger_of
 
 
@@ -20,7 +20,7 @@ def read_map(path: Path) -> BagMap:
             keys contradict each other.
     """
     try:
-        content = load_yaml(path.read_text("utf-8"))
+        content = load_yaml(regular_text(path))
     except (OSError, ValueError) as error:
         why = " ".join(str(error).split())
         raise ConfigError(f"data.map={path}: cannot be read ({why}); correct it") from error

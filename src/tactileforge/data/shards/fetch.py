@@ -16,6 +16,7 @@ from tactileforge.data.frames.image_codecs import TAR_BLOCK
 from tactileforge.errors import DataError, home_path
 from tactileforge.util import downloads, files
 from tactileforge.util.files import new_part, sweep_parts
+from tactileforge.util.regular import read_regular
 
 #: Largest size of an index, bytes, and longest download of it, seconds.
 _MAX_TEXT, _TEXT_SECONDS = 1 << 28, 1800.0
@@ -61,7 +62,7 @@ class ShardFolder:
         """
         try:
             if not self.remote:
-                return (self.path / name).read_bytes()
+                return read_regular(self.path / name, _MAX_TEXT)
             content = BytesIO()
             downloads.copy(
                 f"{self.root}/{name}",

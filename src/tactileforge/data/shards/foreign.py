@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tarfile
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 from tactileforge.data.frames.image_codecs import CODECS, GROUPS
 from tactileforge.errors import DataError, command
 from tactileforge.util.pointers import check_pointer
+from tactileforge.util.regular import open_regular
 
 #: Members to look at: a shard has a picture among the first few, after a description.
 _LOOKED = 64
@@ -65,12 +67,12 @@ def _member_names(path: Path) -> list[str]:
     names: list[str] = []
     try:
         # ":" for no compression: the first members of a compressed tar cost its unpacking
-        with tarfile.open(path, "r:") as tar:
+        with os.fdopen(open_regular(path), "rb") as file, tarfile.open(None, "r:", file) as tar:
             for member in tar:
                 if member.isfile():
                     names.append(member.name)
                 if len(names) >= _LOOKED:
                     break
-    except (tarfile.TarError, OSError, EOFError, ValueError):
+    except (tarfile.TarError, OSError, EOFError, ValueError, DataError):
         return names
     return names

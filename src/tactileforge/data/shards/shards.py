@@ -44,6 +44,7 @@ from tactileforge.data.shards.description import (
 from tactileforge.data.shards.foreign import check_foreign
 from tactileforge.errors import DataError
 from tactileforge.util.files import new_part
+from tactileforge.util.regular import open_regular
 from tactileforge.util.untrusted import MAX_PIXELS
 
 log = logging.getLogger(__name__)
@@ -150,7 +151,7 @@ def read_shard(path: Path, bad: Callable[[DataError], None] = _raise) -> Iterato
         DataError: The file is no shard, or one of another version or program.
     """
     try:
-        with path.open("rb") as file:
+        with os.fdopen(open_regular(path), "rb") as file:
             yield from _scan(file, path, bad)
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error}); download or pack it again") from error
@@ -246,7 +247,7 @@ def shard_members(path: Path) -> Iterator[tuple[str, bytes]]:
     Raises:
         DataError: The file is no tar file, or truncated.
     """
-    with path.open("rb") as file:
+    with os.fdopen(open_regular(path), "rb") as file:
         place, size = 0, os.fstat(file.fileno()).st_size
         while (member := _member(file, path, place)) is not None:
             name, length = member

@@ -15,6 +15,7 @@ from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataNotFoundError, unknown
 from tactileforge.util import strict
 from tactileforge.util.files import sealed_yaml, unsealed_yaml, write_text
+from tactileforge.util.regular import regular_text
 
 if TYPE_CHECKING:
     from tactileforge.sensors.calibration.features import ForceReader
@@ -202,7 +203,7 @@ def load_calibration(path: str | Path) -> Calibration:
         ConfigError: The file is not a valid calibration; says where.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = regular_text(Path(path))
     except OSError as error:
         raise DataNotFoundError(
             f"{path}: no calibration there ({error.strerror}); make it with: tactileforge "

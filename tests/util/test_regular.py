@@ -6,7 +6,7 @@ import socket
 import pytest
 
 from tactileforge.errors import DataError
-from tactileforge.reading.regular import open_regular, read_regular, stays_inside
+from tactileforge.util.regular import open_regular, read_regular, stays_inside
 
 
 def test_a_pipe_a_socket_and_a_device_are_refused_at_once(tmp_path):

@@ -12,6 +12,8 @@ from tactileforge.util.pointers import check_pointer
 
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 _FLAGS |= getattr(os, "O_BINARY", 0)
+#: Largest text or chunk that is read whole, bytes.
+MOST_WHOLE = 1 << 28
 
 
 def open_regular(path: Path, root: Path | None = None) -> int:
@@ -69,10 +71,22 @@ def read_regular(path: Path, most: int, root: Path | None = None) -> bytes:
         DataError: It is no regular file, larger, or a link that leads out of ``root``.
     """
     with os.fdopen(open_regular(path, root), "rb") as file:
-        content = file.read(most + 1)
-    if len(content) > most:
-        raise DataError(f"{path}: more than {most} bytes; download it again")
-    return content
+        if os.fstat(file.fileno()).st_size <= most:
+            content = file.read(most + 1)
+            if len(content) <= most:
+                return content
+    raise DataError(f"{path}: more than {most} bytes; download it again")
+
+
+def regular_text(path: Path) -> str:
+    """Text of a regular file in UTF-8, of at most `MOST_WHOLE` bytes.
+
+    Raises:
+        OSError: It cannot be read.
+        DataError: It is no regular file, or larger.
+        UnicodeDecodeError: It is not UTF-8.
+    """
+    return read_regular(path, MOST_WHOLE).decode("utf-8")
 
 
 def stays_inside(path: Path, root: Path) -> bool:

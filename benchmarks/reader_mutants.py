@@ -1,0 +1,560 @@
+"""What every reader makes of damaged files: each mutant in a process of its own, with limits.
+
+``python benchmarks/reader_mutants.py`` reads 2,000 and writes ``results/reader_mutants.json``;
+``--only zarr`` and ``--count 50`` take a part of them, ``--show`` prints each that is not whole.
+A mutant is one of
+
+- named: an error of the project, or a file in ``skipped`` or a new note;
+- equal: read as the whole file is;
+- silent: read as something else, without a word;
+- traceback: any other exception; hang: over 5 s of CPU or 30 s of wall time (other programs share
+  the machine); memory: over 500 MB more than reading the whole file takes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import pickle
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from common import RESULTS, memory_mb
+from PIL import Image
+from rosbags import rosbag2
+
+from tactileforge.datasets.recordings import Recordings
+from tactileforge.datasets.shards import Shards
+from tactileforge.errors import TactileForgeError
+
+ROOT = Path(__file__).parents[1]
+PLUGINS = ("episodes", "rosbags", "lerobot")
+PLACES = ["tests/helpers", "tests/packing", "tests/chaos"]
+PLACES += ["plugins/tactileforge-policies/tests/helpers"]
+PLACES += [f"plugins/tactileforge-{name}/tests" for name in PLUGINS]
+sys.path += [str(ROOT / place) for place in PLACES]
+
+import lerobot_sets  # noqa: E402
+import made_bags  # noqa: E402
+import made_episodes  # noqa: E402
+from bent import bent  # noqa: E402
+from tactileforge_episodes.dataset import Episodes  # noqa: E402
+from tactileforge_lerobot.dataset import LeRobot  # noqa: E402
+from tactileforge_rosbags.dataset import Rosbags  # noqa: E402
+
+#: Limits of a mutant: CPU s, wall s, MB more than the whole file takes.
+CPU, WALL, MORE = 5.0, 30.0, 500.0
+OUTCOMES = ("named", "equal", "silent", "traceback", "hang", "memory")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A format: how a good folder is made and read.
+
+    Attributes:
+        make: Fills an empty folder.
+        read: Reads all of it; returns what was read, as a digest, and the lines that were said.
+        checksum: Whether the format holds a checksum of its content.
+    """
+
+    make: Callable[[Path], Any]
+    read: Callable[[Path], tuple[str, list[str]]]
+    checksum: bool = False
+
+
+def _add(total: Any, value: Any) -> None:
+    total.update(value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
+
+
+def _all(data: Any, root: Path) -> tuple[str, list[str]]:
+    """Digest of all recordings of a data set, and what it said."""
+    total = hashlib.sha256()
+    for split in ("train", "val"):
+        for one in data.recordings(split):
+            _add(total, (one.key.replace(str(root), ""), one.sensor, one.object, one.text))
+            _add(total, sorted(one.labels.items()))
+            for frames in (one.frames, one.no_contact, one.image):
+                if frames is not None:
+                    _add(total, frames.read(range(len(frames))))
+            _add(total, np.asarray(one.times))
+            for values in (one.force, one.action, *(one.tracks[k] for k in sorted(one.tracks))):
+                if values is not None:
+                    _add(total, np.asarray(values))
+    said = [*data.skipped, *getattr(data, "notes", [])]
+    return total.hexdigest(), [line.replace(str(root), "") for line in said]
+
+
+def _one(read: Callable[[Path], Any], name: str, root: Path) -> tuple[str, list[str]]:
+    total = hashlib.sha256()
+    _add(total, read(root / name))
+    return total.hexdigest(), []
+
+
+def _gel(number: int, count: int = 8) -> np.ndarray:
+    y, x = np.mgrid[:40, :48]
+    dent = np.exp(-((x - 20 - 3 * number) ** 2 + (y - 20) ** 2) / 60.0)[..., None]
+    rise = np.sin(np.linspace(0, np.pi, count))[:, None, None, None]
+    return np.uint8(80 + rise * dent * (90, 60, 30) + 10 * (x / 48)[..., None])
+
+
+_FORCE = "fx,fy,fz\n" + "".join(f"0.1,0.2,{i / 2}\n" for i in range(8))
+_TABLE = {"file": "{stem}.csv", "columns": ["fx", "fy", "fz"]}
+_LABELS = "file,object,rough\n" + "".join(f"{i},cup{i},{i}\n" for i in range(3))
+
+
+def _layout(root: Path, **keys: Any) -> None:
+    layout = {"sensor": "digit", "background": {"first": 1}, **keys}
+    (root / "tactileforge.yaml").write_text("layouts:\n  one: " + json.dumps(layout) + "\n")
+
+
+def _videos(root: Path, suffix: str = ".mp4") -> None:
+    codec = {".mp4": "mp4v", ".avi": "MJPG", ".mkv": "FFV1"}[suffix]
+    for i in range(3):
+        film = cv2.VideoWriter(
+            str(root / f"{i}{suffix}"), cv2.VideoWriter.fourcc(*codec), 20, (48, 40)
+        )
+        for frame in _gel(i):
+            film.write(frame[..., ::-1])
+        film.release()
+        (root / f"{i}.csv").write_text(_FORCE)
+    (root / "labels.csv").write_text(_LABELS)
+    _layout(
+        root, videos=f"*{suffix}", force=_TABLE,
+        labels={"file": "labels.csv", "key": "file"}, object="{object}",
+    )  # fmt: skip
+
+
+def _images(root: Path, suffix: str = ".png", tables: str = "csv") -> None:
+    for i in range(3):
+        (root / f"{i}").mkdir()
+        for k, frame in enumerate(_gel(i)):
+            Image.fromarray(frame).save(root / f"{i}" / f"{k:03d}{suffix}")
+        if tables == "sidecar":
+            for k in range(8):
+                said = {"object": f"cup{i}", "rough": k, "force": [0.1, 0.2, k / 2]}
+                (root / f"{i}" / f"{k:03d}.json").write_text(json.dumps(said))
+        elif tables == "npy":
+            np.save(root / f"{i}.npy", np.full((8, 3), i / 2))
+        else:
+            (root / f"{i}.{tables}").write_text(
+                _FORCE if tables == "csv"
+                else json.dumps([{"fx": 0.1, "fy": 0.2, "fz": k / 2} for k in range(8)])
+            )  # fmt: skip
+    keys: dict[str, Any] = {"images": f"*/*{suffix}", "each": "sequence", "fps": 30}
+    if tables == "sidecar":
+        keys |= {"labels": {"file": "{file}/*.json"}}
+    elif tables == "npy":
+        keys |= {"force": {"file": "{stem}.npy", "columns": ["0", "1", "2"]}}
+    else:
+        keys |= {"force": {"file": "{stem}." + tables, "columns": ["fx", "fy", "fz"]}}
+    _layout(root, **keys)
+
+
+def _stack(root: Path) -> None:
+    for i in range(3):
+        np.save(root / f"{i}.npy", _gel(i))
+        (root / f"{i}.csv").write_text(_FORCE)
+    _layout(
+        root, videos="*.npy", fps=30, force={"file": "{stem}.csv", "columns": ["fx", "fy", "fz"]}
+    )
+
+
+def _episodes(preset: str) -> Kind:
+    make, options = made_episodes.FORMATS[preset]
+    keys = {"preset": preset, "val": 0, **options}
+    return Kind(make, lambda root: _all(Episodes(str(root), **keys), root))
+
+
+def _zarr3(root: Path) -> None:
+    whole = made_episodes.write_zarr
+    made_episodes.write_zarr = lambda p, a, version=2, chunk=10: whole(p, a, 3, chunk)
+    try:
+        made_episodes.reactive_diffusion(root)
+    finally:
+        made_episodes.write_zarr = whole
+
+
+def _lerobot(version: str, images: str) -> Kind:
+    return Kind(
+        lambda root: lerobot_sets.made_set(root / "s", version, images),
+        lambda root: _all(
+            LeRobot(str(root / "s"), touch=[lerobot_sets.LEFT], sensors=["digit"], val=0), root
+        ),
+    )
+
+
+def _bag(kind: str, compress: Any = None) -> Kind:
+    def make(root: Path) -> None:
+        made_bags.write_rig(root / "one", kind, 8, compress)
+        (root / "rig.yaml").write_text(made_bags.RIG_MAP)
+
+    return Kind(
+        make, lambda root: _all(Rosbags(str(root), map=str(root / "rig.yaml"), val=0), root)
+    )
+
+
+def _shards(root: Path, indexed: bool = True) -> None:
+    from packable import Touches
+
+    from tactileforge.packing import PackOptions, pack
+
+    pack(Touches(), "touches", root, PackOptions(codec="png", shard_frames=24, processes=1))
+    if not indexed:
+        for path in root.iterdir():
+            if path.suffix != ".tar":
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _chaos(name: str) -> Kind:
+    """A reader of one file of tests/chaos."""
+
+    def parts(folder: Path) -> tuple[bytes, Callable[[Path], Any]]:
+        from test_chaos import GIVEN, PACKABLE, pack, parsers
+
+        packed = folder / "packed"
+        pack(PACKABLE.Touches(), "touches", packed, GIVEN)
+        return parsers(folder, packed)[name]
+
+    kept: list[Callable[[Path], Any]] = []
+
+    def make(root: Path) -> None:
+        with tempfile.TemporaryDirectory() as held:
+            raw, read = parts(Path(held))
+        kept[:] = [read]
+        (root / "file").write_bytes(raw)
+
+    return Kind(make, lambda root: _one(lambda p: repr(kept[0](p)), "file", root), True)
+
+
+def _card() -> Kind:
+    from tactileforge.hub.cards import parse_card, zoo_folder
+
+    def make(root: Path) -> None:
+        cards = [one for one in (zoo_folder() / "recipe").iterdir() if one.name.endswith(".md")]
+        best = min(cards, key=lambda one: one.name)
+        (root / "card.md").write_text(best.read_text("utf-8"))
+
+    def read(path: Path) -> Any:
+        try:
+            text = path.read_text("utf-8")
+        except UnicodeDecodeError as error:  # the caller of `parse_card` opens the file
+            raise TactileForgeError(f"{path}: {error}") from None
+        return parse_card("card", text, True)
+
+    return Kind(make, partial(_one, read, "card.md"))
+
+
+_MCTAC = {"mctac": "digit"}
+KINDS: dict[str, Kind] = {
+    "zarr 2": _episodes("open_x_tactile"),
+    "zarr 3": Kind(
+        _zarr3,
+        lambda root: _all(
+            Episodes(str(root), preset="reactive_diffusion", sensors={"mctac": "digit"}, val=0),
+            root,
+        ),
+    ),
+    "zarr in a zip": _episodes("vitamin_b"),
+    "HDF5": _episodes("univtac"),
+    "HDF5, groups": _episodes("robomimic"),
+    "npz": Kind(
+        made_episodes.htt, lambda root: _all(Episodes(str(root), preset="htt", fps=25, val=0), root)
+    ),
+    "LeRobot 2.1, video": _lerobot("v2.1", "video"),
+    "LeRobot 3.0, video": _lerobot("v3.0", "video"),
+    "LeRobot 3.0, parquet": _lerobot("v3.0", "image"),
+    "bag, sqlite3": _bag("sqlite3"),
+    "bag, mcap": _bag("mcap"),
+    "bag, mcap zstd": _bag("mcap", rosbag2.CompressionMode.MESSAGE),
+    "bag, ROS 1": _bag("ros1"),
+    "shards, index": Kind(_shards, lambda root: _all(Shards(str(root)), root), True),
+    "shards, no index": Kind(
+        partial(_shards, indexed=False), lambda root: _all(Shards(str(root)), root), True
+    ),
+    "mp4, CSV": Kind(_videos, lambda root: _all(Recordings(str(root), val=0), root)),
+    "avi, CSV": Kind(
+        partial(_videos, suffix=".avi"), lambda root: _all(Recordings(str(root), val=0), root)
+    ),
+    "png, CSV": Kind(_images, lambda root: _all(Recordings(str(root), val=0), root)),
+    "jpg, JSON": Kind(
+        partial(_images, suffix=".jpg", tables="json"),
+        lambda root: _all(Recordings(str(root), val=0), root),
+    ),
+    "png, sidecars": Kind(
+        partial(_images, tables="sidecar"), lambda root: _all(Recordings(str(root), val=0), root)
+    ),
+    "png, npy": Kind(
+        partial(_images, tables="npy"), lambda root: _all(Recordings(str(root), val=0), root)
+    ),
+    "npy, CSV": Kind(_stack, lambda root: _all(Recordings(str(root), val=0), root)),
+    "checkpoint": _chaos("checkpoint"),
+    "model": _chaos("model"),
+    "calibration": _chaos("calibration"),
+    "card": _card(),
+}
+
+
+def _bytes(rng: np.random.Generator, raw: bytearray) -> str:
+    """Changes bytes; returns how."""
+    how = int(rng.integers(0, 6))
+    place = int(rng.integers(0, max(len(raw), 1)))
+    if how == 0:
+        for _ in range(int(rng.integers(1, 8))):
+            at = int(rng.integers(0, max(len(raw), 1)))
+            raw[at : at + 1] = rng.bytes(1)
+        return "bytes changed"
+    if how == 1:
+        del raw[place:]
+        return f"cut at {place}"
+    if how == 2:
+        raw[place : place + 64] = bytes(len(raw[place : place + 64]))
+        return f"zeros at {place}"
+    if how == 3:
+        raw[place : place + int(rng.integers(1, 16))] = rng.bytes(int(rng.integers(0, 16)))
+        return f"other length at {place}"
+    if how == 4:
+        raw[place : place + 8] = rng.choice([b"\xff" * 8, b"\x7f" + b"\xff" * 7, bytes(8)])
+        return f"8 bytes at {place}"
+    raw[place:place] = raw[place : place + 512]
+    return f"512 bytes twice at {place}"
+
+
+def _text(rng: np.random.Generator, path: Path) -> str:
+    """Changes the structure of a text file; returns how."""
+    text = path.read_text("utf-8")
+    try:
+        plain = json.loads(text)
+    except ValueError:
+        plain = None
+    if isinstance(plain, dict | list) and plain:
+        changes = list(bent(plain))
+        how, value = changes[int(rng.integers(0, len(changes)))]
+        path.write_text(json.dumps(value))
+        return how
+    lines = text.split("\n")
+    row = int(rng.integers(0, len(lines)))
+    cells = lines[row].split(",")
+    cell = int(rng.integers(0, len(cells)))
+    other = ["", "nan", "inf", "-1", "1e999", "9" * 400, "x" * 10**6, "\x00", "[[[", "{a: &a [*a]}"]
+    other += ["!!python/object:os.system", "1_0", "٣", "\ud800".encode("utf-8", "replace").decode()]
+    how = int(rng.integers(0, 4))
+    if how == 0:
+        cells[cell] = str(rng.choice(other))
+    elif how == 1:
+        del cells[cell]
+    elif how == 2:
+        cells = cells * 300
+    lines[row : row + 1] = [",".join(cells)] if how < 3 else []
+    path.write_text("\n".join(lines))
+    return f"line {row + 1}, change {how}"
+
+
+def _file(rng: np.random.Generator, path: Path, root: Path) -> str:
+    """Puts something else in place of a file; returns what."""
+    others = sorted(one for one in root.rglob("*") if one.is_file() and one != path)
+    how = int(rng.integers(0, 10))
+    if how == 7 and not others:
+        how = 0
+    raw = path.read_bytes()
+    path.unlink()
+    if how == 0:
+        return "missing"
+    if how == 1:
+        path.mkdir()
+        return "a folder"
+    if how == 2:
+        os.mkfifo(path)
+        return "a pipe"
+    if how == 3:
+        path.symlink_to(path.name)
+        return "a link to itself"
+    if how == 4:
+        path.write_bytes(b"")
+        return "empty"
+    if how == 5:
+        with path.open("wb") as file:
+            file.write(raw)
+            file.truncate(3 * 10**9)
+        return "3 GB of nothing at its end"
+    if how == 6:
+        path.symlink_to("/dev/zero")
+        return "a link to /dev/zero"
+    if how == 7:
+        path.write_bytes(others[int(rng.integers(0, len(others)))].read_bytes())
+        return "another file of the set"
+    if how == 8:
+        path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 12\n")
+        return "a pointer"
+    path.write_bytes(rng.bytes(int(rng.integers(1, 3000))))
+    return "random bytes"
+
+
+def mutate(rng: np.random.Generator, root: Path) -> str:
+    """Damages one file of a folder; returns which and how."""
+    files = sorted(one for one in root.rglob("*") if one.is_file())
+    texts = [one for one in files if _is_text(one)]
+    how = rng.random()
+    if how < 0.35 and texts:
+        path = texts[int(rng.integers(0, len(texts)))]
+        said = _text(rng, path)
+    else:
+        path = files[int(rng.integers(0, len(files)))]
+        if how > 0.8:
+            said = _file(rng, path, root)
+        else:
+            raw = bytearray(path.read_bytes())
+            said = _bytes(rng, raw)
+            path.write_bytes(raw)
+    return f"{path.relative_to(root)}: {said}"
+
+
+def _is_text(path: Path) -> bool:
+    try:
+        return path.stat().st_size < 10**6 and "\x00" not in path.read_text("utf-8")
+    except UnicodeDecodeError:
+        return False
+
+
+def _peak() -> float:
+    return memory_mb("VmHWM")
+
+
+def read_apart(kind: Kind, root: Path, ceiling: float = 0.0) -> dict[str, Any]:
+    """Reads a folder in a process of its own.
+
+    Returns:
+        ``state`` (read, named, traceback, hang), ``digest``, ``said``, ``mb`` (its peak) and
+        ``error``.
+    """
+    ends = os.pipe()
+    child = os.fork()
+    if not child:
+        os.close(ends[0])
+        quiet = os.open(os.devnull, os.O_RDWR)
+        for number in (0, 1, 2):
+            os.dup2(quiet, number)
+        Path("/proc/self/clear_refs").write_text("5")  # the peak starts here
+        space = memory_mb("VmSize") * 2**20 + 4 * 2**30
+        resource.setrlimit(resource.RLIMIT_AS, (int(space), int(space)))
+        out: dict[str, Any] = {"state": "read", "digest": "", "said": [], "error": ""}
+        try:
+            out["digest"], out["said"] = kind.read(root)
+        except TactileForgeError as error:
+            out |= {"state": "named", "error": str(error)[:300]}
+            if root.name not in str(error) and "\n" in str(error)[:-1]:
+                out["error"] = "several lines: " + out["error"]
+        except BaseException:
+            out |= {"state": "traceback", "error": traceback.format_exc()[-1500:]}
+        out["mb"] = _peak()
+        with os.fdopen(ends[1], "wb") as pipe:
+            pickle.dump(out, pipe)
+        os._exit(0)
+    os.close(ends[1])
+    os.set_blocking(ends[0], False)
+    begun, raw, state = time.monotonic(), b"", ""
+    tick = os.sysconf("SC_CLK_TCK")
+    while True:
+        done, status = os.waitpid(child, os.WNOHANG)
+        while True:
+            try:
+                more = os.read(ends[0], 1 << 16)
+            except BlockingIOError:
+                break
+            if not more:
+                break
+            raw += more
+        if done:
+            break
+        try:
+            used = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
+            cpu = (int(used[11]) + int(used[12])) / tick
+        except OSError:
+            cpu = 0.0
+        if cpu > CPU or time.monotonic() - begun > WALL:
+            state = "hang"
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            break
+        time.sleep(0.002)
+    os.close(ends[0])
+    if state:
+        return {"state": state, "digest": "", "said": [], "mb": 0.0, "error": ""}
+    if not raw:
+        return {"state": "traceback", "digest": "", "said": [], "mb": 0.0,
+                "error": f"ended by status {status}"}  # fmt: skip
+    return pickle.loads(raw)
+
+
+def outcome(out: dict[str, Any], whole: dict[str, Any]) -> str:
+    """What became of a mutant, one of `OUTCOMES`."""
+    if out["state"] in ("hang", "traceback"):
+        return str(out["state"])
+    if out["mb"] > whole["mb"] + MORE:
+        return "memory"
+    if out["state"] == "named" or set(out["said"]) - set(whole["said"]):
+        return "named"
+    return "equal" if out["digest"] == whole["digest"] else "silent"
+
+
+def mutants(name: str, count: int, seed: int) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Reads mutants of a format: what was done, what became of it, and the details."""
+    kind = KINDS[name]
+    rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
+    with tempfile.TemporaryDirectory() as held:
+        good = Path(held) / "good"
+        good.mkdir()
+        kind.make(good)
+        kind.read(good)  # imports
+        lerobot_sets.parquet_files.forget()
+        whole = read_apart(kind, good)
+        if whole["state"] != "read":
+            raise SystemExit(f"{name}: the whole file is not read: {whole}")
+        for number in range(count):
+            root = Path(held) / f"m{number}"
+            shutil.copytree(good, root, symlinks=True)
+            how = mutate(rng, root)
+            out = read_apart(kind, root)
+            yield how, outcome(out, whole), out
+            shutil.rmtree(root)
+
+
+def main() -> None:
+    """Reads the mutants and writes their counts."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--only", default="")
+    parser.add_argument("--count", type=int, default=2000 // len(KINDS) + 1)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--show", action="store_true")
+    given = parser.parse_args()
+    path = RESULTS / "reader_mutants.json"
+    held = json.loads(path.read_text()) if path.exists() else {}
+    for name in [name for name in KINDS if given.only in name]:
+        counts: Counter[str] = Counter()
+        for how, what, out in mutants(name, given.count, given.seed):
+            counts[what] += 1
+            if what in ("traceback", "hang", "memory") or (given.show and what == "silent"):
+                print(f"{name}: {what}: {how} ({out['mb']:.0f} MB)\n{out['error']}", flush=True)
+        row = {"mutants": given.count, "checksum": KINDS[name].checksum}
+        held[name] = row | {one: counts[one] for one in OUTCOMES}
+        print(name, held[name], flush=True)
+        path.write_text(json.dumps(held, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
