@@ -50,10 +50,10 @@ PLACES += ["plugins/tactileforge-policies/tests/helpers"]
 PLACES += [f"plugins/tactileforge-{name}/tests" for name in PLUGINS]
 sys.path += [str(ROOT / place) for place in PLACES]
 
-import lerobot_sets  # noqa: E402
-import made_bags  # noqa: E402
-import made_episodes  # noqa: E402
-from bent import bent  # noqa: E402
+import lerobot_sets  # type: ignore[import-not-found]  # noqa: E402
+import made_bags  # type: ignore[import-not-found]  # noqa: E402
+import made_episodes  # type: ignore[import-not-found]  # noqa: E402
+from bent import bent  # type: ignore[import-not-found]  # noqa: E402
 from tactileforge_episodes.dataset import Episodes  # noqa: E402
 from tactileforge_lerobot.dataset import LeRobot  # noqa: E402
 from tactileforge_rosbags.dataset import Rosbags  # noqa: E402
@@ -110,7 +110,8 @@ def _gel(number: int, count: int = 8) -> np.ndarray:
     y, x = np.mgrid[:40, :48]
     dent = np.exp(-((x - 20 - 3 * number) ** 2 + (y - 20) ** 2) / 60.0)[..., None]
     rise = np.sin(np.linspace(0, np.pi, count))[:, None, None, None]
-    return np.uint8(80 + rise * dent * (90, 60, 30) + 10 * (x / 48)[..., None])
+    gel: np.ndarray = 80 + rise * dent * (90, 60, 30) + 10 * (x / 48)[..., None]
+    return gel.astype(np.uint8)
 
 
 _FORCE = "fx,fy,fz\n" + "".join(f"0.1,0.2,{i / 2}\n" for i in range(8))
@@ -210,7 +211,7 @@ def _bag(kind: str, compress: Any = None) -> Kind:
 
 
 def _shards(root: Path, indexed: bool = True) -> None:
-    from packable import Touches
+    from packable import Touches  # type: ignore[import-not-found]
 
     from tactileforge.packing import PackOptions, pack
 
@@ -225,11 +226,17 @@ def _chaos(name: str) -> Kind:
     """A reader of one file of tests/chaos."""
 
     def parts(folder: Path) -> tuple[bytes, Callable[[Path], Any]]:
-        from test_chaos import GIVEN, PACKABLE, pack, parsers
+        from test_chaos import (  # type: ignore[import-not-found]
+            GIVEN,
+            PACKABLE,
+            pack,
+            parsers,
+        )
 
         packed = folder / "packed"
         pack(PACKABLE.Touches(), "touches", packed, GIVEN)
-        return parsers(folder, packed)[name]
+        found: tuple[bytes, Callable[[Path], Any]] = parsers(folder, packed)[name]
+        return found
 
     kept: list[Callable[[Path], Any]] = []
 
@@ -346,7 +353,7 @@ def _text(rng: np.random.Generator, path: Path) -> str:
         changes = list(bent(plain))
         how, value = changes[int(rng.integers(0, len(changes)))]
         path.write_text(json.dumps(value))
-        return how
+        return str(how)
     lines = text.split("\n")
     row = int(rng.integers(0, len(lines)))
     cells = lines[row].split(",")
@@ -498,7 +505,8 @@ def read_apart(kind: Kind, root: Path, ceiling: float = 0.0) -> dict[str, Any]:
     if not raw:
         return {"state": "traceback", "digest": "", "said": [], "mb": 0.0,
                 "error": f"ended by status {status}"}  # fmt: skip
-    return pickle.loads(raw)
+    plain: dict[str, Any] = pickle.loads(raw)
+    return plain
 
 
 def outcome(out: dict[str, Any], whole: dict[str, Any]) -> str:
