@@ -14,6 +14,7 @@ import pytest
 import torch
 from opened import Opened
 from PIL import Image
+from undrawn import is_looked_at, undraw
 from waiting import wait_until
 from warm import Warm, warm_commands
 
@@ -30,6 +31,7 @@ __all__ = [
     "_no_thread_is_left",
     "_one_process",
     "_seeded",
+    "_undrawn",
     "batch",
     "encoded",
     "encoder",
@@ -63,6 +65,12 @@ def _one_process() -> Iterator[None]:
         if "PYTEST_XDIST_WORKER" in os.environ:
             patch.setattr(processes, "cpus", lambda: 1)
         yield
+
+
+@pytest.fixture(autouse=True)
+def _undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not is_looked_at(str(request.path)):
+        undraw(monkeypatch)
 
 
 @pytest.fixture(autouse=True)

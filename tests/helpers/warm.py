@@ -19,6 +19,8 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 
+import pytest
+from undrawn import undraw
 from waiting import wait_until
 
 _MODULES = (
@@ -159,6 +161,7 @@ if __name__ == "__main__":
         import_module(module)
     if "PYTEST_XDIST_WORKER" in os.environ:
         import_module("tactileforge.util.processes").cpus = lambda: 1  # the others are busy
+    undraw(pytest.MonkeyPatch())  # tests of pages draw in their own process
     program, *words = serve(sys.argv[1])
     places = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     sys.path[:0] = [place for place in places if place and place not in sys.path]
