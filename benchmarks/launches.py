@@ -1,4 +1,4 @@
-"""Operators of a call that launch a kernel on a card, counted on a CPU without a card.
+"""Operators of a call with a kernel on a card, counted on a CPU without a card.
 
 Counted is what the dispatcher hands to the kernels of a device, forward, backward and update,
 except views and empty tensors. Operators on a list of tensors (``_foreach``, fused AdamW) count

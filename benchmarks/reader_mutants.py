@@ -1,4 +1,4 @@
-"""What every reader makes of damaged files: each mutant in a process of its own, with limits.
+"""Damaged files for every reader: each mutant in a process of its own, with limits.
 
 ``python benchmarks/reader_mutants.py`` reads 2,000 and writes ``results/reader_mutants.json``;
 ``--only zarr`` and ``--count 50`` take a part of them, ``--show`` prints each that is not whole.
@@ -83,7 +83,7 @@ def _add(total: Any, value: Any) -> None:
 
 
 def _all(data: Any, root: Path) -> tuple[str, list[str]]:
-    """Digest of all recordings of a data set, and what it said."""
+    """Digest of all recordings of a data set, and its messages."""
     total = hashlib.sha256()
     for split in ("train", "val"):
         for one in data.recordings(split):
@@ -510,7 +510,7 @@ def read_apart(kind: Kind, root: Path, ceiling: float = 0.0) -> dict[str, Any]:
 
 
 def outcome(out: dict[str, Any], whole: dict[str, Any]) -> str:
-    """What became of a mutant, one of `OUTCOMES`."""
+    """Outcome of a mutant, one of `OUTCOMES`."""
     if out["state"] in ("hang", "traceback"):
         return str(out["state"])
     if out["mb"] > whole["mb"] + MORE:

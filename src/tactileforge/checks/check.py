@@ -1,4 +1,4 @@
-"""What a check is: a rule about touch data with a code, a reason, a fix and examples."""
+"""A check: a rule about touch data with a code, a reason, a fix and examples."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LEVELS: tuple[Level, ...] = ("error", "warning", "note")
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check has found.
+    """Finding of a check.
 
     Attributes:
         code: Code of the check.
@@ -143,7 +143,7 @@ class Check:
 
 
 def findings_of(check: Check, shown: Sequence[Any], sensor: SensorSpec | None) -> list[str]:
-    """Run a check on one of its examples, and give what it finds in words.
+    """Run a check on one of its examples; give its findings in words.
 
     Args:
         check: A check, built anew.

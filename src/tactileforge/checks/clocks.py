@@ -1,4 +1,4 @@
-"""Stamps of several clocks, against the times at which all of them were recorded."""
+"""Stamps of several clocks, against the times of recording."""
 
 from __future__ import annotations
 

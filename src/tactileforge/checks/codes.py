@@ -1,4 +1,4 @@
-"""Codes of the checks that come with the package, by name: they are never given twice."""
+"""Codes of the package's checks, by name: never given twice."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ _PICTURE_FIXES = {
 
 
 def entry_checks() -> list[str]:
-    """Names of the checks of frames that are run on a few recordings where data enters a run."""
+    """Names of the checks of frames, run on a few recordings at the start of a run."""
     return [
         name
         for name, check in catalogue().items()

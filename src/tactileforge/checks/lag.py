@@ -1,4 +1,4 @@
-"""Images that are late or early beside their forces."""
+"""Images late or early beside their forces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The checks that are installed, by name, and those that were asked for."""
+"""The installed checks by name, and the chosen ones."""
 
 from __future__ import annotations
 

@@ -85,6 +85,6 @@ class Examination:
             log.warning("data: %s", line)
 
     def of_labels(self, labels: AbstractSet[str]) -> None:
-        """Log doubts about the set as a whole, for labels that are learned."""
+        """Log doubts about the set as a whole, for learned labels."""
         for line in self._doubts.of_all(labels):
             log.warning(line)

@@ -1,4 +1,4 @@
-"""Frames that were stored more often than the camera gave them."""
+"""Frames stored more often than the camera gave them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What most checks of recordings have in common."""
+"""Common parts of most checks of recordings."""
 
 from __future__ import annotations
 

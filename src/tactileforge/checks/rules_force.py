@@ -86,7 +86,7 @@ class ZeroForce(Check):
 
 
 class AxesExchanged(LabelCheck):
-    """A shear that looks like pressing, in a recording or in all of them together."""
+    """A shear like pressing, in a recording or in all of them together."""
 
     reason = "axes_exchanged"
     code, level, needs = CODES[reason], "error", _FORCES
@@ -204,7 +204,7 @@ class ConstantForce(Check):
 
 
 class FaintForce(Check):
-    """Forces of a set that are far too small for what the pictures show."""
+    """Forces of a set far too small for its pictures."""
 
     code, level, needs = CODES["faint_force"], "warning", frozenset({"forces", "frames", "several"})
     title = "Forces are faint"

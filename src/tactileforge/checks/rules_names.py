@@ -22,7 +22,7 @@ _SPELLED, _KEPT = 300, 100_000
 
 
 class SpelledAlike(Check):
-    """Two objects whose names differ in their spelling alone."""
+    """Two objects with names of different spelling only."""
 
     code, level, needs = CODES["spelled_alike"], "warning", _LABELS
     title = "Names differ in their spelling alone"
@@ -117,7 +117,7 @@ class BlankNames(Check):
 
     @staticmethod
     def examples() -> Examples:
-        """An empty cell that was read as nan."""
+        """An empty cell, read as nan."""
         return Examples([made_touch(object=None)], [made_touch(object="nan")])
 
 

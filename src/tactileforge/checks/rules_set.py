@@ -35,7 +35,7 @@ class _Kept:
 
 
 class _Copies(Check):
-    """Comparison of all recordings that were decoded."""
+    """Comparison of all decoded recordings."""
 
     needs = frozenset({"frames", "several", "set"})
 
@@ -87,7 +87,7 @@ class CopiesAcrossSplits(_Copies):
 
     @staticmethod
     def examples() -> Examples:
-        """A touch and its copy, which was encoded again."""
+        """A touch and its copy, encoded again."""
         return Examples([made_touch(0), made_touch(1)], [made_touch(0), _copy()])
 
 
@@ -133,7 +133,7 @@ class NearlyTheSame(_Copies):
 
     @staticmethod
     def examples() -> Examples:
-        """A touch that was encoded again."""
+        """A touch, encoded again."""
         return Examples([made_touch(0), made_touch(1)], [made_touch(0), _copy()])
 
 

@@ -97,7 +97,7 @@ class Frozen(PixelCheck):
 
 
 class LagOfImages(Check):
-    """Images that come later or earlier than their forces."""
+    """Images later or earlier than their forces."""
 
     code, level = CODES["lag"], "warning"
     needs = frozenset({"times", "forces", "frames", "all frames"})

@@ -47,7 +47,7 @@ class Seen:
 
     @cached_property
     def suspicions(self) -> list[Suspicion]:
-        """What labels, times and sizes give away."""
+        """Findings from labels, times and sizes."""
         return list(check_labels(self.recording))
 
     @cached_property

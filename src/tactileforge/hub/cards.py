@@ -135,7 +135,7 @@ class CardResult:
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """A number of ours for some weights, and what it is above.
+    """A number of ours for some weights, with its leads.
 
     Attributes:
         model: Tag of the weights.

@@ -1,4 +1,4 @@
-"""What users give of clips, as one value."""
+"""The user's clips, as one value."""
 
 from __future__ import annotations
 

@@ -227,7 +227,7 @@ def _joined(above: Sequence[str], below: Sequence[str]) -> list[str]:
 
 
 def _with_points(lines: Sequence[tuple[int, list[str]]]) -> Sequence[tuple[int, list[str]]]:
-    """Lines with points in numbers of columns that have commas."""
+    """Lines with points in place of commas in numbers."""
     width = max((len(cells) for _, cells in lines), default=0)
     has_comma, has_point = [False] * width, [False] * width
     for _, cells in lines:

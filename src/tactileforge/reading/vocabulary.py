@@ -1,4 +1,4 @@
-"""One vocabulary of what is in files: each notion has one name, one unit and one direction.
+"""One vocabulary of files: each notion has one name, one unit and one direction.
 
 The keys of every format are drawn from it, those of folders, tars, arrays, bags and LeRobot; what
 only some of them say about the stream of pictures and the force is in `StreamKeys` and `ForceKeys`.
@@ -154,7 +154,7 @@ NOTIONS = {
 
 
 class Keys:
-    """Base of the keys of formats: a former name is an error that says the name of today."""
+    """Base of the keys of formats: a former name is an error with today's."""
 
     RENAMED: ClassVar[Mapping[str, Mapping[str, str]]] = RENAMED
 
@@ -183,7 +183,7 @@ class StreamKeys(Keys):
 
     @property
     def turns(self) -> int:
-        """Quarter turns, clockwise, that put pictures upright."""
+        """Quarter turns to upright pictures, clockwise."""
         return self.rotate // 90
 
     def upright(self, frames: Frames, is_bgr: bool | None = None) -> Frames:
@@ -199,7 +199,7 @@ class StreamKeys(Keys):
 
 @dataclass(frozen=True, kw_only=True)
 class ForceKeys(Keys):
-    """What forces mean.
+    """Meaning of forces.
 
     Attributes:
         unit: Unit of the forces: ``N``, ``kN``, ``mN``, ``uN``, ``kgf``, ``gf``, ``lbf``, ``ozf``;
@@ -233,7 +233,7 @@ class ForceKeys(Keys):
 
 @dataclass(frozen=True, kw_only=True)
 class OriginKeys(Keys):
-    """Where recordings come from.
+    """Origin of recordings.
 
     Attributes:
         source: Origin of the recordings.
@@ -272,7 +272,7 @@ def check_stream(keys: StreamKeys, where: str) -> None:
 
 
 def check_origin(keys: OriginKeys, where: str) -> None:
-    """Checks where recordings come from.
+    """Checks the origin of recordings.
 
     Args:
         keys: The keys.

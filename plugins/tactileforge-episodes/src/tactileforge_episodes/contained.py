@@ -15,7 +15,7 @@ from tactileforge_episodes.arrays import ArrayFile
 
 
 class ContainedFile(ArrayFile):
-    """A file or folder that a plugin of the kind ``containers`` reads.
+    """A file or folder read by a plugin of the kind ``containers``.
 
     Args:
         name: Path of the file or folder.

@@ -1,4 +1,4 @@
-"""Chunks of an array of zarr: their names, and which of them are stored."""
+"""Chunks of an array of zarr: their names, and those stored."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Grid:
         return ["".join(f"{self.mark}{number}" for number in rest) for rest in inner]
 
     def lost(self, members: Members, start: int, stop: int) -> list[int]:
-        """Rows in a range of which a chunk is not stored.
+        """Rows in a range without a stored chunk.
 
         Args:
             members: Files of the group.

@@ -44,7 +44,7 @@ class ArrayRef:
         return KEPT.rows(open_place(self.place), self.key, rows, ahead)
 
     def lost(self, start: int, stop: int) -> list[int]:
-        """Rows in a range whose chunk is not stored; [] where no chunk of the array is."""
+        """Rows in a range without a stored chunk; [] where no chunk of the array is."""
         file = open_place(self.place)
         found = file.lost(self.key, start, stop)
         return [] if found and file.is_void(self.key) else found

@@ -26,7 +26,7 @@ class Handle:
 
     @classmethod
     def of(cls, descriptor: int) -> Handle:
-        """An open file by its descriptor, which is closed with its last user."""
+        """An open file by its descriptor, closed with its last user."""
         made = cls.__new__(cls)
         made._keep(descriptor)
         return made

@@ -106,7 +106,7 @@ class ZarrFile(ArrayFile):
         return Facts(tuple(map(int, array.shape)), dtype, rows)
 
     def _check_sizes(self, key: str, about: Mapping[str, Any]) -> None:
-        """Raises a `DataError` for sizes that zarr itself would stumble over."""
+        """Raises a `DataError` for sizes beyond zarr's own limits."""
         if "chunk_grid" in about:
             if (kind := about["chunk_grid"].get("name")) != "regular":
                 raise self._wrong(
@@ -130,7 +130,7 @@ class ZarrFile(ArrayFile):
         return np.asarray(array[start:stop] if facts.shape else array[()])
 
     def lost(self, key: str, start: int, stop: int) -> list[int]:
-        """Rows in a range whose chunk is not stored; see `ArrayFile.lost`."""
+        """Rows in a range without a stored chunk; see `ArrayFile.lost`."""
         facts = self.facts(key)
         return self._grids[key].lost(self.members, start, min(stop, facts.rows))
 

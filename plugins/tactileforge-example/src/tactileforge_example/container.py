@@ -1,4 +1,4 @@
-"""A format of arrays: a folder of `.npy` files, whose name ends with `.npy_folder`."""
+"""A format of arrays: a folder NAME.npy_folder of `.npy` files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tactileforge.reading import Facts, check_keys, check_size
 
 
 class NpyArray:
-    """An array of a file, of which only the asked rows are read.
+    """An array of a file; only the asked rows are read.
 
     Args:
         path: The file.

@@ -1,4 +1,4 @@
-"""Checks a data set for silent faults: codes, places, and what puts them right."""
+"""Checks a data set for silent faults: codes, places and fixes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of a data set: what was found, written as HTML."""
+"""The page of a data set, as HTML."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def inspect(
 
 
 def _next(name: str) -> list[tuple[str, str]]:
-    """Commands that go on from a data set."""
+    """Next commands for a data set."""
     root = "" if name == "sim" else " data.root=DIR"
     return [
         (f"tactileforge data check data={name}{root}", "the same checks as lines, for a script"),

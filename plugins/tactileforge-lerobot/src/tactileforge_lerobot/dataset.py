@@ -193,7 +193,7 @@ class LeRobot:
             raise (failed or broken)[-1]
 
     def _units(self, folder: LeRobotFolder) -> list[str]:
-        """Name by which each episode is held out."""
+        """Name of each episode's held-out unit."""
         name = folder.name
         count = len(folder.episodes)
         return [name] * count if self.reading.objects else [f"{name}/{i}" for i in range(count)]

@@ -31,7 +31,7 @@ def recognise(root: Path) -> Guess | None:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether a damaged file says that it is the metadata of LeRobot."""
+    """Whether a damaged file names itself the metadata of LeRobot."""
     try:
         return b"codebase_version" in read_regular(path, 1 << 28)
     except (OSError, DataError):

@@ -113,7 +113,7 @@ class PlaceHeads(nn.Module):
 
 
 def own_size(network: Any, model: str) -> tuple[int, int]:
-    """Height and width that a network of timm was made for.
+    """Height and width expected by a network of timm.
 
     One that takes any size has the nearest that its stride divides.
 
@@ -144,7 +144,7 @@ def _stride(network: Any, model: str) -> int:
 
 
 def own_pixels(network: Any) -> dict[str, Any]:
-    """Preprocessing that a network of timm was trained with, as options of an encoder.
+    """Preprocessing of a network's training in timm, as options of an encoder.
 
     Frames are squashed to the network's size, where timm crops photographs: a touch may be at the
     border of its frame. No background is subtracted.

@@ -40,7 +40,7 @@ class Lag:
 
 @dataclass(frozen=True)
 class Meeting:
-    """Where two clocks meet, by the contacts that both saw.
+    """Meeting of two clocks, by contacts seen by both.
 
     Attributes:
         seconds: Seconds to add to the times of forces; NaN for signals without motion.
@@ -150,7 +150,7 @@ def meeting(
     times: NDArray[np.float64],
     change: NDArray[np.floating],
 ) -> Meeting:
-    """Find where the clock of forces meets that of images, by the contacts that both saw.
+    """Find the shift between the clocks of forces and images, by contacts seen by both.
 
     Every shift is tried at which the two share at least half of the shorter one; of shifts that fit
     about alike, the one nearest to a common start is taken.

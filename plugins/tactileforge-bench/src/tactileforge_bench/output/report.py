@@ -103,7 +103,7 @@ def _bars(results: Results, scores: Scores) -> Markup:
 
 
 def _next(results: Results) -> list[tuple[str, str]]:
-    """Commands that go on from a bench."""
+    """Next commands after a bench."""
     model = results.models[0].name if results.models else "MODEL"
     return [
         (

@@ -31,7 +31,7 @@ COMPARED = {
 
 
 def not_above(row: Measurement) -> list[str]:
-    """What it is not above beyond the interval, in words."""
+    """Baselines within the interval or above, in words."""
     return [words for words in COMPARED.values() if row.above[words][1] <= 0]
 
 
