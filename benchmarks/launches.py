@@ -19,13 +19,21 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from train_subjects import Case, build
 
 #: Operators that compute nothing: new memory, other shapes, and numbers read by the host.
-_NOTHING = ("empty", "new_empty", "resize", "set_", "detach", "lift", "_unsafe_view")
+_NOTHING: tuple[str, ...] = (
+    "empty",
+    "new_empty",
+    "resize",
+    "set_",
+    "detach",
+    "lift",
+    "_unsafe_view",
+)
 _NOTHING += ("_reshape_alias", "is_", "_local_scalar_dense", "as_strided", "_record_function")
 
 SUBJECTS = ("pixel+diff", "videomae", "all five")
 
 
-class Launches(TorchDispatchMode):
+class Launches(TorchDispatchMode):  # type: ignore[no-untyped-call]
     """Counts operators that launch while its block runs.
 
     Attributes:
@@ -34,7 +42,7 @@ class Launches(TorchDispatchMode):
     """
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__()  # type: ignore[no-untyped-call]
         self.names: Counter[str] = Counter()
         self.backward: Counter[bool] = Counter()
 
@@ -71,7 +79,8 @@ def count(subject: str, size: str = "small") -> Launches:
         optimizer.zero_grad()
 
     step()  # the first one fills the averages of AdamW
-    with Launches() as found:
+    found = Launches()
+    with found:
         step()
     return found
 

@@ -60,6 +60,11 @@ def test_a_run_has_its_numbers_its_report_and_its_model():
     # goes on in its folder, and there alone
     longer = tactileforge.train(resume=run, trainer={"max_steps": 3})
     assert (longer.folder.resolve(), longer.module.global_step) == (run.folder.resolve(), 3)
+    own = tactileforge.Run(run.folder).config
+    own = own | {"resume": str(run.folder), "trainer": own["trainer"] | {"max_steps": 4}}
+    assert tactileforge.train(own).module.global_step == 4
+    with pytest.raises(ConfigError, match="goes on with its own configuration"):
+        tactileforge.train(tactileforge.compose("anytouch2", [f"resume={run.folder}"]))
 
 
 def test_packing_gives_a_data_set_for_training():

@@ -97,8 +97,8 @@ def train(*overrides: Any, folder: str | PathLike[str] | None = None, **keys: An
     """Trains a recipe, or goes on with a run: ``resume=RUN``.
 
     Args:
-        overrides: ``key=value`` words as on the command line; or one finished configuration, see
-            `tactileforge.compose`.
+        overrides: ``key=value`` words as on the command line; or one finished configuration: of
+            `tactileforge.compose`, or a run's own with ``resume`` set to its folder.
         folder: Folder of the run; None for ``runs/RECIPE/TIME``.
         keys: The same as keywords. A mapping holds keys of a group (``optim={"lr": 1e-3}``), with
             ``name`` the option of the group as well; a list chooses several; a class of yours is
@@ -119,17 +119,22 @@ def train(*overrides: Any, folder: str | PathLike[str] | None = None, **keys: An
         config: dict[str, Any] = (
             plain(overrides[0]) if isinstance(overrides[0], DictConfig) else dict(overrides[0])
         )
-        typed: list[str] = []
+        recipe = "anytouch2"
+        if config.get("resume") and config.get("run") is None:
+            raise ConfigError(
+                "a run goes on with its own configuration, not a composed one: "
+                f"train(resume={str(config['resume'])!r}), with trainer.max_steps= for more steps"
+            )
     else:
         command, typed = commands("train")[""], words(overrides, keys)
         given = [*typed]
         typed = [word for word in command.prepare(typed) if not word.startswith("hydra.")]
         with told("train", command, Words(overrides=given)):
             config = plain(finish(composed("train", typed), typed))
-    if config.get("resume"):
-        folder = Path(str(config["resume"])) if folder is None else folder
-        config = resumed(config, typed)
-    recipe = next((w.partition("=")[2] for w in typed if w.startswith("recipe=")), "anytouch2")
+        config = resumed(config, typed) if config.get("resume") else config
+        recipe = next((w.partition("=")[2] for w in typed if w.startswith("recipe=")), "anytouch2")
+    if folder is None and config.get("resume"):
+        folder = str(config["resume"])
     time = datetime.now().strftime("%Y-%m-%d_%H-%M-%S-%f")
     place = Path(folder) if folder is not None else Path("runs") / recipe.strip("'") / time
     return Run(place, trained(config, place))

@@ -34,7 +34,7 @@ def read(workers, start=None):
     loader = DataLoader(
         Batches(), None, collate_fn=Packing(same), num_workers=workers, worker_init_fn=start
     )
-    return list(received(iter(loader), workers))
+    return list(received(lambda: iter(loader), workers))
 
 
 @pytest.mark.parametrize("workers", [0, 2])
@@ -76,6 +76,14 @@ def test_a_reader_that_was_killed_is_said():
     said = r"^a process that reads batches was lost \((killed by signal: Killed|exited unexpec)"
     with pytest.raises(TactileForgeError, match=said):
         read(1, killed)
+
+
+def test_a_reader_that_was_killed_while_others_start_is_said():
+    def start():
+        raise RuntimeError("DataLoader worker (pid 7) is killed by signal: Killed.")
+
+    with pytest.raises(TactileForgeError, match=r"^a process that reads batches was lost \(killed"):
+        received(start, 2)
 
 
 def test_other_errors_stay_as_they_are(monkeypatch):

@@ -12,6 +12,7 @@ import pickle
 import re
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.reduction import ForkingPickler
 from typing import Any
@@ -27,6 +28,7 @@ from torch.utils.data import get_worker_info
 
 from tactileforge.contracts import Batch
 from tactileforge.errors import TactileForgeError, too_many_files
+from tactileforge.util.signals import signals_held
 
 #: What an error says where file descriptors, shared memory or a reading process are lacking.
 _FILES = re.compile(r"Too many open files|ancdata")
@@ -108,28 +110,42 @@ def _has_few_files(tensors: int) -> bool:
     return free < 4 * tensors + _SPARE
 
 
-def received(batches: Iterator[Any], workers: int) -> Iterator[Batch]:
-    """Batches of a loader with `Packing`.
+def received(start: Callable[[], Iterator[Any]], workers: int) -> Iterator[Batch]:
+    """Batches of a loader with `Packing`; its reading processes start now, with signals held.
+
+    So a signal meanwhile ends none of them, and with it the run.
 
     Args:
-        batches: Iterator of the loader.
+        start: Starts the iterator of the loader.
         workers: Number of reading processes.
 
     Raises:
         TactileForgeError: Shared memory, or file descriptors, do not suffice, or a reading process
-            was killed.
+            was killed; here, or by the iterator.
     """
+    with signals_held(), _shortage_said(workers):
+        batches = start()
+    return _unpacked(batches, workers)
+
+
+def _unpacked(batches: Iterator[Any], workers: int) -> Iterator[Batch]:
     while True:
-        try:
+        with _shortage_said(workers):
             batch = next(batches, None)
             batch = batch.unpacked() if isinstance(batch, PackedBatch) else batch
-        except (OSError, RuntimeError) as error:
-            if not (why := _lacking(error, workers)):
-                raise
-            raise TactileForgeError(why) from error
         if batch is None:
             return
         yield batch
+
+
+@contextmanager
+def _shortage_said(workers: int) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if not (why := _lacking(error, workers)):
+            raise
+        raise TactileForgeError(why) from error
 
 
 def _lacking(error: Exception, workers: int) -> str:

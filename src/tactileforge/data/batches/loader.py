@@ -28,7 +28,7 @@ from tactileforge.data.batches.stream import BatchIndexSampler, Stream
 from tactileforge.errors import ConfigError
 from tactileforge.util.distributed import world
 from tactileforge.util.processes import end_worker_with_main
-from tactileforge.util.signals import leave_to_parent, signals_held
+from tactileforge.util.signals import leave_to_parent
 
 log = logging.getLogger(__name__)
 
@@ -83,10 +83,7 @@ class Loader(DataLoader[Batch]):
         Raises:
             TactileForgeError: See `handover.received`.
         """
-        # readers start now: a signal meanwhile would end one of them, and with it the run
-        with signals_held():
-            batches = super().__iter__()
-        return self._timed(received(batches, self.num_workers))
+        return self._timed(received(super().__iter__, self.num_workers))
 
     def _timed(self, batches: Iterator[Batch]) -> Iterator[Batch]:
         for number in count():

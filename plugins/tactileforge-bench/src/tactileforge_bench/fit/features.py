@@ -17,7 +17,7 @@ from torch.utils.data import DataLoader, Subset
 from tactileforge.contracts import Batch
 from tactileforge.data import Clips, Packing, collate, received, start_worker
 from tactileforge.errors import DataError
-from tactileforge.plugins import Bar, locked, signals_held, write_text
+from tactileforge.plugins import Bar, locked, write_text
 from tactileforge_bench.fit import decoded
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
 from tactileforge_bench.tasks.source import TaskSource
@@ -222,10 +222,7 @@ def read_batches(
         worker_init_fn=start_worker,
         pin_memory=torch.cuda.is_available(),
     )
-    # workers start with signals held, so that Ctrl-C ends them by this process alone
-    with signals_held():
-        batches = iter(loader)
-    for batch in received(batches, store.workers):
+    for batch in received(lambda: iter(loader), store.workers):
         for line, _ in batch["skipped"].values():
             raise DataError(f"a clip cannot be read, and the benchmark skips none: {line}")
         yield batch
