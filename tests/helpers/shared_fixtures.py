@@ -28,8 +28,10 @@ from tactileforge.util import processes
 #: What a ``conftest.py`` of the core or of a package imports as it is.
 __all__ = [
     "_cache",
+    "_in_turn_with_others",
     "_no_thread_is_left",
     "_one_process",
+    "_scheduling",
     "_seeded",
     "_undrawn",
     "batch",
@@ -71,6 +73,22 @@ def _one_process() -> Iterator[None]:
 def _undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     if not is_looked_at(str(request.path)):
         undraw(monkeypatch)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _scheduling() -> tuple[int, int] | None:
+    """Policy and priority of this process before its tests; None on systems without them."""
+    if not hasattr(os, "sched_setscheduler"):
+        return None
+    return os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+
+
+@pytest.fixture(autouse=True)
+def _in_turn_with_others(_scheduling: tuple[int, int] | None) -> Iterator[None]:
+    """The AV1 encoder of a user who may makes its process go before all others, for ever."""
+    yield
+    if _scheduling is not None and os.sched_getscheduler(0) != _scheduling[0]:
+        os.sched_setscheduler(0, _scheduling[0], os.sched_param(_scheduling[1]))
 
 
 @pytest.fixture(autouse=True)

@@ -1,5 +1,7 @@
 """Every shipped plugin of every kind passes the command for its users."""
 
+import re
+
 import pytest
 
 from tactileforge.cli import dispatch
@@ -11,13 +13,26 @@ SHIPPED = sorted(
     for one in registry.list_plugins()
     if one.kind in (*registry.KINDS, *registry.MODULES) and is_ours(one.distribution)
 )
+_CLIP = ("image_size=32", "frames=2")
+_DECODER = ("width=32", "depth=1", "heads=2")
 #: Options that make data and networks small enough for a test.
 SMALL = {
     ("dataset", "sim"): ("scenes=3", "val=1", "size=32", "indenters=few", "sensors=[digit]"),
     ("dataset", "sim_array"): ("scenes=2", "val=1"),
-    ("encoder", "plain_vit"): ("size=tiny", "depth=2"),
-    ("encoder", "tactile_vit"): ("size=tiny", "depth=2"),
+    ("encoder", "efficientnet_lite"): ("image_size=64",),
+    ("encoder", "plain_vit"): ("size=tiny", "depth=1", *_CLIP),
+    ("encoder", "resnet18"): ("image_size=64",),
+    ("encoder", "tactile_cnn"): ("image_size=64",),
+    ("encoder", "tactile_vit"): ("size=tiny", "depth=1", *_CLIP),
+    ("encoder", "vqgan"): ("channels=[32,32,64]", "attention=[2]", "image_size=64"),
+    ("head", "pixel"): _DECODER,
+    ("head", "diff"): _DECODER,
+    ("head", "jepa"): _DECODER,
+    ("head", "dino"): ("prototypes=64", "hidden=64", "bottleneck=16"),
 }
+#: Objectives that need no labels, and what they cannot be asked.
+FREE = ("pixel", "diff", "jepa", "dino", "distill")
+UNLABELLED = {"unlabelled samples change nothing", "labels are counted", "missing key is named"}
 
 
 @pytest.mark.slow
@@ -28,6 +43,9 @@ def test_it_passes_its_check(kind, name, capsys):
     out = capsys.readouterr().out
     assert not failed, out
     assert ", 0 failed, " in out.splitlines()[-1]
+    skipped = set(re.findall(r"^ *skipped +(.+?)(?: *: |$)", out, re.M))
+    if kind in ("head", "objective"):
+        assert skipped == (UNLABELLED if kind == "objective" and name in FREE else set()), out
 
 
 def test_every_kind_is_among_them():

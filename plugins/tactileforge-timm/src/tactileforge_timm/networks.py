@@ -97,6 +97,11 @@ def _check_name(timm: Any, model: str) -> None:
 
 def _created(timm: Any, model: str, size: tuple[int, int] | None, pretrained: bool) -> Any:
     options: dict[str, Any] = {"pretrained": pretrained, "num_classes": 0}
+    if pretrained and not timm.is_model_pretrained(model.partition(".")[0]):
+        raise ConfigError(
+            f"timm has no weights of {model}: give their file as encoder.path=FILE, or "
+            "encoder.pretrained=false"
+        )
     own = timm.get_pretrained_cfg(model, allow_unregistered=True)
     if size is not None and own is not None and size != tuple(own.input_size[1:]):
         # networks of fixed positions or windows are built for a size, others take any
@@ -110,11 +115,6 @@ def _created(timm: Any, model: str, size: tuple[int, int] | None, pretrained: bo
             "encoder.pretrained=false"
         ) from error
     except (AssertionError, RuntimeError, TypeError, ValueError) as error:
-        if "No pretrained weights" in str(error):
-            raise ConfigError(
-                f"timm has no weights of {model}: give their file as encoder.path=FILE, or "
-                "encoder.pretrained=false"
-            ) from error
         place = f" at {size[0]} x {size[1]} pixels" if size else ""
         raise ConfigError(
             f"model={model}: timm cannot build it{place}: {_first_line(error)}"
