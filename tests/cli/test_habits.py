@@ -305,7 +305,7 @@ def test_explain_says_where_a_value_is_from(capsys: pytest.CaptureFixture[str]) 
     ("line", "found"),
     [
         ("tactileforge tr", ["train "]),
-        ("tactileforge data p", ["pack "]),
+        ("tactileforge data p", ["pack ", "parquet "]),
         ("tactileforge train scale=d", ["demo"]),
         ("tactileforge train sca", ["scale="]),
         ("tactileforge train objective=[pixel,for", ["[pixel,force"]),

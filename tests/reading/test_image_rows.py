@@ -65,7 +65,9 @@ def test_a_table_of_many_sequences_asks_for_the_column_of_names(
 ) -> None:
     write("forces.csv", "file,fx,fy,fz\n" + "run/1.png,1,2,3\n" * 4)
     layout = STILLS | {"each": "sequence", "fps": 30, "force": FORCE}
-    with pytest.raises(DataError, match=r"row 5: frame 3 does not exist.* give key: the column of"):
+    with pytest.raises(
+        DataError, match=r"row 5: a row for each frame, and there are 3 .*, key: that of"
+    ):
         read(images, **layout)
 
 

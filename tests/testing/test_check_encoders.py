@@ -108,23 +108,6 @@ def test_broken_encoder(result_of, plugin, name):
     assert result_of("encoder", plugin, name).status == "failed"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        ("tactile_vit", small()),
-        ("byte", {}),
-        ("vit", {}),
-        ("efficientnet_lite", {}),
-        ("clip", {}),
-        ("resnet18", {"image_size": 64}),
-        ("vqgan", {"channels": [32, 32, 64], "attention": [2], "image_size": 64}),
-    ],
-)
-def test_built_in_encoders(failed, name, options):
-    assert not failed("encoder", name, **options)
-
-
 class Views(Tiny):
     """Takes pixels for contiguous, as those of readers are not."""
 

@@ -6,13 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from tactileforge.heads.diff import DiffHead
-from tactileforge.heads.dino import DinoHead
-from tactileforge.heads.jepa import JepaHead
-from tactileforge.heads.pixel import PixelHead
 from tactileforge.util.distributed import masked_mean
-
-DECODER = {"width": 32, "depth": 1, "heads": 2}
 
 
 class Mean(nn.Module):
@@ -24,51 +18,6 @@ class Mean(nn.Module):
 
     def forward(self, views, batch):
         return {"score": self.linear(views.full.tokens.mean(1))}
-
-
-class SmallPixelHead(PixelHead):
-    def __init__(self, encoder) -> None:
-        super().__init__(encoder, **DECODER)
-
-
-class SmallDiffHead(DiffHead):
-    def __init__(self, encoder) -> None:
-        super().__init__(encoder, **DECODER)
-
-
-class SmallJepaHead(JepaHead):
-    def __init__(self, encoder) -> None:
-        super().__init__(encoder, **DECODER)
-
-
-class SmallDinoHead(DinoHead):
-    def __init__(self, encoder) -> None:
-        super().__init__(encoder, prototypes=64, hidden=64, bottleneck=16)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "head"),
-    [
-        ("pixel", SmallPixelHead),
-        ("diff", SmallDiffHead),
-        ("align", None),
-        ("match", None),
-        ("force", None),
-        ("jepa", SmallJepaHead),
-        ("dino", SmallDinoHead),
-        ("classify", None),
-        ("distill", None),
-        ("surface", None),
-    ],
-)
-def test_built_in_objectives(statuses, name, head):
-    status_by_name = statuses("objective", name, head=head)
-    unlabelled = {"unlabelled samples change nothing", "labels are counted", "missing key is named"}
-    skipped = {name for name, status in status_by_name.items() if status == "skipped"}
-    free = ("pixel", "diff", "jepa", "dino", "distill")
-    assert skipped == (unlabelled if name in free else set())
-    assert set(status_by_name.values()) <= {"ran", "skipped"}
 
 
 class Push(nn.Module):

@@ -167,12 +167,13 @@ class ImageTables(Drawn):
             ConfigError: A column does not exist, or a guess is needed for what is not given.
         """
         check_split(split)
+        sides = {str(path): side for path, side in self._files}
         if not self.touch or not self.sensor:
             raise ConfigError(
                 "data.touch and data.sensor are missing: the columns of images, and the type of "
                 "the sensor; tactileforge data inspect FOLDER guesses them"
             )
-        opened, sides = 0, {str(path): side for path, side in self._files}
+        opened = 0
         for name, rows in self._grouped().items():
             own = "val" if is_held_out(name, self.val) else "train"
             side = sides[rows.places[0][0]] or own
