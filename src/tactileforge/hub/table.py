@@ -55,21 +55,21 @@ def _lead(above: list[float] | None) -> str:
 
 def zoo_page() -> str:
     """The page ``docs/zoo.md``."""
-    models = [("name", "model", "sensors", "data", "clip", "licence", "weights")]
+    models: dict[tuple[str, ...], list[str]] = {}
     for name, card, weight in cards.list_cards():
         sensors, data = card.trained_on(weight)
-        models.append(
-            (
-                f"`{name}`",
-                f"[{card.title}]({card.code})" if card.code else card.title,
-                ", ".join(sensors) or "none",
-                ", ".join(data) or "none",
-                describe_clip(card, weight),
-                weight.licence if weight else card.licence,
-                (weight.kind + ", demonstration" * weight.demonstration) if weight else "none",
-            )
+        row = (
+            f"[{card.title}]({card.code})" if card.code else card.title,
+            ", ".join(sensors) or "none",
+            ", ".join(data) or "none",
+            describe_clip(card, weight),
+            weight.licence if weight else card.licence,
+            (weight.kind + ", demonstration" * weight.demonstration) if weight else "none",
         )
-    parts = [_INTRO, "## Models\n", markdown_table(models), "\n## Recipes\n"]
+        models.setdefault(row, []).append(f"`{name}`")
+    head = ("name", "model", "sensors", "data", "clip", "licence", "weights")
+    table = markdown_table([head, *((", ".join(names), *row) for row, names in models.items())])
+    parts = [_INTRO, "## Models\n", table, "\n## Recipes\n"]
     for card in map(cards.read_card, cards.card_names()):
         how = f"`tactileforge train recipe={card.name}`" if card.recipe else "importer only"
         parts.append(f"- **{card.title}**: {how}. {card.paper}.")
