@@ -80,7 +80,7 @@ def rows_of(suite: str) -> dict[tuple[str, str, str], Any]:
 
 
 def value_table(suite: str) -> str:
-    """Values of all models by groups and patches, task by task, with the means over counted tasks."""
+    """Values of all models by groups and patches, task by task, and means of counted tasks."""
     tasks, rows = SUITES[suite], rows_of(suite)
     lines = [["", "reading", *tasks.values(), "mean"]]
     for model, title in ROWS.items():
