@@ -117,7 +117,8 @@ def import_hint(error: BaseException) -> str:
 
 def _wanted(error: BaseException) -> tuple[str, ...]:
     """Names of the ``from ... import`` statement that failed, from its code."""
-    step, names = error.__traceback__, ()
+    step = error.__traceback__
+    names: tuple[str, ...] = ()
     while step is not None:
         code = step.tb_frame.f_code
         if not code.co_filename.startswith("<frozen"):
