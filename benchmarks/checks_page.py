@@ -85,7 +85,7 @@ def page() -> str:
         out.append(f"\n### {check.code}\n\n")
         head = f"**{check.title}** (`{name}`, {check.level}). {check.why}"
         bad = (getdoc(check.examples) or "").rstrip(".")
-        tail = f"Put right: {check.fix.rstrip('.')}. Reads: {cost_of(check)}. Bad example: {bad}."
+        tail = f"Put right: {check.fix.rstrip('.')}. Bad example: {bad}."
         out += [fill(head, _WIDTH, break_long_words=False), "\n\n"]
         out += [fill(tail, _WIDTH, break_long_words=False, break_on_hyphens=False), "\n"]
     return "".join(out)

@@ -62,6 +62,8 @@ MODELS = ("touch.tiny", "anytouch2.tiny-real", "anytouch2.tiny")
 #: Baselines with one vector, for which the reading says nothing.
 _PLAIN = ("statistics", "pixels", "motion", "hog", "background", "chance")
 READINGS = ("groups", "summary", "patches", "pooled")
+#: Readings whose single tasks are shown: what the gate reads, and all patches. The files have all.
+_SHOWN = ("groups", "patches")
 
 
 @cache
@@ -78,12 +80,13 @@ def rows_of(suite: str) -> dict[tuple[str, str, str], Any]:
 
 
 def value_table(suite: str) -> str:
-    """Values of all models and readings, task by task, with the means over counted tasks."""
+    """Values of all models by groups and patches, task by task, and means of counted tasks."""
     tasks, rows = SUITES[suite], rows_of(suite)
     lines = [["", "reading", *tasks.values(), "mean"]]
     for model, title in ROWS.items():
         for reading in READINGS:
-            if (model, reading, "mean") not in rows:
+            is_shown = model in _PLAIN or reading in _SHOWN
+            if not is_shown or (model, reading, "mean") not in rows:
                 continue
             cells = [f"{rows[model, reading, task]['value']:.2f}" for task in tasks]
             mean = f"{rows[model, reading, 'mean']['value']:.3f}"

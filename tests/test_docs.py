@@ -5,6 +5,7 @@ temporary folder a page, from top to bottom. A block after ``<!-- no-run: reason
 one after ``<!-- made: NAME, NAME; also: WORDS -->`` runs on small files that are made first
 (`made_files`), with the words added to its last command.
 The README's ``tactileforge`` is the installed one, that of other pages is forked (`warm`).
+Trainings of two steps on simulated touch are made smaller than they are on the page (`smaller`).
 """
 
 import contextlib
@@ -41,6 +42,21 @@ REASONS = (
 )  # fmt: skip
 
 
+#: Trainings that begin with weights of a certain size.
+SIZED = re.compile(r"init=(?!runs/)|recipe=touch|image_encoder=")
+
+
+def smaller(code: str) -> str:
+    """The code, with ``debug=steps`` at 32 pixels and four clips a step where its size is free."""
+    commands = re.split(r"(?<!\\)\n", code)
+    for number, command in enumerate(commands):
+        if "train " in command and " data=" not in command and "data.size=" not in command:
+            words = "debug=steps data.size=32 batch.size=4"
+            words += "" if SIZED.search(command) else " encoder.image_size=32"
+            commands[number] = command.replace("debug=steps", words)
+    return "\n".join(commands)
+
+
 def run_bash(code: str, folder: Path, *commands: Path) -> None:
     places = [*commands, Path(sys.executable).parent, os.environ["PATH"]]
     done = subprocess.run(
@@ -73,11 +89,21 @@ def test_code_blocks_run(
             make_files(names, tmp_path)
         code = f"{code.rstrip()} {also}\n" if also else code
         if language == "bash":
-            run_bash(code, tmp_path, *([] if page.name == "README.md" else [warm.bin]))
+            run_bash(smaller(code), tmp_path, *([] if page.name == "README.md" else [warm.bin]))
         else:
             with contextlib.chdir(tmp_path), warnings.catch_warnings():
                 warnings.simplefilter("default")
                 exec(compile(code, str(page), "exec"), namespace)
+
+
+def test_trainings_are_made_smaller() -> None:
+    small = "debug=steps data.size=32 batch.size=4"
+    assert smaller("tactileforge train debug=steps \\\n  optim.lr=1\n") == (
+        f"tactileforge train {small} encoder.image_size=32 \\\n  optim.lr=1\n"
+    )
+    assert smaller("tactileforge train init=imagenet debug=steps").endswith(small)
+    for kept in ("tactileforge train data=shards debug=steps", "echo debug=steps"):
+        assert smaller(kept) == kept
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

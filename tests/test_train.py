@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+import torch
 
 from tactileforge import api
 from tactileforge.cli._compose import compose
@@ -14,16 +15,17 @@ from tactileforge.training import fitting
 
 
 @pytest.mark.parametrize(
-    ("said", "lost"),
+    ("error", "lost"),
     [
-        ("[pair.cc:537] Read error [127.0.0.1]:6473: Connection reset by peer", True),
-        ("[pair.cc:547] Connection closed by peer [127.0.0.1]:6473", True),
-        ("NCCL communicator was aborted on rank 0", True),
-        ("mat1 and mat2 shapes cannot be multiplied (4x2 and 3x4)", False),
+        (RuntimeError("[pair.cc:537] Read error [127.0.0.1]:6473: Connection reset by peer"), True),
+        (RuntimeError("[pair.cc:547] Connection closed by peer [127.0.0.1]:6473"), True),
+        (torch.distributed.DistBackendError("in the words of any version of NCCL"), True),
+        (torch.distributed.DistNetworkError("in the words of any version of torch"), True),
+        (RuntimeError("mat1 and mat2 shapes cannot be multiplied (4x2 and 3x4)"), False),
     ],
 )
-def test_a_process_that_died_is_told_from_a_mistake(said: str, lost: bool) -> None:
-    assert bool(fitting._LOST.search(said)) is lost
+def test_a_lost_process_is_not_taken_for_a_mistake(error: RuntimeError, lost: bool) -> None:
+    assert fitting._is_of_group(error) is lost
 
 
 def test_the_way_back_is_quoted(tmp_path: Path) -> None:

@@ -184,7 +184,7 @@ def _reader(
         kind="reader",
         name=name,
         lines=(first, f"Sensors: {', '.join(dict.fromkeys(sensors))}. Gives: {gives}.", links),
-        alt=f"Schematic of {name}: frames of {', '.join(sensors)}, and {gives}",
+        alt=f"Schematic of {name}",
         draw=partial(draw_reader, sensors, columns),
     )
 

@@ -75,7 +75,7 @@ def type_entry(name: str) -> Entry:
             f"Driver: {driver}. Models that know it: {models}.",
             "[Simulated touch](simulator.md) · [record](record.md)",
         ),
-        alt=f"Simulated pictures of {TITLES[name]}: no contact, three indenters, and the change",
+        alt=f"Simulated pictures of {TITLES[name]}",
         draw=partial(draw_type, name),
     )
 

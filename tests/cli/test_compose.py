@@ -5,7 +5,7 @@ import pytest
 from hydra.errors import ConfigCompositionException
 from omegaconf import OmegaConf
 
-from tactileforge.cli._compose import compose, composed, node_of, option
+from tactileforge.cli._compose import compose, composed, node_of, option, plain
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
 from tactileforge.training.curriculum import from_config
@@ -203,3 +203,9 @@ def test_defaults_of_batches_are_those_of_the_data_module() -> None:
     assert not any(config.pop("shares").values())
     assert defaults["shares"] is None
     assert dict(config) == {key: defaults[key] for key in config}
+
+
+def test_all_missing_values_are_named_where_others_interpolate_them() -> None:
+    config = OmegaConf.create({"a": "???", "b": "${a}", "c": {"d": ["x", "???"]}})
+    with pytest.raises(ConfigError, match=r"^give a=\.\.\. c\.d\.1=\.\.\.$"):
+        plain(config)

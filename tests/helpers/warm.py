@@ -159,6 +159,10 @@ def serve(address: str) -> list[str]:
 if __name__ == "__main__":
     for module in _MODULES:
         import_module(module)
+    # what each command would read anew: metadata of packages, code of the simulator
+    import_module("tactileforge.plugins.registry").list_plugins()
+    import_module("tactileforge.plugins.registry")._entries.cache_clear()
+    import_module("tactileforge_sim.config")._code()
     if "PYTEST_XDIST_WORKER" in os.environ:
         import_module("tactileforge.util.processes").cpus = lambda: 1  # the others are busy
     undraw(pytest.MonkeyPatch())  # tests of pages draw in their own process

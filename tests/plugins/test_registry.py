@@ -2,6 +2,8 @@ import inspect
 import re
 import subprocess
 import sys
+from email import message_from_string
+from importlib.metadata import entry_points, version
 
 import pytest
 
@@ -144,3 +146,17 @@ def test_build_names_the_place_of_an_option(kind, options, message):
     with pytest.raises(ConfigError, match=f"^.*{re.escape(message)}") as told:
         registry.build(kind, options, "data")
     assert "data.unknown" not in str(told.value)
+
+
+def test_metadata_of_a_package_are_parsed_once(monkeypatch):
+    parsed = []
+
+    def counted(text):
+        parsed.append(text)
+        return message_from_string(text)
+
+    monkeypatch.setattr(registry, "message_from_string", counted)
+    registry._name_and_version.cache_clear()
+    owners = {registry._owner(entry) for entry in entry_points(group="tactileforge.objectives")}
+    assert len(parsed) == len(owners)
+    assert ("tactileforge", version("tactileforge")) in owners

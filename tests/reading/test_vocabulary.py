@@ -68,10 +68,10 @@ def schemas() -> dict[str, set[str]]:
 def table() -> str:
     """The vocabulary as a table of the page."""
     found = schemas()
-    rows = [f"| key | meaning | {' | '.join(found)} |", "|---|---|" + "---|" * len(found)]
+    rows = ["| key | meaning | of |", "|---|---|---|"]
     for name, meaning in NOTIONS.items():
-        there = " | ".join("x" if name in keys else "" for keys in found.values())
-        rows.append(f"| `{name}` | {meaning} | {there} |")
+        there = [form for form, keys in found.items() if name in keys]
+        rows.append(f"| `{name}` | {meaning} | {'all' if len(there) == 5 else ', '.join(there)} |")
     return "\n".join(rows)
 
 

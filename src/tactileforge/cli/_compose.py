@@ -27,7 +27,6 @@ from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from hydra.version import VersionBase
 from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
-from omegaconf.errors import InterpolationToMissingValueError
 
 from tactileforge.cli import _known
 from tactileforge.cli._options import MULTI
@@ -302,15 +301,21 @@ def plain(config: DictConfig) -> dict[str, Any]:
     Raises:
         ConfigError: A required key has no value.
     """
-    try:
-        missing = sorted(map(str, OmegaConf.missing_keys(config)))
-    except InterpolationToMissingValueError as error:  # other values interpolate a missing one
-        missing = re.findall(r"[Mm]issing mandatory value: (\S+)", str(error))
-    if missing:
+    # OmegaConf.missing_keys raises where a value interpolates a missing one
+    if missing := sorted(_missing(OmegaConf.to_container(config))):
         raise ConfigError(f"give {' '.join(f'{key}=...' for key in missing)}")
     adopt(config)
     out: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
     return out
+
+
+def _missing(node: Any, place: str = "") -> Iterator[str]:
+    """Dotted keys of the required values that are missing in plain data."""
+    if node == "???":
+        yield place
+    elif isinstance(node, dict | list):
+        for key, value in node.items() if isinstance(node, dict) else enumerate(node):
+            yield from _missing(value, f"{place}.{key}" if place else str(key))
 
 
 #: Keys whose value names a plugin, wherever they are, and its kind.

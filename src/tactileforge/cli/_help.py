@@ -115,6 +115,8 @@ def plugin_keys(group: str, name: str, indent: str = "  ") -> list[str]:
     """Keys of a plugin as YAML, each with its meaning and default."""
     kind = registry.GROUPS[group]
     said = registry.meanings(kind, name)
+    if group == "callbacks":  # Lightning's own say more, in its documentation
+        said = {key: text.partition(". ")[0] for key, text in said.items()}
     lines = []
     if group == "objective":
         lines = [f"{indent}# Largest weight; a curriculum begins with 0.", f"{indent}weight: 1.0"]

@@ -66,13 +66,13 @@ def told(
 def _wrong(error: Exception, words: Words) -> str:
     """Message for errors of composing without a message of Hydra's own."""
     overrides, own = own_places(words.overrides, words.flags)
-    if "Config group override" in str(error):
-        pairs = [word.lstrip("+").partition("=")[::2] for word in overrides]
-        group, value = next(
-            ((key, value) for key, value in pairs if value == "null" and _options(key, own)),
-            ("a group", "null"),
-        )
-        return f"{group}={value}: give the name of an option. Known: {_known(group, own)}"
+    for override in OverridesParser.create().parse_overrides([*overrides]):
+        names = override.is_delete() or isinstance(override.value(), str | list | dict)
+        if not (override.is_sweep_override() or names) and (
+            known := _options(group := override.key_or_group, own)
+        ):
+            _, _, value = str(override.input_line).partition("=")
+            return f"{group}={value}: give the name of an option. Known: {', '.join(known)}"
     places = f" in {', '.join(own)}" if own else ""
     if isinstance(error, UnicodeDecodeError):
         return f"a YAML{places} is not UTF-8 ({error.reason}); save it as UTF-8"

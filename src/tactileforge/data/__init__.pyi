@@ -7,6 +7,7 @@ from tactileforge.data.batches.columns import CutColumns as CutColumns
 from tactileforge.data.batches.columns import take_steps as take_steps
 from tactileforge.data.batches.datamodule import TouchData as TouchData
 from tactileforge.data.batches.handover import Packing as Packing
+from tactileforge.data.batches.handover import Readers as Readers
 from tactileforge.data.batches.handover import received as received
 from tactileforge.data.batches.leaks import find_copies as find_copies
 from tactileforge.data.batches.loader import start_worker as start_worker

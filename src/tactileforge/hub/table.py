@@ -19,13 +19,8 @@ means that we know of none: ask the authors.
 
 
 _GATE = """\
-Real touches that nobody trained on here, ridge probes in closed form ([how](reports/gate.md)): the
-value, and what it is above random weights of the same architecture, 16 x 16 pixels, picture
-statistics, and photographs with all that is free, with the lower end of the 95 % interval. A model
-passes with the features recommended for it if the mean of each suite is above all four beyond the
-interval, in value without any one task too, and no task that counts is below random weights beyond
-it. Single tasks are shown with these features; [the page of the
-gate](reports/gate.md#the-weights-that-ship) has all."""
+Of the weights that ship. [The page of the gate](reports/gate.md) says what passes, and has every
+value; `tactileforge zoo show NAME all=true` has those of one model."""
 
 
 def describe_clip(card: cards.Card, weight: cards.Weight | None) -> str:
@@ -60,34 +55,37 @@ def _lead(above: list[float] | None) -> str:
 
 def zoo_page() -> str:
     """The page ``docs/zoo.md``."""
-    models = [("name", "model", "sensors", "data", "clip", "licence", "weights")]
+    models: dict[tuple[str, ...], list[str]] = {}
     for name, card, weight in cards.list_cards():
         sensors, data = card.trained_on(weight)
-        models.append(
-            (
-                f"`{name}`",
-                f"[{card.title}]({card.code})" if card.code else card.title,
-                ", ".join(sensors) or "none",
-                ", ".join(data) or "none",
-                describe_clip(card, weight),
-                weight.licence if weight else card.licence,
-                (weight.kind + ", demonstration" * weight.demonstration) if weight else "none",
-            )
+        row = (
+            f"[{card.title}]({card.code})" if card.code else card.title,
+            ", ".join(sensors) or "none",
+            ", ".join(data) or "none",
+            describe_clip(card, weight),
+            weight.licence if weight else card.licence,
+            (weight.kind + ", demonstration" * weight.demonstration) if weight else "none",
         )
-    parts = [_INTRO, "## Models\n", markdown_table(models), "\n## Recipes\n"]
+        models.setdefault(row, []).append(f"`{name}`")
+    head = ("name", "model", "sensors", "data", "clip", "licence", "weights")
+    table = markdown_table([head, *((", ".join(names), *row) for row, names in models.items())])
+    parts = [_INTRO, "## Models\n", table, "\n## Recipes\n"]
     for card in map(cards.read_card, cards.card_names()):
         how = f"`tactileforge train recipe={card.name}`" if card.recipe else "importer only"
         parts.append(f"- **{card.title}**: {how}. {card.paper}.")
     parts += ["\n## Release gate\n", _GATE]
     for name, card, weight in cards.list_cards():
-        if weight and (rows := measured_rows(card, weight)):
+        if weight and card.measurements(weight):
             kept = " Kept as a demonstration." if weight.demonstration else ""
-            parts += [f"\n`{name}` {weight.gate}.{kept}\n", markdown_table(rows)]
+            parts.append(f"\n`{name}` {weight.gate}.{kept}")
     parts.append("\n## Results\n")
     parts.append("Numbers of the source that is named, not ours.\n")
-    results = [("model", "task", "metric", "value", "source")]
+    results: dict[tuple[str, str, str], list[str]] = {}
     for card in map(cards.read_card, cards.card_names()):
         for r in card.results:
-            name = f"`{card.name}.{r.model}`"
-            results.append((name, r.task, r.metric, f"{r.value:g} {r.unit}".strip(), r.source))
-    return "\n".join([*parts, markdown_table(results), ""])
+            metric = f"{r.metric}, {r.unit}" if r.unit else r.metric
+            value = f"`{card.name}.{r.model}` {r.value:g}"
+            results.setdefault((r.task, metric, r.source), []).append(value)
+    rows = [(task, metric, ", ".join(all_), of) for (task, metric, of), all_ in results.items()]
+    table = markdown_table([("task", "metric", "models", "source"), *rows])
+    return "\n".join([*parts, table, ""])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import linecache
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dis import get_instructions
 from functools import cache
 from importlib.resources import files
 from inspect import getsource
+from types import CodeType
 from typing import Any
 
 from tactileforge import errors
@@ -91,8 +92,7 @@ def import_hint(error: BaseException) -> str:
         return install_command(top)
     if not isinstance(error, ImportError) or not (error.name or "").startswith("tactileforge."):
         return ""
-    wanted = re.findall(r"\w+", _line(error).partition(" import ")[2])
-    wanted += re.findall(r"cannot import name '(\w+)'", str(error))
+    wanted = _wanted(error)
     if moved := [said for name, said in PACKAGES.items() if name in wanted]:
         return f"use: {moved[0]}"
     found = sorted(homes().keys() & set(wanted))
@@ -115,15 +115,28 @@ def import_hint(error: BaseException) -> str:
     return f"use: {'; '.join(lines)}"
 
 
-def _line(error: BaseException) -> str:
-    """Innermost source line in the traceback of an error, without the import system."""
-    step, line = error.__traceback__, ""
+def _wanted(error: BaseException) -> tuple[str, ...]:
+    """Names of the ``from ... import`` statement that failed, from its code."""
+    step = error.__traceback__
+    names: tuple[str, ...] = ()
     while step is not None:
         code = step.tb_frame.f_code
         if not code.co_filename.startswith("<frozen"):
-            line = linecache.getline(code.co_filename, step.tb_lineno)
+            names = _imported(code, step.tb_lasti)
         step = step.tb_next
-    return line
+    return names
+
+
+def _imported(code: CodeType, place: int) -> tuple[str, ...]:
+    """Names of the import at an offset of a code object; () for any other statement."""
+    done = [one for one in get_instructions(code) if one.offset <= place]
+    done = [one for one in done if one.opname != "EXTENDED_ARG"]
+    while done and done[-1].opname in ("IMPORT_FROM", "STORE_NAME", "STORE_FAST", "STORE_GLOBAL"):
+        done.pop()
+    if len(done) < 2 or done[-1].opname != "IMPORT_NAME":
+        return ()
+    names = done[-2].argval
+    return names if isinstance(names, tuple) else ()
 
 
 def change_hints(plugin: Any) -> list[str]:

@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from email import message_from_string
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from inspect import Parameter, signature
@@ -72,6 +73,21 @@ class PluginInfo:
     status: str
 
 
+def _owner(entry: EntryPoint) -> tuple[str, str]:
+    """Name and version of the distribution of an entry point; "" where it has none."""
+    text = (
+        entry.dist.read_text("METADATA") or entry.dist.read_text("PKG-INFO") if entry.dist else ""
+    )
+    return _name_and_version(text or "")
+
+
+@cache
+def _name_and_version(metadata: str) -> tuple[str, str]:
+    """Of a distribution; parsed once, since each entry point would parse it anew."""
+    message = message_from_string(metadata)
+    return message["Name"] or "", message["Version"] or ""
+
+
 @cache
 def _entries(kind: str) -> dict[str, list[EntryPoint]]:
     if kind not in (*KINDS, *MODULES, *OTHERS):
@@ -79,7 +95,7 @@ def _entries(kind: str) -> dict[str, list[EntryPoint]]:
     # by owner and target: one distribution that is found twice on the path is no conflict
     entries: dict[str, dict[tuple[str, str], EntryPoint]] = {}
     for entry in entry_points(group=f"tactileforge.{kind}"):
-        owner = entry.dist.name if entry.dist else ""
+        owner = _owner(entry)[0]
         entries.setdefault(entry.name, {}).setdefault((owner, entry.value), entry)
     return {name: list(entries[name].values()) for name in sorted(entries)}
 
@@ -237,8 +253,7 @@ def list_plugins() -> list[PluginInfo]:
             name,
             kind,
             entry.value,
-            entry.dist.name if entry.dist else "",
-            entry.dist.version if entry.dist else "",
+            *_owner(entry),
             "ok" if len(entries) == 1 else "conflict",
         )
         for kind in (*KINDS, *MODULES, *OTHERS)

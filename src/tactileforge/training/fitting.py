@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import lightning as L
+import torch.distributed as dist
 
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, TactileForgeError
@@ -19,8 +20,10 @@ from tactileforge.training.checkpoints import Checkpoints
 from tactileforge.training.finite import NotFiniteError
 from tactileforge.training.module import TouchModule
 
-#: Messages of torch after the loss of a process of the group.
-_LOST = re.compile(r"closed by peer|reset by peer|Connection refused|NCCL|Broken pipe", re.I)
+#: Errors of torch after the loss of a process of the group; of gloo it raises plain
+#: RuntimeErrors, with nothing but the words of the system.
+_OF_GROUP = (dist.DistBackendError, dist.DistNetworkError, dist.DistStoreError)
+_OF_GLOO = re.compile(r"closed by peer|reset by peer|Connection refused|Broken pipe", re.I)
 
 #: Warnings of Lightning about intended behaviour.
 _EXPECTED = (
@@ -70,7 +73,7 @@ def fit(
         except NotFiniteError as error:
             raise NotFiniteError(f"{error}. {_way_back(folder, trainer.precision)}") from error
         except RuntimeError as error:
-            if trainer.world_size == 1 or not _LOST.search(str(error)):
+            if trainer.world_size == 1 or not _is_of_group(error):
                 raise
             first = str(error).splitlines()[0][:120]
             raise TactileForgeError(
@@ -82,11 +85,20 @@ def fit(
             raise KeyboardInterrupt(f"{stop.__context__ or 'stopped'} {when}") from stop
         except ValueError as error:
             # the interval is longer than an epoch: Lightning learns the epoch's length only here
-            if "val_check_interval" not in str(error):
+            interval, batches = trainer.val_check_interval, trainer.num_training_batches
+            if saver.started or not isinstance(interval, int) or interval <= batches:
                 raise
-            raise ConfigError(f"trainer.val_check_interval: {error}") from error
+            raise ConfigError(
+                f"trainer.val_check_interval={interval}: an epoch has {batches} batches; give at "
+                "most so many, or trainer.check_val_every_n_epoch=null to count over epochs"
+            ) from error
     if saver.interrupted:
         raise KeyboardInterrupt(f"stopped at step {trainer.global_step}")
+
+
+def _is_of_group(error: RuntimeError) -> bool:
+    """Whether an error says that another process of the group is gone."""
+    return isinstance(error, _OF_GROUP) or _OF_GLOO.search(str(error)) is not None
 
 
 def _kept(folder: Path) -> str:

@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+from platformdirs import user_cache_path
+
 from tactileforge.errors import ConfigError, DataError, full, home_path, too_many_files
 from tactileforge.util.untrusted import dump_yaml, load_json, load_yaml
 
@@ -39,7 +41,10 @@ _SEAL = "# sha256 (remove this line where you change the file): "
 
 
 def cache_folder(path: str | None = None) -> Path:
-    """The folder given, else ``$TACTILEFORGE_CACHE``, else ``tactileforge`` in the user's cache.
+    r"""The folder given, else ``$TACTILEFORGE_CACHE``, else the system's folder for it.
+
+    That is ``~/.cache/tactileforge`` on Linux, ``~/Library/Caches/tactileforge`` on macOS and
+    ``%LOCALAPPDATA%\tactileforge\Cache`` on Windows.
 
     Example:
         >>> cache_folder("kept").name
@@ -47,8 +52,7 @@ def cache_folder(path: str | None = None) -> Path:
     """
     if path := path or os.environ.get("TACTILEFORGE_CACHE"):
         return home_path(path)
-    home = os.environ.get("XDG_CACHE_HOME")
-    return (Path(home) if home else Path.home() / ".cache") / "tactileforge"
+    return user_cache_path("tactileforge", appauthor=False)
 
 
 @contextmanager

@@ -26,8 +26,9 @@ def locked(path: Path, taken: str | None = None) -> Iterator[IO[str]]:
     """Holds a lock file until the context is left or the process ends.
 
     It is a POSIX record lock, which forked workers do not inherit: the workers of a killed run
-    outlive it for a moment without blocking its resumption. (``flock``, and with it ``filelock``,
-    is inherited by a fork.) Without such locks, on Windows, it is one of ``filelock``.
+    outlive it for a moment without blocking its resumption. (``flock`` is inherited by a fork, and
+    so is a lock of ``filelock`` before 4.) Without such locks, on Windows, it is one of
+    ``filelock``.
 
     Args:
         path: The lock file; it and its folder are created.

@@ -11,7 +11,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from tactileforge.data.batches import handover
-from tactileforge.data.batches.handover import Packing, received
+from tactileforge.data.batches.handover import Packing, Readers, received
 from tactileforge.errors import DataError, TactileForgeError
 from tactileforge.util.files import disk_errors_named, unwritable
 
@@ -31,10 +31,16 @@ def same(batch):
 
 
 def read(workers, start=None):
+    readers = Readers(workers)
     loader = DataLoader(
-        Batches(), None, collate_fn=Packing(same), num_workers=workers, worker_init_fn=start
+        Batches(),
+        None,
+        collate_fn=Packing(same),
+        num_workers=workers,
+        worker_init_fn=start,
+        multiprocessing_context=readers.context,
     )
-    return list(received(lambda: iter(loader), workers))
+    return list(received(lambda: iter(loader), readers))
 
 
 @pytest.mark.parametrize("workers", [0, 2])
@@ -56,14 +62,17 @@ def test_too_many_open_files_are_said():
         read(1, few_files)
 
 
-def test_small_shared_memory_is_said(monkeypatch):
-    def full(batch):
-        raise RuntimeError(
-            "unable to allocate shared memory(shm) for file </torch_1_2_0>: No space left on device"
-        )
+def refusing(batch):
+    raise RuntimeError("in the words of any version of torch")
 
-    monkeypatch.setattr(handover, "ForkingPickler", SimpleNamespace(dumps=full))
-    said = r"^the shared memory of this machine \(/dev/shm.*2 readers: docker run --shm-size=8g"
+
+@pytest.mark.parametrize("free", [0, 4 * 32 - 1])
+def test_small_shared_memory_is_said(monkeypatch, free):
+    """Less than what two readers have under way, two batches of 32 bytes each."""
+    monkeypatch.setattr(handover, "ForkingPickler", SimpleNamespace(dumps=refusing))
+    room = SimpleNamespace(total=64 << 20, free=free)
+    monkeypatch.setattr(handover.shutil, "disk_usage", lambda _: room)
+    said = r"^the shared memory of this machine \(/dev/shm, 64 MB\).*2 readers: docker run --shm"
     with pytest.raises(TactileForgeError, match=said):
         read(2)
 
@@ -72,18 +81,38 @@ def killed(_):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_a_reader_that_was_killed_is_said():
-    said = r"^a process that reads batches was lost \((killed by signal: Killed|exited unexpec)"
+def without_room(_):
+    os.kill(os.getpid(), signal.SIGBUS)
+
+
+def ended(_):
+    os._exit(3)
+
+
+@pytest.mark.parametrize(
+    ("end", "said"),
+    [
+        (killed, r"^a process that reads batches was lost \(killed by SIGKILL\), as happens where"),
+        (ended, r"^a process that reads batches was lost \(exit status 3\)"),
+        (without_room, "^the shared memory of this machine"),
+    ],
+)
+def test_a_reader_that_was_lost_is_said(end, said):
     with pytest.raises(TactileForgeError, match=said):
-        read(1, killed)
+        read(1, end)
 
 
 def test_a_reader_that_was_killed_while_others_start_is_said():
-    def start():
-        raise RuntimeError("DataLoader worker (pid 7) is killed by signal: Killed.")
+    readers = Readers(2)
 
-    with pytest.raises(TactileForgeError, match=r"^a process that reads batches was lost \(killed"):
-        received(start, 2)
+    def start():
+        process = readers.context.Process(target=killed, args=(0,))
+        process.start()
+        process.join()
+        raise RuntimeError("in the words of any version of torch")
+
+    with pytest.raises(TactileForgeError, match=r"was lost \(killed by SIGKILL\)"):
+        received(start, readers)
 
 
 def test_other_errors_stay_as_they_are(monkeypatch):
@@ -104,3 +133,14 @@ def test_files_that_cannot_be_opened_are_no_full_disk(tmp_path):
     ):
         raise error
     assert "make room" not in str(caught.value)
+
+
+def test_the_cause_of_an_error_of_torch_is_asked():
+    def start():
+        try:
+            raise OSError(errno.EMFILE, "in any language")
+        except OSError:
+            raise RuntimeError("no communication") from None
+
+    with pytest.raises(TactileForgeError, match=r"^too many open files"):
+        received(start, Readers(0))

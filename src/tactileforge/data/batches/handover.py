@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import os
 import pickle
-import re
 import shutil
-from collections.abc import Callable, Iterator
+import signal
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.context import BaseContext
+from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import ForkingPickler
 from typing import Any
 
@@ -28,13 +32,14 @@ from torch.utils.data import get_worker_info
 
 from tactileforge.contracts import Batch
 from tactileforge.errors import TactileForgeError, too_many_files
+from tactileforge.util.files import NO_FILES
 from tactileforge.util.signals import signals_held
 
-#: What an error says where file descriptors, shared memory or a reading process are lacking.
-_FILES = re.compile(r"Too many open files|ancdata")
-_SHARED = re.compile(r"No space left on device|shared memory|Bus error")
-_KILLED = re.compile(r"DataLoader worker .*(killed by signal: \w+|exited unexpectedly)")
 _SHM = "/dev/shm"
+#: Batches that a reading process has under way, torch's ``prefetch_factor``.
+_AHEAD = 2
+#: Exit status after a write to shared memory without room for it.
+_BUS = -getattr(signal, "SIGBUS", 0)
 #: Open files of this process, and descriptors for connections and whatever is read meanwhile.
 _OPEN, _SPARE = "/dev/fd", 8
 
@@ -88,14 +93,18 @@ class Packing:
         batch, worker = self.collate(rows), get_worker_info()
         if worker is None:
             return batch
-        if _has_few_files(sum(isinstance(value, torch.Tensor) for value in batch.values())):
-            return PackedBatch(lost=_lacking(OSError("Too many open files"), worker.num_workers))
+        tensors = [value for value in batch.values() if isinstance(value, torch.Tensor)]
+        if _has_few_files(len(tensors)):
+            return PackedBatch(lost=_few_files())
         try:
             return PackedBatch(bytes(ForkingPickler.dumps(batch)))
         except (OSError, RuntimeError) as error:
-            if not (why := _lacking(error, worker.num_workers)):
+            if _is_of_files(error):
+                return PackedBatch(lost=_few_files())
+            needed = _AHEAD * worker.num_workers * sum(tensor.nbytes for tensor in tensors)
+            if not os.path.isdir(_SHM) or shutil.disk_usage(_SHM).free >= needed:
                 raise
-            return PackedBatch(lost=why)
+            return PackedBatch(lost=_small_memory(worker.num_workers))
 
 
 def _has_few_files(tensors: int) -> bool:
@@ -110,27 +119,57 @@ def _has_few_files(tensors: int) -> bool:
     return free < 4 * tensors + _SPARE
 
 
-def received(start: Callable[[], Iterator[Any]], workers: int) -> Iterator[Batch]:
+class Readers:
+    """The reading processes of a loader, with their ends.
+
+    Attributes:
+        context: Context for the loader, which starts them; None where it starts none.
+        started: Those it has started.
+
+    Args:
+        count: Number of reading processes.
+        context: Context to start them by; None for the default.
+    """
+
+    def __init__(self, count: int, context: BaseContext | None = None) -> None:
+        self.count = count
+        self.started: list[BaseProcess] = []
+        self.context = copy(context or get_context()) if count else None
+        if self.context is not None:
+            make: Callable[..., BaseProcess] = self.context.Process  # type: ignore[attr-defined]
+
+            def noted(*given: Any, **named: Any) -> BaseProcess:
+                self.started.append(make(*given, **named))
+                return self.started[-1]
+
+            self.context.Process = noted  # type: ignore[attr-defined]
+
+    def ends(self) -> Sequence[int]:
+        """Exit statuses of those that have failed; minus the signal, where one ended them."""
+        return [process.exitcode for process in self.started if process.exitcode]
+
+
+def received(start: Callable[[], Iterator[Any]], readers: Readers) -> Iterator[Batch]:
     """Batches of a loader with `Packing`; its reading processes start now, with signals held.
 
     So a signal meanwhile ends none of them, and with it the run.
 
     Args:
         start: Starts the iterator of the loader.
-        workers: Number of reading processes.
+        readers: Its reading processes.
 
     Raises:
         TactileForgeError: Shared memory, or file descriptors, do not suffice, or a reading process
             was killed; here, or by the iterator.
     """
-    with signals_held(), _shortage_said(workers):
+    with signals_held(), _shortage_said(readers):
         batches = start()
-    return _unpacked(batches, workers)
+    return _unpacked(batches, readers)
 
 
-def _unpacked(batches: Iterator[Any], workers: int) -> Iterator[Batch]:
+def _unpacked(batches: Iterator[Any], readers: Readers) -> Iterator[Batch]:
     while True:
-        with _shortage_said(workers):
+        with _shortage_said(readers):
             batch = next(batches, None)
             batch = batch.unpacked() if isinstance(batch, PackedBatch) else batch
         if batch is None:
@@ -139,33 +178,51 @@ def _unpacked(batches: Iterator[Any], workers: int) -> Iterator[Batch]:
 
 
 @contextmanager
-def _shortage_said(workers: int) -> Iterator[None]:
+def _shortage_said(readers: Readers) -> Iterator[None]:
     try:
         yield
     except (OSError, RuntimeError) as error:
-        if not (why := _lacking(error, workers)):
+        if not (why := _lacking(error, readers)):
             raise
         raise TactileForgeError(why) from error
 
 
-def _lacking(error: Exception, workers: int) -> str:
+def _lacking(error: Exception, readers: Readers) -> str:
     """The machine's shortage, with the fix; "" for any other error."""
-    said = str(error)
+    # multiprocessing has no error of its own for descriptors that did not arrive
+    if _is_of_files(error) or (readers.count and _has_few_files(0)):
+        return _few_files()
+    if _BUS in (ends := readers.ends()):
+        return _small_memory(readers.count)
+    if not ends:
+        return ""
+    end = f"killed by {signal.Signals(-ends[0]).name}" if ends[0] < 0 else f"exit status {ends[0]}"
+    return (
+        f"a process that reads batches was lost ({end}), as happens where memory runs out: "
+        "give a smaller batch.size= or fewer batch.workers="
+    )
+
+
+def _is_of_files(error: BaseException | None) -> bool:
+    """Whether an error, or one that it was raised in answer to, is of too many open files."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in NO_FILES:
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _few_files() -> str:
+    return f"{too_many_files()}, or batch.workers=0 needs fewer"
+
+
+def _small_memory(workers: int) -> str:
     readers = "1 reader" if workers == 1 else f"{workers} readers"
-    if _FILES.search(said):
-        return f"{too_many_files()}, or batch.workers=0 needs fewer"
-    if _SHARED.search(said):
-        try:
-            size = f", {shutil.disk_usage(_SHM).total / 2**20:.0f} MB"
-        except OSError:
-            size = ""
-        return (
-            f"the shared memory of this machine ({_SHM}{size}) is too small for the batches of "
-            f"{readers}: docker run --shm-size=8g, or batch.workers=0"
-        )
-    if killed := _KILLED.search(said):
-        return (
-            f"a process that reads batches was lost ({killed[1]}), as happens where memory runs "
-            "out: give a smaller batch.size= or fewer batch.workers="
-        )
-    return ""
+    try:
+        size = f", {shutil.disk_usage(_SHM).total / 2**20:.0f} MB"
+    except OSError:
+        size = ""
+    return (
+        f"the shared memory of this machine ({_SHM}{size}) is too small for the batches of "
+        f"{readers}: docker run --shm-size=8g, or batch.workers=0"
+    )

@@ -23,7 +23,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from tactileforge.contracts import Batch
-from tactileforge.data.batches.handover import Packing, received
+from tactileforge.data.batches.handover import Packing, Readers, received
 from tactileforge.data.batches.stream import BatchIndexSampler, Stream
 from tactileforge.errors import ConfigError
 from tactileforge.util.distributed import world
@@ -48,10 +48,12 @@ class Loader(DataLoader[Batch]):
         waited: Seconds spent waiting for batches so far.
         prepare: Function of a batch and its number in the pass, for a loop without a trainer,
             whose data module prepares batches itself; None with one.
+        readers: The reading processes.
     """
 
     waited = 0.0
     prepare: Callable[[Batch, int], Batch] | None = None
+    readers: Readers
 
     @classmethod
     def of(cls, stream: Stream, numbers: BatchIndexSampler, workers: int) -> Loader:
@@ -65,17 +67,20 @@ class Loader(DataLoader[Batch]):
         if workers and current_process().daemon:
             log.warning("batch.workers=%d: this process may start no others, so it reads", workers)
             workers = 0
-        return cls(
+        readers = Readers(workers, _context(workers))
+        loader = cls(
             stream,
             batch_size=None,
             sampler=numbers,
             collate_fn=Packing(_identity),
             num_workers=workers,
-            multiprocessing_context=_context(workers),
+            multiprocessing_context=readers.context,
             persistent_workers=workers > 0,
             pin_memory=torch.cuda.is_available(),
             worker_init_fn=start_worker,
         )
+        loader.readers = readers
+        return loader
 
     def __iter__(self) -> Iterator[Batch]:  # type: ignore[override]
         """Batches, in order.
@@ -83,7 +88,7 @@ class Loader(DataLoader[Batch]):
         Raises:
             TactileForgeError: See `handover.received`.
         """
-        return self._timed(received(super().__iter__, self.num_workers))
+        return self._timed(received(super().__iter__, self.readers))
 
     def _timed(self, batches: Iterator[Batch]) -> Iterator[Batch]:
         for number in count():

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Subset
 
 from tactileforge.contracts import Batch
-from tactileforge.data import Clips, Packing, collate, received, start_worker
+from tactileforge.data import Clips, Packing, Readers, collate, received, start_worker
 from tactileforge.errors import DataError
 from tactileforge.plugins import Bar, locked, write_text
 from tactileforge_bench.fit import decoded
@@ -213,16 +213,18 @@ def read_batches(
     Raises:
         DataError: A clip cannot be read: training replaces it by another, a bench may not.
     """
+    # no row, no worker: a pass that was stopped after its last batch has none to read
+    processes = Readers(store.workers if len(rows) else 0)
     loader = DataLoader(
         Subset(clips, list(rows)),
         batch_size=size,
-        # no row, no worker: a pass that was stopped after its last batch has none to read
-        num_workers=store.workers if len(rows) else 0,
+        num_workers=processes.count,
+        multiprocessing_context=processes.context,
         collate_fn=Packing(collate),
         worker_init_fn=start_worker,
         pin_memory=torch.cuda.is_available(),
     )
-    for batch in received(lambda: iter(loader), store.workers):
+    for batch in received(lambda: iter(loader), processes):
         for line, _ in batch["skipped"].values():
             raise DataError(f"a clip cannot be read, and the benchmark skips none: {line}")
         yield batch
