@@ -236,6 +236,7 @@ def clip_of(picture):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:surface. an estimate")
 @pytest.mark.parametrize("sensor", ["digit", "gelsight_mini"])
 @pytest.mark.parametrize("kind", LIGHTS)
 def test_light_is_no_force(kind, sensor):
@@ -254,6 +255,7 @@ def test_light_is_no_force(kind, sensor):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:surface. an estimate")
 def test_a_touch_in_a_batch_keeps_force_and_surface_to_the_bit():
     rest, size = resting(SIZES["digit"]), SIZES["digit"]
     still, touch, light = shown(rest, 9), clip_of(pressed(size)), clip_of(rest + 10)

@@ -117,6 +117,16 @@ def warn_of_estimates(stacklevel: int = 3) -> None:
     )
 
 
+def warn_of_surfaces(stacklevel: int = 3) -> None:
+    """Warns of surfaces, which are learned from simulated gels; see `warnings.warn`."""
+    warnings.warn(
+        "surface: an estimate, not a measurement: it is learned from simulated gels, and units "
+        "differ in gel and light, so depth on yours may be far off: compare with presses of known "
+        "depth, or read depth by a calibration of this unit (tactileforge calibrate depth)",
+        stacklevel=stacklevel,
+    )
+
+
 def warn_of_missing(what: str, missing: Tensor, why: str, stacklevel: int = 3) -> None:
     """Warns of frames without an estimate.
 

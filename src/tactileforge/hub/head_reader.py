@@ -95,6 +95,8 @@ def surface_of(model: Model, clips: Clips) -> Tensor:
     with reader.computing(len(x)):
         views = ComputedViews.of(model.encoder, *reader.run(x, still, rows))
         surface = displacement_mm(model.heads["surface"](views, {}).float())
+    if not forces.learned_measured(model.header.recipe):
+        forces.warn_of_surfaces(stacklevel=4)
     if not forces.has_no_background(model.encoder, clips.background):
         surface = forces.without_light(surface, x, still)
         missing = surface.isnan().flatten(2).any(-1)
