@@ -126,8 +126,8 @@ class DepthReader:
         if self._is_shipped:
             self._is_shipped = False  # said once
             warnings.warn(
-                f"depth: an estimate, not a measurement: the shipped calibration of {self.sensor} is "
-                "of another unit, and lights differ: fit one to yours (tactileforge calibrate depth)",
+                "depth: an estimate, not a measurement: the calibrations that ship are of other "
+                "units, and lights differ: fit one to yours (tactileforge calibrate depth)",
                 stacklevel=2,
             )
         height, width = background.shape[:2]
