@@ -177,9 +177,29 @@ def judged(name: str, root: str) -> dict[str, Any]:
     }
 
 
+def table(rows: Mapping[str, Any]) -> str:
+    """The table of `docs/calibrate.md`, by kind of light."""
+    kinds: dict[str, list[str]] = {}
+    for light in next(iter(rows.values()))["lights"]:
+        kinds.setdefault(light.split()[0], []).append(light)
+    lines = ["| light | " + " | ".join(f"{name}: unchecked; read, worst" for name in rows) + " |"]
+    lines.append("|---" * (len(rows) + 1) + "|")
+    for kind, names in kinds.items():
+        cells = []
+        for row in rows.values():
+            some = [row["lights"][name] for name in names]
+            error = np.mean([one["error_unchecked"] for one in some])
+            share = 100 * np.mean([one["read"] for one in some])
+            worst = max(one["worst_read"] or 0.0 for one in some)
+            cells.append(f"{error:.2f} N; {share:.0f} %" + (f", {worst:.2f} N" if share else ""))
+        lines.append(f"| {kind}, {len(names)} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
 def main(words: Sequence[str]) -> None:
     torch.set_num_threads(1)
     rows = {name: judged(name, words[0]) for name in TRIALS}
+    print(table(rows))
     save("lights_pressed", {"seconds": SECONDS, "allowed_newton": ALLOWED, "trials": rows})
 
 

@@ -276,10 +276,10 @@ class TouchStream:
 
     def _is_other_light(self, shot: FrameWithClip) -> bool:
         """Whether the light is another one than in the presses of the calibration."""
-        known = self.calibration and self.calibration.force and self.calibration.force.borders
-        if not known or shot.clip is None or not self._camera:
+        force = None if self.calibration is None else self.calibration.force
+        if force is None or shot.clip is None or not self._camera:
             return False
-        return bool(has_other_light(border_inputs(shot.clip[-1:], self._still), known)[0])
+        return bool(has_other_light(border_inputs(shot.clip[-1:], self._still), force.borders)[0])
 
     def _read(
         self, shot: FrameWithClip
