@@ -226,6 +226,17 @@ def test_brighter_here_and_darker_there_is_a_touch():
     assert has_other_light(inputs, [[0.0] * 24] * 2).tolist() == [True, False]
 
 
+@pytest.mark.parametrize(
+    ("level", "parts", "told"), [(3.6, 1, True), (3.4, 4, False), (1.1, 5, True), (0.9, 8, False)]
+)
+def test_weaker_light_has_to_reach_more_parts(level, parts, told):
+    for sign in (1, -1):
+        inputs = dict.fromkeys(BORDER_FEATURES, np.full(1, 2.0))
+        for part in range(parts):
+            inputs[f"border{part}_green"] = np.full(1, 2 + sign * level)
+        assert has_other_light(inputs, [[2.0] * 24] * 2).tolist() == [told]
+
+
 @cache
 def tiny():
     return tactileforge.load("anytouch2.tiny")

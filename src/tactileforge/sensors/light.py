@@ -57,9 +57,9 @@ _FULL = 250
 #: Border parts: cells along a side of the picture and of a part, largest edge of a cell that no
 #: touch reaches, grey levels, and smallest share of such cells in a part that tells something.
 _AROUND, _PART, _SMOOTH, _FREE = 32, 6, 3.0, 0.6
-#: How far the change of a part lies beyond those of the calibration's presses in another light,
-#: grey levels (`docs/calibrate.md` has the alarms and lights that it comes from).
-_BEYOND = 3.5
+#: How far the changes lie beyond those of the calibration's presses in another light, grey levels,
+#: and in how many parts (`docs/calibrate.md` has the alarms and lights that they come from).
+_BEYOND = ((3.5, 1), (1.0, 5))
 #: Number of border parts, and names of their changes, a colour of a part each.
 _EIGHT = 8
 BORDER_FEATURES = tuple(
@@ -318,8 +318,11 @@ def has_other_light(
     changes = np.stack([np.asarray(inputs[name]) for name in BORDER_FEATURES], -1)
     if not known:
         return np.zeros(changes.shape[:-1], bool)
-    least, most = np.asarray(known)
-    parts = (*changes.shape[:-1], _EIGHT, 3)
-    up, down = (changes > most + _BEYOND).reshape(parts), (changes < least - _BEYOND).reshape(parts)
-    is_two_sided = (up.any(-2) & down.any(-2)).any(-1)
-    return np.asarray((up | down).any((-2, -1)) & ~is_two_sided)
+    least, most = np.reshape(known, (2, _EIGHT, 3))
+    changes = changes.reshape(*changes.shape[:-1], _EIGHT, 3)
+    found = np.zeros(changes.shape[:-2], bool)
+    for far, parts in _BEYOND:
+        up, down = changes > most + far, changes < least - far
+        is_one_sided = ~(up.any(-2) & down.any(-2)).any(-1)
+        found |= is_one_sided & ((up | down).any(-1).sum(-1) >= parts)
+    return found
