@@ -45,7 +45,9 @@ Rows = dict[str, dict[str, Any]]
 def trial(root: str, name: str) -> Recording:
     """A whole trial; its forces are delayed to the pictures, as its layout says."""
     layouts: Any = OmegaConf.to_container(OmegaConf.load(LAYOUTS).data.layouts)
-    (recording,) = Recordings(root, {name: layouts[name] | {"split": "train"}}).recordings("train")
+    (recording,) = Recordings(root, {name: layouts[name] | {"hold_out": "none"}}).recordings(
+        "train"
+    )
     return recording
 
 

@@ -15,7 +15,7 @@ from tactileforge.hub.files import make_header
 from tactileforge.hub.model import Model
 from tactileforge.sensors.light import changed_light
 
-pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
+pytestmark = pytest.mark.filterwarnings("ignore:(force|surface). an estimate")
 
 
 def touch(model: Model, column: int, grows: bool = True) -> np.ndarray:

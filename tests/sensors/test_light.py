@@ -12,7 +12,14 @@ from tactileforge_depth.reader import DepthReader
 import tactileforge
 from tactileforge.cli._compose import option
 from tactileforge.plugins.registry import build
-from tactileforge.sensors.light import LightCheck, changed_light
+from tactileforge.sensors.light import (
+    BORDER_FEATURES,
+    LightCheck,
+    border_inputs,
+    border_range,
+    changed_light,
+    has_other_light,
+)
 from tactileforge.sensors.streaming.touch_stream import TouchStream
 
 SIZES = {
@@ -164,6 +171,72 @@ def test_clips_are_looked_at_frame_by_frame():
     assert not changed_light(clips[..., :8, :8], still[..., :8, :8]).any(), "too few pixels"
 
 
+def corner(size, level):
+    """A white lamp at the upper left corner, grey levels."""
+    x, y = grid(size)
+    return level * np.exp(-(x**2 + y**2) / 0.15)[..., None]
+
+
+@pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
+def test_a_lamp_beside_a_press_is_none_of_the_presses(size):
+    rest = shown(resting(size), 9)
+    presses = [
+        shown(pressed(size, depth=depth), seed) for seed, depth in enumerate((0, 20, 40, 80))
+    ]
+    known = border_range(border_inputs(np.stack(presses), rest))
+    assert np.abs(known).max() < 1  # noise
+    frames = [
+        pressed(size, depth=60),
+        pressed(size, depth=60) + corner(size, 12),
+        pressed(size, depth=60) + corner(size, -12),
+        pressed(size, depth=60) + corner(size, 3),
+        pressed(size, depth=60) + corner(size, 40) * np.array([1, 0, 0]),
+    ]
+    inputs = border_inputs(np.stack([shown(frame, 5) for frame in frames]), rest)
+    assert has_other_light(inputs, known).tolist() == [False, True, True, False, True]
+    assert not has_other_light(inputs, []).any(), "a calibration that does not know"
+    known = border_range(border_inputs(np.stack([shown(frames[1])]), rest))
+    assert has_other_light(inputs, known).tolist() == [False, False, True, False, True]
+
+
+def test_changes_at_the_borders_have_these_values():
+    rest = np.full((64, 96, 3), 100, np.uint8)
+    frame = rest + np.array([8, 0, 0], np.uint8)
+    frame[:12, :18] = np.random.default_rng(0).integers(0, 255, (12, 18, 3))  # a touch
+    frame[-20:, -40:] -= 5
+    inputs = border_inputs(np.stack([rest, frame]), rest)
+    values = np.stack([inputs[name] for name in BORDER_FEATURES], -1).reshape(2, 8, 3)
+    assert not values[0].any()
+    assert values[1, 0].tolist() == [0, 0, 0], "the touched corner tells nothing"
+    assert values[1, 1:7, 0].tolist() == pytest.approx([8] * 6, abs=0.5)
+    assert values[1, 7].tolist() == pytest.approx([3, -5, -5], abs=0.1)
+    assert not has_other_light(inputs, [[0.0] * 24, [0.0] * 24])[0]
+    few = border_inputs(frame[None, :16, :16], rest[:16, :16])
+    assert not any(value.any() for value in few.values()), "taxels, or too few pixels"
+    least, most = border_range({name: value[1:] for name, value in inputs.items()})
+    assert least[0] == most[0] == least[3] == 0.0, "no change is within the range"
+    assert most[3] == pytest.approx(8, abs=0.5)
+
+
+def test_brighter_here_and_darker_there_is_a_touch():
+    inputs = {name: np.zeros(2) for name in BORDER_FEATURES}
+    inputs["border0_red"][:] = 9
+    inputs["border2_red"][1] = -9
+    inputs["border5_blue"][:] = -9
+    assert has_other_light(inputs, [[0.0] * 24] * 2).tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("level", "parts", "told"), [(3.6, 1, True), (3.4, 4, False), (1.1, 5, True), (0.9, 8, False)]
+)
+def test_weaker_light_has_to_reach_more_parts(level, parts, told):
+    for sign in (1, -1):
+        inputs = dict.fromkeys(BORDER_FEATURES, np.full(1, 2.0))
+        for part in range(parts):
+            inputs[f"border{part}_green"] = np.full(1, 2 + sign * level)
+        assert has_other_light(inputs, [[2.0] * 24] * 2).tolist() == [told]
+
+
 @cache
 def tiny():
     return tactileforge.load("anytouch2.tiny")
@@ -174,6 +247,7 @@ def clip_of(picture):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:surface. an estimate")
 @pytest.mark.parametrize("sensor", ["digit", "gelsight_mini"])
 @pytest.mark.parametrize("kind", LIGHTS)
 def test_light_is_no_force(kind, sensor):
@@ -192,6 +266,7 @@ def test_light_is_no_force(kind, sensor):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:surface. an estimate")
 def test_a_touch_in_a_batch_keeps_force_and_surface_to_the_bit():
     rest, size = resting(SIZES["digit"]), SIZES["digit"]
     still, touch, light = shown(rest, 9), clip_of(pressed(size)), clip_of(rest + 10)

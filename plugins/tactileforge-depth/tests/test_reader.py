@@ -2,6 +2,7 @@
 
 import io
 import json
+import warnings
 from dataclasses import replace
 
 import cv2
@@ -55,6 +56,19 @@ def test_a_bump_is_where_it_is_pressed_and_as_deep():
     # twice as large pixels: the same slopes, twice the depth, but for what scatters
     wide = DepthReader("digit", rows=24, mm_per_pixel=2 * SPACING).read(picture, still)
     assert float(wide.depth.max()) > 1.3 * float(found.depth.max())
+
+
+def test_a_shipped_calibration_says_once_that_depth_is_an_estimate(tmp_path):
+    (still, picture), _ = dented()
+    reader = DepthReader("digit", rows=24)
+    with pytest.warns(UserWarning, match="^depth: an estimate, not a measurement") as said:
+        reader.read(picture, still)
+    assert (len(said), said[0].filename) == (1, __file__)
+    fit.save_optics(load_optics("digit"), tmp_path / "mine.json", "me")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        reader.read(picture, still)
+        DepthReader("digit", tmp_path / "mine.json", rows=24).read(picture, still)
 
 
 def test_pictures_that_are_no_grey_levels_are_refused():

@@ -13,7 +13,7 @@ from tactileforge.hub.clip_encoder import ClipEncoder
 from tactileforge.hub.inputs import ClipInputs
 
 if TYPE_CHECKING:
-    from tactileforge.sensors.calibration.file import ForceAxis
+    from tactileforge.sensors.calibration.file import ForceModel
 
 
 class ForceReader:
@@ -37,7 +37,7 @@ class ForceReader:
         clips: ClipInputs,
         rows: Tensor,
         scale: Tensor,
-        axes: Mapping[str, ForceAxis] | None,
+        fitted: ForceModel | None,
         compare_light: bool,
     ) -> tuple[Tensor, Tensor]:
         """Vectors and forces of clips, from one pass of the encoder.
@@ -46,8 +46,9 @@ class ForceReader:
             clips: A batch.
             rows: Rows of the sensor table, int64 (B,).
             scale: Newtons per unit of output, float32 (B, 1, 3).
-            axes: Fits of a calibration, by axis; None without one.
-            compare_light: Whether frames with changed light and no touch get no force.
+            fitted: The force of a calibration; None without one.
+            compare_light: Whether frames with changed light and no touch, or with another light
+                than in the presses of the calibration, get no force.
 
         Returns:
             float32 (B, n), as of `Model.encode`, and float32 (B, T - 1, 3), N.
@@ -55,6 +56,7 @@ class ForceReader:
         x, still, _ = clips
         tokens, projected, vector = self.clips.run_for_vector(x, still, rows)
         columns = self._columns(tokens, projected, scale)
+        axes = None if fitted is None else fitted.axes
         if axes and forces.reads_pictures(axes):
             columns |= forces.picture_columns(x, still, columns["z"])
         force = forces.to_newton(columns, axes)
@@ -62,6 +64,8 @@ class ForceReader:
         force = forces.within_scale(force, columns, scale)
         if compare_light:
             force = forces.without_light(force, x, still)
+            if fitted is not None:
+                force = forces.without_other_light(force, x, still, fitted.borders)
         return vector, force
 
     def inputs(
@@ -71,6 +75,7 @@ class ForceReader:
         x, still, _ = clips
         columns = self._columns(*self.clips.run(x, still, rows), scale)
         columns |= forces.picture_columns(x, still, columns["z"])
+        columns |= forces.border_columns(x, still, columns["z"])
         if compare_light:
             # stacked, so that the light of a frame is looked at once
             together = forces.without_light(torch.stack([*columns.values()], -1), x, still)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -17,7 +18,12 @@ from tactileforge.contracts import AXES
 from tactileforge.encoders.views import ComputedViews
 from tactileforge.errors import ConfigError
 from tactileforge.hub.inputs import ClipInputs, uses_background
-from tactileforge.sensors.light import changed_light
+from tactileforge.sensors.light import (
+    BORDER_FEATURES,
+    border_inputs,
+    changed_light,
+    has_other_light,
+)
 
 if TYPE_CHECKING:
     from tactileforge.sensors.calibration.file import Calibration, ForceAxis
@@ -111,6 +117,16 @@ def warn_of_estimates(stacklevel: int = 3) -> None:
     )
 
 
+def warn_of_surfaces(stacklevel: int = 3) -> None:
+    """Warns of surfaces, which are learned from simulated gels; see `warnings.warn`."""
+    warnings.warn(
+        "surface: an estimate, not a measurement: it is learned from simulated gels, and units "
+        "differ in gel and light, so depth on yours may be far off: compare with presses of known "
+        "depth, or read depth by a calibration of this unit (tactileforge calibrate depth)",
+        stacklevel=stacklevel,
+    )
+
+
 def warn_of_missing(what: str, missing: Tensor, why: str, stacklevel: int = 3) -> None:
     """Warns of frames without an estimate.
 
@@ -170,6 +186,24 @@ def without_light(estimate: Tensor, clips: Tensor, backgrounds: Tensor) -> Tenso
     return estimate.masked_fill(changed.reshape(-1, count, *[1] * (estimate.ndim - 2)), math.nan)
 
 
+def without_other_light(
+    force: Tensor, clips: Tensor, backgrounds: Tensor, known: Sequence[Sequence[float]]
+) -> Tensor:
+    """Forces, with NaN in frames with another light than in the presses of a calibration.
+
+    Args:
+        force: float32 (B, n, 3), of the last n frames of each clip.
+        clips: uint8 (B, T, 3, H, W).
+        backgrounds: uint8 (B, 3, H, W).
+        known: Range of the presses, see `sensors.light.border_range`; empty for none.
+    """
+    if not known:
+        return force
+    columns = border_columns(clips, backgrounds, force[..., 0])
+    lit = has_other_light({name: column.cpu().numpy() for name, column in columns.items()}, known)
+    return force.masked_fill(torch.from_numpy(lit).to(force.device)[..., None], math.nan)
+
+
 def within_scale(force: Tensor, read: Mapping[str, Tensor], scale: Tensor) -> Tensor:
     """Forces, with NaN in frames with a prediction beyond the sensor's scale along any axis.
 
@@ -222,6 +256,17 @@ def picture_columns(clips: Tensor, backgrounds: Tensor, like: Tensor) -> dict[st
     frames = clips[:, -count:].flatten(0, 1)
     columns = picture_inputs(frames, backgrounds.repeat_interleave(count, 0))
     return {name: column.view(-1, count).to(like.device) for name, column in columns.items()}
+
+
+def border_columns(clips: Tensor, backgrounds: Tensor, like: Tensor) -> dict[str, Tensor]:
+    """Changes at the borders, float32 (B, n) each; arguments as of `picture_columns`."""
+    frames = clips[:, -like.shape[1] :].movedim(-3, -1).cpu().numpy()
+    stills = backgrounds.movedim(-3, -1).cpu().numpy()
+    rows = [border_inputs(*both) for both in zip(frames, stills, strict=True)]
+    return {
+        name: torch.from_numpy(np.stack([row[name] for row in rows])).to(like.device)
+        for name in BORDER_FEATURES
+    }
 
 
 def reads_pictures(axes: Mapping[str, ForceAxis]) -> bool:

@@ -14,6 +14,7 @@ from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import forces
 from tactileforge.hub.clips import Clips
 from tactileforge.hub.forces import ModelReadings
+from tactileforge.sensors.light import OTHER_LIGHT
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model
@@ -29,7 +30,8 @@ def scale_of(model: Model, names: Sequence[str]) -> Tensor | None:
 def force_of(model: Model, clips: Clips, calibration: Calibration | str | Path | None) -> Tensor:
     """Forces of clips; see `Model.force`."""
     _need(model, "force")
-    force = readings_of(model, clips, calibration, check=True).force
+    fitted = forces.opened_calibration(calibration)
+    force = readings_of(model, clips, fitted, check=True).force
     if force is None:
         known = model.header.heads["force"].get("scale", {})
         raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
@@ -37,6 +39,8 @@ def force_of(model: Model, clips: Clips, calibration: Calibration | str | Path |
     if calibration is None and not forces.learned_measured(model.header.recipe):
         forces.warn_of_estimates(stacklevel=4)
     why = f"{forces.LIGHT}, or {forces.BEYOND}"
+    if fitted is not None and fitted.force is not None and fitted.force.borders:
+        why += f", or {OTHER_LIGHT}"
     forces.warn_of_missing("force", force.isnan().any(-1), why, stacklevel=4)
     return force
 
@@ -55,9 +59,11 @@ def readings_of(
         if head is None or scale is None:
             vector, force = reader.vector(x, still, rows), None
         else:
-            axes = None if fitted is None else model.axes_of(fitted, names)
+            if fitted is not None:
+                model.axes_of(fitted, names)  # refuses the fits of another model or sensor
+            given = None if fitted is None else fitted.force
             compare = check and not forces.has_no_background(model.encoder, clips.background)
-            vector, force = head.read(inputs, rows, scale, axes, compare)
+            vector, force = head.read(inputs, rows, scale, given, compare)
     if single:
         return ModelReadings(vector[0], None if force is None else force[0])
     return ModelReadings(vector, force)
@@ -89,6 +95,8 @@ def surface_of(model: Model, clips: Clips) -> Tensor:
     with reader.computing(len(x)):
         views = ComputedViews.of(model.encoder, *reader.run(x, still, rows))
         surface = displacement_mm(model.heads["surface"](views, {}).float())
+    if not forces.learned_measured(model.header.recipe):
+        forces.warn_of_surfaces(stacklevel=4)
     if not forces.has_no_background(model.encoder, clips.background):
         surface = forces.without_light(surface, x, still)
         missing = surface.isnan().flatten(2).any(-1)

@@ -312,10 +312,10 @@ class Model(nn.Module):
         Without a ``calibration`` of this unit, or its file (``tactileforge calibrate model=...``),
         it is an estimate, and warns, unless the model learned forces measured on your own
         recordings (``data=recordings``); an axis that the calibration leaves out stays one. NaN,
-        with a warning, in frames with changed light and no touch, or beyond the scale of the
-        sensor. A published head gives the newest frame alone: (1, 3). ``checks`` and errors are
-        those of `encode`, and a ConfigError without a force head, a scale of the sensor, or of
-        another model's calibration.
+        with a warning, in frames with changed light and no touch, with another light than in the
+        presses of the calibration, or beyond the scale of the sensor. A published head gives the
+        newest frame alone: (1, 3). ``checks`` and errors are those of `encode`, and a ConfigError
+        without a force head, a scale of the sensor, or of another model's calibration.
         """
         if checks:
             self._picture_checks(background, sensor)
@@ -331,8 +331,9 @@ class Model(nn.Module):
         """The estimated displacement of the gel's surface, mm: (T, 3, 32, 32), or with B in front.
 
         Along x and y of the image and z into the gel, in 32 rows and columns that span the frame;
-        learned from simulated gels, see the card. NaN, with a warning, in frames with changed
-        light. Errors are those of `encode`, and a ConfigError without a surface head.
+        learned from simulated gels, see the card: an estimate, and warns. NaN, with a warning, in
+        frames with changed light. Errors are those of `encode`, and a ConfigError without a surface
+        head.
         """
         return head_reader.surface_of(self, Clips(frames, background, sensor, **options))
 

@@ -14,6 +14,8 @@ TROUBLES = {
     "saturated": "pictures are saturated: lower exposure=, or cover the sensor from other light",
     "light": "the light has changed since the background was taken: keep other light away, fix the "
     "exposure, and take the background again",
+    "other_light": "the borders changed as in none of the presses of the calibration, by another "
+    "light or a touch in a new place: keep other light away, or calibrate with such presses too",
     "out_of_range": "the force is beyond what the sensor's scale knows: press less, or take the "
     "background again",
 }

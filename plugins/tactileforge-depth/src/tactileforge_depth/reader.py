@@ -91,6 +91,7 @@ class DepthReader:
         self.calibration = _calibration(self.sensor, calibration)
         self._height_mm = _height_mm(sensor) if mm_per_pixel is None else None
         self._readers: dict[tuple[int, int], SurfaceReader] = {}
+        self._is_shipped = calibration is None or str(calibration) in optics_names()
         self._checked: NDArray[np.uint8] | None = None  # last background with known colours
 
     def read(self, pictures: NDArray[np.uint8], background: NDArray[np.uint8]) -> Surface:
@@ -102,7 +103,8 @@ class DepthReader:
 
         Warns of pictures with another light than the background (`sensors.light`), and reads them
         as flat. Also warns of pictures with red and blue swapped against the background, and of a
-        background with other colours than the calibration's: its lights are elsewhere.
+        background with other colours than the calibration's: its lights are elsewhere; and, once,
+        of a shipped calibration: what it gives is an estimate.
 
         Returns:
             Slopes (2, h, w) and depth (h, w) in mm, with B in front for several pictures; ``rows``
@@ -121,6 +123,13 @@ class DepthReader:
                 "(B, H, W, 3), and one (H, W, 3) of the same sensor"
             )
         self._check_colours(background)
+        if self._is_shipped:
+            self._is_shipped = False  # said once
+            warnings.warn(
+                "depth: an estimate, not a measurement: the calibrations that ship are of other "
+                "units, and lights differ: fit one to yours (tactileforge calibrate depth)",
+                stacklevel=2,
+            )
         height, width = background.shape[:2]
         several = pictures if pictures.ndim == 4 else pictures[None]
         warn_of_swapped("pictures", several, background)

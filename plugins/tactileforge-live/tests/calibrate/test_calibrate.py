@@ -349,6 +349,19 @@ def test_files_at_fault_are_named(old: str, new: str, message: str) -> None:
         file.parse_calibration(text.replace(old, new), "a.yaml")
 
 
+def test_a_range_of_borders_that_is_no_range_is_named() -> None:
+    axis = file.ForceAxis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])
+    for borders, message in (
+        ([[0.0] * 24], "must be 2 rows of 24 numbers"),
+        ([[0.0] * 24, [1.0] * 23], "must be 2 rows of 24 numbers"),
+        ([[0.0] * 24, [float("nan")] * 24], r"borders\[1\] is nan, but must be a finite number"),
+    ):
+        force = file.ForceModel("pictures", 0.0, {"z": axis}, borders=borders)
+        text = file.Calibration(sensor="digit", force=force).text()
+        with pytest.raises(ConfigError, match=message):
+            file.parse_calibration(text, "a.yaml")
+
+
 @pytest.mark.slow
 def test_a_flipped_bit_of_a_calibration_is_named(tmp_path: Path) -> None:
     axis = file.ForceAxis(0.1, {"change": 3.0}, 0.2, 0.9, [0.0, 5.0])

@@ -139,6 +139,56 @@ def test_the_model_reads_a_calibration_to_pictures(model: Model, tmp_path: Path)
     assert found.force == pytest.approx(given.tolist(), abs=1e-4)
 
 
+def test_a_lamp_that_is_switched_on_while_pressing_gives_no_force(
+    model: Model, tmp_path: Path
+) -> None:
+    """Beside a press at the middle; the range of the presses is in the file."""
+    rest = np.full((1, 32, 32, 3), 100, np.uint8)
+    dent = np.zeros((32, 32, 3))
+    dent[12:16, 12:20], dent[16:20, 12:20] = 60, -60
+    waves = [1 + np.sin(np.linspace(0, 6, 20) + phase) for phase in range(6)]
+    recordings = [
+        replace(
+            touch,
+            frames=ArrayFrames((rest + wave[:, None, None, None] * dent).astype(np.uint8)),
+            no_contact=ArrayFrames(rest),
+            force=np.outer(wave, [0, 0, 3]).astype(np.float32),
+        )
+        for touch, wave in zip(touches(model), waves, strict=True)
+    ]
+    made = calibrate(recordings, CalibrateOptions(checks=False, axes=["z"]), model=model)
+    made.calibration.save(tmp_path / "d1.yaml")
+    known = made.calibration.force.borders
+    assert np.abs(known).max() < 0.5
+    assert np.shape(known) == (2, 24)
+    pressed = recordings[0].frames.read(range(4))
+    across, down = np.meshgrid(*[np.linspace(0, 1, 32)] * 2)
+    lamp = 14 * np.exp(-(across**2 + down**2) / 0.15)[..., None]
+    lit = pressed.copy()
+    lit[2:] = (pressed[2:] + lamp).clip(0, 255).astype(np.uint8)
+    given = dict(background=rest[0], sensor="digit", calibration=tmp_path / "d1.yaml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        force = model.force(pressed, **given)
+    assert force[:, 2].numpy() == pytest.approx(3 * waves[0][1:4], abs=0.3)
+    with pytest.warns(UserWarning, match="in none of the presses of the calibration, by another"):
+        read = model.force(lit, **given)
+    assert read.isnan().all(1).tolist() == [False, True, True]
+    shown = replace(
+        recordings[0], frames=ArrayFrames(lit), times=np.arange(4) / 15, force=None, labels={}
+    )
+    with pytest.warns(UserWarning, match=r"press0: 2 of 4 frames have no force \(NaN\)"):
+        told = made.calibration.forces(shown, model)[:, 2]
+    assert np.isnan(told).tolist() == [False, False, True, True]
+    stream = model.stream("digit", background=rest[0], calibration=tmp_path / "d1.yaml")
+    for number in range(4):
+        found = stream.push(lit[number], number / 15)
+    assert (found.trouble, found.force, found.slip) == ("other_light", None, None)
+    # one that was made before the range was kept
+    old = replace(made.calibration, force=replace(made.calibration.force, borders=[]))
+    assert model.force(lit, rest[0], "digit", calibration=old).isfinite().all()
+
+
 @pytest.mark.slow
 def test_an_axis_that_is_left_out_stays_what_the_model_says(model: Model) -> None:
     alone = calibrate(

@@ -12,6 +12,7 @@ from tactileforge.contracts import Frames, Recording
 from tactileforge.data.frames.cut import held_clips
 from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import DataError, unknown
+from tactileforge.sensors.light import border_inputs
 from tactileforge.sensors.taxels import REST
 
 if TYPE_CHECKING:
@@ -52,11 +53,11 @@ def force_features(
 ) -> dict[str, NDArray[np.float64]]:
     """Features of every frame, float64 (T,) each.
 
-    ``pictures`` are changes from the background, see `pictures.picture_inputs`. ``taxels`` are the
-    sums ``x``, ``y``, ``z`` of the taxels in images of an array, in units of full colour. ``head``
-    and ``both`` are the force inputs of a model, with those of its pictures, see
-    `hub.model.Model.force_inputs`. Any other kind is the name of a track (T, 3) with the
-    columns ``x``, ``y``, ``z``.
+    ``pictures`` are changes from the background, see `pictures.picture_inputs`, and at the borders,
+    see `light.border_inputs`. ``taxels`` are the sums ``x``, ``y``, ``z`` of the taxels in images
+    of an array, in units of full colour. ``head`` and ``both`` are the force inputs of a model,
+    with those of its pictures, see `hub.model.Model.force_inputs`. Any other kind is the name of a
+    track (T, 3) with the columns ``x``, ``y``, ``z``.
 
     Args:
         recording: Recording of touch.
@@ -111,7 +112,9 @@ def _pictures(frames: NDArray[np.uint8], rest: NDArray[np.uint8]) -> dict[str, N
     from tactileforge.sensors.calibration.pictures import picture_inputs
 
     seen, still = (torch.from_numpy(x).movedim(-1, -3) for x in (frames, rest[None]))
-    return {name: value.double().numpy() for name, value in picture_inputs(seen, still).items()}
+    columns = {name: value.numpy() for name, value in picture_inputs(seen, still).items()}
+    columns |= border_inputs(frames, rest)
+    return {name: value.astype(np.float64) for name, value in columns.items()}
 
 
 def _read_by(model: ForceReader, recording: Recording) -> Iterator[dict[str, NDArray[np.float64]]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataNotFoundError, unknown
+from tactileforge.sensors.light import BORDER_FEATURES, OTHER_LIGHT, has_other_light
 from tactileforge.util import strict
 from tactileforge.util.files import sealed_yaml, unsealed_yaml, write_text
 from tactileforge.util.regular import regular_text
@@ -90,6 +92,8 @@ class ForceModel:
         axes: Fitted axes, by name: ``x``, ``y`` or ``z``.
         model: Fingerprint of the fitted model (`hub.model.Model.fingerprint`); "" for none.
         left_out: Errors of the candidates of each axis without a fit, as in `Axis.errors`.
+        borders: Least and largest change at the borders of the fitted pictures, grey levels, see
+            `light.border_range`; empty if it is not known.
     """
 
     of: str
@@ -97,6 +101,7 @@ class ForceModel:
     axes: dict[str, ForceAxis]
     model: str = ""
     left_out: dict[str, dict[str, float]] = field(default_factory=dict)
+    borders: list[list[float]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +162,9 @@ class Calibration:
     def forces(self, recording: Recording, model: ForceReader | None = None) -> NDArray[np.float32]:
         """Forces of a recording of this unit, float32 (T, 3), N; NaN on axes without a fit.
 
-        With a fitted lag, a frame shows the force at ``force.lag`` seconds before its time.
+        NaN, with a warning, in frames with another light than in the fitted presses, see
+        `light.has_other_light`. With a fitted lag, a frame shows the force at ``force.lag`` seconds
+        before its time.
 
         Args:
             recording: Recording of this unit.
@@ -180,6 +187,15 @@ class Calibration:
         for column, name in enumerate(FORCE_AXES):
             if name in self.force.axes:
                 out[:, column] = self.force.axes[name](features)
+        if self.force.borders:
+            lit = has_other_light(features, self.force.borders)
+            out[lit] = np.nan
+            if lit.any():
+                warnings.warn(
+                    f"{recording.key}: {lit.sum()} of {len(lit)} frames have no force (NaN): "
+                    f"{OTHER_LIGHT}. Keep other light away, or calibrate with such presses too",
+                    stacklevel=2,
+                )
         return out
 
     def check(self, sensor: str, unit: str = "") -> None:
@@ -296,6 +312,9 @@ def _check_force(force: ForceModel, where: str) -> None:
     if not force.axes:
         raise ConfigError(f"{where}.axes is empty; give x, y or z")
     numbers = {"lag": force.lag}
+    if force.borders and [len(row) for row in force.borders] != [len(BORDER_FEATURES)] * 2:
+        raise ConfigError(f"{where}.borders must be 2 rows of {len(BORDER_FEATURES)} numbers")
+    numbers |= {f"borders[{i}]": sum(row) for i, row in enumerate(force.borders)}
     for name, errors in force.left_out.items():
         numbers |= {f"left_out.{name}.{key}": error for key, error in errors.items()}
     for name, axis in force.axes.items():

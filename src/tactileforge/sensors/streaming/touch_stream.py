@@ -13,7 +13,7 @@ from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError, DataError, SensorError
 from tactileforge.sensors.background import Background, check_background, spread_frames
 from tactileforge.sensors.health import exposure_trouble
-from tactileforge.sensors.light import LightCheck
+from tactileforge.sensors.light import LightCheck, border_inputs, has_other_light
 from tactileforge.sensors.streaming.buffer import ClipBuffer, FrameWithClip, warn_of_slow_frames
 from tactileforge.sensors.streaming.contact import (
     BackgroundChange,
@@ -49,7 +49,8 @@ class Prediction:
         difference: Difference to the background, grey levels.
         contact: Whether there is contact; None if the image is invalid or the light has changed.
         force: Force along x, y and z, N, axes as in `contracts`; None if the model gives none, the
-            image is invalid, the light has changed or the force is beyond the sensor's scale.
+            image is invalid, the light has changed or is none of the calibration's presses, or the
+            force is beyond the sensor's scale.
         slip: Whether it slips, see `contact.SlipEstimator`; None without forces.
         trouble: One of `sensors.health.TROUBLES`; "" for none.
         embedding: Vector of the model, as of `encode`, float32 (n,); None if it is not requested.
@@ -256,7 +257,9 @@ class TouchStream:
         elif not trouble:
             contact = self.contact.update(difference)
             force, vector = self._read(shot)
-            if force is not None and not all(map(math.isfinite, force)):
+            if force is not None and self._is_other_light(shot):
+                force, trouble = None, "other_light"
+            elif force is not None and not all(map(math.isfinite, force)):
                 force, trouble = None, "out_of_range"
             if force is not None:
                 slip = self.slip.update(frame.time, np.array(force), contact)
@@ -270,6 +273,13 @@ class TouchStream:
             trouble=trouble,
             embedding=vector,
         )
+
+    def _is_other_light(self, shot: FrameWithClip) -> bool:
+        """Whether the light is another one than in the presses of the calibration."""
+        force = None if self.calibration is None else self.calibration.force
+        if force is None or shot.clip is None or not self._camera:
+            return False
+        return bool(has_other_light(border_inputs(shot.clip[-1:], self._still), force.borders)[0])
 
     def _read(
         self, shot: FrameWithClip

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Recording
 from tactileforge.errors import DataError
 from tactileforge.sensors import (
+    BORDER_FEATURES,
     CHANGE_FEATURE,
     FORCE_AXES,
     MOMENT_FEATURES,
@@ -18,6 +19,7 @@ from tactileforge.sensors import (
     WITH_MODEL,
     ForceModel,
     ForceReader,
+    border_range,
     force_features,
 )
 from tactileforge_live.calibrate.fit import (
@@ -63,6 +65,8 @@ def fit_forces(
         )
     parts = [force_features(press, kind, model) for press in presses]
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    # not to fit to: they tell another light at reading
+    around = {name: joined.pop(name) for name in BORDER_FEATURES if name in joined}
     fold = folds([len(press.frames) for press in presses])
     with_model = kind in WITH_MODEL
 
@@ -92,7 +96,8 @@ def fit_forces(
     notes += told
     of = model.fingerprint if with_model and model is not None else ""
     axes = {name: fit.axis for name, fit in kept.items() if fit.axis is not None}
-    return ForceModel(kind, round(lag, 4), axes, of, left_out), kept
+    borders = border_range(around) if around else []
+    return ForceModel(kind, round(lag, 4), axes, of, left_out, borders), kept
 
 
 def keep_axes(
