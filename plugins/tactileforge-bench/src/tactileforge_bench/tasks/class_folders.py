@@ -51,7 +51,7 @@ def class_task(task: Mapping[str, Any], classes: Mapping[str, Any]) -> dict[str,
         side: {
             **layout,
             "images": [f"{sides[side]}/{glob}" for glob in classes["images"]],
-            "split": "train" if side == "train" else "val",
+            "hold_out": "none" if side == "train" else "all",
         }
         for side in ("train", *held)
     }
