@@ -114,7 +114,10 @@ def main() -> None:
     out = Path(sys.argv[1] if len(sys.argv) > 1 else "dist")
     out.mkdir(parents=True, exist_ok=True)
     folders = projects(ROOT)
-    wheels = {folder: build(folder, out) for folder in folders}
+    wheels = {}
+    for number, folder in enumerate(folders, 1):
+        wheels[folder] = build(folder, out)
+        print(f"{number} of {len(folders)}: {wheels[folder].name}", flush=True)
     about = [tomllib.loads((one / "pyproject.toml").read_text("utf-8")) for one in folders]
     versions = {one["project"]["name"]: one["project"]["version"] for one in about}
     wrong = 0

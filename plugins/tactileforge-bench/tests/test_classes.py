@@ -2,19 +2,24 @@
 
 import csv
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import tactileforge_bench
 import torch
+from omegaconf import OmegaConf
 from PIL import Image
 from safetensors.torch import load_file, save_file
 from tactileforge_bench.results.load import read_results
 from tactileforge_bench.results.predictions import read_predictions
 from tactileforge_bench.results.results import NotRun
 from tactileforge_bench.results.scores import sentences
+from tactileforge_bench.tasks.class_folders import class_task
 
 import tactileforge
 from tactileforge import cli
+from tactileforge.datasets import Recordings
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.heads.classify import ClassifyHead
@@ -137,6 +142,21 @@ def test_folders_of_train_and_val_are_taken_as_they_are(tmp_path, sides, tested)
     assert len(read_predictions(tmp_path / "folds" / cell.predictions).truth) == 3 * sum(
         sides.values()
     )
+
+
+def test_folders_of_train_and_val_become_layouts_that_a_folder_of_touches_reads(tmp_path):
+    root = folders(tmp_path / "parts", train=2, val=1)
+    path = Path(tactileforge_bench.__file__).parent / "conf/suite/classes.yaml"
+    classes = {"root": str(root), "sensor": "digit", "images": ["*/*.png"], "folds": None}
+    classes |= {"background": "none", "group": ["recording"]}
+    suite = OmegaConf.merge(OmegaConf.load(path), {"classes": classes})
+    given: Any = OmegaConf.to_container(suite, resolve=True)
+    task = class_task(given["tasks"]["classes"], given["classes"])
+    data = Recordings(root, layouts=task["data"]["layouts"], val=0.0)
+    found = {side: [one.key for one in data.recordings(side)] for side in ("train", "val")}
+    assert {key.split("/")[1] for key in found["train"]} == {"train"}
+    assert {key.split("/")[1] for key in found["val"]} == {"val"}
+    assert [len(keys) for keys in found.values()] == [2 * len(NAMES), len(NAMES)]
 
 
 def test_a_folder_of_one_side_alone_and_keys_that_are_not_given_are_told(tmp_path, capsys):
