@@ -50,14 +50,15 @@ EVERY = 12
 #: Largest error of a frame that is read, N: what a light may do unseen.
 ALLOWED = 0.3
 
-Floats = NDArray[np.floating]
+Floats = NDArray[np.float64]
 Inputs = Mapping[str, Floats]
 
 
 def lights(size: tuple[int, int]) -> dict[str, tuple[Floats, Floats]]:
     """Added grey levels and factor of each light, float (H, W, 3) or one number."""
     x, y = np.meshgrid(*(np.linspace(0, 1, n) for n in size[::-1]))
-    none, whole = np.zeros(1), np.ones(1)
+    none: Floats = np.zeros(1)
+    whole: Floats = np.ones(1)
     lamps: dict[str, Floats] = {}
     for number, far in enumerate(((x, y), (1 - x, y), (x, 1 - y), (1 - x, 1 - y))):
         shape = np.exp(-(far[0] ** 2 + far[1] ** 2) / 0.15)[..., None]
@@ -72,8 +73,8 @@ def lights(size: tuple[int, int]) -> dict[str, tuple[Floats, Floats]]:
         lamps[f"gradient {side} white 20"] = 20 * ramp[..., None] * np.ones(3)
     for side, ramp in (("left", 1 - x), ("bottom", y)):
         lamps[f"gradient {side} red 30"] = 30 * ramp[..., None] * np.array(COLOURS["red"])
-    for side, far in (("left", x), ("right", 1 - x), ("top", y)):
-        lamps[f"edge {side} white 30"] = 30 * np.exp(-far / 0.2)[..., None] * np.ones(3)
+    for side, away in (("left", x), ("right", 1 - x), ("top", y)):
+        lamps[f"edge {side} white 30"] = 30 * np.exp(-away / 0.2)[..., None] * np.ones(3)
     lamps["edge bottom red 40"] = 40 * np.exp((y - 1) / 0.2)[..., None] * np.array(COLOURS["red"])
     above = np.exp(-((x - 0.5) ** 2 + (y - 0.4) ** 2) / 0.2)[..., None]
     lamps["lamp above 25"] = 25 * above * np.ones(3)
