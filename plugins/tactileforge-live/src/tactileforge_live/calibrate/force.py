@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import DataError
+from tactileforge.plugins import Bar
 from tactileforge.sensors import (
     BORDER_FEATURES,
     CHANGE_FEATURE,
@@ -63,7 +64,8 @@ def fit_forces(
         raise DataError(
             "no recording has forces: record with force=NAME, or give fit=none to leave them out"
         )
-    parts = [force_features(press, kind, model) for press in presses]
+    reading = Bar(presses, desc="read", unit="recording", disable=kind not in WITH_MODEL)
+    parts = [force_features(press, kind, model) for press in reading]
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     # not to fit to: they tell another light at reading
     around = {name: joined.pop(name) for name in BORDER_FEATURES if name in joined}
