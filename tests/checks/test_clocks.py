@@ -1,4 +1,4 @@
-"""Stamps of two clocks, and frames that come in pairs."""
+"""Stamps of two clocks, and frames in pairs."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Names of the models that come with the package."""
+"""Names of the shipped models."""
 
 from tactileforge.hub import cards
 

@@ -1,4 +1,4 @@
-"""Figures that nobody looks at are not drawn: a third of a short run is its report's figures."""
+"""Draws no figure nobody looks at: a third of a short run is its report's figures."""
 
 from typing import IO, Any
 

@@ -63,7 +63,7 @@ def test_a_folder_that_is_written_is_refused(tmp_path: Path) -> None:
 def test_a_start_that_is_refused_leaves_the_run_that_is_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Also while that one still makes its data, and has written nothing."""
+    """Also while the other still makes its data, and has written nothing."""
     lock = tmp_path / run_folder.LOCK
     command = [sys.executable, "-c", HOLD, str(lock)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:

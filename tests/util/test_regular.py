@@ -1,4 +1,4 @@
-"""Pipes, devices and links that lead away are refused without waiting."""
+"""Pipes, devices and links to elsewhere are refused without waiting."""
 
 import os
 import socket

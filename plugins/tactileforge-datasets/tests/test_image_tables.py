@@ -67,7 +67,7 @@ def write(path: Path, table: Sequence[dict[str, Any]]) -> None:
 
 
 def saved(path: Path, table: Sequence[dict[str, Any]], **features: Any) -> Any:
-    """A data set of Hugging Face, where that is installed."""
+    """A data set of Hugging Face, if the library is installed."""
     datasets = pytest.importorskip("datasets")
     known = {"image": datasets.Image(), "object": datasets.Value("string")}
     known["force"] = datasets.Sequence(datasets.Value("float32"), length=3)

@@ -14,7 +14,7 @@ from tactileforge.checks.made import resting
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Two mirrored touches of a DIGIT, of which one pulls."""
+    """Two mirrored touches of a DIGIT; one pulls."""
     root = tmp_path / "touches"
     for seed in range(2):
         one = made_touch(seed, still=resting(seed)[:, ::-1])

@@ -68,7 +68,7 @@ def refusing(batch):
 
 @pytest.mark.parametrize("free", [0, 4 * 32 - 1])
 def test_small_shared_memory_is_said(monkeypatch, free):
-    """Less than what two readers have under way, two batches of 32 bytes each."""
+    """Less than two readers have under way: two batches of 32 bytes each."""
     monkeypatch.setattr(handover, "ForkingPickler", SimpleNamespace(dumps=refusing))
     room = SimpleNamespace(total=64 << 20, free=free)
     monkeypatch.setattr(handover.shutil, "disk_usage", lambda _: room)
