@@ -2,6 +2,7 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from multiprocessing import get_start_method
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -352,7 +353,8 @@ def test_workers_of_several_processes_are_not_forked(
 ) -> None:
     data = touch(Shards(str(pack(Memory(24), tmp_path, size=4))), workers=1)
     stream, numbers = data.stream(), BatchIndexSampler(1)
-    assert Loader.of(stream, numbers, 1).multiprocessing_context is None
+    alone = Loader.of(stream, numbers, 1).multiprocessing_context
+    assert alone.get_start_method() == get_start_method()
     monkeypatch.setattr("tactileforge.data.batches.loader.world", lambda: (0, 2))
     assert Loader.of(stream, numbers, 0).multiprocessing_context is None
     loader = Loader.of(stream, numbers, 1)

@@ -176,6 +176,7 @@ def test_a_background_of_another_sensor_is_told(name: str) -> None:
         still = grey_levels(name)
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
+            warnings.filterwarnings("ignore", "depth: an estimate")
             for _ in range(2):
                 reader.read(still, still)
         assert len(told) == (name != other), (name, other)  # once for a background
@@ -206,6 +207,7 @@ def test_public_backgrounds_fit_the_calibration_of_their_type(
     for name in optics_names():
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
+            warnings.filterwarnings("ignore", "depth: an estimate")
             DepthReader("digit", name, 8).read(still, still)
         silent += [] if told else [name]
     assert silent == ([fits] if fits else [])
