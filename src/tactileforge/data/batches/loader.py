@@ -53,7 +53,7 @@ class Loader(DataLoader[Batch]):
 
     waited = 0.0
     prepare: Callable[[Batch, int], Batch] | None = None
-    readers: Readers
+    readers = Readers(0)
 
     @classmethod
     def of(cls, stream: Stream, numbers: BatchIndexSampler, workers: int) -> Loader:

@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-#: Largest difference of small pictures of one frame that was encoded again, grey levels, and the
-#: largest share of their pixels with a larger one: less than the smallest contact covers.
-SIMILAR, ELSEWHERE = 3.0, 0.005
+#: Largest difference of small pictures of one frame that was encoded again, grey levels.
+SIMILAR = 3.0
+#: Largest share of their pixels with a larger one: less than the smallest contact covers.
+ELSEWHERE = 0.005
 #: Width of small frames, pixels; averaging removes noise, so that faint contact shows.
 _WIDTH = 128
 
