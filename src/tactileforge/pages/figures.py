@@ -37,7 +37,9 @@ MARKERS = "o^s"
 SPLITS = {"train": 0, "val": 1}
 TRAIN, VAL = CLASSES[0][0], CLASSES[1][0]
 # placeholders, since matplotlib takes no CSS variables: `svg` replaces them
-INK, _LINE, _OTHER, SHADE = "#010203", "#040506", "#070809", "#0a0b0c"
+INK = "#010203"
+_LINE, _OTHER = "#040506", "#070809"
+SHADE = "#0a0b0c"
 _VARIABLES = {
     INK: "currentColor",
     _LINE: "var(--line)",

@@ -14,7 +14,8 @@ from tactileforge.contracts.data import Frames
 from tactileforge.errors import DataError
 
 #: Most arrays of a container, and deepest group that is looked into.
-MOST_KEYS, DEEPEST = 100_000, 32
+MOST_KEYS = 100_000
+DEEPEST = 32
 #: Most bytes that are decoded together: a chunk, a row, or a file that is read whole.
 MOST_BYTES = 1 << 28
 #: Most bytes of a description: metadata, attributes and the like.

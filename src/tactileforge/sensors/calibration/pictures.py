@@ -15,7 +15,8 @@ _ORDERS = 4
 _COLOURS = ("red", "green", "blue")
 _PAIRS = [(i, j) for i in range(_ORDERS) for j in range(_ORDERS) if i + j < _ORDERS]
 #: Mean change, its first moments across and down, and the coarse shape of each colour's change.
-CHANGE_FEATURE, MOMENT_FEATURES = "change", ("change_x", "change_y")
+CHANGE_FEATURE = "change"
+MOMENT_FEATURES = ("change_x", "change_y")
 SHAPE_FEATURES = tuple(f"{color}_{i}{j}" for color in _COLOURS for i, j in _PAIRS)
 #: Names of all inputs from pictures.
 PICTURE_FEATURES = (CHANGE_FEATURE, *MOMENT_FEATURES, *SHAPE_FEATURES)

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 #: Folder of the list of cameras, and folder of links named by their sockets.
-SYSTEM, BY_PATH = Path("/sys/class/video4linux"), Path("/dev/v4l/by-path")
+SYSTEM = Path("/sys/class/video4linux")
+BY_PATH = Path("/dev/v4l/by-path")
 
 
 @dataclass(frozen=True)
