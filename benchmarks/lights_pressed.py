@@ -1,4 +1,4 @@
-"""Lights that are switched on while something presses, read by a calibration of ten seconds.
+"""Lights switched on during a press, read by a calibration of ten seconds.
 
 Forty synthetic lights, on the public trials with measured forces, in pictures in which something
 presses. Of each light: the share of frames that are read (with a force, not NaN), and in these the
@@ -96,7 +96,7 @@ def lit(frames: NDArray[np.uint8], name: str, light: tuple[Floats, Floats]) -> N
 
 
 def shrunk(frames: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A quarter of rows and columns, by area: all that is computed here takes larger cells."""
+    """Downsample to a quarter of the rows and columns by area; every cell below is larger."""
     size = frames.shape[2] // 4, frames.shape[1] // 4
     return np.stack([cv2.resize(one, size, interpolation=cv2.INTER_AREA) for one in frames])
 
@@ -118,7 +118,7 @@ def part(inputs: Inputs, rows: Any) -> Inputs:
 
 
 def alarms(inputs: Inputs, times: Floats) -> dict[str, float]:
-    """Percent of frames without another light that a calibration of the other frames refuses."""
+    """False-alarm rates, percent of frames, of a calibration from the other frames."""
     early, block = times < SECONDS, np.arange(len(times)) * 5 // len(times)
     later = has_other_light(part(inputs, ~early), border_range(part(inputs, early)))
     blocks = np.concatenate(
@@ -134,7 +134,7 @@ def alarms(inputs: Inputs, times: Floats) -> dict[str, float]:
 
 
 def judged(name: str, root: str) -> dict[str, Any]:
-    """False alarms of one trial, and what each light does."""
+    """False alarms of one trial, and the effect of each light."""
     recording = trial(root, name)
     assert recording.force is not None
     frames = np.concatenate([shrunk(part) for part in frame_chunks(recording.frames)])

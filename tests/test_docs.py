@@ -47,7 +47,7 @@ SIZED = re.compile(r"init=(?!runs/)|recipe=touch|image_encoder=")
 
 
 def smaller(code: str) -> str:
-    """The code, with ``debug=steps`` at 32 pixels and four clips a step where its size is free."""
+    """Shrink ``debug=steps`` trainings of free size to 32 pixels and four clips per step."""
     commands = re.split(r"(?<!\\)\n", code)
     for number, command in enumerate(commands):
         if "train " in command and " data=" not in command and "data.size=" not in command:

@@ -85,7 +85,7 @@ def _scheduling() -> tuple[int, int] | None:
 
 @pytest.fixture(autouse=True)
 def _in_turn_with_others(_scheduling: tuple[int, int] | None) -> Iterator[None]:
-    """Undoes the real-time priority that the AV1 encoder takes as root."""
+    """Undoes the real-time priority of the AV1 encoder, taken as root."""
     yield
     if _scheduling is not None and os.sched_getscheduler(0) != _scheduling[0]:
         os.sched_setscheduler(0, _scheduling[0], os.sched_param(_scheduling[1]))

@@ -310,7 +310,7 @@ def plain(config: DictConfig) -> dict[str, Any]:
 
 
 def _missing(node: Any, place: str = "") -> Iterator[str]:
-    """Dotted keys of the required values that are missing in plain data."""
+    """Dotted keys of missing required values in plain data."""
     if node == "???":
         yield place
     elif isinstance(node, dict | list):

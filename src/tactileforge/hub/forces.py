@@ -118,7 +118,7 @@ def warn_of_estimates(stacklevel: int = 3) -> None:
 
 
 def warn_of_surfaces(stacklevel: int = 3) -> None:
-    """Warns of surfaces, which are learned from simulated gels; see `warnings.warn`."""
+    """Warns of estimated surfaces, learned from simulated gels; see `warnings.warn`."""
     warnings.warn(
         "surface: an estimate, not a measurement: it is learned from simulated gels, and units "
         "differ in gel and light, so depth on yours may be far off: compare with presses of known "

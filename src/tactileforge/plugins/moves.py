@@ -116,7 +116,7 @@ def import_hint(error: BaseException) -> str:
 
 
 def _wanted(error: BaseException) -> tuple[str, ...]:
-    """Names of the ``from ... import`` statement that failed, from its code."""
+    """Names in the failed ``from ... import`` statement, from its bytecode."""
     step = error.__traceback__
     names: tuple[str, ...] = ()
     while step is not None:

@@ -74,7 +74,7 @@ class PluginInfo:
 
 
 def _owner(entry: EntryPoint) -> tuple[str, str]:
-    """Name and version of the distribution of an entry point; "" where it has none."""
+    """Name and version of the distribution of an entry point; empty without one."""
     text = (
         entry.dist.read_text("METADATA") or entry.dist.read_text("PKG-INFO") if entry.dist else ""
     )

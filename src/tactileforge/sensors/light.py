@@ -13,8 +13,8 @@ Daylight that leaks in at an edge may be narrow, with an edge of its own. It mak
 brighter, most at the border, and ever less inwards; a touch makes a colour brighter on one of its
 sides and darker on the other.
 
-Beside a touch, other light that does not reach every border is told by the presses of the unit's
-own calibration alone: see `has_other_light`.
+During a touch, other light that does not reach every border is detected only with the presses of
+the unit's own calibration: see `has_other_light`.
 """
 
 from __future__ import annotations
@@ -303,7 +303,7 @@ def border_range(inputs: Mapping[str, NDArray[np.floating]]) -> list[list[float]
 def has_other_light(
     inputs: Mapping[str, NDArray[np.floating]], known: Sequence[Sequence[float]]
 ) -> NDArray[np.bool_]:
-    """Whether border parts change as in none of the presses that a calibration was fitted to.
+    """Whether border changes lie outside the range of the presses of a calibration.
 
     A touch makes a colour brighter in one part and darker in another. Light is brighter, or
     darker, in all that it reaches.

@@ -91,7 +91,7 @@ class DepthReader:
         self.calibration = _calibration(self.sensor, calibration)
         self._height_mm = _height_mm(sensor) if mm_per_pixel is None else None
         self._readers: dict[tuple[int, int], SurfaceReader] = {}
-        self._is_shipped = calibration is None or str(calibration) in optics_names()
+        self._warns = calibration is None or str(calibration) in optics_names()
         self._checked: NDArray[np.uint8] | None = None  # last background with known colours
 
     def read(self, pictures: NDArray[np.uint8], background: NDArray[np.uint8]) -> Surface:
@@ -123,8 +123,8 @@ class DepthReader:
                 "(B, H, W, 3), and one (H, W, 3) of the same sensor"
             )
         self._check_colours(background)
-        if self._is_shipped:
-            self._is_shipped = False  # said once
+        if self._warns:
+            self._warns = False
             warnings.warn(
                 "depth: an estimate, not a measurement: the calibrations that ship are of other "
                 "units, and lights differ: fit one to yours (tactileforge calibrate depth)",

@@ -145,7 +145,7 @@ class Readers:
             self.context.Process = noted  # type: ignore[attr-defined]
 
     def ends(self) -> Sequence[int]:
-        """Exit statuses of those that have failed; minus the signal, where one ended them."""
+        """Nonzero exit statuses; minus the signal number after a signal."""
         return [process.exitcode for process in self.started if process.exitcode]
 
 
@@ -204,7 +204,7 @@ def _lacking(error: Exception, readers: Readers) -> str:
 
 
 def _is_of_files(error: BaseException | None) -> bool:
-    """Whether an error, or one that it was raised in answer to, is of too many open files."""
+    """Whether an error, or any in its chain of causes, reports too many open files."""
     while error is not None:
         if isinstance(error, OSError) and error.errno in NO_FILES:
             return True

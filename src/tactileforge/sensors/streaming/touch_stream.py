@@ -277,7 +277,7 @@ class TouchStream:
     def _is_other_light(self, shot: FrameWithClip) -> bool:
         """Whether the light is another one than in the presses of the calibration."""
         force = None if self.calibration is None else self.calibration.force
-        if force is None or shot.clip is None or not self._camera:
+        if force is None or not force.borders or shot.clip is None or not self._camera:
             return False
         return bool(has_other_light(border_inputs(shot.clip[-1:], self._still), force.borders)[0])
 
