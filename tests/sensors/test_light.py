@@ -12,14 +12,13 @@ from tactileforge_depth.reader import DepthReader
 import tactileforge
 from tactileforge.cli._compose import option
 from tactileforge.plugins.registry import build
-from tactileforge.sensors.light import (
+from tactileforge.sensors.borders import (
     BORDER_FEATURES,
-    LightCheck,
     border_inputs,
     border_range,
-    changed_light,
     has_other_light,
 )
+from tactileforge.sensors.light import LightCheck, changed_light
 from tactileforge.sensors.streaming.touch_stream import TouchStream
 
 SIZES = {

@@ -18,12 +18,8 @@ from tactileforge.contracts import AXES
 from tactileforge.encoders.views import ComputedViews
 from tactileforge.errors import ConfigError
 from tactileforge.hub.inputs import ClipInputs, uses_background
-from tactileforge.sensors.light import (
-    BORDER_FEATURES,
-    border_inputs,
-    changed_light,
-    has_other_light,
-)
+from tactileforge.sensors.borders import BORDER_FEATURES, border_inputs, has_other_light
+from tactileforge.sensors.light import changed_light
 
 if TYPE_CHECKING:
     from tactileforge.sensors.calibration.file import Calibration, ForceAxis
@@ -195,7 +191,7 @@ def without_other_light(
         force: float32 (B, n, 3), of the last n frames of each clip.
         clips: uint8 (B, T, 3, H, W).
         backgrounds: uint8 (B, 3, H, W).
-        known: Range of the presses, see `sensors.light.border_range`; empty for none.
+        known: Range of the presses, see `borders.border_range`; empty for none.
     """
     if not known:
         return force

@@ -14,7 +14,7 @@ from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import forces
 from tactileforge.hub.clips import Clips
 from tactileforge.hub.forces import ModelReadings
-from tactileforge.sensors.light import OTHER_LIGHT
+from tactileforge.sensors.borders import OTHER_LIGHT
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model

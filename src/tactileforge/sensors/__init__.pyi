@@ -2,6 +2,10 @@ from tactileforge.sensors.awake import AWAKE_CLOCK as AWAKE_CLOCK
 from tactileforge.sensors.background import Background as Background
 from tactileforge.sensors.background import check_background as check_background
 from tactileforge.sensors.background import spread_frames as spread_frames
+from tactileforge.sensors.borders import BORDER_FEATURES as BORDER_FEATURES
+from tactileforge.sensors.borders import border_inputs as border_inputs
+from tactileforge.sensors.borders import border_range as border_range
+from tactileforge.sensors.borders import has_other_light as has_other_light
 from tactileforge.sensors.calibration.features import WITH_MODEL as WITH_MODEL
 from tactileforge.sensors.calibration.features import ForceReader as ForceReader
 from tactileforge.sensors.calibration.features import force_features as force_features
@@ -43,11 +47,7 @@ from tactileforge.sensors.framing import hex_bytes as hex_bytes
 from tactileforge.sensors.framing import payload_size as payload_size
 from tactileforge.sensors.health import TROUBLES as TROUBLES
 from tactileforge.sensors.latency import low_latency_threads as low_latency_threads
-from tactileforge.sensors.light import BORDER_FEATURES as BORDER_FEATURES
 from tactileforge.sensors.light import LightCheck as LightCheck
-from tactileforge.sensors.light import border_inputs as border_inputs
-from tactileforge.sensors.light import border_range as border_range
-from tactileforge.sensors.light import has_other_light as has_other_light
 from tactileforge.sensors.links import Link as Link
 from tactileforge.sensors.links import SerialLink as SerialLink
 from tactileforge.sensors.links import attached_ports as attached_ports

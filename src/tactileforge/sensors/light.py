@@ -14,12 +14,11 @@ brighter, most at the border, and ever less inwards; a touch makes a colour brig
 sides and darker on the other.
 
 During a touch, other light that does not reach every border is detected only with the presses of
-the unit's own calibration: see `has_other_light`.
+the unit's own calibration: see `borders`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -29,9 +28,10 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from torch import Tensor
 
-#: Smallest number of cells along the shorter side of a picture, if it has so many pixels, and
-#: deviation of the blur, cells.
-_CELLS, _BLUR = 30, 1.5
+#: Smallest number of cells along the shorter side of a picture, if it has so many pixels.
+CELLS = 30
+#: Deviation of the blur, cells.
+_BLUR = 1.5
 #: Smallest change of the picture to check, grey levels: below, forces were within .2 N of 0.
 _LEAST = 5.0
 #: Largest share of the change in edges for light, and largest edge, grey levels; from the touches
@@ -54,22 +54,6 @@ _DIM = 1 / 3
 _SLACK, _SLACK_SHARE, _WHITE, _BORDER, _OPPOSITE = 2.0, 0.1, 0.3, 0.6, 0.5
 #: Grey levels of a saturated cell: it hides the amount of daylight.
 _FULL = 250
-#: Border parts: cells along a side of the picture and of a part, largest edge of a cell that no
-#: touch reaches, grey levels, and smallest share of such cells in a part that tells something.
-_AROUND, _PART, _SMOOTH, _FREE = 32, 6, 3.0, 0.6
-#: How far the changes lie beyond those of the calibration's presses in another light, grey levels,
-#: and in how many parts (`docs/calibrate.md` has the alarms and lights that they come from).
-_BEYOND = ((3.5, 1), (1.0, 5))
-#: Number of border parts, and names of their changes, a colour of a part each.
-_EIGHT = 8
-BORDER_FEATURES = tuple(
-    f"border{part}_{color}" for part in range(_EIGHT) for color in ("red", "green", "blue")
-)
-#: Why a frame beyond the presses of a calibration gets no force.
-OTHER_LIGHT = (
-    "the borders of the picture changed as in none of the presses of the calibration, by another "
-    "light or a touch in a new place"
-)
 
 
 class LightCheck:
@@ -89,7 +73,7 @@ class LightCheck:
     """
 
     def __init__(self, background: NDArray[np.uint8]) -> None:
-        self._side = max(1, min(background.shape[:2]) // _CELLS)
+        self._side = max(1, min(background.shape[:2]) // CELLS)
         self._still = self._small(background)
         self._colours = _by_colour(self._still)
         self._at_borders = _borders(self._still)
@@ -168,10 +152,16 @@ def _nearly_largest(levels: NDArray[np.float32]) -> float:
     return float(_ranked(levels.ravel(), 99))
 
 
-def _edges(change: NDArray[np.float32]) -> float:
-    """Size of the edges of a change, grey levels: percentile 99 of its difference from a blur."""
+def edges_of(change: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Edges of a change, grey levels (h, w): its difference from a blur, largest of the colours."""
     blurred = cv2.GaussianBlur(change, (0, 0), _BLUR, borderType=cv2.BORDER_REFLECT_101)
-    return _nearly_largest(_over_colours(np.maximum, np.abs(change - blurred)))
+    edges: NDArray[np.float32] = _over_colours(np.maximum, np.abs(change - blurred))
+    return edges
+
+
+def _edges(change: NDArray[np.float32]) -> float:
+    """Size of the edges of a change, grey levels: their percentile 99."""
+    return _nearly_largest(edges_of(change))
 
 
 def _borders(small: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -230,7 +220,7 @@ def changed_light(clips: Tensor, backgrounds: Tensor) -> NDArray[np.bool_]:
         clips: uint8 (B, T, 3, H, W).
         backgrounds: uint8 (B, 3, H, W).
     """
-    if min(clips.shape[-2:]) < _CELLS:  # taxels, or too few pixels for an edge
+    if min(clips.shape[-2:]) < CELLS:  # taxels, or too few pixels for an edge
         return np.zeros(clips.shape[:2], bool)
     frames = clips.permute(0, 1, 3, 4, 2).cpu().contiguous().numpy()
     stills = backgrounds.permute(0, 2, 3, 1).cpu().contiguous().numpy()
@@ -239,90 +229,3 @@ def changed_light(clips: Tensor, backgrounds: Tensor) -> NDArray[np.bool_]:
         for clip, check in zip(frames, map(LightCheck, stills), strict=True)
     ]
     return np.array(rows, bool).reshape(len(frames), -1)
-
-
-def border_inputs(
-    frames: NDArray[np.uint8], background: NDArray[np.uint8]
-) -> dict[str, NDArray[np.float32]]:
-    """Change of each colour in four corners and at four edges of pictures, float32 (N,) each.
-
-    Mean signed change from the background, grey levels, over the cells without edges; 0 in parts
-    that are mostly touched, and in pictures without enough pixels.
-
-    Args:
-        frames: uint8 (N, H, W, 3).
-        background: uint8 (H, W, 3).
-
-    Example:
-        >>> rest = np.full((64, 48, 3), 100, np.uint8)
-        >>> inputs = border_inputs(rest[None] + 8, rest)
-        >>> len(inputs), float(inputs["border0_red"][0])
-        (24, 8.0)
-    """
-    out = np.zeros((len(frames), len(BORDER_FEATURES)), np.float32)
-    if min(background.shape[:2]) >= _CELLS:  # else taxels, or too few pixels for an edge
-        still = _around(background)
-        for row, frame in zip(out, frames, strict=True):
-            row[:] = _border_changes(_around(frame) - still)
-    return dict(zip(BORDER_FEATURES, out.T, strict=True))
-
-
-def _around(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Small picture, float32 (32, 32, 3), or of fewer rows or columns."""
-    size = [min(_AROUND, length) for length in picture.shape[1::-1]]
-    small = cv2.resize(np.ascontiguousarray(picture), size, interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.float32)
-
-
-def _border_changes(change: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Mean change of the untouched cells of each part, float32 (24,)."""
-    blurred = cv2.GaussianBlur(change, (0, 0), _BLUR, borderType=cv2.BORDER_REFLECT_101)
-    free = _over_colours(np.maximum, np.abs(change - blurred)) < _SMOOTH
-    rows, columns = ((0, (n - _PART) // 2, n - _PART) for n in change.shape[:2])
-    corners = [(row, column) for row in rows for column in columns]
-    out = np.zeros((_EIGHT, 3), np.float32)
-    for number, (row, column) in enumerate(corners[:4] + corners[5:]):  # without the middle
-        part = slice(row, row + _PART), slice(column, column + _PART)
-        if free[part].mean() > _FREE:
-            out[number] = change[part][free[part]].mean(0)
-    return out.ravel()
-
-
-def border_range(inputs: Mapping[str, NDArray[np.floating]]) -> list[list[float]]:
-    """Least and largest change of each border part over frames, grey levels, 24 each; 0 is within.
-
-    Args:
-        inputs: Changes by name, float (N,) each, see `border_inputs`; frames of NaN are left out.
-    """
-    changes = np.stack([inputs[name] for name in BORDER_FEATURES], -1)
-    changes = changes[np.isfinite(changes).all(-1)]
-    least, most = changes.min(0, initial=0), changes.max(0, initial=0)
-    return [np.round(row.astype(np.float64), 2).tolist() for row in (least, most)]
-
-
-def has_other_light(
-    inputs: Mapping[str, NDArray[np.floating]], known: Sequence[Sequence[float]]
-) -> NDArray[np.bool_]:
-    """Whether border changes lie outside the range of the presses of a calibration.
-
-    A touch makes a colour brighter in one part and darker in another. Light is brighter, or
-    darker, in all that it reaches.
-
-    Args:
-        inputs: Changes by name, float (...) each, see `border_inputs`.
-        known: Range of the presses, see `border_range`; empty for none.
-
-    Returns:
-        bool (...).
-    """
-    changes = np.stack([np.asarray(inputs[name]) for name in BORDER_FEATURES], -1)
-    if not known:
-        return np.zeros(changes.shape[:-1], bool)
-    least, most = np.reshape(known, (2, _EIGHT, 3))
-    changes = changes.reshape(*changes.shape[:-1], _EIGHT, 3)
-    found = np.zeros(changes.shape[:-2], bool)
-    for far, parts in _BEYOND:
-        up, down = changes > most + far, changes < least - far
-        is_one_sided = ~(up.any(-2) & down.any(-2)).any(-1)
-        found |= is_one_sided & ((up | down).any(-1).sum(-1) >= parts)
-    return found

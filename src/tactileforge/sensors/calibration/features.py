@@ -12,7 +12,7 @@ from tactileforge.contracts import Frames, Recording
 from tactileforge.data.frames.cut import held_clips
 from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import DataError, unknown
-from tactileforge.sensors.light import border_inputs
+from tactileforge.sensors.borders import border_inputs
 from tactileforge.sensors.taxels import REST
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def force_features(
     """Features of every frame, float64 (T,) each.
 
     ``pictures`` are changes from the background, see `pictures.picture_inputs`, and at the borders,
-    see `light.border_inputs`. ``taxels`` are the sums ``x``, ``y``, ``z`` of the taxels in images
+    see `borders.border_inputs`. ``taxels`` are the sums ``x``, ``y``, ``z`` of the taxels in images
     of an array, in units of full colour. ``head`` and ``both`` are the force inputs of a model,
     with those of its pictures, see `hub.model.Model.force_inputs`. Any other kind is the name of a
     track (T, 3) with the columns ``x``, ``y``, ``z``.

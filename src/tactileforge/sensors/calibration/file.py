@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataNotFoundError, unknown
-from tactileforge.sensors.light import BORDER_FEATURES, OTHER_LIGHT, has_other_light
+from tactileforge.sensors.borders import BORDER_FEATURES, OTHER_LIGHT, has_other_light
 from tactileforge.util import strict
 from tactileforge.util.files import sealed_yaml, unsealed_yaml, write_text
 from tactileforge.util.regular import regular_text
@@ -93,7 +93,7 @@ class ForceModel:
         model: Fingerprint of the fitted model (`hub.model.Model.fingerprint`); "" for none.
         left_out: Errors of the candidates of each axis without a fit, as in `Axis.errors`.
         borders: Least and largest change at the borders of the fitted pictures, grey levels, see
-            `light.border_range`; empty if it is not known.
+            `borders.border_range`; empty if it is not known.
     """
 
     of: str
@@ -163,8 +163,8 @@ class Calibration:
         """Forces of a recording of this unit, float32 (T, 3), N; NaN on axes without a fit.
 
         NaN, with a warning, in frames with another light than in the fitted presses, see
-        `light.has_other_light`. With a fitted lag, a frame shows the force at ``force.lag`` seconds
-        before its time.
+        `borders.has_other_light`. With a fitted lag, a frame shows the force at ``force.lag``
+        seconds before its time.
 
         Args:
             recording: Recording of this unit.

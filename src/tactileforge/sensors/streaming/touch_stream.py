@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError, DataError, SensorError
 from tactileforge.sensors.background import Background, check_background, spread_frames
+from tactileforge.sensors.borders import border_inputs, has_other_light
 from tactileforge.sensors.health import exposure_trouble
-from tactileforge.sensors.light import LightCheck, border_inputs, has_other_light
+from tactileforge.sensors.light import LightCheck
 from tactileforge.sensors.streaming.buffer import ClipBuffer, FrameWithClip, warn_of_slow_frames
 from tactileforge.sensors.streaming.contact import (
     BackgroundChange,
