@@ -22,13 +22,14 @@ from tactileforge.cli._verbs import summary
 from tactileforge.contracts import Batch, Frame, Frames, SensorSpec
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import TactileForgeError
-from tactileforge.plugins import registry
+from tactileforge.plugins import local, registry
 from tactileforge.util import processes
 
 #: What a ``conftest.py`` of the core or of a package imports as it is.
 __all__ = [
     "_cache",
     "_in_turn_with_others",
+    "_names_of_its_own",
     "_no_thread_is_left",
     "_one_process",
     "_scheduling",
@@ -89,6 +90,13 @@ def _in_turn_with_others(_scheduling: tuple[int, int] | None) -> Iterator[None]:
     yield
     if _scheduling is not None and os.sched_getscheduler(0) != _scheduling[0]:
         os.sched_setscheduler(0, _scheduling[0], os.sched_param(_scheduling[1]))
+
+
+@pytest.fixture(autouse=True)
+def _names_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a test registers by ``tactileforge.register`` has no name in the tests after it."""
+    monkeypatch.setattr(registry, "_registered", dict(registry._registered))
+    monkeypatch.setattr(local, "_known", dict(local._known))
 
 
 @pytest.fixture(autouse=True)
