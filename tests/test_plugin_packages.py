@@ -288,7 +288,7 @@ def test_each_package_has_what_a_package_needs():
         facts = project(folder)
         assert facts["name"] == folder.name
         assert facts["license"] == "Apache-2.0"
-        assert facts["dependencies"][0] == "tactileforge>=0.1"
+        assert facts["dependencies"][0] == "tactileforge>=0.1,<0.2"
         assert {one.split(">")[0] for one in facts["dependencies"]} <= {"tactileforge", *OURS}
         readme = (folder / "README.md").read_text()
         for name in facts["entry-points"]["tactileforge.sensors"]:

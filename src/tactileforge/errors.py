@@ -127,15 +127,21 @@ def check_names(what: str, names: Iterable[str], known: Collection[str], fix: st
             raise ConfigError(unknown(what, name, known, fix))
 
 
+#: Most known names that an error lists.
+_MOST_LISTED = 60
+
+
 def unknown(what: str, name: str, known: Iterable[str], fix: str = "") -> str:
-    """Message on an unknown name, with the known names and the nearest one.
+    """Message on an unknown name, with the nearest known one, and all if they are few.
 
     Example:
         >>> unknown("sensor", "digitt", ["digit", "gelsight"])
         "unknown sensor 'digitt'; did you mean 'digit'? Known: digit, gelsight"
     """
     names = sorted(known)
-    text = (
-        f"unknown {what} {name!r}{nearest_name(name, names)} Known: {', '.join(names) or '(none)'}"
-    )
+    if len(names) > _MOST_LISTED:
+        of = f"{len(names)} are known"
+    else:
+        of = f"Known: {', '.join(names) or '(none)'}"
+    text = f"unknown {what} {name!r}{nearest_name(name, names)} {of}"
     return f"{text}. {fix}" if fix else text

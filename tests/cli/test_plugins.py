@@ -134,7 +134,7 @@ def test_check_of_attached_sensors_names_a_broken_one(installed, capsys):
 @pytest.mark.parametrize(
     ("argv", "error", "message"),
     [
-        (["check", "pixle"], PluginError, r"unknown plugin 'pixle'; did you mean 'pixel'"),
+        (["check", "pixle"], PluginError, r"'pixle'; did you mean 'pixel'\? \d+ are known. See them"),
         (
             ["check", "real"],
             PluginError,

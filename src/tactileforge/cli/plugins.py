@@ -123,7 +123,9 @@ def _check(keys: _Check, _: dict[str, Any]) -> int:
     known = {name for _, name in within}
     for wanted in keys.names:
         if wanted not in known:
-            raise PluginError(_unchecked(wanted) or unknown(keys.kind or "plugin", wanted, known))
+            fix = "See them: tactileforge plugins list"
+            text = unknown(keys.kind or "plugin", wanted, known, fix)
+            raise PluginError(_unchecked(wanted) or text)
     plugins = [plugin for plugin in within if not keys.names or plugin[1] in keys.names]
     options, attached = keys.options, keys.attached
     if options and len(plugins) != 1:
