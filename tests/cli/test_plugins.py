@@ -134,7 +134,11 @@ def test_check_of_attached_sensors_names_a_broken_one(installed, capsys):
 @pytest.mark.parametrize(
     ("argv", "error", "message"),
     [
-        (["check", "pixle"], PluginError, r"'pixle'; did you mean 'pixel'\? \d+ are known. See them"),
+        (
+            ["check", "pixle"],
+            PluginError,
+            r"'pixle'; did you mean 'pixel'\? \d+ are known. See them",
+        ),
         (
             ["check", "real"],
             PluginError,

@@ -94,7 +94,8 @@ class Command:
         from tactileforge.cli._known import check_command
 
         if not self.yaml:
-            check_command(self, config, typed)
+            late = bool(self.open and config.get(self.open))
+            check_command(self.keys, self.groups, late, config, typed)
         return plain(self.finish(config) if self.finish else config)
 
     def start(self, config: dict[str, Any], given: Mapping[str, Any] | None = None) -> Result:

@@ -9,12 +9,12 @@ the constructors of the chosen plugins. Options of ``data``, ``encoder``, ``trai
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 from omegaconf import Container, DictConfig, ListConfig, Node
@@ -23,9 +23,6 @@ from tactileforge.cli._options import MULTI, yaml_groups, yaml_options, yaml_tex
 from tactileforge.errors import ConfigError, PluginError, nearest_name
 from tactileforge.plugins import registry
 from tactileforge.plugins.registry import GROUPS
-
-if TYPE_CHECKING:
-    from tactileforge.cli._command import Command
 
 #: Keys of a node beside the options of its plugin, by group.
 _BESIDE = {"objective": frozenset({"weight"})}
@@ -73,23 +70,31 @@ def check_plugins(config: DictConfig) -> None:
             _check_plugin(group, name, row)
 
 
-def check_command(command: Command, config: DictConfig, typed: Sequence[str]) -> None:
+def check_command(
+    keys: type | None,
+    groups: Collection[str],
+    late: bool,
+    config: DictConfig,
+    typed: Sequence[str],
+) -> None:
     """Checks the configuration of a verb other than ``train``.
 
     Args:
-        command: Command, with the dataclass of its keys.
+        keys: Dataclass of the verb's keys; None if it has none.
+        groups: Groups of options that it takes.
+        late: Whether a package runs it, with keys of its own.
         config: Its composed configuration.
         typed: ``key=value`` words of the user.
 
     Raises:
         ConfigError: Nothing reads a key; names the nearest.
     """
-    own = {spec.name for spec in fields(command.keys)} if command.keys else set()
-    own |= {*command.groups, "scale"} if "data" in command.groups else {*command.groups}
-    if command.open and config.get(command.open):
-        return  # a package runs it, with keys of its own
+    own = {spec.name for spec in fields(keys)} if keys else set()
+    own |= {*groups, "scale"} if "data" in groups else {*groups}
+    if late:
+        return
     # a preset of data may bring keys that training alone reads; nobody types them here
-    given = {*own, *_training_tree()} if "data" in command.groups else own
+    given = {*own, *_training_tree()} if "data" in groups else own
     known = [key for key in dotted_keys(config) if key.partition(".")[0] in own]
     shared = _interpolated(config)
     for word in typed:

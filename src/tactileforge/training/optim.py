@@ -14,6 +14,7 @@ from torch import nn
 from tactileforge.contracts import OptimizerPlugin
 from tactileforge.errors import ConfigError, check_names, unknown
 from tactileforge.plugins import local, registry
+from tactileforge.training.torch_optimizers import plugin_of, split_by_decay
 from tactileforge.util import strict
 
 #: Factor of the learning rate, given the step, the steps of the warm-up, and those of the run.
@@ -68,8 +69,6 @@ def parse_optim(config: Mapping[str, Any]) -> tuple[OptimizerPlugin, OptimOption
     named = {"name": "adamw", **own}
     made = registry.get("optimizers", str(named["name"]))
     if isinstance(made, type) and issubclass(made, torch.optim.Optimizer):  # a local class
-        from tactileforge.training.torch_optimizers import plugin_of
-
         options = {key: value for key, value in named.items() if key != "name"}
         what = f"option of optimizer {named['name']!r}"
         check_names(what, options, registry.parameters(plugin_of(made)))
@@ -129,24 +128,6 @@ def _decay_by_layer(
             ours = [one for one in group["params"] if factors[one] == factor]
             groups.append({**group, "params": ours, "lr": group["lr"] * factor})
     optimizer.param_groups = groups
-
-
-def split_by_decay(
-    parameters: Sequence[tuple[str, nn.Parameter]], weight_decay: float
-) -> list[dict[str, Any]]:
-    """Parameter groups: matrices with decay, and vectors without.
-
-    Args:
-        parameters: Names and parameters.
-        weight_decay: Decay of matrices, per step and learning rate.
-    """
-    # vectors are biases, gains of norms and tokens: decay to 0 would fight their own purpose
-    matrices = [p for _, p in parameters if p.ndim > 1]
-    vectors = [p for _, p in parameters if p.ndim <= 1]
-    return [
-        {"params": matrices, "weight_decay": weight_decay},
-        {"params": vectors, "weight_decay": 0.0},
-    ]
 
 
 class AdamW:

@@ -11,7 +11,6 @@ import torch
 from torch import nn
 
 from tactileforge.errors import ConfigError
-from tactileforge.training.optim import split_by_decay
 
 #: Options chosen by the framework, or without a meaning here.
 _NOT_OPTIONS = ("params", "fused", "foreach", "capturable", "differentiable")
@@ -95,3 +94,21 @@ RAdam = plugin_of(torch.optim.RAdam)
 # not Rprop: it takes steps of its own, which no learning rate or schedule reaches
 RMSprop = plugin_of(torch.optim.RMSprop)
 SGD = plugin_of(torch.optim.SGD)
+
+
+def split_by_decay(
+    parameters: Sequence[tuple[str, nn.Parameter]], weight_decay: float
+) -> list[dict[str, Any]]:
+    """Parameter groups: matrices with decay, and vectors without.
+
+    Args:
+        parameters: Names and parameters.
+        weight_decay: Decay of matrices, per step and learning rate.
+    """
+    # vectors are biases, gains of norms and tokens: decay to 0 would fight their own purpose
+    matrices = [p for _, p in parameters if p.ndim > 1]
+    vectors = [p for _, p in parameters if p.ndim <= 1]
+    return [
+        {"params": matrices, "weight_decay": weight_decay},
+        {"params": vectors, "weight_decay": 0.0},
+    ]
