@@ -249,24 +249,6 @@ def _chaos(name: str) -> Kind:
     return Kind(make, lambda root: _one(lambda p: repr(kept[0](p)), "file", root), True)
 
 
-def _card() -> Kind:
-    from tactileforge.hub.cards import parse_card, zoo_folder
-
-    def make(root: Path) -> None:
-        cards = [one for one in (zoo_folder() / "recipe").iterdir() if one.name.endswith(".md")]
-        best = min(cards, key=lambda one: one.name)
-        (root / "card.md").write_text(best.read_text("utf-8"))
-
-    def read(path: Path) -> Any:
-        try:
-            text = path.read_text("utf-8")
-        except UnicodeDecodeError as error:  # the caller of `parse_card` opens the file
-            raise TactileForgeError(f"{path}: {error}") from None
-        return parse_card("card", text, True)
-
-    return Kind(make, partial(_one, read, "card.md"))
-
-
 _MCTAC = {"mctac": "digit"}
 KINDS: dict[str, Kind] = {
     "zarr 2": _episodes("open_x_tactile"),
@@ -313,7 +295,6 @@ KINDS: dict[str, Kind] = {
     "checkpoint": _chaos("checkpoint"),
     "model": _chaos("model"),
     "calibration": _chaos("calibration"),
-    "card": _card(),
 }
 
 

@@ -21,6 +21,7 @@ from tactileforge.util.files import (
     check_writable,
     new_part,
     part_name,
+    sha256,
     sweep_parts,
     write_text,
 )
@@ -103,6 +104,8 @@ def test_a_pipe_or_device_is_never_replaced_by_a_file(tmp_path: Path, is_link: b
         check_writable(place)
     with pytest.raises(DataError, match="a device, pipe or socket, not a file"):
         write_text(place, "x")
+    with pytest.raises(DataError, match="no regular file"):
+        sha256(place)  # a shard of an index, which would be waited for without end
     assert sorted(tmp_path.iterdir()) == before
     assert (tmp_path / "pipe").is_fifo()
 

@@ -20,6 +20,7 @@ from uuid import uuid4
 from platformdirs import user_cache_path
 
 from tactileforge.errors import ConfigError, DataError, full, home_path, too_many_files
+from tactileforge.util.regular import open_regular
 from tactileforge.util.untrusted import dump_yaml, load_json, load_yaml
 
 log = logging.getLogger(__name__)
@@ -287,8 +288,12 @@ def unwritable(error: OSError) -> str:
 
 
 def sha256(path: Path) -> str:
-    """The hash of a file, in hexadecimal digits."""
-    with path.open("rb") as file:
+    """The hash of a regular file, in hexadecimal digits.
+
+    Raises:
+        DataError: It is a pipe, socket or device, which would be waited for, or a pointer.
+    """
+    with os.fdopen(open_regular(path), "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
