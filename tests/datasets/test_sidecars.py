@@ -363,3 +363,29 @@ def test_damaged_sidecars_are_named(tmp_path: Path, name: str, content: str, wan
         list(Recordings(str(tmp_path), {"mine": layout}, val=0).recordings("train"))
     assert "\n" not in str(error.value)
     guess_layout(tmp_path)
+
+
+def test_rows_that_count_from_1_beside_images_that_count_from_0(tmp_path: Path) -> None:
+    for trial in range(2):
+        for n in range(12):
+            image(tmp_path / f"t{trial}/frame_{n:05d}.png", 90 + n)
+        rows = (f"{n + 1},0,0,{n / 4 + trial}" for n in range(12))
+        table(tmp_path / f"t{trial}.csv", "frame,fx,fy,fz", rows)
+    found, guess = read(tmp_path)
+    for trial in range(2):
+        force = found[f"guessed/t{trial}"].force
+        assert force is not None
+        np.testing.assert_allclose(force[:, 2], np.arange(12) / 4 + trial)
+    assert any("frame counts from 1, so each row is of a frame in turn" in d for d in guess.doubts)
+
+
+def test_a_video_called_as_its_sensor_has_its_labels(tmp_path: Path) -> None:
+    for trial in range(3):
+        folder = tmp_path / f"trial_{trial}"
+        folder.mkdir()
+        write_video(folder / "digit.avi", [np.full(SIZE, 90 + n, np.uint8) for n in range(12)])
+        (folder / "meta.json").write_text(json.dumps({"sensor": "digit", "object": f"o{trial}"}))
+    found, _ = read(tmp_path)
+    assert {(one.sensor, one.object) for one in found.values()} == {
+        ("digit", f"o{trial}") for trial in range(3)
+    }

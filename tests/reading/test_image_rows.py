@@ -36,6 +36,8 @@ def images(tmp_path: Path, make_image: MakeFile) -> Path:
         ("path", "run\\{}.png", None),
         ("picture", "run/{}.png", "picture"),
         ("name", "run/{}", None),
+        ("path", "/home/ann/set/run/{}.png", None),
+        ("path", "D:\\set\\run\\{}.png", None),
     ],
 )
 def test_rows_find_their_images(
@@ -79,6 +81,9 @@ def test_rows_that_name_nothing(images: Path, write: MakeFile, make_image: MakeF
     with pytest.raises(DataError, match=r"'run/2\.pngg' names no image .*'run/2\.png'"):
         read(images, **STILLS, force=FORCE)
     write("forces.csv", "file,fx,fy,fz\nrun/1.png,1,2,3\n./run/1.png,1,2,3\n")
+    with pytest.raises(DataError, match=r"row 3: 'run/1\.png' has a row already"):
+        read(images, **STILLS, force=FORCE)
+    write("forces.csv", "file,fx,fy,fz\n/a/run/1.png,1,2,3\n/b/run/1.png,1,2,3\n")
     with pytest.raises(DataError, match=r"row 3: 'run/1\.png' has a row already"):
         read(images, **STILLS, force=FORCE)
     write("forces.csv", "number,fx,fy,fz\n1,1,2,3\n")

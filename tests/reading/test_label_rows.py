@@ -47,7 +47,16 @@ def test_files_without_a_row_are_noted(tmp_path: Path, make_image: Make, write: 
     assert data.notes == ["a/0.png: has no row in labels.csv (and 1 more)"]
 
 
-@pytest.mark.parametrize("spelled", ["take\\0.png", "TAKE/0.PNG", "./take/0.png"])
+@pytest.mark.parametrize(
+    "spelled",
+    [
+        "take\\0.png",
+        "TAKE/0.PNG",
+        "./take/0.png",
+        "/home/ann/set/take/0.png",
+        "C:\\sets\\take\\0.png",
+    ],
+)
 def test_a_row_finds_a_file_in_a_folder(
     tmp_path: Path, make_image: Make, write: Make, spelled: str
 ) -> None:

@@ -139,6 +139,12 @@ def test_force_that_contradicts_the_frames(
         read_force(FORCE, path, TIMES, "digit")
 
 
+def test_rows_that_count_from_1_are_told_what_to_do(tmp_path: Path, write: Write) -> None:
+    path = write("f.csv", "frame,fx,fy,fz\n" + "".join(f"{i},0,0,0\n" for i in range(1, 6)))
+    with pytest.raises(DataError, match="the rows count from 1: leave frame: out"):
+        read_force(FORCE, path, TIMES, "digit")
+
+
 def test_force_without_a_frame_column_counts_its_rows(tmp_path: Path, write: Write) -> None:
     path = write("f.csv", "fx,fy,fz\n" + "0,0,1\n" * 6)
     with pytest.raises(

@@ -329,6 +329,9 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
     if (lead := _lead(family)) and not time:
         frame = lead
     per_frame = len(family.rows) == units.count
+    if frame and per_frame and _counts(family, frame) and _numbers(family, frame)[0] == 1:
+        doubts.append(f"force: {frame} counts from 1, so each row is of a frame in turn")
+        return {}
     if frame and (per_frame or time is None):
         return {"frame": frame}
     if time is None:

@@ -10,7 +10,7 @@ from posixpath import normpath
 
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.files import names_below
-from tactileforge.reading.label_rows import ends_of
+from tactileforge.reading.label_rows import ends_of, is_absolute, moved_path
 from tactileforge.reading.records import RECORDS
 from tactileforge.reading.tables import Row, read_cells
 
@@ -24,7 +24,8 @@ class ImageRows:
     """Finds the CSV row of each image; a CSV is read once.
 
     A row names an image by its path from the folder of the layout or of the CSV, by its absolute
-    path, or by the end of its path or its name if that is unique; with or without the ending.
+    path, here or on another machine, or by the end of its path or its name if that is unique; with
+    or without the ending.
 
     Args:
         folder: Folder of the layout.
@@ -61,7 +62,7 @@ class ImageRows:
             ConfigError: A column does not exist.
         """
         if (path, key) not in self._tables:
-            table = _table(path, key, columns)
+            table = self._moved(_table(path, key, columns))
             self._check(path, table, self.images if is_shared else paths, is_shared)
             if not is_shared:
                 self._tables.clear()  # a touch's own CSV is read once: keep memory bounded
@@ -74,6 +75,23 @@ class ImageRows:
             if row is not None:
                 found[number] = row
         return found
+
+    def _moved(self, table: dict[str, Row]) -> dict[str, Row]:
+        """The rows, with paths of another machine as those of this folder."""
+        if not any(map(is_absolute, table)):
+            return table
+        inside = [image for image in self.images if image.is_relative_to(self.folder)]
+        names = [image.relative_to(self.folder).as_posix() for image in inside]
+        there = dict(zip(names, names, strict=True))
+        rows: dict[str, Row] = {}
+        for written, row in table.items():
+            name = moved_path(written, there, self.folder) or written
+            if name in rows:
+                raise DataError(
+                    f"{row[0]}: {name!r} has a row already ({rows[name][0]}); remove one"
+                )
+            rows[name] = row
+        return rows
 
     def _check(
         self, path: Path, table: dict[str, Row], images: Sequence[Path], is_shared: bool

@@ -22,6 +22,7 @@ from tactileforge.reading.templates import template_columns, template_parts
 _COMPARED = 2000
 #: Ending of a file: starts with a letter, other than the last number of 8.5.
 ENDING = re.compile(r"\.[A-Za-z]\w*$")
+_ABSOLUTE = re.compile(r"/|[A-Za-z]:/")
 
 
 @dataclass(frozen=True)
@@ -119,8 +120,9 @@ def match_labels(
 
     Rows may write a file with ``./``, with backslashes, as an absolute path, from the folder of the
     CSV on, in another case, without its ending, or by the end of the path or its name alone if that
-    is unique. For a touch that is a folder, a row names the folder or one of its images. Labels in
-    a file of its own (``{folder}/meta.json``) are one row, or rows of its images.
+    is unique; of an absolute path of another machine the end counts, with a folder or more. For a
+    touch that is a folder, a row names the folder or one of its images. Labels in a file of its own
+    (``{folder}/meta.json``) are one row, or rows of its images.
 
     Args:
         layout: The layout.
@@ -232,6 +234,7 @@ class _Names:
         for plain, name in self._exact.items():
             twice = plain.casefold() in self._folded  # ambiguous: only the exact case matches
             self._folded[plain.casefold()] = None if twice else name
+        self._folder = folder
         # less than a whole path, without folders or ending: where that is unique
         self._short: dict[str, str | None] = {}
         for plain, name in self._exact.items():
@@ -263,6 +266,7 @@ class _Names:
             or self._exact.get(inside)
             or self._short.get(plain)
             or self._short.get(inside)
+            or moved_path(plain, self._exact, self._folder)
         )
 
     def any_below(self, folder: str) -> bool:
@@ -274,6 +278,34 @@ class _Names:
         last = name.rpartition("/")[2].casefold()
         alike = [one for one in self.all if one.rpartition("/")[2].casefold() == last]
         return get_close_matches(name, (alike or self.all)[:_COMPARED], 1, 0.0)[0]
+
+
+def is_absolute(path: str) -> bool:
+    """Whether a path with forward slashes is absolute, on any system."""
+    return _ABSOLUTE.match(path) is not None
+
+
+def moved_path(path: str, names: Mapping[str, str], folder: Path) -> str | None:
+    """What an absolute path of another machine names, by its end with a folder or more.
+
+    Args:
+        path: A path with forward slashes.
+        names: What there is, by its path from the folder on.
+        folder: Folder of the layout.
+
+    Example:
+        >>> moved_path("/home/ann/set/images/0.png", {"images/0.png": "0"}, Path("copy"))
+        '0'
+        >>> moved_path("/home/ann/set/0.png", {"0.png": "0"}, Path("copy"))
+        >>> moved_path("/home/ann/set/0.png", {"0.png": "0"}, Path("set"))
+        '0'
+    """
+    if not is_absolute(path) or Path(path).exists():
+        return None
+    own = f"{folder.resolve().name}/"
+    ends = (end.removeprefix(own) for end in ends_of(path) if "/" in end)
+    found = (names[end] for end in ends if end in names)
+    return next(found, None)
 
 
 def ends_of(path: str) -> list[str]:

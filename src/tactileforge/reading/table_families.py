@@ -236,6 +236,8 @@ def is_for_all(family: Family, units: Units) -> bool:
 
 def _key(rows: Cells, names: set[str]) -> str | None:
     """Column with the names of files; None without one."""
+    if len(rows) == 1:  # "digit", beside digit.mp4, is a word of its own
+        names = {name for name in names if "." in name}
     for title in rows[0]:
         cells = [row[title] for row in rows if stated(row[title])]
         found = {cell for cell in cells if cell.replace("\\", "/").rpartition("/")[2] in names}

@@ -171,7 +171,8 @@ def _per_frame(
         ]
     needed = [*named, *([table.frame] if table.frame else [])]
     out, seen = [], set()
-    for i, (where, cells) in enumerate(read_cells(path, needed, whole=table.frame is None)):
+    rows = read_cells(path, needed, whole=table.frame is None)
+    for i, (where, cells) in enumerate(rows):
         text = cells[table.frame] if table.frame else str(i)
         try:
             frame = int(text)
@@ -186,8 +187,12 @@ def _per_frame(
         if not 0 <= frame < count:
             raise DataError(
                 f"{where}: frame {frame} does not exist, the recording has 0 to {count - 1}; "
-                "remove the row, or give the CSV of this recording; of one table for all images, "
-                "give key: the column of their names"
+                + (
+                    "the rows count from 1: leave frame: out, and each is of a frame in turn"
+                    if frame == count == len(rows)
+                    else "give the CSV of this recording, or correct the numbers if they begin "
+                    "elsewhere; of one table for all images, give key: the column of their names"
+                )
             )
         if frame in seen:
             raise DataError(f"{where}: frame {frame} has a row already; remove one of them")
