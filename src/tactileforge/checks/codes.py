@@ -21,6 +21,7 @@ CODES = {
     "constant_force": "TF207",
     "faint_force": "TF208",
     "impossible_labels": "TF209",
+    "force_cut_off": "TF210",
     "no_background": "TF301",
     "never_in_contact": "TF302",
     "background_changed": "TF303",

@@ -13,6 +13,8 @@ _STUCK, _STUCK_SHARE = 1.0, 0.25
 _NOISY_STUCK, _NOISE = 2.0, 0.1
 #: Rows from which constant forces are no coincidence.
 FRAMES = 10
+#: Rows at the largest force from which it is the end of a range.
+FLAT = 6
 #: Longest plausible time without forces before the first or after the last, s, and share of the
 #: recording; and share of the rows between that have one, for forces that are not rare.
 _AWAY, _AWAY_SHARE, _WHOLE = 1.0, 0.1, 0.9
@@ -41,6 +43,27 @@ def stuck(force: NDArray[np.floating], times: NDArray[np.float64]) -> str:
     most = max(_STUCK, _STUCK_SHARE * float(times[-1] - times[0]))
     most = min(most, _NOISY_STUCK) if is_noisy else most
     return f"{longest:.3g} s of one and the same force" if longest > most else ""
+
+
+def cut_off(force: NDArray[np.floating], axis: int) -> float | None:
+    """Largest force along an axis, N, where it stays there to the bit as nowhere else.
+
+    Args:
+        force: Forces, (T, 3), N.
+        axis: 0, 1 or 2.
+
+    Returns:
+        The force with its sign; None for one that comes and goes.
+    """
+    values = force[np.isfinite(force[:, axis]), axis]
+    if not len(values) or not np.abs(values).any():
+        return None
+    top = float(values[np.abs(values).argmax()])
+    same = values[1:] == values[:-1]
+    at_top = values[1:] == top
+    others = same[~at_top & (values[1:] != 0)]
+    is_long = int((same & at_top).sum()) >= FLAT - 1
+    return top if is_long and len(others) >= FRAMES and others.mean() <= _NOISE else None
 
 
 def between(force: NDArray[np.floating]) -> tuple[float, str]:

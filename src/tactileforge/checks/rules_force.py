@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 
 import numpy as np
@@ -10,7 +11,7 @@ from tactileforge.checks.check import Check, Examples, Finding
 from tactileforge.checks.codes import CODES
 from tactileforge.checks.doubts import FIXES, RANGE
 from tactileforge.checks.force_axes import ForceAxes
-from tactileforge.checks.force_runs import FRAMES
+from tactileforge.checks.force_runs import FRAMES, cut_off
 from tactileforge.checks.made import COUNT, NEWTON, made_touch, press
 from tactileforge.checks.rules import LabelCheck, PixelCheck, right_force, with_force
 from tactileforge.checks.seen import Seen
@@ -248,6 +249,46 @@ class FaintForce(Check):
         faint = made_touch(depth=0.02 * press(), force=right_force() * np.float32(0.02))
         assert NEWTON == 6
         return Examples([made_touch(), faint], [weak])
+
+
+class ForceCutOff(Check):
+    """Forces that end at one value in several recordings."""
+
+    code, level, needs = CODES["force_cut_off"], "warning", frozenset({"forces", "several"})
+    title = "Forces are cut off"
+    why = (
+        "In two recordings or more the largest force along an axis is the same number, held for "
+        "six rows or more, while smaller ones have noise: the sensor of force, its amplifier or "
+        "its driver ends there, and what presses harder is learned as this."
+    )
+    fix = "leave the cells empty where the sensor of force was at its end"
+    unit = "N"
+
+    def __init__(self) -> None:
+        self._tops: Counter[tuple[int, float]] = Counter()
+
+    def look(self, seen: Seen) -> Iterable[Finding]:
+        """See `Check.look`."""
+        if seen.recording.force is not None:
+            tops = ((axis, cut_off(seen.recording.force, axis)) for axis in range(3))
+            self._tops.update((axis, top) for axis, top in tops if top is not None)
+        return ()
+
+    def end(self) -> Iterable[Finding]:
+        """See `Check.end`."""
+        for (axis, top), count in sorted(self._tops.items()):
+            if count > 1:
+                words = f"forces along {'xyz'[axis]} end at {top:.4g} N in {count} recordings"
+                yield self.found("", words, abs(top))
+
+    @staticmethod
+    def examples() -> Examples:
+        """A load cell of half the range."""
+        good, bad = [made_touch(0), made_touch(1)], []
+        for seed, one in enumerate(good):
+            force = np.minimum(np.asarray(one.force), np.float32(NEWTON / 2))
+            bad.append(made_touch(seed, force=force))
+        return Examples(good, bad)
 
 
 class ImpossibleLabels(Check):
