@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
+from inspect import isroutine
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,7 @@ from tactileforge.cli._verbs import commands
 from tactileforge.cli._words import Words
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.pages.shown import Shown
+from tactileforge.plugins import local
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
 
 #: Text that Hydra's grammar reads as it is, such as the name of a plugin.
 _NAME = re.compile(r"[A-Za-z_][\w.:/-]*")
+#: Words about Hydra's own job; where YAML is looked for is not one.
+_OF_HYDRA = re.compile(r"hydra\.(?!searchpath)")
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,8 @@ def train(*overrides: Any, folder: str | PathLike[str] | None = None, **keys: An
         folder: Folder of the run; None for ``runs/RECIPE/TIME``.
         keys: The same as keywords. A mapping holds keys of a group (``optim={"lr": 1e-3}``), with
             ``name`` the option of the group as well; a list chooses several; a class of yours is
-            named by its module; a run or path is its folder.
+            named by its module, and a finished module or callback (an instance) is used as it is; a
+            run or path is its folder.
 
     Raises:
         TactileForgeError: Configuration or data are invalid; says the fix.
@@ -128,7 +133,7 @@ def train(*overrides: Any, folder: str | PathLike[str] | None = None, **keys: An
     else:
         command, typed = commands("train")[""], words(overrides, keys)
         given = [*typed]
-        typed = [word for word in command.prepare(typed) if not word.startswith("hydra.")]
+        typed = [word for word in command.prepare(typed) if not _OF_HYDRA.match(word)]
         with told("train", command, Words(overrides=given)):
             config = plain(finish(composed("train", typed), typed))
         config = resumed(config, typed) if config.get("resume") else config
@@ -239,8 +244,8 @@ def _words_of(key: str, value: Any) -> Iterator[str]:
 
 def _plain(value: Any) -> str:
     """A value in Hydra's grammar; names stay bare, so that they can choose options."""
-    if isinstance(value, type):
-        return f"{value.__module__}:{value.__qualname__}"
+    if isinstance(value, type) or isroutine(value) or hasattr(value, "state_dict"):
+        return local.given(value)
     if isinstance(value, PathLike):
         return hydra_value(fspath(value))
     if isinstance(value, str) and _NAME.fullmatch(value):

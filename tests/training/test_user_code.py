@@ -131,6 +131,72 @@ def test_a_slip_is_named_before_data_is_read(words, message, tmp_path):
         run()
 
 
+class Steps(torch.optim.Optimizer):
+    """Steps of one size along the sign of the gradient."""
+
+    def __init__(self, params, lr=1e-3, momentum: float = 0.9) -> None:
+        super().__init__(params, {"lr": lr, "momentum": momentum})
+
+    def step(self, closure=None):
+        loss = closure() if closure else None
+        with torch.no_grad():
+            for group in self.param_groups:
+                for one in group["params"]:
+                    if one.grad is not None:
+                        one -= group["lr"] * one.grad.sign()
+        return loss
+
+
+@pytest.mark.parametrize("word", [f"optim={__name__}:Steps", "optim=torch.optim:SGD"])
+def test_an_optimizer_of_ones_own_has_its_options_without_the_parameters(word):
+    optim = compose("anytouch2", [*WORDS, word, "optim.momentum=0.5"])["optim"]
+    assert optim["momentum"] == 0.5
+    assert optim["lr"] == 1e-3
+    assert not {"params", "fused", "betas"} & {*optim}
+    made, _ = parse_optim(optim)
+    weight = torch.nn.Parameter(torch.zeros(2, 2))
+    weight.grad = torch.tensor([[1.0, -2.0], [3.0, -4.0]])
+    made.build([("weight", weight)], False).step()
+    wanted = torch.tensor([[1.0, -1.0], [1.0, -1.0]]) if "Steps" in word else weight.grad
+    torch.testing.assert_close(weight.detach(), -1e-3 * wanted)
+
+
+def test_a_target_in_yaml_leaves_out_what_the_recipe_gave_another_class(tmp_path):
+    (tmp_path / "recipe").mkdir()
+    text = "# @package _global_\ndefaults: [mae]\noptim: {_target_: torch.optim.SGD, lr: 0.01}\n"
+    (tmp_path / "recipe/steady.yaml").write_text(text)
+    optim = compose("steady", [f"hydra.searchpath=[{tmp_path}]", *WORDS])["optim"]
+    assert (optim["name"], optim["lr"]) == ("torch.optim:SGD", 0.01)
+    assert "betas" not in optim
+    parse_optim(optim)
+
+
+def test_a_callback_with_a_device_for_a_default_is_chosen():
+    name = "lightning.pytorch.callbacks:StochasticWeightAveraging"
+    words = [f"callbacks=[{name}]", "callbacks.stochastic_weight_averaging.swa_lrs=0.1"]
+    node = compose("anytouch2", [*WORDS, *words])["callbacks"]["stochastic_weight_averaging"]
+    assert node["swa_lrs"] == 0.1
+    assert "device" not in node
+
+
+class Plain(torch.nn.Module):
+    """A network, and no encoder of touch."""
+
+    def __init__(self, width: int = 4) -> None:
+        super().__init__()
+        self.layer = torch.nn.Linear(width, width)
+
+    def forward(self, frames, background, sensor):
+        return self.layer(frames)
+
+
+def test_a_network_that_is_no_encoder_says_what_it_lacks(tmp_path):
+    own = [word for word in WORDS if not word.startswith("encoder.")]
+    config = compose("anytouch2", [*own, f"encoder={__name__}:Plain"])
+    with pytest.raises(ConfigError, match=r"Plain has no frames, no image_size, .*: see Encoder"):
+        api.train(config, tmp_path)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("key", "value"), [("num_sanity_val_steps", 1), ("detect_anomaly", True)])
 def test_other_arguments_of_the_trainer_reach_it(key, value, tmp_path):

@@ -11,7 +11,9 @@ import logging
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from enum import Enum
 from inspect import Parameter
+from pathlib import Path
 from typing import Any, ClassVar
 
 from hydra import compose as hydra_compose
@@ -141,8 +143,20 @@ def node_of(group: str, name: str) -> dict[str, Any]:
     return (
         {"name": name}
         | shared
-        | {key: MISSING if value is Parameter.empty else value for key, value in defaults.items()}
+        | {
+            key: MISSING if value is Parameter.empty else value
+            for key, value in defaults.items()
+            if value is Parameter.empty or _is_plain(value)  # torch.device("cpu") stays a default
+        }
     )
+
+
+def _is_plain(value: Any) -> bool:
+    if isinstance(value, Mapping):
+        return all(map(_is_plain, [*value, *value.values()]))
+    if isinstance(value, list | tuple):
+        return all(map(_is_plain, value))
+    return value is None or isinstance(value, bool | int | float | str | Enum | Path)
 
 
 def register() -> None:
@@ -342,9 +356,10 @@ def adopt(config: DictConfig) -> None:
 
 
 def _adopt(node: DictConfig, place: str, kind: str) -> None:
+    former = ""
     if kind and "_target_" in node:
         module, _, name = str(node.pop("_target_")).rpartition(".")
-        node["name"] = f"{module}:{name}"
+        former, node["name"] = str(node.get("name") or ""), f"{module}:{name}"
     for key in map(str, node):
         inner = node._get_node(key)
         if isinstance(inner, DictConfig):
@@ -355,6 +370,11 @@ def _adopt(node: DictConfig, place: str, kind: str) -> None:
         value = inner._value() if inner is not None and hasattr(inner, "_value") else None
         if wanted and isinstance(value, str) and local.is_local(value):
             registry.adopt(wanted, value, f"{place}.{key}".removesuffix(".name"))
+    if former and former in registry.names(kind):
+        # options of the class that a recipe or the default had in its place
+        own = registry.parameters(registry.get(kind, str(node["name"])))
+        for key in registry.options(kind, former).keys() - own.keys():
+            node.pop(key, None)
 
 
 def check_presets(config: DictConfig) -> None:

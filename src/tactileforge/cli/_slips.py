@@ -151,8 +151,9 @@ def _missing(error: MissingConfigException, overrides: Sequence[str], own: Seque
         kind = group.partition("/")[2]
         if not name:
             return f"{group}=: give the name of an option. Known: {_known(group, own)}"
-        if name in _OF_PACKAGES.get(kind, ()):
-            package = f"hydra-{name}-{kind}"
+        package_of = name.removesuffix("_slurm").removesuffix("_local")
+        if package_of in _OF_PACKAGES.get(kind, ()):
+            package = f"hydra-{package_of}-{kind}"
             return f"{group}={name} comes with {package}: pip install {package}"
         return unknown(group, name, {*_of_hydra(group), *_OF_PACKAGES.get(kind, ())})
     if not group:

@@ -18,7 +18,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from hydra.core.utils import JobReturn, JobStatus
+from hydra.core.utils import JobReturn
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
@@ -126,11 +126,15 @@ class SweepTable(Callback):
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
         """Writes the row of one job of a sweep."""
         hydra = config.hydra
-        if "MULTIRUN" not in str(hydra.mode) or job_return.status is not JobStatus.COMPLETED:
+        if "MULTIRUN" not in str(hydra.mode):
             return
         words = [word for word in hydra.overrides.task if not word.startswith("hydra")]
         folder = Path(hydra.runtime.output_dir)
-        row = {"words": words, "metric": job_return.return_value}
+        row: dict[str, Any] = {"words": words}
+        try:
+            row["metric"] = job_return.return_value
+        except Exception as error:  # that of the job
+            row |= {"metric": None, "failed": str(error).partition("\n")[0] or repr(error)}
         if folder.is_dir():
             write_text(folder / JOB, json.dumps(row))
             _gather(config, Path(hydra.sweep.dir))  # now, as a failing job ends the sweep
@@ -160,10 +164,12 @@ def _gather(config: DictConfig, folder: Path) -> list[list[str]]:
     said = [dict(word.partition("=")[::2] for word in row["words"]) for row in rows]
     keys = [key for key in said[0] if len({str(words.get(key)) for words in said}) > 1]
     measure = config.get("optimized_metric") or "loss"
-    head, body = ["job", *keys, measure], []
+    failed = any("failed" in row for row in rows)
+    head, body = ["job", *keys, measure, *(["failed"] if failed else [])], []
     settings: dict[tuple[str, ...], list[tuple[list[str], Any]]] = {}
     for row, words in sorted(zip(rows, said, strict=True), key=_order):
         body.append([str(row["job"]), *(words.get(key, "") for key in keys), _text(row["metric"])])
+        body[-1] += [row.get("failed", "")] if failed else []
         setting = tuple(words.get(key, "") for key in keys if key != "seed")
         settings.setdefault(setting, []).append((body[-1], row["metric"]))
     seeded = "seed" in keys

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.cli._command import Command
+from tactileforge.cli._moved_data import put_in, taken_out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,10 +22,21 @@ class _Report:
 
 
 def _report(keys: _Report, _: dict[str, Any]) -> None:
-    """Writes the report of a run again."""
+    """Writes the report of a run again; data.root=NEW where its data has moved."""
     from tactileforge.report.run import report_of_run
 
-    print(f"report: {report_of_run(Path(keys.run))}")
+    print(f"report: {report_of_run(Path(keys.run), lambda config: put_in(config, _moved))}")
+
+
+#: New folders of the data of the run, where it has moved; they are no keys of the command.
+_moved: dict[str, str] = {}
+
+
+def _prepare(overrides: list[str]) -> list[str]:
+    rest, moved = taken_out(overrides)
+    _moved.clear()  # those of an earlier command in this process
+    _moved.update(moved)
+    return rest
 
 
 COMMANDS = {
@@ -32,6 +44,7 @@ COMMANDS = {
         run=_report,
         keys=_Report,
         bare=("run",),
+        prepare=_prepare,
         # a folder that does not exist is reported by the command, which knows what a run is
         writes=lambda keys: Path(keys.run, "report.html") if Path(keys.run).is_dir() else None,
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.cli._command import Command
+from tactileforge.cli._moved_data import put_in, taken_out
 from tactileforge.cli._quote import quoted, unquoted
 from tactileforge.errors import ConfigError, command
 from tactileforge.plugins.local import is_local
@@ -47,6 +48,7 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
     try:
         # this import takes seconds, so it is inside the try: the user may stop it
         from tactileforge.api import metric, train
+        from tactileforge.training.trainer import is_time_over
 
         module = train(config, folder)
     except KeyboardInterrupt as stop:
@@ -58,6 +60,10 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
         own = [f"code={name}" for name in _own_names(config)]
         again = command("train", f"resume={folder}", *own) if kept else "the same command again"
         raise KeyboardInterrupt(f"{said}; go on with: {again}") from stop
+    if is_time_over(module.trainer):
+        step, own = module.trainer.global_step, [f"code={name}" for name in _own_names(config)]
+        again = command("train", f"resume={folder}", *own)
+        print(f"trainer.max_time is over at step {step} of {module.total}; go on with: {again}")
     try:
         return metric(module, config.get("optimized_metric"))
     except ConfigError:
@@ -74,8 +80,7 @@ def resumed(config: dict[str, Any], typed: Sequence[str]) -> dict[str, Any]:
         typed: ``key=value`` words of the user.
     """
     run = _of_run(config["resume"])
-    for path, root in _moved.items():
-        _set(run, path, root)
+    put_in(run, _moved)
     given = {word.lstrip("+").partition("=")[0] for word in typed}
     for path in given.intersection(_ANEW):
         group, key = path.split(".")
@@ -124,25 +129,9 @@ _ANEW = (
 )
 
 
-#: Folders of data, which may have moved: of the data set, or of a source of a mixture.
-_ROOT = re.compile(r"data(\.sources\.[^.=]+)?\.root=")
 #: New folders of the data of the run to resume. Not left to Hydra: the run has another data set
 #: than the configuration that it composes.
 _moved: dict[str, str] = {}
-
-
-def _set(config: dict[str, Any], path: str, value: str) -> None:
-    """Sets a value at an existing path of nested mappings.
-
-    Raises:
-        ConfigError: The run has no such key.
-    """
-    *groups, last = path.split(".")
-    for group in groups:
-        config = config.get(group) or {}
-    if last not in config:
-        raise ConfigError(f"{path}=: the run to resume has no such key")
-    config[last] = str(Path(value).expanduser().absolute())
 
 
 def _prepare(overrides: list[str]) -> list[str]:
@@ -157,11 +146,8 @@ def _prepare(overrides: list[str]) -> list[str]:
     folders = [unquoted(word).replace("\\=", "=") for word in given]
     if not folders or folders[-1] in ("", "null"):
         return overrides
-    moved = [word for word in overrides if _ROOT.match(word)]
-    for word in moved:
-        path, _, value = word.partition("=")
-        _moved[path] = unquoted(value)
-    overrides = [word for word in overrides if word not in moved]
+    overrides, moved = taken_out(overrides)
+    _moved.update(moved)
     free = ("resume=", "hydra.", *(f"{path}=" for path in _ANEW))
     given = [word for word in overrides if not word.lstrip("+").startswith(free)]
     if given:

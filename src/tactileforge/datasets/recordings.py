@@ -16,6 +16,7 @@ from tactileforge.errors import (
     DataError,
     DataNotFoundError,
     check_names,
+    command,
     home_path,
 )
 from tactileforge.reading.drawn import Drawn
@@ -307,8 +308,9 @@ def _shipped(root: Path) -> dict[str, DatasetLayout]:
             if other.stem.lower() == path.stem and other.suffix.lower() in (".yml", ".yaml"):
                 raise DataNotFoundError(f"{path}: no such file; rename {other.name} to {path.name}")
         raise DataNotFoundError(
-            f"{path}: no such file, and no layouts are given. Set data.root to a folder that has "
-            f"it, or write it, for example:\n{EXAMPLE}"
+            f"{path}: no such file, and no layouts are given. Copy those that "
+            f"{command('data', 'inspect', str(root))} guesses and shows, set data.root to a folder "
+            f"that has it, or write it, for example:\n{EXAMPLE}"
         )
     try:
         content = load_yaml(read_text(path))  # without interpolation: the file is untrusted

@@ -16,6 +16,7 @@ from hashlib import sha256
 from importlib import import_module
 from importlib.machinery import PathFinder
 from importlib.util import module_from_spec, spec_from_file_location
+from inspect import isroutine
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -74,6 +75,9 @@ def resolve(name: str, where: str = "") -> Any:
             line with the place.
     """
     place = f"{where}={name}" if where else name
+    known = _known.get(name)
+    if known is not None and not isinstance(known, type) and not isroutine(known):
+        return known  # a finished instance
     match = _LOCAL.fullmatch(name)
     if not match:
         file = name.partition(".py")[0] + ".py" if ".py" in name else name.partition(":")[0]
@@ -117,6 +121,20 @@ def _given() -> Iterator[tuple[str, Any]]:
 def keep(name: str, value: Any) -> None:
     """Makes a class or function known in this process by a name; see `find`."""
     _known[name] = value
+
+
+def given(value: Any) -> str:
+    """Name of a class, or of a finished instance, that `resolve` gives back for it.
+
+    Example:
+        >>> from tactileforge.errors import ConfigError
+        >>> given(ConfigError)
+        'tactileforge.errors:ConfigError'
+    """
+    kind = value if hasattr(value, "__qualname__") else type(value)
+    name = f"{kind.__module__}:{kind.__qualname__}"
+    _known[name] = value
+    return name
 
 
 def name_of(value: Any) -> str:

@@ -121,6 +121,8 @@ _CONTRACTS = {
     "optimizers": ("build",),
     "callbacks": ("on_train_start", "state_dict"),
 }
+#: Parameters of a `torch.optim.Optimizer` chosen by the framework, or without a meaning here.
+OF_OPTIMIZER = ("params", "fused", "foreach", "capturable", "differentiable")
 #: What `register` was given, by kind and name.
 _registered: dict[tuple[str, str], Any] = {}
 
@@ -325,17 +327,18 @@ def _given(kind: str, name: str) -> Any:
 def parameters(plugin: type[Any]) -> dict[str, Any]:
     """The configuration of a plugin: its constructor's parameters and their defaults.
 
-    Parameters in `contracts.CONTEXT` are left out; one without a default maps to
-    `inspect.Parameter.empty`.
+    Parameters in `contracts.CONTEXT`, and those of an optimizer of torch that the framework
+    chooses, are left out; one without a default maps to `inspect.Parameter.empty`.
     """
     from tactileforge.contracts import CONTEXT  # imports numpy, which listing does without
 
     if not isinstance(plugin, type) and not inspect.isroutine(plugin):
         return {}  # a finished instance
+    left = {*CONTEXT, *(OF_OPTIMIZER if hasattr(plugin, "zero_grad") else ())}
     return {
         parameter.name: parameter.default
         for parameter in signature(plugin).parameters.values()
-        if parameter.name not in CONTEXT
+        if parameter.name not in left
         and parameter.kind in (Parameter.POSITIONAL_OR_KEYWORD, Parameter.KEYWORD_ONLY)
     }
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from tactileforge.data.batches.clips import Skipped
 from tactileforge.data.batches.columns import plain_sizes
@@ -21,12 +22,13 @@ from tactileforge.training.module import TouchModule
 from tactileforge.util.files import write_text
 
 
-def report_of_run(folder: Path) -> Path:
+def report_of_run(folder: Path, change: Callable[[dict[str, Any]], None] | None = None) -> Path:
     """Writes the report of a run again, from the files in its folder.
 
     Args:
         folder: Folder of the run, with ``config.yaml`` and ``checkpoints/last.ckpt``. The training
-            data must still be in its place.
+            data must still be in its place, or ``change`` say where it is.
+        change: Changes the configuration that is read from the folder, in place.
 
     Returns:
         Path of the report.
@@ -38,6 +40,8 @@ def report_of_run(folder: Path) -> Path:
     from tactileforge.training.assemble import build_data
 
     config = run_folder.read_config(folder)
+    if change is not None:
+        change(config)
     state = read_own(folder, config.get("run"), ("skipped", "labels"))
     data, _ = build_data(config)
     assert data.train is not None  # set up by `build_data`
@@ -83,6 +87,7 @@ def write_report(
     top = summary.run_facts(folder, config, module, data, steps, seconds, curves, kept)
     held_out = data.val is not None
     top += summary.run_verdict(curves, weights, findings, labels, held_out, lines)
+    planned = int(config["trainer"].get("max_steps") or 0)  # -1 and null: by epochs
     parts = [
         *_of_clips(findings, data, curves, steps),
         sections.losses(curves, list(weights), steps),
@@ -90,7 +95,7 @@ def write_report(
         *([sections.facts(facts)] if facts else []),
         sections.data_section(data, lines),
         sections.recipe(folder),
-        next_commands(_next(folder, steps, data)),
+        next_commands(_next(folder, steps, planned, data)),
     ]
     report = folder / "report.html"
     what = "Heads on a frozen touch encoder" if config.get("freeze") else "Touch encoder"
@@ -99,13 +104,19 @@ def write_report(
     return report, summary.result_lines(findings, curves, weights)
 
 
-def _next(folder: Path, steps: int, data: TouchData) -> list[tuple[str, str]]:
-    """Commands that go on from a run."""
+def _next(folder: Path, steps: int, planned: int, data: TouchData) -> list[tuple[str, str]]:
+    """Commands that go on from a run, which may have ended before its planned number of steps."""
     run = shlex.quote(folder.as_posix())
     sensors = data.summary("train").sensors
     sensor = sensors[0] if sensors else "SENSOR"
+    again = f"tactileforge train resume={run}"
+    further = (
+        (again, f"go on to step {planned}, where it was to end")
+        if steps < planned
+        else (f"{again} trainer.max_steps={2 * steps}", "train it further")
+    )
     return [
-        (f"tactileforge train resume={run} trainer.max_steps={2 * steps}", "train it further"),
+        further,
         (f"tactileforge live model=run:{run} sensor={sensor}", "watch what it reads of a sensor"),
         (f"tactileforge zoo pack {run}", "pack it into one file for others"),
     ]

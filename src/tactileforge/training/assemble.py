@@ -15,7 +15,7 @@ from tactileforge.data.labels.augment import Augment, build_augment
 from tactileforge.errors import ConfigError, check_names
 from tactileforge.plugins import registry
 from tactileforge.specs.published import spec
-from tactileforge.training.parts import outline, plain
+from tactileforge.training.parts import check_encoder, outline, plain
 
 log = logging.getLogger(__name__)
 
@@ -47,6 +47,7 @@ def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchDat
     max_bad = node.pop("max_bad")
     dataset = registry.build("datasets", node, "data")
     encoder = encoder or outline(config["encoder"])
+    check_encoder(encoder, config["encoder"]["name"])
     batch = dict(config["batch"])
     objectives = {
         key: registry.get("objectives", node["name"]) for key, node in config["objective"].items()

@@ -71,7 +71,8 @@ def fit(
             with _resumed_from(resume, saver):
                 trainer.fit(module, data, ckpt_path=resume, weights_only=True)
         except NotFiniteError as error:
-            raise NotFiniteError(f"{error}. {_way_back(folder, trainer.precision)}") from error
+            way = _way_back(folder, trainer.precision, trainer.global_step == 0)
+            raise NotFiniteError(f"{error}. {way}") from error
         except RuntimeError as error:
             if trainer.world_size == 1 or not _is_of_group(error):
                 raise
@@ -108,9 +109,21 @@ def _kept(folder: Path) -> str:
     return f"Go on from its checkpoint: tactileforge train resume={shlex.quote(str(folder))}"
 
 
-def _way_back(folder: Path, numbers: str) -> str:
-    """Advice on the last checkpoint of a run with non-finite numbers, with its commands."""
+def _way_back(folder: Path, numbers: str, at_once: bool) -> str:
+    """Advice on the last checkpoint of a run with non-finite numbers, with its commands.
+
+    Args:
+        folder: Folder of the run.
+        numbers: Precision of the run.
+        at_once: Whether no step was done, so that no learning rate is the cause.
+    """
     exact = "" if numbers.startswith("32") else " trainer.precision=32"
+    if at_once and numbers.startswith("32"):
+        return (
+            "No step was done, so no learning rate is the cause: encoder, objective or data give "
+            "such numbers by themselves; tactileforge plugins check NAME looks at a plugin, "
+            "tactileforge data check at the data"
+        )
     if not (folder / run_folder.LAST).is_file():
         also = f" or{exact}" if exact else ""
         return f"Nothing was saved before: start again with a smaller optim.lr={also}"

@@ -16,7 +16,7 @@ from tactileforge.contracts import AfterStep, Batch, Prepared, Ramped, Scored
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.encoders.views import views_of
 from tactileforge.errors import ConfigError
-from tactileforge.plugins import moves
+from tactileforge.plugins import moves, registry
 from tactileforge.training import balance as balances
 from tactileforge.training.curriculum import Curriculum, from_config, without_waiting
 from tactileforge.training.finite import FiniteWatch, NotFiniteError
@@ -141,6 +141,7 @@ class TouchModule(L.LightningModule):
         hparams_file: Any = None,
         strict: bool | None = None,
         weights_only: bool | None = None,
+        classes: Mapping[str, Any] | None = None,
         **parts: Any,
     ) -> Self:
         """Builds the module of a checkpoint, with its weights; nothing in the file is executed.
@@ -151,6 +152,8 @@ class TouchModule(L.LightningModule):
             hparams_file: Not used: the configuration is in the checkpoint.
             strict: Whether all weights have to fit; None for True.
             weights_only: Not used: a checkpoint is always read without executing code.
+            classes: Classes of your own by the names that the checkpoint has for them, such as
+                ``{"my_module:Contrast": Contrast}``.
             parts: Arguments of the constructor, for a module built by hand.
 
         Raises:
@@ -158,6 +161,8 @@ class TouchModule(L.LightningModule):
                 hand and ``parts`` are missing.
             PluginError: A part is a local class that was neither typed nor registered.
         """
+        for name, given in (classes or {}).items():
+            registry.give(name, given)
         state = torch.load(checkpoint_path, map_location or "cpu", weights_only=True)
         if not isinstance(state, dict) or "state_dict" not in state:
             raise ConfigError(f"{checkpoint_path}: no checkpoint of Lightning")

@@ -94,6 +94,25 @@ def plain(config: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+#: What training reads of an encoder, of `contracts.Encoder`.
+_ENCODER = ("frames", "image_size", "sensors", "width", "projected", "views")
+
+
+def check_encoder(encoder: Any, name: str) -> None:
+    """Checks that an encoder has what training reads of it.
+
+    Raises:
+        ConfigError: It is not one of touch, or lacks something.
+    """
+    modality = getattr(encoder, "modality", "touch")
+    if modality != "touch":
+        raise ConfigError(f"encoder={name} encodes {modality}, not touch")
+    if missing := [key for key in _ENCODER if not hasattr(encoder, key)]:
+        raise ConfigError(
+            f"encoder={name} has no {', no '.join(missing)}: see Encoder of tactileforge.contracts"
+        )
+
+
 def build_parts(
     config: Mapping[str, Any], provides: AbstractSet[str]
 ) -> tuple[Any, dict[str, nn.Module], dict[str, nn.Module]]:
@@ -107,9 +126,7 @@ def build_parts(
         ConfigError: The encoder is not one of touch, or a head has nothing to align with.
     """
     encoder = registry.build("encoders", config["encoder"], "encoder")
-    modality = getattr(encoder, "modality", "touch")
-    if modality != "touch":
-        raise ConfigError(f"encoder={config['encoder']['name']} encodes {modality}, not touch")
+    check_encoder(encoder, config["encoder"]["name"])
     heads, objectives = {}, {}
     for key, node in config["objective"].items():
         options = {name: value for name, value in node.items() if name != "weight"}

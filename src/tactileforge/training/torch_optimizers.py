@@ -11,9 +11,7 @@ import torch
 from torch import nn
 
 from tactileforge.errors import ConfigError
-
-#: Options chosen by the framework, or without a meaning here.
-_NOT_OPTIONS = ("params", "fused", "foreach", "capturable", "differentiable")
+from tactileforge.plugins import registry
 
 
 class TorchOptimizer:
@@ -63,7 +61,7 @@ def plugin_of(made: type[torch.optim.Optimizer]) -> type[TorchOptimizer]:
     own = [
         parameter.replace(kind=Parameter.KEYWORD_ONLY, default=_plain(parameter.default))
         for name, parameter in signature(made).parameters.items()
-        if name not in _NOT_OPTIONS and parameter.kind is not Parameter.VAR_KEYWORD
+        if name not in registry.OF_OPTIMIZER and parameter.kind is not Parameter.VAR_KEYWORD
     ]
     doc = f"{made.__name__} of {made.__module__.partition('.')[0]}, with its options.\n\nArgs:\n"
     doc += "".join(f"    {one.name}: {_meaning(made, one.name)}\n" for one in own)

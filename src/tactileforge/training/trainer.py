@@ -103,6 +103,13 @@ class JobTimer(Timer):
             self._duration += self.time_elapsed()
 
 
+def is_time_over(trainer: L.Trainer) -> bool:
+    """Whether ``trainer.max_time`` has ended this job."""
+    timers = [one for one in trainer.callbacks if isinstance(one, JobTimer)]  # type: ignore[attr-defined]
+    left = [one.time_remaining() for one in timers]
+    return any(one is not None and one <= 0 for one in left)
+
+
 def _timer(longest: Any) -> JobTimer:
     """The timer of a run; the report reads it too."""
     try:
