@@ -103,7 +103,8 @@ class SensorView:
         # Lateral displacement of markers (K, M, 2) and cells (K, C, 2), mm, by one transform.
         points = torch.cat([self.markers, self.centres])
         rest = points.expand(len(part.pose), -1, -1)
-        lateral = surface.lateral(part, rest) if len(points) else rest
+        moves = fields is not None and len(points) > 0
+        lateral = surface.lateral(part, rest) if moves else torch.zeros_like(rest)
         at_markers, at_cells = lateral[:, : len(self.markers)], lateral[:, len(self.markers) :]
         motion, unit = None, self.optics.unit
         if self.optics.markers is not None:
