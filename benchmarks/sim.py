@@ -139,7 +139,7 @@ def parts(*packages: str, scenes: Sequence[int] = (1, 3, 4, 7)) -> dict[str, dic
         count += len(made[0].frames)
     for times in spent.values():
         apart = sum(value for name, value in times.items() if name != "all")
-        times["contact and friction, and the rest"] = times["all"] - apart  # type: ignore[assignment]
+        times["contact and friction, and the rest"] = times["all"] - apart
     return {
         package: {name: round(1e3 * value / count, 2) for name, value in times.items()}
         for package, times in spent.items()

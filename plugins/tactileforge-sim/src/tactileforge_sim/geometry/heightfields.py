@@ -171,7 +171,7 @@ def bumps(length: float, depth: float, seed: int) -> Height:
     draw = np.random.default_rng(seed)
     angle, often, phase = draw.uniform(0, np.pi, 24), draw.uniform(0.7, 1.4, 24), draw.random(24)
     turns = 2 * np.pi * np.stack([np.cos(angle) * often, np.sin(angle) * often]) / length
-    total = _cosines(np.ones(24), *turns, 2 * np.pi * phase)
+    total = _cosines(np.ones(24), turns[0], turns[1], 2 * np.pi * phase)
     return lambda x, y: np.asarray(depth * np.clip(0.5 + 0.5 * total(x, y) / 6, 0, 1))
 
 
@@ -191,7 +191,7 @@ def rough(deviation: float, seed: int) -> Height:
     size = length**0.8
     size *= deviation * np.sqrt(2 / np.square(size).sum())
     turns = 2 * np.pi * np.stack([np.cos(angle), np.sin(angle)]) / length
-    total = _cosines(size, *turns, phase)
+    total = _cosines(size, turns[0], turns[1], phase)
     return lambda x, y: np.asarray(np.maximum(total(x, y) + 3 * deviation, 0))
 
 
