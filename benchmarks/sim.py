@@ -4,17 +4,27 @@
   one sensor, in one process, and in two processes of one thread each.
 - Cost of one contact on five sensors, relative to one.
 - Peak resident memory of a short and of a long touch.
+- CPU time of a frame by part, for touches of a DIGIT of 240 rows with all rows of randomisation, as
+  the command makes them. With names of packages only this is measured, alternating, and added to
+  the result: an earlier simulator is a copy of both packages with other names.
 
-Run: python benchmarks/sim.py
+Run: python benchmarks/sim.py [old_sim tactileforge_sim]
 """
 
 from __future__ import annotations
 
+import json
 import resource
 import subprocess
 import sys
 import time
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 import torch
@@ -80,7 +90,71 @@ def memory() -> dict[str, float]:
     return out
 
 
+def parts(*packages: str, scenes: Sequence[int] = (1, 3, 4, 7)) -> dict[str, dict[str, float]]:
+    """CPU ms a frame of the parts of a touch for each package, in turn."""
+    torch.set_num_threads(1)
+    spent = {package: Counter[str]() for package in packages}
+    makes: dict[str, Callable[[int], Any]] = {}
+    for package in packages:
+        module = {
+            n: import_module(f"{package}.{n}") for n in ("config", "generate", "play", "view")
+        }
+        config = module["config"].SimConfig(
+            sensors=("digit",), indenters="pretrain", motions="atomic", size=240, seconds=0.6,
+            force=(0.5, 8.0), markers=None, viscosity=0.0, lag=0.0, seed=0, randomise="all",
+        )  # fmt: skip
+        times = spent[package]
+        config.scene(0)
+
+        def timed(
+            call: Callable[..., Any], times: Counter[str], name: str, *a: Any, **k: Any
+        ) -> Any:
+            start = time.process_time()
+            try:
+                return call(*a, **k)
+            finally:
+                times[name] += time.process_time() - start  # type: ignore[assignment]
+
+        for owner, call, name in (
+            (module["config"].SimConfig, "scene", "drawing a touch"),
+            (module["generate"], "render_scene_image", "photo of the object"),
+            (module["generate"], "encode_image", "encoding"),
+            (module["play"].SensorView, "pictures", "pictures"),
+            (module["play"]._Film, "__init__", "gel and sensor"),
+        ):
+            inner = getattr(owner, call)
+            step = lambda *a, inner=inner, times=times, name=name, **k: timed(  # noqa: E731
+                inner, times, name, *a, **k
+            )
+            setattr(owner, call, step)
+        makes[package] = partial(timed, module["generate"].recordings, times, "all", config)
+    for make in makes.values():
+        make(0)
+    for times in spent.values():
+        times.clear()
+    count = 0
+    for scene in scenes:
+        for package in packages if scene % 2 else packages[::-1]:
+            made = makes[package](scene)
+        count += len(made[0].frames)
+    for times in spent.values():
+        apart = sum(value for name, value in times.items() if name != "all")
+        times["contact and friction, and the rest"] = times["all"] - apart
+    return {
+        package: {name: round(1e3 * value / count, 2) for name, value in times.items()}
+        for package, times in spent.items()
+    }
+
+
 def main() -> None:
+    if packages := sys.argv[1:]:
+        file = File(__file__).parent / "results" / "sim.json"
+        known = json.loads(file.read_text())
+        found = parts(*packages)
+        first, last = found[packages[0]]["all"], found[packages[-1]]["all"]
+        known["CPU ms a frame by part"] = found | {"times as fast": round(first / last, 2)}
+        file.write_text(json.dumps(known, indent=2) + "\n")
+        return
     memory_mb = memory()
     times = side_by_side(
         {
@@ -107,6 +181,7 @@ def main() -> None:
                 2,
             ),
             "peak memory, MB": memory_mb,
+            "CPU ms a frame by part": parts("tactileforge_sim"),
             "times": times,
             "threads of one process": torch.get_num_threads(),
         },

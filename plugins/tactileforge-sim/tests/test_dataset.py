@@ -1,12 +1,13 @@
 import hashlib
 import os
 import subprocess
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tactileforge_sim import generate
-from tactileforge_sim.dataset import Sim
+from tactileforge_sim.dataset import Sim, make_room
 from warm import Warm
 
 from tactileforge.contracts import ACTIONS, Dataset, Recording
@@ -145,6 +146,35 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path: Path) -> None:
     assert kept.stat().st_mtime_ns == before
 
 
+def test_a_second_run_simulates_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    words = {"scenes": 1, "val": 0, "size": 16, "sensors": ["digit"], "cache": str(tmp_path)}
+    (first,) = Sim(**words).recordings("train")
+    monkeypatch.setattr(generate, "play_scenes", None)  # a call would raise a TypeError
+    (again,) = Sim(**words).recordings("train")
+    np.testing.assert_array_equal(first.frames.read([30]), again.frames.read([30]))
+
+
+def test_the_cache_is_bounded_and_keeps_what_is_in_use(tmp_path: Path) -> None:
+    def made(name: str, days: float, size: int = 1000) -> Path:
+        (tmp_path / name).mkdir()
+        shard = tmp_path / name / "train-000000.tar"
+        shard.write_bytes(bytes(size))
+        for path in (shard, shard.parent):
+            os.utime(path, 2 * (time.time() - 86400 * days,))
+        return shard
+
+    now, older, oldest = made(16 * "a", 9), made(16 * "b", 5), made(16 * "c", 7)
+    busy, own, empty = made(16 * "d", 1), made("mine", 99), tmp_path / (16 * "e")
+    empty.mkdir()
+    make_room(now.parent, 4000)
+    assert all(shard.exists() for shard in (now, older, oldest, busy, own))
+    make_room(now.parent, 3500)
+    assert [shard.exists() for shard in (now, older, oldest, busy, own)] == [1, 1, 0, 1, 1]
+    make_room(now.parent, 1)
+    assert [shard.exists() for shard in (now, older, busy, own)] == [1, 0, 1, 1]
+    assert not older.parent.exists()
+
+
 def test_validation_does_not_depend_on_the_number_of_scenes() -> None:
     few, many = (next(iter(Sim(scenes=n, val=1, size=32).recordings("val"))) for n in (1, 30))
     assert few.key == many.key
@@ -178,6 +208,8 @@ def test_pretraining_never_sees_the_bench() -> None:
 def test_mistakes_are_named() -> None:
     with pytest.raises(ConfigError, match="scenes=0 and val=8"):
         Sim(scenes=0)
+    with pytest.raises(ConfigError, match="cache_gb=0"):
+        Sim(cache_gb=0)
     with pytest.raises(ConfigError, match="unknown split 'test'"):
         next(Sim().recordings("test"))
     for wrong, said in (

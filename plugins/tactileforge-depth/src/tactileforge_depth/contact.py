@@ -24,6 +24,8 @@ _STEPS = 300
 #: result waits for the GPU.
 _LOOK = {"cpu": 1}
 _RARELY = 8
+#: Axes of the points of a batch of fields.
+_AREA = (1, 2)
 
 
 class NotConverged(TactileForgeError):
@@ -80,43 +82,46 @@ def _settle(
     kernel: Kernel, overlap: Tensor, start: Tensor | None, tolerance: float, soft: Tensor | None
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Pressure, misfit as a share of the depth (B,), and whether a contact has settled (B,)."""
-    depth = overlap.amax((1, 2)).clamp(min=0)
+    depth = overlap.amax(_AREA).clamp_(min=0)
     # An object clear of the gel has pressure 0: it is settled at once, whatever the tolerance.
     limit = torch.where(depth > 0, tolerance * depth, torch.inf)
-    touching = (depth > 0)[:, None, None]
-    pressure = torch.where(touching, _first(kernel, overlap, start, soft), 0.0)
-    gap = _yielding(kernel, pressure, soft) - overlap  # g: 0 in contact, > 0 where clear
+    pressure = _first(kernel, overlap, start, soft).mul_(depth.sign()[:, None, None])
+    gap = _yielding(kernel, pressure, soft).sub_(overlap)  # g: 0 in contact, > 0 where clear
     t = torch.zeros_like(pressure)
-    previous = torch.zeros_like(depth)  # G of the step before; 0 restarts from steepest descent
+    # G of the step before; infinity restarts from steepest descent
+    previous = torch.full_like(depth, torch.inf)
+    active = pressure.sign()  # 1 in contact, 0 elsewhere
+    looks = _LOOK.get(overlap.device.type, _RARELY)
+    many = overlap.shape[0] > 1 or looks > 1
     for count in range(_STEPS):
-        active = pressure.sign()  # 1 in contact, 0 elsewhere
         residual = gap * active
-        worst = torch.maximum(residual.amax((1, 2)), -gap.amin((1, 2)))
+        worst = torch.maximum(residual.amax(_AREA), -gap.amin(_AREA))
         settled = worst <= limit
-        if is_check_step(count, overlap.device) and bool(settled.all()):
+        if (count + 1) % looks == 0 and bool(settled.all()):
             break
         squares = _dot(residual, residual)  # G
-        ratio = torch.where(previous > 0, squares / previous.clamp(min=1e-30), 0.0)
-        # g + delta G/G_old t
-        t = torch.addcmul(residual, ratio[:, None, None], t.mul_(active))
+        ratio = (squares / previous)[:, None, None]
+        t = torch.addcmul(residual, ratio, t.mul_(active))  # g + delta G/G_old t
         r = _yielding(kernel, t, soft)
-        tau = (_dot(residual, t) / _dot(t, r).clamp(min=1e-30))[:, None, None]
+        tau = (_dot(residual, t) / _dot(t, r).clamp_(min=1e-30))[:, None, None]
         stepped = torch.addcmul(pressure, tau, t, value=-1).clamp_(min=0)
         # Free points that the object enters (I_ol) join the contact by a step along g. The old
         # direction is conjugate on the old contact only, so a changed contact drops it (delta = 0).
-        entered = gap.clamp(max=0).mul_(stepped == 0)
+        entered = torch.addcmul(gap, gap, stepped.sign(), value=-1).clamp_(max=0)
         stepped.addcmul_(tau, entered, value=-1).clamp_(min=0)
-        changed = ((stepped == 0).logical_and_(active) | (entered < 0)).flatten(1).any(1)
-        previous = torch.where(changed, 0.0, squares)
-        # A settled contact is frozen: its pressure must not depend on the rest of the batch.
-        kept = settled[:, None, None]
-        pressure = torch.where(kept, pressure, stepped)
+        now = stepped.sign()
+        changed = (now - active).abs_().sub_(entered).amax(_AREA) > 0
+        previous = squares.masked_fill_(changed.logical_or(squares == 0), torch.inf)
         # On the same contact the gap follows from the step; else the gel is asked anew.
         follows = torch.addcmul(gap, tau, r, value=-1)
-        if bool((changed & ~settled).any()):
-            anew = _yielding(kernel, pressure, soft) - overlap
-            follows = torch.where(changed[:, None, None], anew, follows)
-        gap = torch.where(kept, gap, follows)
+        if bool(changed.any()):
+            anew = _yielding(kernel, stepped, soft).sub_(overlap)
+            follows = torch.where(changed[:, None, None], anew, follows) if many else anew
+        if many:  # a settled contact is frozen: its pressure must not depend on the others
+            kept = settled[:, None, None]
+            stepped, now = torch.where(kept, pressure, stepped), torch.where(kept, active, now)
+            follows = torch.where(kept, gap, follows)
+        pressure, active, gap = stepped, now, follows
     return pressure, worst / depth.clamp(min=1e-9), settled
 
 
@@ -128,15 +133,15 @@ def _first(kernel: Kernel, overlap: Tensor, start: Tensor | None, soft: Tensor |
         return guess
     # Pressure of the frame before is kept only where there is still overlap: elsewhere it could
     # only be taken away again, step by step.
-    kept = torch.where(overlap > 0, start, 0.0)
-    return torch.where((kept > 0).flatten(1).any(1)[:, None, None], kept, guess)
+    kept = start * overlap.sign().clamp_(min=0)
+    return torch.where(kept.amax(_AREA)[:, None, None] > 0, kept, guess)
 
 
 def _yielding(kernel: Kernel, pressure: Tensor, soft: Tensor | None) -> Tensor:
     """Displacement of gel and object together, mm."""
     depth = kernel.press(pressure)
-    return depth if soft is None else depth + soft * pressure
+    return depth if soft is None else depth.add_(soft * pressure)
 
 
 def _dot(left: Tensor, right: Tensor) -> Tensor:
-    return (left * right).flatten(1).sum(1)
+    return (left * right).sum(_AREA)

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from tactileforge.errors import ConfigError
-from tactileforge_depth.waves import COLUMNS, ROWS, Waves, exchanged, table
+from tactileforge_depth.waves import COLUMNS, FIELDS, ROWS, Waves, exchanged, table
 
 #: Beyond this product of wave number and thickness a layer is a half-space.
 _THICK = 30.0
@@ -152,8 +152,8 @@ class Kernel:
         """Lateral displacement (mm) of the surface under shear traction (MPa): (..., 2, n, n)."""
         by = self._solver
         spectrum = by.waves.spectrum(shear)
-        turned = exchanged(spectrum, ROWS, COLUMNS).mul_(by.mixed)
-        return by.waves.field(spectrum.mul_(by.straight).add_(turned.flip(-3)))
+        turned = exchanged(spectrum, FIELDS, ROWS, COLUMNS)
+        return by.waves.field(spectrum.mul_(by.straight).addcmul_(turned, by.mixed))
 
     def spread(self, pressure: Tensor) -> Tensor:
         """Lateral displacement (mm) of the surface under pressure (MPa): (..., 2, n, n)."""

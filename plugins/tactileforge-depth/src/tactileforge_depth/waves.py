@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-#: Axes of the rows and of the columns in a spectrum seen as (..., 2, m, 2, m).
-ROWS, COLUMNS = -4, -2
+#: Axes of the fields, the rows and the columns in spectra seen as (..., K, 2, m, 2, m).
+FIELDS, ROWS, COLUMNS = -5, -4, -2
 
 
 @dataclass(frozen=True)
@@ -63,13 +63,16 @@ def _between(matrix: Tensor, fields: Tensor) -> Tensor:
     if fields.device.type != "cpu":
         out: Tensor = matrix @ fields @ across
         return out
-    side = len(matrix)
-    if fields.shape[:-2].numel() == 1:
-        alone = fields.reshape(fields.shape[-2:])
-        return (matrix @ alone @ across).view(*fields.shape[:-2], side, side)
-    # Copies begin at aligned addresses, like a field of its own.
-    each = [matrix @ one.clone() @ across for one in fields.flatten(0, -3)]
-    return torch.stack(each).view(*fields.shape[:-2], side, side)
+    if fields.ndim == 3 and fields.shape[0] == 1:  # nothing to stack: most touches are solved alone
+        return torch.mm(torch.mm(matrix, fields[0]), across).unsqueeze_(0)
+    side = matrix.shape[0]
+    out = fields.new_empty(*fields.shape[:-2], side, side)
+    flat = fields.reshape(-1, *fields.shape[-2:])
+    each = zip(flat.unbind(), out.view(-1, side, side).unbind(), strict=True)
+    for one, into in each:
+        # Copies begin at aligned addresses, like a field of its own.
+        torch.mm(torch.mm(matrix, one.clone()), across, out=into)
+    return out
 
 
 def table(response: Tensor, odd: tuple[int, ...] = ()) -> Tensor:
@@ -95,7 +98,7 @@ def table(response: Tensor, odd: tuple[int, ...] = ()) -> Tensor:
 
 
 def exchanged(spectrum: Tensor, *axes: int) -> Tensor:
-    """Spectra with cosines and sines exchanged along axes."""
+    """Spectra with cosines and sines, or two fields, exchanged along axes."""
     m = spectrum.shape[-1] // 2
     apart = spectrum.view(*spectrum.shape[:-2], 2, m, 2, m)
     return apart.flip(axes).view(spectrum.shape)

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import re
+import shutil
+import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +19,10 @@ from tactileforge.reading import Drawn
 
 if TYPE_CHECKING:
     from tactileforge_sim.config import SimConfig
+
+#: Seconds since its last use in which a cache is not removed: a long run may still read it, and
+#: systems note the reading of a file once a day.
+_IN_USE = 2 * 86400.0
 
 
 class Sim(Drawn):
@@ -39,10 +48,12 @@ class Sim(Drawn):
             ``all``, or names of rows, see `randomise.table.TABLE`.
         seed: Seed of all touches.
         cache: Folder of the cache; None for ``$TACTILEFORGE_CACHE``, or the user's cache folder.
+        cache_gb: Size limit of the cache, GB; None for no limit. Touches of other configurations
+            and versions go first that were not used for longest, but none used within two days.
         processes: Number of simulating processes; None for one per core.
 
     Raises:
-        ConfigError: ``scenes`` is below 1, or ``val`` below 0.
+        ConfigError: ``scenes`` is below 1, ``val`` below 0, or ``cache_gb`` not above 0.
     """
 
     provides = frozenset({"force", "action", "object", "text", "image", "surface"})
@@ -63,12 +74,15 @@ class Sim(Drawn):
         randomise: str | Sequence[str] = "all",
         seed: int = 0,
         cache: str | None = None,
+        cache_gb: float | None = 20.0,
         processes: int | None = None,
     ) -> None:
         if scenes < 1 or val < 0:
             raise ConfigError(f"sim: scenes={scenes} and val={val}; give 1 or more, and 0 or more")
+        if cache_gb is not None and not cache_gb > 0:
+            raise ConfigError(f"sim: cache_gb={cache_gb}; give GB above 0, or null for no limit")
         self.scenes, self.val = scenes, val
-        self.cache, self.processes = cache, processes
+        self.cache, self.cache_gb, self.processes = cache, cache_gb, processes
         self.skipped: list[str] = []
         self._given = {
             "sensors": tuple(sensors),
@@ -120,5 +134,35 @@ class Sim(Drawn):
             raise ConfigError(unknown("split", split, numbers))
         folder = self.folder
         write_scenes(self.config, folder, numbers[split], self.processes)
+        with suppress(OSError):  # marks it as used; a cache may be read-only
+            os.utime(folder)
+        if self.cache_gb is not None:
+            make_room(folder, self.cache_gb * 1e9)
         for number in numbers[split]:
             yield from read_shard(path_of(folder, number))
+
+
+def make_room(folder: Path, limit: float) -> None:
+    """Removes caches beside one, the least recently used first, down to a size of all of them.
+
+    Args:
+        folder: The cache that is used now, and stays.
+        limit: Size of all caches of simulated touches, bytes.
+    """
+    caches, total = [], 0
+    for cache in folder.parent.iterdir():
+        # only folders named by a digest: others in this place are somebody's own
+        if not re.fullmatch("[0-9a-f]{16}", cache.name) or cache.is_symlink():
+            continue
+        with suppress(OSError):  # another process makes room, too
+            files = [path.stat() for path in cache.iterdir()]
+            size = sum(file.st_size for file in files)
+            used = [max(file.st_atime, file.st_mtime) for file in files]
+            total += size
+            caches.append((max([cache.stat().st_mtime, *used]), size, cache))
+    for used_last, size, cache in sorted(caches):
+        if total <= limit or time.time() - used_last < _IN_USE:
+            break
+        if cache != folder:
+            shutil.rmtree(cache, ignore_errors=True)
+            total -= size

@@ -45,6 +45,7 @@ class SimFrames:
     surface: NDArray[np.uint8] | None
 
 
+@torch.inference_mode()
 def play_scenes(
     scenes: Scene | Sequence[Scene],
     sensors: Sequence[str],

@@ -190,7 +190,11 @@ def _depth(
     moments = contacts(
         torch.from_numpy(heights)[None], SPACING, [Gel()], poses, [FPS], name, [softness]
     )
-    forces = np.array([float(moment.force[0, 2]) for moment in moments])
+    forces: list[float] = []
+    for moment in moments:
+        forces.append(float(moment.force[0, 2]))
+        if forces[0] <= force[1] <= forces[-1]:  # deeper ones are beyond the range
+            break
     low, high = max(force[0], forces[0]), min(force[1], forces[-1])
     if low > high and reach == "clip":
         low = high = float(np.clip(low, forces[0], forces[-1]))
@@ -201,7 +205,8 @@ def _depth(
         )
     # In logarithms: interpolation is then exact where force grows as a power of the depth.
     wanted = low * (high / low) ** place
-    return float(np.exp(np.interp(np.log(wanted), np.log(forces), np.log(_DEPTHS))))
+    depths = np.log(_DEPTHS[: len(forces)])
+    return float(np.exp(np.interp(np.log(wanted), np.log(forces), depths)))
 
 
 def _cleared(path: Path, height: NDArray[np.float32]) -> Path:

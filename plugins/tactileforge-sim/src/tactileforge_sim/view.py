@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -102,7 +103,8 @@ class SensorView:
         # Lateral displacement of markers (K, M, 2) and cells (K, C, 2), mm, by one transform.
         points = torch.cat([self.markers, self.centres])
         rest = points.expand(len(part.pose), -1, -1)
-        lateral = surface.lateral(part, rest) if len(points) else rest
+        moves = fields is not None and len(points) > 0
+        lateral = surface.lateral(part, rest) if moves else torch.zeros_like(rest)
         at_markers, at_cells = lateral[:, : len(self.markers)], lateral[:, len(self.markers) :]
         motion, unit = None, self.optics.unit
         if self.optics.markers is not None:
@@ -116,4 +118,8 @@ class SensorView:
             across = torch.where(touched, at_cells, 0.0).mT.reshape(len(dent), 2, *self.cells)
             image = torch.cat([across, deep], 1).permute(0, 2, 3, 1)
             moved = encode_displacement(image.cpu().numpy())
-        return self.codec(pictures.permute(0, 2, 3, 1).contiguous().cpu().numpy()), moved
+        planes = pictures.cpu().numpy()
+        shown = np.empty((len(planes), *planes.shape[2:], 3), np.uint8)
+        for colours, picture in zip(planes, shown, strict=True):
+            cv2.merge(list(colours), picture)
+        return self.codec(shown), moved

@@ -169,16 +169,10 @@ def grit(size: float, depth: float, seed: int) -> Height:
 def bumps(length: float, depth: float, seed: int) -> Height:
     """Smooth random hills about ``length`` mm apart."""
     draw = np.random.default_rng(seed)
-    drawn = zip(
-        draw.uniform(0, np.pi, 24), draw.uniform(0.7, 1.4, 24), draw.random(24), strict=True
-    )
-    parts = [(np.cos(a) * f / length, np.sin(a) * f / length, phase) for a, f, phase in drawn]
-
-    def relief(x: Array, y: Array) -> Array:
-        total = sum(np.cos(2 * np.pi * (x * fx + y * fy + phase)) for fx, fy, phase in parts)
-        return np.asarray(depth * np.clip(0.5 + 0.5 * total / 6, 0, 1))
-
-    return relief
+    angle, often, phase = draw.uniform(0, np.pi, 24), draw.uniform(0.7, 1.4, 24), draw.random(24)
+    turns = 2 * np.pi * np.stack([np.cos(angle) * often, np.sin(angle) * often]) / length
+    total = _cosines(np.ones(24), turns[0], turns[1], 2 * np.pi * phase)
+    return lambda x, y: np.asarray(depth * np.clip(0.5 + 0.5 * total(x, y) / 6, 0, 1))
 
 
 def rough(deviation: float, seed: int) -> Height:
@@ -196,16 +190,9 @@ def rough(deviation: float, seed: int) -> Height:
     length = 0.5 * 8 ** draw.random(_WAVES)
     size = length**0.8
     size *= deviation * np.sqrt(2 / np.square(size).sum())
-    parts = [
-        (2 * np.pi * np.cos(a) / wave, 2 * np.pi * np.sin(a) / wave, start, high)
-        for a, wave, start, high in zip(angle, length, phase, size, strict=True)
-    ]
-
-    def relief(x: Array, y: Array) -> Array:
-        total = sum(high * np.cos(fx * x + fy * y + start) for fx, fy, start, high in parts)
-        return np.asarray(np.maximum(total + 3 * deviation, 0))
-
-    return relief
+    turns = 2 * np.pi * np.stack([np.cos(angle), np.sin(angle)]) / length
+    total = _cosines(size, turns[0], turns[1], phase)
+    return lambda x, y: np.asarray(np.maximum(total(x, y) + 3 * deviation, 0))
 
 
 def grain(period: float, depth: float, seed: int) -> Height:
@@ -244,6 +231,22 @@ def bricks(width: float, height: float, joint: float) -> SDF:
         return brick((u - np.round(u)) * width, y - row * height)
 
     return distance
+
+
+def _cosines(high: Array, across: Array, down: Array, start: Array) -> Height:
+    """A sum of waves, each with a height, wave numbers along x and y (rad/mm), and a phase."""
+
+    def total(x: Array, y: Array) -> Array:
+        if x.ndim == 2 and (x == x[:1]).all() and (y == y[:, :1]).all():
+            # On a grid cos(a + b) is cos a cos b - sin a sin b: two products of matrices.
+            along, upright = np.outer(down, y[:, 0]), np.outer(across, x[0]) + start[:, None]
+            cosine = (high[:, None] * np.cos(along)).T @ np.cos(upright)
+            sine = (high[:, None] * np.sin(along)).T @ np.sin(upright)
+            return np.asarray(cosine - sine)
+        parts = zip(high, across, down, start, strict=True)
+        return np.asarray(sum(h * np.cos(fx * x + fy * y + s) for h, fx, fy, s in parts))
+
+    return total
 
 
 def _sharp(phase: Array) -> Array:

@@ -38,7 +38,7 @@ def ellipse(half_width: float, half_height: float) -> SDF:
         px, py = np.abs(x), np.abs(y)
         tx = ty = np.full(x.shape, np.sqrt(0.5))
         for _ in range(4):
-            ex, ey = (a * a - b * b) / a * tx**3, (b * b - a * a) / b * ty**3
+            ex, ey = (a * a - b * b) / a * (tx * tx * tx), (b * b - a * a) / b * (ty * ty * ty)
             reach = np.hypot(a * tx - ex, b * ty - ey) / (np.hypot(px - ex, py - ey) + 1e-12)
             tx = np.clip(((px - ex) * reach + ex) / a, 0, 1)
             ty = np.clip(((py - ey) * reach + ey) / b, 0, 1)

@@ -16,6 +16,8 @@ from torch import Tensor
 TOLERANCE = 1e-3
 #: Largest number of steps before `NotConverged`.
 _STEPS = 400
+#: Axes of the components and points of a batch of tractions.
+_AREA = (1, 2, 3)
 
 
 def shear(
@@ -48,32 +50,33 @@ def shear(
         NotConverged: The misfit stays above the tolerance.
     """
     limit = bound[:, None]
-    inside = limit > 0
+    inside = limit.sign()  # 1 in contact, 0 elsewhere
     now = limit_traction(before if start is None else start, limit)
     # The gradient g = K (q - q0) - d is the slip: gel minus object, 0 where they stick.
-    slip = torch.where(inside, kernel.drag(now - before) - motion, 0.0)
+    slip = kernel.drag(now - before).sub_(motion).mul_(inside)
     alpha = (4 / kernel.tangent[0].max()).expand(len(now), 1, 1, 1)
+    many = now.shape[0] > 1 or not is_check_step(0, now.device)
     for count in range(_STEPS):
-        after = limit_traction(now - alpha * slip, limit)
+        after = limit_traction(torch.addcmul(now, alpha, slip, value=-1), limit)
         dx = after - now
         # The projected gradient, mm: it vanishes where the gel sticks, and where slip pushes
         # against the bound.
-        misfit = (dx.abs() / alpha).amax((1, 2, 3))
+        misfit = dx.abs().amax(_AREA) / alpha.view(-1)
         settled = misfit <= tolerance
         if is_check_step(count, now.device) and bool(settled.all()):
             return after
-        kept = settled[:, None, None, None]
-        slipped = torch.where(inside, kernel.drag(after - before) - motion, 0.0)
+        slipped = kernel.drag(after - before).sub_(motion).mul_(inside)
         dg = slipped - slip
-        dx_dg = _dot(dx, dg).clamp(min=1e-20)
+        dx_dg = _dot(dx, dg).clamp_(min=1e-20)
         # The short step <dx,dg>/<dg,dg> and the long one <dx,dx>/<dx,dg> in turn: the short one
         # damps stiff waves, the long one moves soft ones.
-        step = dx_dg / _dot(dg, dg).clamp(min=1e-20)
-        if count % 2:
-            step = _dot(dx, dx) / dx_dg
-        # A settled contact repeats its last step, whatever the others of the batch do.
-        alpha = torch.where(kept, alpha, step.clamp(1e-4, 1e4)[:, None, None, None])
-        now, slip = torch.where(kept, now, after), torch.where(kept, slip, slipped)
+        step = _dot(dx, dx) / dx_dg if count % 2 else dx_dg / _dot(dg, dg).clamp_(min=1e-20)
+        step = step.clamp_(1e-4, 1e4)[:, None, None, None]
+        if many:  # a settled contact repeats its last step, whatever the others of the batch do
+            kept = settled[:, None, None, None]
+            step = torch.where(kept, alpha, step)
+            after, slipped = torch.where(kept, now, after), torch.where(kept, slip, slipped)
+        alpha, now, slip = step, after, slipped
     raise NotConverged(
         f"shear of contact {int(misfit.argmax())} of {len(now)} did not settle in {_STEPS} steps: "
         f"misfit {float(misfit.max()):.2g} mm"
@@ -84,8 +87,8 @@ def limit_traction(traction: Tensor, limit: Tensor) -> Tensor:
     """Limits the length of a traction (B, 2, n, n) to a bound (B, 1, n, n)."""
     x, y = traction.unbind(1)
     size = torch.hypot(x, y).clamp_(min=1e-12)[:, None]
-    return traction * (limit / size).clamp_(max=1)
+    return traction * torch.div(limit, size, out=size).clamp_(max=1)
 
 
 def _dot(left: Tensor, right: Tensor) -> Tensor:
-    return (left * right).flatten(1).sum(1)
+    return (left * right).sum(_AREA)

@@ -51,6 +51,7 @@ class ContactState:
     give: Tensor
 
 
+@torch.inference_mode()
 def contacts(
     heights: Tensor,
     spacing: float,

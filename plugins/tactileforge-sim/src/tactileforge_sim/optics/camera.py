@@ -152,7 +152,8 @@ class Codec:
 
 def _coded(picture: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
     """An image (H, W, 3), RGB, after JPEG compression."""
-    _, code = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    blue_first = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+    _, code = cv2.imencode(".jpg", blue_first, [cv2.IMWRITE_JPEG_QUALITY, quality])
     decoded = cv2.imdecode(code, cv2.IMREAD_COLOR)
     assert decoded is not None  # it was coded here
-    return np.asarray(decoded[..., ::-1], dtype=np.uint8)
+    return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), dtype=np.uint8)
