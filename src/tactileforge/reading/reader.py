@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import chain, pairwise
@@ -16,6 +17,7 @@ from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
 from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.lazy import Crop, ImageFrames
+from tactileforge.data.frames.picture_index import PictureIndex
 from tactileforge.data.frames.small import shrink
 from tactileforge.data.frames.stacks import open_film
 from tactileforge.data.labels.actions import label_actions
@@ -51,6 +53,7 @@ class LayoutReader:
         odd: One line for each match of a pattern other than a file; filled by `touches`.
         doubts: Names of doubtful touches, each with the doubt as a phrase.
         tagged: Numbers of opened images with an EXIF orientation, and of all.
+        index: Headers of images, of this start and of earlier ones.
 
     Raises:
         DataNotFoundError: The folder does not exist.
@@ -62,6 +65,7 @@ class LayoutReader:
         self.odd: list[str] = []
         self.doubts: list[tuple[str, str]] = []
         self.tagged = (0, 0)
+        self.index = PictureIndex(self.folder)
         self._of(ImageRows(self.folder, []))
         self._backgrounds: dict[Path, FileFrames] = {}
         if not self.folder.is_dir():
@@ -97,9 +101,15 @@ class LayoutReader:
             touches = [*chain(*map(self._series, touches))]
         return self._without_backgrounds(touches)
 
+    def again(self) -> LayoutReader:
+        """A reader of the same files, for another split, that has opened none."""
+        other = copy(self)
+        other.tagged = (0, 0)
+        return other
+
     def _grouped(self, files: list[Path]) -> dict[str, list[Path]]:
         """Files of each touch, by its name from the folder of the layout."""
-        layout, named = self.layout, dict[str, list[Path]]()
+        layout, grouped = self.layout, dict[Path, list[Path]]()
         rows: dict[str, LabelRow] = {}
         if layout.recording:
             each = {path.relative_to(self.folder).as_posix(): [path] for path in files}
@@ -115,8 +125,8 @@ class LayoutReader:
                         "or move the image out"
                     )
                 touch /= group
-            named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
-        return named
+            grouped.setdefault(touch, []).append(path)
+        return {touch.relative_to(self.folder).as_posix(): of for touch, of in grouped.items()}
 
     def _without_backgrounds(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
         """Touches without the background images, and without touches left empty."""
@@ -210,7 +220,9 @@ class LayoutReader:
             DataError: The frames cannot be read, or all of them are background.
         """
         is_film = self.layout.each == "video"
-        frames = open_film(touch.paths[0]) if is_film else ImageFrames(touch.paths)
+        frames = (
+            open_film(touch.paths[0]) if is_film else ImageFrames(touch.paths, index=self.index)
+        )
         background = self.layout.background
         least = 0 if background is None or background.file else background.first + background.last
         if background is not None and background.frames and not background.file:
@@ -402,7 +414,7 @@ class LayoutReader:
                 f"{self.folder}: no camera view of {touch.name} matches {pattern!r}; add it, or "
                 f"correct image of layout {self.layout.name!r}"
             )
-        return open_files(files)
+        return open_files(files, self.index)
 
 
 def thinned(recording: Recording, every: float) -> Recording:
