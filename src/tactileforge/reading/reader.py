@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
 from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.cut import spread_rows
+from tactileforge.data.frames.film_streams import count_streams
 from tactileforge.data.frames.lazy import Crop, ImageFrames
 from tactileforge.data.frames.picture_index import PictureIndex
 from tactileforge.data.frames.small import shrink
@@ -99,6 +100,8 @@ class LayoutReader:
         touches = [LayoutTouch(name, paths, labels[name]) for name, paths in named.items()]
         if self.layout.each == "sequence" and not self.layout.order:
             touches = [*chain(*map(self._series, touches))]
+        if self.layout.films:
+            touches = [*chain(*map(self._films, touches))]
         return self._without_backgrounds(touches)
 
     def again(self) -> LayoutReader:
@@ -155,6 +158,12 @@ class LayoutReader:
             self._doubt(touch, "" if self.layout.order else order_doubt(paths))
             out.append(replace(touch, paths=paths))
         return out
+
+    def _films(self, touch: LayoutTouch) -> Iterator[LayoutTouch]:
+        """The touch of each chosen stream of a video; those of one file are held out together."""
+        for name, number in (self.layout.films or {}).items():
+            key = f"{touch.name}#{name}" if name else touch.name
+            yield replace(touch, name=key, folder=touch.name, stream=number)
 
     def _series(self, touch: LayoutTouch) -> Iterator[LayoutTouch]:
         """The touch, or one for each series of its folder."""
@@ -221,7 +230,9 @@ class LayoutReader:
         """
         is_film = self.layout.each == "video"
         frames = (
-            open_film(touch.paths[0]) if is_film else ImageFrames(touch.paths, index=self.index)
+            open_film(touch.paths[0], touch.stream)
+            if is_film
+            else ImageFrames(touch.paths, index=self.index)
         )
         background = self.layout.background
         least = 0 if background is None or background.file else background.first + background.last
@@ -251,6 +262,12 @@ class LayoutReader:
         self._doubt(touch, clock.doubt)
         if layout.labels and not row.cells:
             self._doubt(touch, f"has no row in {layout.labels}")
+        if video and layout.films is None and (count := count_streams(touch.paths[0])) > 1:
+            self._doubt(
+                touch,
+                f"has {count} streams of video, of which the first is read; stream: 1 reads the "
+                "next, stream: {left: 0, right: 1} both",
+            )
         times = clock.times
         background = self._background(touch, frames)
         full = (0, 0, frames.full_shape[1], frames.full_shape[0])

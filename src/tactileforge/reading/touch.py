@@ -24,13 +24,16 @@ class LayoutTouch:
         name: Path of its file, or of its folder for an image sequence, from the layout's folder.
         paths: Paths of its files.
         row: Labels of the touch.
-        folder: Name of the folder of several series, which are held out together; "" for others.
+        folder: Name of the folder of several series, or of the file of several streams, which are
+            held out together; "" for others.
+        stream: Number of the stream of video.
     """
 
     name: str
     paths: list[Path]
     row: LabelRow
     folder: str = ""
+    stream: int = 0
 
 
 def open_files(paths: list[Path], index: PictureIndex | None = None) -> FileFrames:

@@ -47,6 +47,7 @@ RENAMED: Mapping[str, Mapping[str, str]] = {
 NOTIONS = {
     # where values are
     "videos": "patterns of films, each a recording",
+    "stream": "number of the stream of video, from 0, or several by name",
     "images": "patterns of images; `each` says what one is",
     "files": "ends of paths, with placeholders",
     "samples": "template of the keys of samples, with placeholders",
