@@ -1,4 +1,4 @@
-"""Number of video streams of a file, by its header: OpenCV shows the first and tells of no other."""
+"""Number of video streams of a file, by its header: OpenCV shows the first and hides the rest."""
 
 from __future__ import annotations
 
