@@ -197,7 +197,11 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
                 "or several by name: {left: 0, right: 1}"
             )
     tables = (keys.force, keys.action, keys.tracks)
-    if each == "video" and any(getattr(table, "key", None) for table in tables):
+    if each == "video" and any(
+        getattr(table, "key", None)
+        and not (getattr(table, "frame", None) or getattr(table, "times", None))
+        for table in tables
+    ):
         raise ConfigError(
             f"{where}: key: names images, and these are videos; give frame: or times:"
         )
@@ -306,8 +310,8 @@ def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
             f"{where}: columns are {names}; give each axis a column of its own, and null to an "
             "axis that was not measured: [null, null, fz]"
         )
-    if sum(name is not None for name in (keys.frame, keys.times, keys.key)) > 1:
-        raise ConfigError(f"{where}: give one of frame, times and key: each says what a row is of")
+    if keys.frame is not None and keys.times is not None:
+        raise ConfigError(f"{where}: give one of frame and times: each says what a row is of")
     times = ColumnKeys(keys.times) if isinstance(keys.times, str) else keys.times
     if times and times.unit is not None:
         seconds_of(times.unit, f"{where}: times")
