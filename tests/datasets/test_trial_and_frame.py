@@ -66,7 +66,7 @@ def check(found: Sequence[Recording]) -> None:
     assert sorted(seen) == [(trial, n) for trial in range(TRIALS) for n in range(COUNT)]
 
 
-NAMES = {
+NAMES: dict[str, tuple[Callable[[int], str], Callable[[int], object], str]] = {
     "names": (lambda i: f"trial_{i:02d}", lambda i: f"trial_{i:02d}", "trial"),
     "numbers": (lambda i: f"images/trial_{i + 3:02d}", lambda i: i + 3, "trial"),
     "bare numbers": (lambda i: str(9 + i), lambda i: 9 + i, "episode_index"),
