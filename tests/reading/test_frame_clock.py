@@ -165,7 +165,7 @@ def test_order(tmp_path: Path, make_image: MakeFile, write: MakeFile) -> None:
             SEQUENCE | {"force": FORCE | {"times": {"column": "t", "unit": "hour"}}},
             "unknown unit 'hour'",
         ),
-        (SEQUENCE | {"force": FORCE | {"key": "file"}}, "give one of frame, times and key"),
+        (SEQUENCE | {"force": FORCE | {"frame": "f"}}, "give one of frame and times"),
         (
             VIDEO | {"force": {"file": "f.csv", "key": "a", "columns": ["x", "y", "z"]}},
             "are videos",

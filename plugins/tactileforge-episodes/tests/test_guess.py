@@ -271,6 +271,28 @@ def test_libero_says_the_task(tmp_path):
     assert "left out: " in "\n".join(notes)
 
 
+def test_libero_says_how_its_simulator_draws(tmp_path):
+    robomimic(tmp_path / "a_demo.hdf5", macros_image_convention="opengl")
+    assert "mirror: the file says that its simulator draws" in "\n".join(read(tmp_path)[1])
+
+
+def test_mimicgen_keeps_its_plans_out_of_the_state(tmp_path):
+    written = robomimic(tmp_path / "demo.hdf5")
+    with h5py.File(tmp_path / "demo.hdf5", "a") as file:
+        for name, one in written.items():
+            rows, group = len(one["actions"]), file[f"data/{name}"]
+            group["src_demo_inds"] = np.array([3, 1])
+            for key in ("eef_pose", "target_pose", "object_poses/nut"):
+                group[f"datagen_info/{key}"] = np.full((rows, 4, 4), 7.0)
+            group["datagen_info/gripper_action"] = np.ones((rows, 1))
+    found, _ = read(tmp_path)
+    one, own = found["demo/demo_8/tactile_left_image"], written["demo_8"]
+    arm = [own["obs/robot0_eef_pos"], own["obs/robot0_gripper_qpos"]]
+    np.testing.assert_array_equal(one.tracks["state"], np.concatenate(arm, 1).astype("f4"))
+    np.testing.assert_array_equal(one.tracks["robot_action"], own["actions"].astype("f4"))
+    np.testing.assert_array_equal(one.tracks["target_pose"], np.full((12, 4, 4), 7, "f4"))
+
+
 def test_a_zarr_with_a_group_an_episode(tmp_path):
     shown = {f"episode_{i}/tactile": pictures(6 + i, 24, 32, 3, seed=i) for i in range(3)}
     write_zarr(tmp_path / "lab.zarr", shown)
@@ -324,6 +346,15 @@ def test_aloha_with_encoded_images(tmp_path):
     (one,) = read(tmp_path)[0].values()
     wanted = [cv2.imdecode(np.frombuffer(image, np.uint8), 1)[..., ::-1] for image in images]
     np.testing.assert_array_equal(pixels(one), wanted)
+
+
+@pytest.mark.parametrize(("shape", "sensor"), [((32, 24), "digit"), ((24, 32), "gelsight_mini")])
+def test_the_sensor_of_encoded_images_is_by_their_shape(shape, sensor, tmp_path):
+    images = jpegs(pictures(8, *shape, 3, seed=2))
+    write_hdf5(tmp_path / "a.hdf5", {"observations/images/tactile": images})
+    found, notes = read(tmp_path)
+    assert [one.sensor for one in found.values()] == [sensor]
+    assert f"by the shape {shape[0]} x {shape[1]} alone" in "\n".join(notes)
 
 
 def grey(frames):

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from omegaconf import OmegaConf
 
@@ -55,6 +55,10 @@ class LayoutFile:
     layouts: dict[str, Any] = field(metadata={"example": "{my_touches: {...}}"})
 
 
+#: A reader, its touches, and the side of each.
+_Listed: TypeAlias = tuple[LayoutReader, list[LayoutTouch], list[str]]
+
+
 class Recordings(Drawn):
     """Touch recordings in folders, described by layouts (`docs/data.md` lists their keys).
 
@@ -88,6 +92,7 @@ class Recordings(Drawn):
         self.skipped: list[str] = []
         self._noted = Notes()
         self._split_up: dict[str, _SplitUp] = {}
+        self._listed: dict[str, list[_Listed]] = {}
         given = _as_plain(layouts or {})
         self._given = {name: layout for name, layout in given.items() if layout is not None}
         self._left_out = sorted(given.keys() - self._given.keys())
@@ -153,25 +158,33 @@ class Recordings(Drawn):
         layouts = (
             self.layouts if self.tracks else [replace(one, tracks=None) for one in self.layouts]
         )
-        readers = [LayoutReader(layout, self.root) for layout in layouts]
-        for reader, touches, sides in self._split(readers):
-            for touch, side in zip(touches, sides, strict=True):
-                if side not in (split, "time"):
-                    continue
-                labelled = _labelled(reader, touch)
-                while reader.doubts:
-                    name, doubt = reader.doubts.pop()
-                    self._noted.add(f"{reader.layout.name}/{name}", doubt)
-                if isinstance(labelled, str):
-                    failed.append(labelled)
-                    add_once(self.skipped, labelled)
-                    continue
-                opened += 1
-                for recording in labelled:
-                    if side == "time":
-                        yield from split_parts(recording, self.val, split)
-                    else:
-                        yield recording
+        # listed once for both splits, which are then of the same files; anew for the next pair
+        listed, self._listed = self._listed.pop(split, None), {}
+        if listed is None:
+            listed = self._split([LayoutReader(layout, self.root) for layout in layouts])
+            self._listed = {"val" if split == "train" else "train": listed}
+        for of, touches, sides in listed:
+            reader = of.again()
+            try:
+                for touch, side in zip(touches, sides, strict=True):
+                    if side not in (split, "time"):
+                        continue
+                    labelled = _labelled(reader, touch)
+                    while reader.doubts:
+                        name, doubt = reader.doubts.pop()
+                        self._noted.add(f"{reader.layout.name}/{name}", doubt)
+                    if isinstance(labelled, str):
+                        failed.append(labelled)
+                        add_once(self.skipped, labelled)
+                        continue
+                    opened += 1
+                    for recording in labelled:
+                        if side == "time":
+                            yield from split_parts(recording, self.val, split)
+                        else:
+                            yield recording
+            finally:
+                reader.index.save()
             tagged, images = reader.tagged
             if 0 < tagged < images:
                 self._noted.add(
@@ -183,9 +196,7 @@ class Recordings(Drawn):
         if failed and not opened and split == "train":
             raise DataError(f"not one of {len(failed)} recordings can be opened; {failed[0]}")
 
-    def _split(
-        self, readers: Sequence[LayoutReader]
-    ) -> list[tuple[LayoutReader, list[LayoutTouch], list[str]]]:
+    def _split(self, readers: Sequence[LayoutReader]) -> list[_Listed]:
         """Touches of each layout, with their sides, before anything is opened.
 
         A split must not depend on readable files.

@@ -36,7 +36,7 @@ _OURS: dict[str, dict[str, tuple[str, ...]]] = {
             *("touchd_sim", "tvl", "unitac_nv", "visgel", "webdataset", "webdataset_classes"),
             *("webdataset_clips", "ycb_slide"),
         ),
-        "verbs": ("data.parquet",),
+        "verbs": ("data.parquet", "data.tlabel"),
     },
     "tactileforge-bridge": {"publishers": ("ros2", "zmq")},
     "tactileforge-digit": {"sensors": ("digit",)},

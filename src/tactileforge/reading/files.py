@@ -7,11 +7,12 @@ import csv
 import os
 import shlex
 from collections.abc import Callable, Sequence
+from functools import cache
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from tactileforge.data.frames.companions import is_companion
+from tactileforge.data.frames.companions import without_companions
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.linked import matches
 from tactileforge.reading.order import name_keys, natural
@@ -117,26 +118,30 @@ def matching_files(
         is_for_files = "." in pattern.rpartition("/")[2]
         for path in _matches(folder, pattern, layout, closed.setdefault):
             found[path] = found.get(path, False) or is_for_files
-    seen: dict[Path, Path] = {}
+    seen: dict[str, Path] = {}
     for path in found:
-        ending = path.suffix.lower()
-        other = seen.setdefault(path.with_suffix(_ENDINGS.get(ending, ending)), path)
-        if other != path:
+        stem, ending = os.path.splitext(path)
+        ending = ending.lower()
+        other = seen.setdefault(stem + _ENDINGS.get(ending, ending), path)
+        if other is not path:
             raise DataError(
                 f"{path}: {other.name} lies beside it, of the same name; remove or rename one"
             )
     keys = name_keys(found)
 
-    def place(path: Path) -> tuple[Any, ...]:
+    @cache
+    def place(parent: Path) -> tuple[Any, ...]:
         # folders first, name by name: a file sorts among those of its own folder
-        folders = path.relative_to(folder).parts[:-1]
-        return (*map(natural, folders), *keys[path])
+        return tuple(map(natural, parent.relative_to(folder).parts))
 
-    paths = sorted(found, key=place)
-    # a folder may match "*" by chance, but not a pattern with an ending
-    odd = [path for path in paths if not path.is_file() and (found[path] or not path.is_dir())]
-    odd += [path for path in closed if path not in odd]
-    return [path for path in paths if path.is_file()], odd
+    files, odd = [], []
+    for path in sorted(found, key=lambda path: (*place(path.parent), *keys[path])):
+        if path.is_file():
+            files.append(path)
+        # a folder may match "*" by chance, but not a pattern with an ending
+        elif found[path] or not path.is_dir():
+            odd.append(path)
+    return files, odd + [path for path in closed if path not in odd]
 
 
 def _matches(
@@ -149,7 +154,7 @@ def _matches(
         # a camera writes .MP4, a program .mp4, and glob tells them apart on Linux
         paths = matches(folder, _any_case(pattern), left_out)
         hidden = any(part.startswith(".") for part in Path(pattern).parts)  # named explicitly
-        return [path for path in paths if hidden or not is_companion(path.relative_to(folder))]
+        return paths if hidden else without_companions(paths, folder)
     except (ValueError, NotImplementedError) as error:
         raise ConfigError(
             f"layout {layout!r}: pattern {pattern!r}: {error}; give a path from {folder} on, with "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -21,6 +22,7 @@ from tactileforge.reading.name_times import frame_numbers
 from tactileforge.reading.table_clock import on_frames
 from tactileforge.reading.tables import Row, read_actions, read_cells, read_force, read_tracks
 from tactileforge.reading.templates import template_columns
+from tactileforge.reading.trial_rows import recordings_of
 
 
 class FrameTables:
@@ -34,6 +36,7 @@ class FrameTables:
     def __init__(self, layout: DatasetLayout, rows: ImageRows) -> None:
         self.layout = layout
         self.rows = rows
+        self._shared: dict[tuple[Path, str], dict[Path, list[Row]]] = {}
 
     def force(
         self,
@@ -58,7 +61,8 @@ class FrameTables:
         """
         fit = partial(on_frames, start=clock.start, note=note, change=change)
         images = self._images(table, path, paths, note)
-        return read_force(table, path, clock.times, sensor, fit, images)
+        rows = self._of_recording(table, path, paths)
+        return read_force(table, path, clock.times, sensor, fit, images, rows)
 
     def actions(
         self,
@@ -77,7 +81,8 @@ class FrameTables:
             paths: Files of the touch.
             note: Callback for doubts.
         """
-        return read_actions(table, path, count, self._images(table, path, paths, note))
+        images = self._images(table, path, paths, note)
+        return read_actions(table, path, count, images, self._of_recording(table, path, paths))
 
     def tracked(
         self,
@@ -102,7 +107,8 @@ class FrameTables:
         columns = tuple(dict.fromkeys([*keys.columns, *([keys.drop] if keys.drop else [])]))
         table = FrameTable(keys.file, keys.frame, columns, key=keys.key)
         count = len(recording.times)
-        found = read_tracks(table, path, count, self._images(table, path, paths, note))
+        images = self._images(table, path, paths, note)
+        found = read_tracks(table, path, count, images, self._of_recording(table, path, paths))
         recording = replace(recording, tracks={name: found[name] for name in keys.columns})
         dropped = np.zeros(count, bool) if keys.drop is None else found[keys.drop] > 0
         if dropped.all():
@@ -147,8 +153,23 @@ class FrameTables:
         note: Callable[[str], None],
     ) -> Mapping[int, Row] | None:
         """Rows by frame of a table with names or numbers of images; None for other tables."""
+        own = self._of_recording(table, path, paths)
         if table.frame and self.layout.each == "sequence" and self.layout.times != "even":
-            return _numbered(table, path, [one.stem for one in paths], note)
+            return _numbered(table, path, [one.stem for one in paths], note, own)
+        if own is not None and self.layout.each == "touch":
+            beside = [image for image in self.rows.images if image.parent == paths[0].parent]
+            stems = [image.stem for image in beside]
+            found = _numbered(table, path, stems, note, own)
+            if found is None:
+                found = {}
+                for where, cells in own:
+                    if not (cell := cells[str(table.frame)]).isdecimal():
+                        raise DataError(
+                            f"{where}: frame {cell!r} is not a whole number; correct it"
+                        )
+                    found[int(cell)] = where, cells
+            row = found.get(beside.index(paths[0]))
+            return {} if row is None else {0: row}
         if table.frame or table.time or self.layout.each == "video":
             return None
         is_shared = not template_columns(table.file)
@@ -160,9 +181,41 @@ class FrameTables:
         columns = [name for name in table.columns if name]
         return self.rows.find(path, table.key, columns, paths, is_shared)
 
+    def _of_recording(
+        self, table: FrameTable, path: Path, paths: Sequence[Path]
+    ) -> list[Row] | None:
+        """Rows of the recording in a table for all that names it; None for other tables."""
+        if not table.key or not (table.frame or table.time):
+            return None
+        is_film = self.layout.each == "video"
+        if (path, table.key) not in self._shared:
+            needed = [*table.columns, table.key, table.frame or table.time]
+            rows = read_cells(path, [name for name in needed if name])
+            places = [image if is_film else image.parent for image in self.rows.images]
+            names = {
+                place.relative_to(self.rows.folder).as_posix(): place
+                for place in dict.fromkeys(places)
+            }
+            told = recordings_of([cells[table.key] for _, cells in rows], [*names])
+            grouped: dict[Path, list[Row]] = {}
+            for where, cells in rows:
+                if cells[table.key] not in told:
+                    near = get_close_matches(cells[table.key], [*names], 1) or [*names][:1]
+                    raise DataError(
+                        f"{where}: {table.key} {cells[table.key]!r} names no recording, or several "
+                        f"(one that there is: {near[0]!r}); correct the row, or remove it"
+                    )
+                grouped.setdefault(names[told[cells[table.key]]], []).append((where, cells))
+            self._shared[path, table.key] = grouped
+        return self._shared[path, table.key].get(paths[0] if is_film else paths[0].parent, [])
+
 
 def _numbered(
-    table: FrameTable, path: Path, stems: Sequence[str], note: Callable[[str], None]
+    table: FrameTable,
+    path: Path,
+    stems: Sequence[str],
+    note: Callable[[str], None],
+    rows: Sequence[Row] | None = None,
 ) -> Mapping[int, Row] | None:
     """Rows by frame of a table with the numbers in the names of images; None if it counts images.
 
@@ -172,7 +225,8 @@ def _numbered(
     numbers, counts = frame_numbers(stems), range(len(stems))
     if not numbers or numbers == list(counts):
         return None
-    rows = read_cells(path, [*(name for name in table.columns if name), table.frame])
+    if rows is None:
+        rows = read_cells(path, [*(name for name in table.columns if name), table.frame])
     cells = [row[table.frame] for _, row in rows]
     written = {int(cell): row for cell, row in zip(cells, rows, strict=True) if cell.isdecimal()}
     if len(written) < len(rows):  # no numbers, or one twice: `read_force` and the like name it

@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice, takewhile
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, Guess
 from tactileforge.data.frames.companions import is_companion
@@ -50,8 +51,15 @@ _NOTES = frozenset({".txt", ".dat"})
 _TABLES = frozenset({".csv", ".tsv"}) | _NOTES | RECORDS
 #: Grey levels by which half of a picture differs from what is no background.
 _ANOTHER = 75
+#: Least number of pictures beside one that differs by its ending.
+_MANY = 10
+#: Of pictures that are put together: grey levels across an edge, shares of pixels along an edge
+#: between parts and along usual ones, and the most parts in a row or column.
+_EDGE, _MOST_OF, _FEW, _MOST_TILES = 12, 0.7, 0.3, 4
 #: Largest number of folders that get a layout each.
 _MOST_PARTS = 20
+#: Left, top, width and height, pixels.
+Box: TypeAlias = tuple[int, int, int, int]
 #: Types of sensors that have no package, and those that are most like them.
 _FOREIGN = {"wedge": "gelsight", "geltip": "gelsight", "9dtact": "gelsight"}
 _FOREIGN |= {"ninedtact": "gelsight", "tac3d": "gelsight"}
@@ -146,7 +154,9 @@ def _layout(
 ) -> dict[str, Any]:
     """The layout of media of one sensor or split; adds its tables to ``read``."""
     layout = _frames(root, media, files, doubts)
-    layout |= _sensor(root, folder, media, doubts)
+    boxes = _boxes(media[0])
+    layout |= _sensor(root, folder, media, boxes, doubts)
+    layout |= _crops(boxes, layout["sensor"], doubts)
     units = _units(root, media, layout)
     frames = {*media}
     tables = [path for path in _of(files, _TABLES | sheets()) if path not in frames]
@@ -185,7 +195,13 @@ def _layout(
     if times:
         layout.pop("fps", None)
         doubts[:] = [line for line in doubts if not line.startswith("fps:")]
-    layout |= times | _background(root, folder, media, files, layout, doubts) | force
+    background = _background(root, folder, media, files, layout, doubts)
+    still = background["background"]
+    name = still.get("file", "") if isinstance(still, Mapping) else ""
+    if "images" in layout and not _BACKGROUND.search(PurePath(name).stem.lower()):
+        # a picture that is named so, and is none, is no touch either
+        layout["images"] = _pattern(root, media, files, is_listed=True)
+    layout |= times | background | force
     if "sensor" in labels:
         doubts[:] = [line for line in doubts if not line.startswith("sensor:")]
     layout |= labels
@@ -297,8 +313,10 @@ def _told_apart(folders: Mapping[tuple[Path, str], Sequence[Path]]) -> list[str]
     return [*shown[:2], "others"] if len(shown) > 2 else shown
 
 
-def _pattern(root: Path, media: Sequence[Path], files: Sequence[Path]) -> str | list[str]:
-    """Pattern of files, with their common folders by name."""
+def _pattern(
+    root: Path, media: Sequence[Path], files: Sequence[Path], is_listed: bool = False
+) -> str | list[str]:
+    """Pattern of files, with their common folders by name; their names, where none fits."""
     paths = [path.relative_to(root) for path in media]
     depths = {len(path.parts) for path in paths}
     others = {path.relative_to(root).parts[:-1] for path in files} - {
@@ -330,7 +348,7 @@ def _pattern(root: Path, media: Sequence[Path], files: Sequence[Path]) -> str | 
         if path.suffix.lower() in endings and path.parent in folders and path not in {*media}
     }
     # a background that is used is no touch, whatever the pattern is
-    is_listed = any(not _BACKGROUND.search(PurePath(name).stem.lower()) for name in strangers)
+    is_listed |= any(not _BACKGROUND.search(PurePath(name).stem.lower()) for name in strangers)
     if strangers and endings != [".npy"]:
         found: list[str] = []
         for ending in endings:
@@ -387,7 +405,9 @@ def named_sensor(name: str) -> str:
     return max(named, key=len, default="")
 
 
-def _sensor(root: Path, folder: str, media: Sequence[Path], doubts: list[str]) -> dict[str, Any]:
+def _sensor(
+    root: Path, folder: str, media: Sequence[Path], boxes: Sequence[Box], doubts: list[str]
+) -> dict[str, Any]:
     what = "the folder" if folder in media[0].relative_to(root).parts[:-1] else "the file"
     if folder and (sensor := named_sensor(folder)):
         doubts.append(f"sensor: {sensor}, by the name of {what}")
@@ -395,6 +415,8 @@ def _sensor(root: Path, folder: str, media: Sequence[Path], doubts: list[str]) -
     words = "_".join([root.name, *media[0].relative_to(root).parts])
 
     def shape() -> tuple[int, int]:
+        if boxes:
+            return boxes[0][3], boxes[0][2]
         return (1, 1) if (frames := _open(media[0])) is None else frames.shape
 
     return guess_sensor(words, shape, doubts)
@@ -453,11 +475,105 @@ def _background(
         doubts.append(
             f"background: {name} is not of the size and colours of all pictures, and left out"
         )
+    odd = _odd_ones(media) if layout.get("each") == "touch" else []
+    rest = [path for path in media if path not in odd]
+    if odd and (name := _still(root, rest, odd, layout)):
+        doubts.append(
+            f"background: {name}, by its place as the first and by being the only {odd[0].suffix}"
+        )
+        return {"background": {"file": name}}
     if layout.get("each") == "touch":
         doubts.append("background: none was found, so nothing is subtracted")
         return {"background": "none"}
     doubts.append("background: nothing may touch in the first frame of a recording")
     return {"background": {"first": 1}}
+
+
+def _odd_ones(media: Sequence[Path]) -> list[Path]:
+    """The first picture of each folder, if it alone has another ending; [] otherwise."""
+    folders: dict[Path, list[Path]] = {}
+    for path in media:
+        folders.setdefault(path.parent, []).append(path)
+    found = []
+    for paths in folders.values():
+        keys = name_keys(paths)
+        first, *others = sorted(paths, key=lambda path: keys[path])
+        endings = {path.suffix.lower() for path in others}
+        if len(others) < _MANY or len(endings) > 1 or first.suffix.lower() in endings:
+            return []
+        found.append(first)
+    return found
+
+
+def _crops(boxes: Sequence[Box], sensor: str, doubts: list[str]) -> dict[str, Any]:
+    """Keys of the parts of pictures that are put together of several."""
+    if not boxes:
+        return {}
+    rows, columns = (len({box[axis] for box in boxes}) for axis in (1, 0))
+    doubts.append(
+        f"crops: the pictures are put together of {rows} x {columns}, each taken for a sensor of "
+        f"its own, of type {sensor}: name that of each, and take out what is none"
+    )
+    # the first by rows, as one reads
+    crops = {f"part{i}": {"box": [*box], "sensor": sensor} for i, box in enumerate(boxes, 1)}
+    return {"crops": crops}
+
+
+def _boxes(path: Path) -> list[Box]:
+    frames = _open(path)
+    if frames is None:
+        return []
+    try:
+        return tiles(frames.read([0, len(frames) // 2][: len(frames)]))
+    except TactileForgeError:
+        return []
+
+
+def tiles(pictures: NDArray[np.uint8]) -> list[Box]:
+    """Parts of pictures that are put together of several of one size; [] for others.
+
+    Parts meet in an edge across the whole picture. Dark bars with captions are no part of them.
+
+    Args:
+        pictures: uint8 (n, H, W, 3).
+
+    Returns:
+        Left, top, width and height of each, pixels, row by row.
+    """
+    height, width = pictures.shape[1:3]
+    # an axis at a time: the share of pixels along an edge that change across it
+    down, across = (
+        (np.abs(np.diff(pictures.astype(np.int16), axis=axis)).max(-1) > _EDGE).mean((0, 3 - axis))
+        for axis in (1, 2)
+    )
+    rows, columns = _parts_of(down, height), _parts_of(across, width)
+    if rows * columns == 1:
+        return []
+    # rows that are dark but for letters
+    dark = np.median(pictures.max(-1), axis=2).max(0) < _EDGE
+    out = []
+    for row in range(rows):
+        lit = np.flatnonzero(~dark[row * height // rows : (row + 1) * height // rows])
+        if len(lit) < 8:
+            return []
+        top = row * height // rows
+        box = (top + int(lit[0]), int(lit[-1] - lit[0]) + 1)
+        out += [
+            (column * width // columns, box[0], width // columns, box[1])
+            for column in range(columns)
+        ]
+    return out
+
+
+def _parts_of(edges: NDArray[np.float64], size: int) -> int:
+    """Number of equal parts by the edges between neighbouring rows; 1 without edges."""
+    if float(np.quantile(edges, 0.9)) > _FEW:
+        return 1  # edges everywhere: a pattern, or noise
+    for count in range(_MOST_TILES, 1, -1):
+        places = [round(size * part / count) for part in range(1, count)]
+        if size // count >= 16 and all(edges[at - 2 : at + 2].max() > _MOST_OF for at in places):
+            return count
+    return 1
 
 
 def _is_of(still: Path, folder: str) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,14 @@ from tactileforge.errors import ConfigError
 from tactileforge.reading.label_rows import ends_of
 from tactileforge.reading.records import RECORDS, conversion
 from tactileforge.reading.series import series_of
-from tactileforge.reading.table_families import Family, Units, is_for_all
+from tactileforge.reading.table_families import (
+    RECORDING,
+    Family,
+    Units,
+    is_for_all,
+    recordings,
+)
+from tactileforge.reading.trial_rows import recordings_of
 from tactileforge.specs.published import spec
 
 #: Name of what stands before a value of a message (``field.wrench.force.x``), or of a file.
@@ -38,10 +45,6 @@ _TIME = re.compile(
 _TIME_UNIT = re.compile(r"[_ (\[]([mun]s)[)\]]?$")
 _FRAME = re.compile(r"(?:video_|image_)?frame(?:_?(?:i?d?x?|number|no|count))?|index")
 _OBJECT = re.compile(r"object(?:_name)?|label|class|name|material|item")
-_EPISODE = re.compile(
-    r"(?:episode|trial|sequence|seq|recording|take|video|touch|clip|grasp|press)"
-    r"(?:_?(?:id|index|idx|number|no|name))?"
-)
 _SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
 _FPS = re.compile(r"(?:camera[_.])?(?:fps|frame_?rate|frames_per_second|rate_hz|hz)")
 _TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
@@ -98,7 +101,7 @@ def named_columns(header: Sequence[str]) -> NamedColumns:
         (x, y, z),
         times,
         unit[1] if unit else "",
-        *map(family.column, (_EPISODE, _OBJECT, _TEXT, _SENSOR)),
+        *map(family.column, (RECORDING, _OBJECT, _TEXT, _SENSOR)),
     )
 
 
@@ -125,7 +128,7 @@ def guess_apart(
         for row in family.rows:
             if at := place.get(row[str(family.key)].replace("\\", "/").removeprefix("./")):
                 rows.setdefault(at, []).append(row)
-        episode = family.column(_EPISODE)
+        episode = family.column(RECORDING)
         if episode == family.key or not episode:
             episode = None
         if episode and any(len({row[episode] for row in own}) > 1 for own in rows.values()):
@@ -173,7 +176,8 @@ def guess_times(
     for family in found:
         column = _time_column(family)
         has_force = _force_columns(family)[2] is not None
-        if column is None or not is_for_all(family, units) or units.each == "touch":
+        is_for_frames = family.apart is None and units.each != "touch"
+        if column is None or not is_for_all(family, units) or not is_for_frames:
             continue
         values = _numbers(family, column)
         if apart and apart in family.rows[0] and len(values):
@@ -321,6 +325,8 @@ def _counts(family: Family, column: str) -> bool:
 
 def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | None:
     """Keys of the time or frame of a row of forces; None if unknown."""
+    if family.apart:
+        return _clock_apart(family, units, doubts)
     if family.key and units.each != "video":
         return {"key": family.key}
     if units.each == "touch":
@@ -361,6 +367,22 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
         return {"times": time}
     doubts.append(f"force: {time} of {family.template} is taken for {unit}")
     return {"times": {"column": time, "unit": unit}}
+
+
+def _clock_apart(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | None:
+    """Keys of a table for all whose rows name recordings; None if they tell no frame or time."""
+    key, names = str(family.apart), recordings(units)
+    told = recordings_of([row[key] for row in family.rows], names)
+    own = [row for row in family.rows if told.get(row[key]) == names[0]]
+    if units.each == "touch":
+        frame = family.column(_FRAME)
+        clock = {"frame": frame} if frame else None
+    else:
+        clock = _clock(replace(family, rows=own, key=None, apart=None), units, doubts)
+    if not clock:
+        return None
+    doubts.append(f"key: rows of {family.template} are of the recording that {key} names")
+    return {"key": key, **clock}
 
 
 def guess_labels(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from difflib import get_close_matches
+from functools import cached_property
 from pathlib import Path
 from posixpath import normpath
 
@@ -35,8 +36,6 @@ class ImageRows:
     def __init__(self, folder: Path, images: Sequence[Path]) -> None:
         self.folder = folder
         self.images = images
-        ends = Counter(end for image in images for end in self._ends(image))
-        self._alone = {end for end, count in ends.items() if count == 1}
         self._tables: dict[tuple[Path, str | None], dict[str, Row]] = {}
 
     def find(
@@ -117,6 +116,12 @@ class ImageRows:
                 f"{where}: {name!r} names no image in {self.folder} (one that there is: {near!r});"
                 f" {fix}"
             )
+
+    @cached_property
+    def _alone(self) -> set[str]:
+        """Ends of paths that one image alone has."""
+        ends = Counter(end for image in self.images for end in self._ends(image))
+        return {end for end, count in ends.items() if count == 1}
 
     def _ends(self, image: Path) -> list[str]:
         """Ends of its path from folders below that of the layout on."""

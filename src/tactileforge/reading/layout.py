@@ -74,6 +74,7 @@ class DatasetLayout:
     path: str
     globs: tuple[str, ...]
     each: str
+    films: Mapping[str, int] | None
     recording: str
     sensor: str | None
     fps: float | None
@@ -130,6 +131,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         path=keys.path,
         globs=globs,
         each=each,
+        films={"": keys.stream} if isinstance(keys.stream, int) else keys.stream,
         recording=keys.recording or "",
         sensor=sensor,
         fps=keys.fps,
@@ -187,8 +189,19 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
             f"{where}: recording is {keys.recording!r}; give what tells the recordings of one "
             "folder of each: sequence apart: {column} of the labels, or {prefix}"
         )
+    if keys.stream is not None:
+        numbers = [keys.stream] if isinstance(keys.stream, int) else list(keys.stream.values())
+        if each != "video" or not numbers or min(numbers) < 0 or len({*numbers}) < len(numbers):
+            raise ConfigError(
+                f"{where}: stream is {keys.stream}; give the number of a stream of videos, from 0, "
+                "or several by name: {left: 0, right: 1}"
+            )
     tables = (keys.force, keys.action, keys.tracks)
-    if each == "video" and any(getattr(table, "key", None) for table in tables):
+    if each == "video" and any(
+        getattr(table, "key", None)
+        and not (getattr(table, "frame", None) or getattr(table, "times", None))
+        for table in tables
+    ):
         raise ConfigError(
             f"{where}: key: names images, and these are videos; give frame: or times:"
         )
@@ -297,8 +310,8 @@ def _force(keys: ForceKeys | None, where: str) -> FrameTable | None:
             f"{where}: columns are {names}; give each axis a column of its own, and null to an "
             "axis that was not measured: [null, null, fz]"
         )
-    if sum(name is not None for name in (keys.frame, keys.times, keys.key)) > 1:
-        raise ConfigError(f"{where}: give one of frame, times and key: each says what a row is of")
+    if keys.frame is not None and keys.times is not None:
+        raise ConfigError(f"{where}: give one of frame and times: each says what a row is of")
     times = ColumnKeys(keys.times) if isinstance(keys.times, str) else keys.times
     if times and times.unit is not None:
         seconds_of(times.unit, f"{where}: times")

@@ -203,6 +203,7 @@ class LayoutKeys(StreamKeys, OriginKeys):
         metadata={"example": "{first: 3}, {file: f.png} or none"}
     )
     videos: str | tuple[str, ...] | None = None
+    stream: int | dict[str, int] | None = None
     images: str | tuple[str, ...] | None = None
     each: str | None = None
     recording: str | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import chain, pairwise
@@ -15,7 +16,9 @@ from numpy.typing import NDArray
 from tactileforge.contracts import ACTIONS, Frames, FrameSubset, Recording
 from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.cut import spread_rows
+from tactileforge.data.frames.film_streams import count_streams
 from tactileforge.data.frames.lazy import Crop, ImageFrames
+from tactileforge.data.frames.picture_index import PictureIndex
 from tactileforge.data.frames.small import shrink
 from tactileforge.data.frames.stacks import open_film
 from tactileforge.data.labels.actions import label_actions
@@ -51,6 +54,7 @@ class LayoutReader:
         odd: One line for each match of a pattern other than a file; filled by `touches`.
         doubts: Names of doubtful touches, each with the doubt as a phrase.
         tagged: Numbers of opened images with an EXIF orientation, and of all.
+        index: Headers of images, of this start and of earlier ones.
 
     Raises:
         DataNotFoundError: The folder does not exist.
@@ -62,6 +66,7 @@ class LayoutReader:
         self.odd: list[str] = []
         self.doubts: list[tuple[str, str]] = []
         self.tagged = (0, 0)
+        self.index = PictureIndex(self.folder)
         self._of(ImageRows(self.folder, []))
         self._backgrounds: dict[Path, FileFrames] = {}
         if not self.folder.is_dir():
@@ -95,11 +100,19 @@ class LayoutReader:
         touches = [LayoutTouch(name, paths, labels[name]) for name, paths in named.items()]
         if self.layout.each == "sequence" and not self.layout.order:
             touches = [*chain(*map(self._series, touches))]
+        if self.layout.films:
+            touches = [*chain(*map(self._films, touches))]
         return self._without_backgrounds(touches)
+
+    def again(self) -> LayoutReader:
+        """A reader of the same files, for another split, that has opened none."""
+        other = copy(self)
+        other.tagged = (0, 0)
+        return other
 
     def _grouped(self, files: list[Path]) -> dict[str, list[Path]]:
         """Files of each touch, by its name from the folder of the layout."""
-        layout, named = self.layout, dict[str, list[Path]]()
+        layout, grouped = self.layout, dict[Path, list[Path]]()
         rows: dict[str, LabelRow] = {}
         if layout.recording:
             each = {path.relative_to(self.folder).as_posix(): [path] for path in files}
@@ -115,8 +128,8 @@ class LayoutReader:
                         "or move the image out"
                     )
                 touch /= group
-            named.setdefault(touch.relative_to(self.folder).as_posix(), []).append(path)
-        return named
+            grouped.setdefault(touch, []).append(path)
+        return {touch.relative_to(self.folder).as_posix(): of for touch, of in grouped.items()}
 
     def _without_backgrounds(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
         """Touches without the background images, and without touches left empty."""
@@ -145,6 +158,12 @@ class LayoutReader:
             self._doubt(touch, "" if self.layout.order else order_doubt(paths))
             out.append(replace(touch, paths=paths))
         return out
+
+    def _films(self, touch: LayoutTouch) -> Iterator[LayoutTouch]:
+        """The touch of each chosen stream of a video; those of one file are held out together."""
+        for name, number in (self.layout.films or {}).items():
+            key = f"{touch.name}#{name}" if name else touch.name
+            yield replace(touch, name=key, folder=touch.name, stream=number)
 
     def _series(self, touch: LayoutTouch) -> Iterator[LayoutTouch]:
         """The touch, or one for each series of its folder."""
@@ -210,7 +229,11 @@ class LayoutReader:
             DataError: The frames cannot be read, or all of them are background.
         """
         is_film = self.layout.each == "video"
-        frames = open_film(touch.paths[0]) if is_film else ImageFrames(touch.paths)
+        frames = (
+            open_film(touch.paths[0], touch.stream)
+            if is_film
+            else ImageFrames(touch.paths, index=self.index)
+        )
         background = self.layout.background
         least = 0 if background is None or background.file else background.first + background.last
         if background is not None and background.frames and not background.file:
@@ -239,6 +262,12 @@ class LayoutReader:
         self._doubt(touch, clock.doubt)
         if layout.labels and not row.cells:
             self._doubt(touch, f"has no row in {layout.labels}")
+        if video and layout.films is None and (count := count_streams(touch.paths[0])) > 1:
+            self._doubt(
+                touch,
+                f"has {count} streams of video, of which the first is read; stream: 1 reads the "
+                "next, stream: {left: 0, right: 1} both",
+            )
         times = clock.times
         background = self._background(touch, frames)
         full = (0, 0, frames.full_shape[1], frames.full_shape[0])
@@ -402,7 +431,7 @@ class LayoutReader:
                 f"{self.folder}: no camera view of {touch.name} matches {pattern!r}; add it, or "
                 f"correct image of layout {self.layout.name!r}"
             )
-        return open_files(files)
+        return open_files(files, self.index)
 
 
 def thinned(recording: Recording, every: float) -> Recording:

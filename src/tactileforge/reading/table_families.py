@@ -16,12 +16,18 @@ from tactileforge.reading.order import name_prefix
 from tactileforge.reading.records import FILE_COLUMN, RECORDS
 from tactileforge.reading.series import SIDE_WORDS
 from tactileforge.reading.tables import read_cells
+from tactileforge.reading.trial_rows import recordings_of
 
 Cells: TypeAlias = Sequence[Mapping[str, str]]
 Parts: TypeAlias = tuple[str, ...]
 
 #: Smallest share of files or names in a table, for the table to be about them.
 _ABOUT = 0.8
+#: Headers of columns that tell recordings apart.
+RECORDING = re.compile(
+    r"(?:episode|trial|sequence|seq|recording|take|video|touch|clip|grasp|press)"
+    r"(?:_?(?:id|index|idx|number|no|name))?"
+)
 #: Names of several sensors of one touch.
 SIDES = frozenset((*SIDE_WORDS, "up", "down", "first", "second", "a", "b"))
 
@@ -60,6 +66,8 @@ class Family:
         unit: A recording of the first table.
         rows: Cells of that table.
         key: Column with the names of images or recordings; None without one.
+        apart: Column that names the recording of each of several rows, in a table for all; None
+            for other tables.
     """
 
     template: str
@@ -67,6 +75,7 @@ class Family:
     files: list[Path] = field(default_factory=list)
     rows: Cells = ()
     key: str | None = None
+    apart: str | None = None
 
     @property
     def is_own(self) -> bool:
@@ -127,6 +136,7 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
         family.key = family.key or _key(family.rows, names)
         if len(family.files) == 1 and family.key and "*" not in family.template:
             family.template = family.files[0].relative_to(units.root).as_posix()
+        family.apart = _apart(family, units)
         out.append(family)
     return out
 
@@ -231,7 +241,29 @@ def is_for_all(family: Family, units: Units) -> bool:
     if family.is_own:
         return all(_filled(family, units))
     names = {PurePath(unit[-1]).stem.lower() for unit in units.files if unit}
-    return bool(family.key) or len(units.files) == 1 or names <= SIDES
+    return bool(family.key or family.apart) or len(units.files) == 1 or names <= SIDES
+
+
+def recordings(units: Units) -> list[str]:
+    """Paths of recordings from the root; of single images, those of their folders."""
+    parts = [unit[:-1] if units.each == "touch" else unit for unit in units.files]
+    return ["/".join(one) for one in dict.fromkeys(parts) if one]
+
+
+def _apart(family: Family, units: Units) -> str | None:
+    """Column of a table for all that names recordings, each in several rows; None without one."""
+    names = recordings(units)
+    if family.is_own or "*" in family.template or len(names) < 2:
+        return None
+    for title in family.rows[0]:
+        cells = [row[title] for row in family.rows]
+        told = recordings_of(cells, names)
+        # numbers may count anything: as those of recordings, by the name of their column alone
+        is_named = not all(map(str.isdecimal, told)) or RECORDING.fullmatch(title.strip().lower())
+        are_all = len({*told.values()}) >= _ABOUT * len(names) and {*cells} <= told.keys()
+        if told and is_named and are_all and len(cells) > len({*cells}):
+            return title
+    return None
 
 
 def _key(rows: Cells, names: set[str]) -> str | None:

@@ -44,6 +44,7 @@ def read_force(
     sensor: str,
     fit: Fit = on_frames,
     images: Mapping[int, Row] | None = None,
+    rows: Sequence[Row] | None = None,
 ) -> NDArray[np.float32]:
     """Forces per frame, with the images' delay applied.
 
@@ -54,6 +55,7 @@ def read_force(
         sensor: Name of the measuring sensor.
         fit: Conversion of row times to the clock of the frames; see `table_clock.on_frames`.
         images: Rows by frame, for rows with image names; None for rows by frame or time.
+        rows: Those of the recording, of a table for all; None for all rows of the CSV.
 
     Returns:
         float32 (T, 3), N. NaN for an empty cell, for an axis without a column, and for frames
@@ -70,25 +72,25 @@ def read_force(
             f"{times[-1] - times[0]:.3g} s; give seconds, such as 0.07"
         )
     if table.time is not None:
-        clock, measured = _on_a_clock(table, path, sensor)
+        clock, measured = _on_a_clock(table, path, sensor, rows)
         at = fit(table, path, clock, times, measured)
         # images are late: what a frame shows was felt lag_s before it
         return resample(times - table.lag_s, at, measured).astype(np.float32)
     force = np.full((len(times), 3), np.nan)
-    for frame, where, cells in _per_frame(table, path, len(times), images):
+    for frame, where, cells in _per_frame(table, path, len(times), images, rows):
         force[frame] = _force(table, where, cells, sensor)
     return _delayed(times, force, table.lag_s).astype(np.float32)
 
 
 def _on_a_clock(
-    table: FrameTable, path: Path, sensor: str
+    table: FrameTable, path: Path, sensor: str, rows: Sequence[Row] | None
 ) -> tuple[list[Decimal], NDArray[np.float64]]:
     """Times and forces (n, 3) of the rows of a CSV."""
     assert table.time is not None
     named = [name for name in table.columns if name]
     clock: list[Decimal] = []
     forces = []
-    rows = read_cells(path, [*named, table.time])
+    rows = read_cells(path, [*named, table.time]) if rows is None else rows
     part = part_of_second(table.time, rows)
     for where, cells in rows:
         found = _number(cells[table.time], f"{where}, column {table.time!r}")
@@ -125,7 +127,11 @@ def _force(
 
 
 def read_actions(
-    table: FrameTable, path: Path, count: int, images: Mapping[int, Row] | None = None
+    table: FrameTable,
+    path: Path,
+    count: int,
+    images: Mapping[int, Row] | None = None,
+    rows: Sequence[Row] | None = None,
 ) -> NDArray[np.int64]:
     """Actions per frame, int64 (count,), as indices in `ACTIONS`; -1 for an empty cell or NaN.
 
@@ -135,7 +141,7 @@ def read_actions(
         ConfigError: The name of an action is unknown.
     """
     actions = np.full(count, -1, np.int64)
-    for frame, where, cells in _per_frame(table, path, count, images):
+    for frame, where, cells in _per_frame(table, path, count, images, rows):
         (name,) = map(stated, cells.values())
         if name:
             check_action(name, where)
@@ -144,7 +150,11 @@ def read_actions(
 
 
 def read_tracks(
-    table: FrameTable, path: Path, count: int, images: Mapping[int, Row] | None = None
+    table: FrameTable,
+    path: Path,
+    count: int,
+    images: Mapping[int, Row] | None = None,
+    rows: Sequence[Row] | None = None,
 ) -> dict[str, NDArray[np.float32]]:
     """Numbers per frame by column, float32 (count,); NaN for an empty cell or a missing row.
 
@@ -153,14 +163,18 @@ def read_tracks(
         DataError: A row has an invalid frame, or a cell is not a finite number.
     """
     tracks = {name: np.full(count, np.nan, np.float32) for name in table.columns}
-    for frame, where, cells in _per_frame(table, path, count, images):
+    for frame, where, cells in _per_frame(table, path, count, images, rows):
         for name, cell in cells.items():
             tracks[name][frame] = _number(stated(cell), f"{where}, column {name!r}")
     return tracks
 
 
 def _per_frame(
-    table: FrameTable, path: Path, count: int, images: Mapping[int, Row] | None = None
+    table: FrameTable,
+    path: Path,
+    count: int,
+    images: Mapping[int, Row] | None = None,
+    rows: Sequence[Row] | None = None,
 ) -> list[tuple[int, str, dict[str, str]]]:
     """Frame number, place and needed cells of each row of a CSV per frame."""
     named = [name for name in table.columns if name]
@@ -171,7 +185,8 @@ def _per_frame(
         ]
     needed = [*named, *([table.frame] if table.frame else [])]
     out, seen = [], set()
-    rows = read_cells(path, needed, whole=table.frame is None)
+    if rows is None:
+        rows = read_cells(path, needed, whole=table.frame is None)
     for i, (where, cells) in enumerate(rows):
         text = cells[table.frame] if table.frame else str(i)
         try:

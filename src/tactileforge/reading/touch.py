@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from tactileforge.data.frames.lazy import VIDEO_SUFFIXES, ImageFrames, VideoFrames
+from tactileforge.data.frames.picture_index import PictureIndex
 from tactileforge.data.frames.stacks import StackFrames, is_stack, open_film
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.reading.files import DamagedFileError
@@ -23,20 +24,24 @@ class LayoutTouch:
         name: Path of its file, or of its folder for an image sequence, from the layout's folder.
         paths: Paths of its files.
         row: Labels of the touch.
-        folder: Name of the folder of several series, which are held out together; "" for others.
+        folder: Name of the folder of several series, or of the file of several streams, which are
+            held out together; "" for others.
+        stream: Number of the stream of video.
     """
 
     name: str
     paths: list[Path]
     row: LabelRow
     folder: str = ""
+    stream: int = 0
 
 
-def open_files(paths: list[Path]) -> FileFrames:
+def open_files(paths: list[Path], index: PictureIndex | None = None) -> FileFrames:
     """Opens a background or a camera view of a touch.
 
     Args:
         paths: Path of a video or stack, or paths of images.
+        index: Headers that are known; None reads each.
 
     Raises:
         DataNotFoundError: A file does not exist.
@@ -45,7 +50,7 @@ def open_files(paths: list[Path]) -> FileFrames:
     alone = paths[0] if len(paths) == 1 else None
     is_film = alone and (alone.suffix.lower() in VIDEO_SUFFIXES or is_stack(alone))
     try:
-        return open_film(paths[0]) if is_film else ImageFrames(paths)
+        return open_film(paths[0]) if is_film else ImageFrames(paths, index=index)
     except DataNotFoundError:  # a slip of the layout, which is no damage of one touch
         raise
     except DataError as error:

@@ -47,6 +47,7 @@ RENAMED: Mapping[str, Mapping[str, str]] = {
 NOTIONS = {
     # where values are
     "videos": "patterns of films, each a recording",
+    "stream": "number of the stream of video, from 0, or several by name",
     "images": "patterns of images; `each` says what one is",
     "files": "ends of paths, with placeholders",
     "samples": "template of the keys of samples, with placeholders",
@@ -57,7 +58,7 @@ NOTIONS = {
     "values": "part of a sample, or a value in one: `force.npy`, `json:force`",
     "column": "column of a table",
     "columns": "columns, or values of a row: those of x, y and z, null where not measured",
-    "key": "column with the name of the file or image that a row is of",
+    "key": "column with the name of the file, image or recording that a row is of",
     "frame": "column with the number of the frame that a row is of, from 0",
     "attr": "attribute of an array or group",
     "json": "name in a JSON text, with points between those in each other",

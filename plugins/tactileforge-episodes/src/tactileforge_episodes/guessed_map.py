@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.data import NEWTONS, named_unit
+from tactileforge.data import NEWTONS, EncodedFrames, named_unit
 from tactileforge.errors import DataError, unknown
 from tactileforge.plugins import load_json
 from tactileforge.reading import ASSUMED_FPS, Container, Values, guess_sensor
@@ -43,6 +43,8 @@ _ACTIONS = {"action", "actions"}
 _STATES = {"state", "states", "qpos", "proprio", "proprioception"}
 _BODY = _ROBOT - {"cmd", "command", "action"} | {"hand", "pose", "robot0"}
 _NO_STATES = {"vel", "velocity", "qvel", "effort", "acc", "object", "sim", "next"} | _ACTIONS
+#: Words of what a planner or generator of demonstrations aims at.
+_NO_STATES |= {"datagen", "target", "goal", "desired", "planned"}
 _TEXTS = {"instruction", "instructions", "language", "lang", "text", "caption", "prompt"}
 #: Words of a finger, and their short forms.
 _SIDES = {"l": "left", "r": "right", "lf": "left", "rf": "right"} | {
@@ -149,6 +151,12 @@ class MapGuess:
         if any("taxels" not in one and "reference" not in one for one in entries.values()):
             keys["background"] = "first"
             self.doubts.append("background: nothing may touch in the first frame of an episode")
+        top = self._group.split("/")[0]
+        if str(self._attribute(top, "macros_image_convention")).lower() == "opengl":
+            self.doubts.append(
+                "mirror: the file says that its simulator draws pictures from below "
+                "(macros_image_convention: opengl): if they are upside down, give mirror: y"
+            )
         self._left_out()
         return keys | {"doubts": self.doubts}
 
@@ -233,7 +241,10 @@ class MapGuess:
             return "serial_array"
         keys = self.pictures[look.key]
         sizes = look.width[1:] if keys.get("pads") else look.width
-        shape = (1, 1) if len(sizes) < 2 else sizes[1:] if keys.get("axes") == "chw" else sizes[:2]
+        shape = sizes[1:] if keys.get("axes") == "chw" else sizes[:2]
+        if len(sizes) < 2:  # encoded images
+            raw = bytes(self.array(look.key).rows([0])[0])
+            shape = EncodedFrames(f"{self.name}: {look.key}", [raw]).shape
         for words in (look.key, "/".join([*self.name.split("/")[-2:], look.key])):
             doubts: list[str] = []
             found = guess_sensor(words, lambda: (shape[0], shape[1]), doubts)

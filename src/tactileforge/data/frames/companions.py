@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path, PurePath
 
 #: Files and folders of Windows, of archives made at a Mac, and of network drives; in lower case.
@@ -22,10 +23,11 @@ def is_companion(path: PurePath) -> bool:
         >>> is_companion(PurePath("../a/0.png"))
         False
     """
-    return any(
-        (part.startswith(".") and part not in (".", "..")) or part.casefold() in _COMPANIONS
-        for part in path.parts
-    )
+    return any(map(_names_one, path.parts))
+
+
+def _names_one(part: str) -> bool:
+    return (part[:1] == "." and part not in (".", "..")) or part.casefold() in _COMPANIONS
 
 
 def without_companions(paths: list[Path], folder: Path) -> list[Path]:
@@ -39,4 +41,12 @@ def without_companions(paths: list[Path], folder: Path) -> list[Path]:
         >>> kept.name
         'press.mp4'
     """
-    return [path for path in paths if not is_companion(path.relative_to(folder))]
+    kept = []
+    inside: dict[str, bool] = {}  # by folder, of which many paths share one
+    for path in paths:
+        parent, name = os.path.split(path)
+        if parent not in inside:
+            inside[parent] = not is_companion(PurePath(parent).relative_to(folder))
+        if inside[parent] and not _names_one(name):
+            kept.append(path)
+    return kept

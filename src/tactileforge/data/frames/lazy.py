@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import Crop, Cropped, check_range, size_text
+from tactileforge.data.frames.picture_index import Head, PictureIndex
 from tactileforge.data.frames.pictures import (
     check_depth,
     check_single,
@@ -35,11 +36,12 @@ __all__ = ["VIDEO_SUFFIXES", "ArrayFrames", "Crop", "ImageFrames", "VideoFrames"
 class ImageFrames(Cropped):
     """Image files of one size, one frame each.
 
-    Opening reads the headers only.
+    Opening reads the headers only; decoding checks size and depth again.
 
     Args:
         paths: Paths of the files, oldest first.
         crop: Left, top, width, height in pixels; None shows everything.
+        index: Headers that are known from an earlier start; None reads each.
 
     Attributes:
         tagged: Number of images that their EXIF orientation turns or mirrors.
@@ -56,16 +58,18 @@ class ImageFrames(Cropped):
         (1, 50, 100, 3)
     """
 
-    def __init__(self, paths: Sequence[str | Path], crop: Crop | None = None) -> None:
+    def __init__(
+        self,
+        paths: Sequence[str | Path],
+        crop: Crop | None = None,
+        index: PictureIndex | None = None,
+    ) -> None:
         self.paths = [str(path) for path in paths]
         if not self.paths:
             raise DataError("an image sequence without images")
-        heads = [
-            _image(path, lambda image: (upright_size(image), orientation(image) != 1))
-            for path in self.paths
-        ]
-        sizes = [size for size, _ in heads]
-        self.tagged = sum(is_turned for _, is_turned in heads)
+        heads = index.heads(self.paths, _head) if index else [*map(_head, self.paths)]
+        sizes = [(head.height, head.width) for head in heads]
+        self.tagged = sum(head.is_turned for head in heads)
         for path, size in zip(self.paths, sizes, strict=True):
             if size != sizes[0]:
                 raise DataError(
@@ -125,6 +129,13 @@ class ArrayFrames:
         """Copy frames; see `contracts.Frames.read`."""
         check_range(indices, len(self), "array")
         return self.array[list(indices)]
+
+
+def _head(path: str) -> Head:
+    def read(image: Image.Image) -> Head:
+        return Head(*upright_size(image), orientation(image) != 1)
+
+    return _image(path, read)
 
 
 def _image(path: str, read: Callable[[Image.Image], T]) -> T:

@@ -25,7 +25,7 @@ def shown_share(path: Path, start: int = 0, size: int | None = None) -> float:
     try:
         with path.open("rb") as file:
             end = file.seek(0, os.SEEK_END) if size is None else start + size
-            for kind, first, last in _boxes(file, start, end):
+            for kind, first, last in boxes(file, start, end):
                 if kind == b"moov" and last - first <= _LARGEST:
                     return _of_movie(file, first, last)
     except (OSError, LookupError, ValueError, struct.error):
@@ -33,7 +33,7 @@ def shown_share(path: Path, start: int = 0, size: int | None = None) -> float:
     return 1.0
 
 
-def _boxes(file: BinaryIO, place: int, end: int) -> Iterator[tuple[bytes, int, int]]:
+def boxes(file: BinaryIO, place: int, end: int) -> Iterator[tuple[bytes, int, int]]:
     """Kind, and first and last byte of the content, of each box."""
     while place + 8 <= end:
         file.seek(place)
@@ -50,19 +50,19 @@ def _boxes(file: BinaryIO, place: int, end: int) -> Iterator[tuple[bytes, int, i
 
 
 def _of_movie(file: BinaryIO, first: int, last: int) -> float:
-    found = {kind: (a, b) for kind, a, b in _boxes(file, first, last) if kind == b"mvhd"}
+    found = {kind: (a, b) for kind, a, b in boxes(file, first, last) if kind == b"mvhd"}
     movie_scale, _ = _clock(file, found[b"mvhd"][0]) if found else (0, 0)
-    for kind, *track in _boxes(file, first, last):
+    for kind, *track in boxes(file, first, last):
         if kind != b"trak":
             continue
-        parts = {kind: (a, b) for kind, a, b in _boxes(file, *track)}
+        parts = {kind: (a, b) for kind, a, b in boxes(file, *track)}
         if b"mdia" not in parts:
             continue
-        media = {kind: (a, b) for kind, a, b in _boxes(file, *parts[b"mdia"])}
+        media = {kind: (a, b) for kind, a, b in boxes(file, *parts[b"mdia"])}
         if b"hdlr" not in media or _bytes(file, media[b"hdlr"][0] + 8, 4) != b"vide":
             continue
         scale, duration = _clock(file, media[b"mdhd"][0])
-        edits = {kind: a for kind, a, _ in _boxes(file, *parts.get(b"edts", (0, 0)))}
+        edits = {kind: a for kind, a, _ in boxes(file, *parts.get(b"edts", (0, 0)))}
         if b"elst" not in edits or not (movie_scale and scale and duration):
             return 1.0
         shown = sum(edit for edit, at in _edits(file, edits[b"elst"]) if at >= 0)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.frames.video_index import VideoIndex
-from tactileforge.errors import ConfigError
+from tactileforge.data.frames.video_index import HINT, VideoIndex, check_size, spread_times
+from tactileforge.errors import ConfigError, DataError
 
 #: Codecs opened but not decoded by builds of OpenCV: the FFmpeg in the wheels of opencv-python has
 #: only a hardware decoder for AV1.
@@ -30,22 +31,80 @@ def missing_error(path: str, codec: str) -> ConfigError:
     )
 
 
+def read_stream(path: str, number: int) -> VideoIndex:
+    """Index of one of several video streams of a file, by its packets.
+
+    Args:
+        path: Path of the file.
+        number: Number of the stream among those of video, from 0.
+
+    Raises:
+        ConfigError: PyAV is not installed.
+        DataError: There is no such stream, or it has no frames, more than 8 bits a channel, or
+            more pixels or frames than are read.
+    """
+    if is_missing():
+        raise ConfigError(
+            f"{path}: stream: {number} needs PyAV: pip install 'tactileforge[av]'; or write it to "
+            f"a file of its own: ffmpeg -i IN -map 0:v:{number} -c copy OUT.mkv"
+        )
+    import av
+
+    try:
+        with av.open(path, metadata_errors="replace") as container:
+            streams = container.streams.video
+            if number >= len(streams):
+                raise DataError(
+                    f"{path}: stream: {number}, where the file has {len(streams)} of video, "
+                    "counted from 0; correct it"
+                )
+            stream = streams[number]
+            context = stream.codec_context
+            if any(part.bits > 8 for part in getattr(context.format, "components", ())):
+                raise DataError(f"{path}: stream {number} has more than 8 bits a channel")
+            shape = (context.height, context.width)
+            check_size(path, shape, stream.frames)
+            packets = []
+            for packet in container.demux(stream):
+                # a packet without content ends the stream; an edit list hides others
+                if packet.size and not getattr(packet, "is_discard", False):
+                    packets.append(
+                        (float((packet.pts or 0) * stream.time_base), packet.is_keyframe)
+                    )
+                    check_size(path, shape, len(packets))
+            rate, codec = float(stream.average_rate or 0), context.codec_tag
+    except (av.FFmpegError, OSError, UnicodeError) as error:
+        raise DataError(f"{path}: stream {number} cannot be read ({error}); {HINT}") from error
+    if not packets:
+        raise DataError(f"{path}: stream {number} is without frames; {HINT}")
+    seconds, is_key = np.array(packets).T
+    order = np.argsort(seconds, kind="stable")
+    times, keys = seconds[order], np.flatnonzero(is_key[order])
+    if (np.diff(times) <= 0).any():
+        times, keys = spread_times(times, rate), keys[:0]
+    about, start = Path(path).stat(), float(times[0])
+    return VideoIndex(
+        shape, codec, rate, start, times - start, keys, (about.st_size, about.st_mtime_ns)
+    )
+
+
 class PyAvCursor:
     """A video open in PyAV with its current frame number.
 
     Args:
         path: Path of the file.
         index: Index of the video.
+        number: Number of the stream among those of video.
 
     Raises:
         DataError: The first frame cannot be decoded.
         ConfigError: PyAV is not installed.
     """
 
-    def __init__(self, path: str, index: VideoIndex) -> None:
+    def __init__(self, path: str, index: VideoIndex, number: int = 0) -> None:
         if is_missing():
             raise missing_error(path, index.codec)
-        self.path, self.index = path, index
+        self.path, self.index, self.number = path, index, number
         self._rewind()
         self.seekable = len(index.keys) > 0
 
@@ -55,7 +114,7 @@ class PyAvCursor:
         try:
             # a title that is not UTF-8 must not cost the frames
             self._container: Any = av.open(self.path, metadata_errors="replace")
-            self._stream: Any = self._container.streams.video[0]
+            self._stream: Any = self._container.streams.video[self.number]
             # one thread, as in `open_video`
             self._stream.codec_context.thread_count = 1
             self._frames: Iterator[Any] = self._container.decode(self._stream)

@@ -144,14 +144,19 @@ def is_stack(path: Path) -> bool:
         return False  # named when it is read
 
 
-def open_film(path: str | Path) -> VideoFrames | StackFrames:
+def open_film(path: str | Path, stream: int = 0) -> VideoFrames | StackFrames:
     """Open a video, or a stack by its ending.
+
+    Args:
+        path: The file.
+        stream: Number of the stream of a video.
 
     Raises:
         DataNotFoundError: There is no such file.
         DataError: It cannot be read; see `VideoFrames` and `StackFrames`.
     """
-    return StackFrames(path) if Path(path).suffix.lower() in STACK_SUFFIXES else VideoFrames(path)
+    is_stack = Path(path).suffix.lower() in STACK_SUFFIXES
+    return StackFrames(path) if is_stack else VideoFrames(path, stream=stream)
 
 
 @contextmanager

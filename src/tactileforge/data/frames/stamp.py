@@ -21,6 +21,8 @@ def stamp_of(frames: Frames | None) -> Any:
     match frames:
         case FrameSubset():
             return [[int(row) for row in frames.rows], stamp_of(frames.base)]
+        case VideoFrames() if frames.stream:
+            return [_changed(frames.path), list(frames.box), frames.stream]
         case VideoFrames() | StackFrames():
             return [_changed(frames.path), list(frames.box)]
         case ImageFrames():

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import Crop, Cropped, check_range
-from tactileforge.data.frames.pyav import CODECS, PyAvCursor, is_missing, missing_error
+from tactileforge.data.frames.pyav import CODECS, PyAvCursor, is_missing, missing_error, read_stream
 from tactileforge.data.frames.video_index import VideoIndex, open_video, read_index
 from tactileforge.errors import DataError
 
@@ -41,6 +41,8 @@ class VideoFrames(Cropped):
     Args:
         path: Path of the file.
         crop: Left, top, width, height in pixels; None shows everything.
+        stream: Number of the stream, where a file has several of video; PyAV reads those after the
+            first, 0.
 
     Raises:
         DataNotFoundError: There is no such file.
@@ -49,11 +51,16 @@ class VideoFrames(Cropped):
         ConfigError: OpenCV does not decode its codec, and PyAV is not installed.
     """
 
-    def __init__(self, path: str | Path, crop: Crop | None = None) -> None:
-        self.path = str(path)
-        self._index = read_index(self.path)
+    def __init__(self, path: str | Path, crop: Crop | None = None, stream: int = 0) -> None:
+        self.path, self.stream = str(path), stream
+        self._index = read_stream(self.path, stream) if stream else read_index(self.path)
         super().__init__(self.path, self._index.shape, crop)
-        if self._index.codec in CODECS and is_missing() and not open_video(self.path).grab():
+        if (
+            not stream
+            and self._index.codec in CODECS
+            and is_missing()
+            and not open_video(self.path).grab()
+        ):
             raise missing_error(self.path, self._index.codec)
 
     @property
@@ -75,7 +82,7 @@ class VideoFrames(Cropped):
         out = np.empty((len(indices), *self.shape, 3), np.uint8)
         # a decoder has a position, which two threads would move under each other
         with _POOL.lock:
-            cursor = _POOL.take(self.path, self._index)
+            cursor = _POOL.take(self.path, self._index, self.stream)
             # ascending, so that a clip is one walk forward, whatever the order of its rows
             for place in np.argsort(indices, kind="stable"):
                 frame = self._show(cursor.frame(int(indices[place])))
@@ -90,6 +97,7 @@ class _OpenCvCursor:
     def __init__(self, path: str, index: VideoIndex) -> None:
         self.path = path
         self.index = index
+        self.number = 0
         self._rewind()
 
     def _rewind(self) -> None:
@@ -97,9 +105,9 @@ class _OpenCvCursor:
         if not self.capture.grab():
             raise self.index.damaged(self.path, 0)
         self.at = 0
-        self.seekable = len(self.index.keys) > 0 and self._number() == 0
+        self.seekable = len(self.index.keys) > 0 and self._reached() == 0
 
-    def _number(self) -> int | None:
+    def _reached(self) -> int | None:
         """Number of the current frame, found by its time."""
         return self.index.number(self.capture.get(cv2.CAP_PROP_POS_MSEC) / 1000)
 
@@ -129,7 +137,7 @@ class _OpenCvCursor:
         self.capture.set(cv2.CAP_PROP_POS_FRAMES, round(seconds * self.index.rate))
         if not self.capture.grab():
             return False
-        landed = self._number()
+        landed = self._reached()
         if landed is None or landed > number:
             return False
         self.at = landed
@@ -139,8 +147,10 @@ class _OpenCvCursor:
 Cursor: TypeAlias = _OpenCvCursor | PyAvCursor
 
 
-def _cursor(path: str, index: VideoIndex) -> Cursor:
-    """Open a video with OpenCV, or with PyAV for its codecs."""
+def _cursor(path: str, index: VideoIndex, number: int) -> Cursor:
+    """Open a video with OpenCV, or with PyAV for its codecs and for later streams."""
+    if number:
+        return PyAvCursor(path, index, number)
     try:
         return _OpenCvCursor(path, index)
     except DataError:
@@ -166,15 +176,16 @@ class _Pool:
 
     def _clear(self) -> None:
         self.lock = threading.Lock()
-        self.cursors: OrderedDict[tuple[str, tuple[int, int]], Cursor] = OrderedDict()
+        self.cursors: OrderedDict[tuple[str, int, tuple[int, int]], Cursor] = OrderedDict()
 
-    def take(self, path: str, index: VideoIndex) -> Cursor:
+    def take(self, path: str, index: VideoIndex, number: int) -> Cursor:
         """Take a cursor out of the pool: after an error, it is not used again."""
-        return self.cursors.pop((path, index.stamp), None) or _cursor(path, index)
+        found = self.cursors.pop((path, number, index.stamp), None)
+        return found or _cursor(path, index, number)
 
     def keep(self, cursor: Cursor) -> None:
         """Put a cursor back; closes the least recently used one."""
-        self.cursors[cursor.path, cursor.index.stamp] = cursor
+        self.cursors[cursor.path, cursor.number, cursor.index.stamp] = cursor
         if len(self.cursors) > _MAX_OPEN:
             self.cursors.popitem(last=False)
 

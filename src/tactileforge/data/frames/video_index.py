@@ -157,7 +157,7 @@ def read_index(path: str) -> VideoIndex:
     rate = float(capture.get(cv2.CAP_PROP_FPS))
     announced = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
     # before any packet is read: a header may announce years
-    _check_size(path, shape, announced)
+    check_size(path, shape, announced)
     _check_depth(path, int(capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)))
     capture.set(cv2.CAP_PROP_FORMAT, -1)  # raw packets, not decoded
     packets = []
@@ -165,7 +165,7 @@ def read_index(path: str) -> VideoIndex:
         is_key = capture.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME)
         packets.append((capture.get(cv2.CAP_PROP_POS_MSEC) / 1000, is_key))
         if len(packets) > MAX_FRAMES:
-            _check_size(path, shape, len(packets))
+            check_size(path, shape, len(packets))
     if not packets:
         raise DataError(f"{path}: a video without frames; {HINT}")
     shown = _shown_share(path) * announced
@@ -176,7 +176,7 @@ def read_index(path: str) -> VideoIndex:
     times, keys = seconds[order], np.flatnonzero(is_key[order])
     if (np.diff(times) <= 0).any():
         # without unique times a seek could not be verified: no keys, so none is tried
-        times, keys = _spread_times(times, rate), keys[:0]
+        times, keys = spread_times(times, rate), keys[:0]
     # packets that an edit list hides: only a decoder tells which ones
     if 0 < shown < min(announced, len(packets)) - 0.5 and len(seen := _shown_times(path)):
         _check_complete(Path(path), round(shown), len(seen))
@@ -203,7 +203,7 @@ def _shown_times(path: str) -> NDArray[np.float64]:
     return np.array(times)
 
 
-def _spread_times(times: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
+def spread_times(times: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
     """Spread repeated times evenly between their neighbours.
 
     If most are repeated, the file has no times, and the rate gives them.
@@ -219,7 +219,8 @@ def _spread_times(times: NDArray[np.float64], rate: float) -> NDArray[np.float64
     return out
 
 
-def _check_size(path: str, shape: tuple[int, int], frames: int) -> None:
+def check_size(path: str, shape: tuple[int, int], frames: int) -> None:
+    """Raises a `DataError` for more pixels or frames than are read."""
     height, width = shape
     if height * width > MAX_PIXELS or min(shape) < 1:
         raise DataError(
