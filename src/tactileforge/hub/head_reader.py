@@ -74,7 +74,8 @@ def readings_of(
             vector, newton = head.read(inputs, rows, scale, given, compare)
             force = newton / scale.to(newton.device) if known == "relative" else newton
     if single:
-        vector, force, newton = (x if x is None else x[0] for x in (vector, force, newton))
+        vector = vector[0]
+        force, newton = (None if x is None else x[0] for x in (force, newton))
     return ModelReadings(vector, force, known, newton)
 
 
