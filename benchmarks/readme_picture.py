@@ -40,13 +40,12 @@ def read(touch: Any) -> tuple[Array, Array, Array]:
     model = tactileforge.load("anytouch2.tiny")
     frames, rest = touch.frames.read(range(len(touch.frames))), np.asarray(touch.background())
     ends = np.arange(3, len(frames))
+    # in newtons, as shear has one scale below; shown in shape, shear and normal by their largest
+    given = {"unit": "uncalibrated"}
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # forces are shown in shape, shear and normal by their largest
-        forces = np.stack(
-            [model.force(frames[end - 3 : end + 1], rest, touch.sensor)[-1] for end in ends]
-        )
+        warnings.simplefilter("ignore")
+        clips = (frames[end - 3 : end + 1] for end in ends)
+        forces = np.stack([model.force(clip, rest, touch.sensor, **given)[-1] for clip in clips])
     top = int(np.argmax(np.linalg.norm(np.asarray(touch.force), axis=1)))
     surface = np.asarray(model.surface(frames[top - 3 : top + 1], rest, touch.sensor))[-1]
     return forces, ends, surface

@@ -1,7 +1,6 @@
 """Heads kept beside an encoder, and their forces."""
 
 import json
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -55,9 +54,9 @@ def test_forces_are_those_of_the_head_in_newton(
     with torch.no_grad():
         expected = head(views, {}).force * torch.tensor([1.0, 2.0, 4.0])
     with pytest.warns(UserWarning, match=r"^force: an estimate, not a measurement"):
-        force = model.force(frames, "first", "digit")
+        force = model.force(frames, "first", "digit", unit="uncalibrated")
     with pytest.warns(UserWarning, match=r"^force: an estimate"):
-        single = model.force(frames[1], "first", "digit")
+        single = model.force(frames[1], "first", "digit", unit="uncalibrated")
     assert force.shape == (2, 3, 3)
     assert torch.allclose(force, expected, atol=1e-5)
     assert torch.allclose(single, expected[1], atol=1e-5)
@@ -66,18 +65,59 @@ def test_forces_are_those_of_the_head_in_newton(
     assert not any(p.requires_grad for p in model.heads["force"].parameters())
 
 
-@pytest.mark.parametrize(("data", "warns"), [("recordings", 0), ("sim", 1), ("shards", 1)])
-def test_forces_learned_on_own_recordings_are_no_estimate(
-    vit: TactileViT, head: ForceHead, tmp_path: Path, data: str, warns: int
+def test_without_a_calibration_forces_are_shares_of_the_scale(file: Path) -> None:
+    """Nothing is clipped, signs stay, and nothing but what was asked for is newton."""
+    model = tactileforge.load(file)
+    clip = clips(1)[0]
+    force = model.force(clip, "first", "digit")  # an estimate would warn, which fails
+    assert torch.equal(force, model.force(clip, "first", "digit", unit="relative"))
+    assert force.min() < 0 < force.abs().max() <= 1
+    with pytest.warns(UserWarning, match="no calibration= of this unit"):
+        newton = model.force(clip, "first", "digit", unit="uncalibrated")
+    assert torch.allclose(force * torch.tensor([1.0, 2.0, 4.0]), newton, atol=1e-6)
+    assert (model.force_unit(), model.force_unit(unit="uncalibrated")) == (
+        *("relative", "uncalibrated"),
+    )
+    reading = model.readings(clip, "first", "digit")
+    assert reading.force_unit == "relative"
+    assert torch.equal(reading.force, force)
+    assert torch.equal(reading.newton, newton)
+    with pytest.raises(ConfigError, match=r"unit='N' needs the calibration= of this unit"):
+        model.force(clip, "first", "digit", unit="N")
+    with pytest.raises(ConfigError, match=r"unit of force 'relativ'.*did you mean 'relative'"):
+        model.force(clip, "first", "digit", unit="relativ")  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="unit='relative' is what the model says by itself"):
+        model.force_unit("mine.yaml", "relative")
+    assert model.force_unit("mine.yaml") == "N"
+
+
+def test_shares_beyond_the_scale_are_not_clipped(file: Path) -> None:
+    model = tactileforge.load(file)
+    with torch.no_grad():
+        for p in model.heads["force"].force.parameters():
+            p.mul_(30)
+    with pytest.warns(UserWarning, match="frames have none .NaN.*beyond the scale"):
+        force = model.force(clips(2), "first", "digit")
+    assert force.isnan().any()
+    assert force.nan_to_num().abs().max() <= 1
+
+
+@pytest.mark.parametrize(
+    ("data", "unit"), [("recordings", "N"), ("sim", "relative"), ("shards", "relative")]
+)
+def test_forces_learned_on_own_recordings_are_newtons(
+    vit: TactileViT, head: ForceHead, tmp_path: Path, data: str, unit: str
 ) -> None:
     recipe = {"data": {"name": data}}
     header = make_header(vit, NODE, licence="MIT", spacing=0.05, heads=HEADS, recipe=recipe)
     save_checkpoint(tmp_path / "a.safetensors", vit, header, heads={"force": head})
     model = tactileforge.load(tmp_path / "a.safetensors")
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        model.force(clips(1)[0], "first", "digit")
-    assert sum("an estimate" in str(one.message) for one in said) == warns
+    reading = model.readings(clips(1)[0], "first", "digit")
+    assert (model.force_unit(), reading.force_unit) == (unit, unit)
+    assert torch.equal(model.force(clips(1)[0], "first", "digit"), reading.force)  # no warning
+    assert torch.equal(reading.force, reading.newton) == (unit == "N")
+    assert model.force_unit(unit="relative") == "relative"
+    assert model.force_unit(unit="uncalibrated") == ("N" if unit == "N" else "uncalibrated")
 
 
 def test_the_surface_is_that_of_the_head_in_mm(vit: TactileViT, tmp_path: Path) -> None:

@@ -98,6 +98,21 @@ def unseen() -> list[Recording]:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("shear", "axis"), [(0, -2), (1, -3)])
+def test_a_mirrored_touch_has_mirrored_shear(shear: int, axis: int) -> None:
+    """Shares of the scale along x, or y, change their sign; the other two do not."""
+    model, touch = tactileforge.load("anytouch2.tiny"), tactileforge.sample_touch()
+    frames, rest = touch.frames.read(range(len(touch.frames))), touch.background()
+    clips = np.stack([frames[end - 3 : end + 1] for end in range(3, len(frames), 3)])
+    force = model.force(clips, rest, touch.sensor)[:, -1].numpy()
+    shown = (np.flip(pictures, axis).copy() for pictures in (clips, rest))
+    mirrored = model.force(*shown, touch.sensor, checks=False)[:, -1].numpy()
+    for i, (own, other) in enumerate(zip(force.T, mirrored.T, strict=True)):
+        assert np.corrcoef(own, other)[0, 1] * (-1 if i == shear else 1) > 0.8
+    assert 0.1 < np.abs(force).max() <= 1
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "force", "displacement", "share"),
     [
@@ -118,12 +133,13 @@ def test_it_reads_forces_and_surfaces_of_touches_it_never_saw(
     clips = Clips(unseen, model.frames, 1 / 15, 0.2, (128, 128))
     rows = [clips[i] for i in range(len(clips))]
     frames, background = (np.stack([row[key] for row in rows]) for key in ("frames", "background"))
+    sensors = [row["sensor"] for row in rows]
     with pytest.warns(UserWarning, match="no calibration= of this unit"):
-        estimated = model.force(frames, background, [row["sensor"] for row in rows])[:, -1]
+        estimated = model.force(frames, background, sensors, unit="uncalibrated")[:, -1]
     true = np.array([row["force"][-1].numpy() for row in rows])
     errors = np.abs(estimated.numpy() - true).mean(0)
     with pytest.warns(UserWarning, match="surface: an estimate"):
-        surface = model.surface(frames, background, [row["sensor"] for row in rows])[:, -1].numpy()
+        surface = model.surface(frames, background, sensors)[:, -1].numpy()
     coded = np.stack([row["surface"][-1].movedim(0, -1).numpy() for row in rows])
     moved = np.moveaxis(decode_displacement(coded), -1, 1)
     for axis in range(3):

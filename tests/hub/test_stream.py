@@ -14,9 +14,8 @@ from tactileforge.heads.force import ForceHead
 from tactileforge.hub.files import make_header, save_checkpoint
 from tactileforge.hub.model import Model
 from tactileforge.sensors.background import Background
+from tactileforge.sensors.streaming.contact import SlipOptions
 from tactileforge.sensors.streaming.touch_stream import Prediction
-
-pytestmark = pytest.mark.filterwarnings("ignore:force. an estimate")
 
 NODE = {"name": "tactile_vit", "size": "tiny", "frames": 4, "image_size": 32}
 HEADS = {"force": {"node": {"name": "force"}, "scale": {"digit": [1.0, 2.0, 4.0]}}}
@@ -54,11 +53,29 @@ def test_predictions_are_the_models_at_any_rate(model: Model, fps: float, step: 
         clip = np.stack([picture(i - k * step) for k in (3, 2, 1, 0)])
         force = model.force(clip, picture(0), "digit")[-1]
         assert prediction.force == pytest.approx(force.tolist(), abs=1e-5)
+        assert prediction.force_unit == "relative"
         vector = model.encode(clip, picture(0), "digit")
         assert torch.allclose(torch.from_numpy(prediction.embedding), vector, atol=1e-5)
         assert prediction.time == pytest.approx(5 + i / fps)
         assert prediction.contact == (i >= 20)
     assert stream.done == len(found)
+
+
+@pytest.mark.filterwarnings("ignore:force. an estimate")
+def test_a_stream_and_a_batch_give_one_unit_and_slip_is_of_newtons(model: Model) -> None:
+    found = {}
+    for unit in ("relative", "uncalibrated"):
+        given = {"force_unit": unit, "slip": SlipOptions(friction=0.6, least=0.25)}
+        stream = model.stream("digit", background=picture(0), **given)
+        found[unit] = [prediction for _, prediction in pushed(stream, 10, 30)]
+    for shares, newtons in zip(*found.values(), strict=True):
+        assert (shares.force_unit, newtons.force_unit) == tuple(found)
+        assert np.multiply(shares.force, (1, 2, 4)) == pytest.approx(newtons.force, abs=1e-5)
+        assert shares.slip == newtons.slip
+    assert newtons.slip  # shares along z are below the least force
+    clip = np.stack([picture(i) for i in range(26, 30)])
+    batch = model.force(clip, picture(0), "digit", unit="uncalibrated")[-1]
+    assert newtons.force == pytest.approx(batch.tolist(), abs=1e-5)
 
 
 def test_the_background_is_the_median_of_the_first_second(model: Model) -> None:
@@ -132,7 +149,9 @@ def test_streams_that_are_refused(model: Model) -> None:
     with pytest.raises(ConfigError, match="background='none'"):
         model.stream("digit", background="none")  # type: ignore[arg-type]
     with pytest.warns(UserWarning, match="no calibration= of this unit"):
-        model.stream("digit")
+        model.stream("digit", force_unit="uncalibrated")
+    with pytest.raises(ConfigError, match="needs the calibration= of this unit"):
+        model.stream("digit", force_unit="N")
 
 
 def test_black_frames_give_no_force(model: Model) -> None:
@@ -140,3 +159,4 @@ def test_black_frames_give_no_force(model: Model) -> None:
     for i in range(4):
         found = stream.push(picture(i) * (i < 3), i / 10)
     assert (found.trouble, found.contact, found.force, found.slip) == ("black", None, None, None)
+    assert found.force_unit is None

@@ -12,6 +12,7 @@ from tactileforge_bridge.zeromq import ZeroMq
 from tactileforge.errors import ConfigError
 
 MESSAGE = {"sensor": "digit 1", "unix": 12.25, "force": [1.0, -2.0, 3.0], "contact": True}
+MESSAGE |= {"force_unit": "N"}
 
 
 def test_messages_arrive_over_zeromq():
@@ -140,3 +141,15 @@ def test_readings_are_stamped_arrays_and_nothing_is_json_in_ros(sent):
     assert not any(
         hasattr(message, "data") and isinstance(message.data, str) for _, message in sent
     )
+
+
+def test_shares_of_a_scale_are_no_wrench(sent):
+    bridge = Ros2()
+    bridge.open()
+    bridge.send(MESSAGE | {"force_unit": "relative", "force": [0.5, -0.25, None]})
+    bridge.send(MESSAGE | {"force_unit": "uncalibrated"})
+    bridge.close()
+    topics = [topic.removeprefix("/tactile/digit_1/") for topic, _ in sent]
+    assert topics == ["reading", "relative_force", "reading", "wrench"]
+    shares = np.frombuffer(sent[1][1].data, np.float32)
+    np.testing.assert_array_equal(shares, np.float32([0.5, -0.25, np.nan]))

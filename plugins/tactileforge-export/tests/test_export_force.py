@@ -1,4 +1,4 @@
-"""A file with a force head gives newton, without torch and without this package."""
+"""A file with a force head gives forces, without torch and without this package."""
 
 import re
 import subprocess
@@ -69,7 +69,7 @@ def test_forces_are_the_models(file: Path, exported: str) -> None:
     assert np.abs(force - model.force(clips(3), "first", "digit").numpy()).max() < 2e-5
     assert np.abs(cls - model.encode(clips(3), "first", "digit").numpy()).max() < 5e-5
     assert facts.force["scale"] == {"digit": [1.0, 2.0, 4.0]}
-    assert facts.force["unit"] == "N"
+    assert facts.force["unit"] == "relative"
     assert [axis[0] for axis in facts.force["axes"]] == ["x", "y", "z"]
     assert facts.weights == model.fingerprint
     assert facts.version == tactileforge.__version__
@@ -115,12 +115,21 @@ def test_sensors_of_one_row_keep_their_scales(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_torch_program_too(file: Path, tmp_path: Path) -> None:
-    done = export(file, tmp_path / "a.pt2", format="torch_export", size=(40, 48))
+    """And estimated newtons where they are asked for."""
+    given = {"format": "torch_export", "size": (40, 48), "force_unit": "uncalibrated"}
+    done = export(file, tmp_path / "a.pt2", **given)
+    assert done.force["unit"] == "uncalibrated"
     program = torch.export.load(done.path).module()
     frames = torch.from_numpy(clips(2)).movedim(-1, 2).contiguous()
     _, _, force = program(frames, frames[:, 0], torch.tensor([1, 1]))
-    expected = tactileforge.load(file).force(clips(2), "first", "digit")
+    expected = tactileforge.load(file).force(clips(2), "first", "digit", unit="uncalibrated")
     torch.testing.assert_close(force, expected, atol=1e-5, rtol=0)
+
+
+@pytest.mark.slow
+def test_a_file_gives_no_newtons_that_nobody_measured(file: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="unit='N' needs the calibration= of this unit"):
+        export(file, tmp_path / "a.onnx", force_unit="N")
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import re
 import threading
 
 import cv2
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 from tactileforge_live.publish import JsonLines
 from tactileforge_live.sensor_stream import SensorStream, StreamOptions
+from tactileforge_live.server import page_state
 from tactileforge_live.session import LiveOptions, LiveSession, ShowBackground, run_session
+from tactileforge_live.status_line import stream_status
 
 from tactileforge.contracts import Frame
 from tactileforge.data.frames.cut import clip_rows
@@ -149,6 +152,7 @@ def test_frames_become_forces(scripted, model):
         assert message["contact"] is False
         assert message["slip"] is False
         assert math.isfinite(sum(message["force"]))
+        assert message["force_unit"] == "relative"
         assert 0 < message["latency_ms"] < 10_000
     times = [message["time"] for message in messages]
     assert times == sorted(set(times))
@@ -161,10 +165,16 @@ def touch(number):
     return frame
 
 
-def test_the_force_is_the_models_own(scripted, model):
+@pytest.mark.filterwarnings("ignore:force. an estimate")
+@pytest.mark.parametrize(
+    ("unit", "given", "words"),
+    [("relative", None, "of its scale"), ("uncalibrated", "uncalibrated", r"N \(uncalibrated\)")],
+)
+def test_the_force_is_the_models_own(scripted, model, unit, given, words):
+    """And the status line, the page and messages do not call shares newtons."""
     sensor = scripted(fps=50.0)
     sensor.picture = touch
-    view = LiveSession({"left": sensor}, model, options(frames=1))
+    view = LiveSession({"left": sensor}, model, options(frames=1, force_unit=given))
     with view:
         view.take_background()
         finger = view.fingers["left"]
@@ -172,10 +182,12 @@ def test_the_force_is_the_models_own(scripted, model):
         newest = finger.stream.buffer.newest
         finger.stream.buffer.newest = lambda: shots.append(newest()) or shots[-1]
         reading = next(r for r in view.readings() if r is not None)
+        page = page_state(view, {})["sensors"]["left"]
     still = finger.stream.prepare(finger.stream.background)
-    with pytest.warns(UserWarning, match="no calibration= of this unit"):
-        expected = model.force(shots[-1].clip, still, "digit")[-1]
+    expected = model.force(shots[-1].clip, still, "digit", unit=given)[-1]
     assert reading.force == pytest.approx(expected.tolist(), abs=1e-6)
+    assert (reading.force_unit, reading.message()["force_unit"], page["unit"]) == (unit,) * 3
+    assert re.search(rf"force( [+-]\d\.\d\d){{3}} {words} ", stream_status(finger))
     assert expected.isfinite().all()
     assert shots[-1].clip.shape == (4, 32, 32, 3)
 

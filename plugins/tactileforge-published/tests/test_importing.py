@@ -264,7 +264,7 @@ def test_a_published_force_head_is_imported_with_its_units(
     with torch.no_grad():
         expected = newton(decoder(model.features(frames, "first", sensor)))
     with pytest.warns(UserWarning, match="no calibration= of this unit"):
-        force = model.force(frames, "first", sensor)
+        force = model.force(frames, "first", sensor, unit="uncalibrated")
     assert force.shape == (2, 1, 3)
     torch.testing.assert_close(force, expected, atol=1e-4, rtol=1e-4)
     torch.save(miniature | head, tmp_path / "unnamed.pth")

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import torch
@@ -16,10 +16,11 @@ from torch import Tensor, nn
 
 from tactileforge.contracts import AXES
 from tactileforge.encoders.views import ComputedViews
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub.inputs import ClipInputs, uses_background
 from tactileforge.sensors.borders import BORDER_FEATURES, border_inputs, has_other_light
 from tactileforge.sensors.light import changed_light
+from tactileforge.sensors.streaming.inputs import ForceUnit
 
 if TYPE_CHECKING:
     from tactileforge.sensors.calibration.file import Calibration, ForceAxis
@@ -36,12 +37,17 @@ class ModelReadings:
 
     Attributes:
         vector: float32 (n,), or (B, n) for a batch; what `Model.encode` gives.
-        force: float32 (T - 1, 3), or (B, T - 1, 3): newton in frames 2..T, see `contracts`. None
-            where the model has no force head, or does not know the scale of a sensor.
+        force: float32 (T - 1, 3), or (B, T - 1, 3): in frames 2..T, see `contracts`, in
+            ``force_unit``. None where the model has no force head, or does not know the scale of a
+            sensor.
+        force_unit: What the numbers of the force are, see `Model.force`.
+        newton: The force in N, for ratios of its axes; an estimate unless ``force_unit`` is ``N``.
     """
 
     vector: Tensor
     force: Tensor | None
+    force_unit: ForceUnit
+    newton: Tensor | None
 
 
 def opened_calibration(given: Calibration | str | Path | None) -> Calibration | None:
@@ -99,8 +105,36 @@ def learned_measured(recipe: Mapping[str, Any]) -> bool:
     return (recipe.get("data") or {}).get("name") == "recordings"
 
 
+def chosen_unit(is_calibrated: bool, is_own: bool, asked: str | None) -> ForceUnit:
+    """Unit of the forces of a model.
+
+    Args:
+        is_calibrated: Whether a calibration of the unit is given.
+        is_own: Whether the model learned measured forces of it, see `learned_measured`.
+        asked: Unit that the caller asked for; None for newtons where they are known, else shares.
+
+    Raises:
+        ConfigError: There is no such unit, or it does not go with what is given.
+    """
+    if asked is not None and asked not in get_args(ForceUnit):
+        raise ConfigError(unknown("unit of force", asked, get_args(ForceUnit)))
+    if is_calibrated and asked not in (None, "N"):
+        raise ConfigError(
+            f"force: unit={asked!r} is what the model says by itself: leave the calibration out, "
+            "or the unit"
+        )
+    if asked == "N" and not (is_calibrated or is_own):
+        raise ConfigError(
+            "force: unit='N' needs the calibration= of this unit (tactileforge calibrate "
+            "model=...); unit='uncalibrated' gives an estimate, and no unit shares of the scale"
+        )
+    if asked == "relative":
+        return "relative"
+    return "N" if is_calibrated or is_own else "uncalibrated" if asked else "relative"
+
+
 def warn_of_estimates(stacklevel: int = 3) -> None:
-    """Warns of forces without a calibration of the unit.
+    """Warns of newtons without a calibration of the unit.
 
     Args:
         stacklevel: See `warnings.warn`.

@@ -27,16 +27,19 @@ def scale_of(model: Model, names: Sequence[str]) -> Tensor | None:
     return None if head is None else head.scale(names)
 
 
-def force_of(model: Model, clips: Clips, calibration: Calibration | str | Path | None) -> Tensor:
+def force_of(
+    model: Model, clips: Clips, calibration: Calibration | str | Path | None, unit: str | None
+) -> Tensor:
     """Forces of clips; see `Model.force`."""
     _need(model, "force")
     fitted = forces.opened_calibration(calibration)
-    force = readings_of(model, clips, fitted, check=True).force
+    reading = readings_of(model, clips, fitted, unit, check=True)
+    force = reading.force
     if force is None:
         known = model.header.heads["force"].get("scale", {})
         raise ConfigError(f"force: say which sensor it is, one of: {', '.join(known)}")
     # after the reading: if it fails, a warning about units would only be noise
-    if calibration is None and not forces.learned_measured(model.header.recipe):
+    if reading.force_unit == "uncalibrated":
         forces.warn_of_estimates(stacklevel=4)
     why = f"{forces.LIGHT}, or {forces.BEYOND}"
     if fitted is not None and fitted.force is not None and fitted.force.borders:
@@ -46,9 +49,14 @@ def force_of(model: Model, clips: Clips, calibration: Calibration | str | Path |
 
 
 def readings_of(
-    model: Model, clips: Clips, calibration: Calibration | str | Path | None, check: bool
+    model: Model,
+    clips: Clips,
+    calibration: Calibration | str | Path | None,
+    unit: str | None,
+    check: bool,
 ) -> ModelReadings:
     """Vectors and forces of clips, from one pass of the encoder; see `Model.readings`."""
+    known = model.force_unit(calibration, unit)
     reader, head = model.clips_reader, model.force_reader
     x, still, single = inputs = reader.prepare(clips, check)
     names = reader.names(clips, len(x))
@@ -57,16 +65,18 @@ def readings_of(
     fitted = forces.opened_calibration(calibration)
     with reader.computing(len(x)):
         if head is None or scale is None:
-            vector, force = reader.vector(x, still, rows), None
+            vector, force, newton = reader.vector(x, still, rows), None, None
         else:
             if fitted is not None:
                 model.axes_of(fitted, names)  # refuses the fits of another model or sensor
             given = None if fitted is None else fitted.force
             compare = check and not forces.has_no_background(model.encoder, clips.background)
-            vector, force = head.read(inputs, rows, scale, given, compare)
+            vector, newton = head.read(inputs, rows, scale, given, compare)
+            force = newton / scale.to(newton.device) if known == "relative" else newton
     if single:
-        return ModelReadings(vector[0], None if force is None else force[0])
-    return ModelReadings(vector, force)
+        vector = vector[0]
+        force, newton = (None if x is None else x[0] for x in (force, newton))
+    return ModelReadings(vector, force, known, newton)
 
 
 def force_inputs_of(model: Model, clips: Clips) -> dict[str, Tensor]:

@@ -27,6 +27,7 @@ from tactileforge.hub.taps import Tap
 from tactileforge.hub.video import Times, Video, cut_clips, open_video, stacked, still_of
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.streaming.contact import ContactOptions, SlipOptions
+from tactileforge.sensors.streaming.inputs import ForceUnit
 from tactileforge.sensors.streaming.touch_stream import TouchStream
 from tactileforge.util.threads import usable_after_fork
 
@@ -305,21 +306,44 @@ class Model(nn.Module):
         sensor: Sensors = None,
         *,
         calibration: Calibration | str | Path | None = None,
+        unit: ForceUnit | None = None,
         checks: bool = True,
     ) -> Tensor:
-        """The force of the object on the gel in frames 2..T, N: (T - 1, 3), or (B, T - 1, 3).
+        """The force of the object on the gel in frames 2..T: (T - 1, 3), or (B, T - 1, 3).
 
-        Without a ``calibration`` of this unit, or its file (``tactileforge calibrate model=...``),
-        it is an estimate, and warns, unless the model learned forces measured on your own
-        recordings (``data=recordings``); an axis that the calibration leaves out stays one. NaN,
-        with a warning, in frames with changed light and no touch, with another light than in the
-        presses of the calibration, or beyond the scale of the sensor. A published head gives the
-        newest frame alone: (1, 3). ``checks`` and errors are those of `encode`, and a ConfigError
-        without a force head, a scale of the sensor, or of another model's calibration.
+        Args:
+            frames: Clips as in `encode`.
+            background: Frame without contact, or a word in its place, as in `encode`.
+            sensor: Name of the sensor, or one name a clip; one whose force scale the model knows.
+            calibration: Calibration of this unit, or its file (``tactileforge calibrate
+                model=...``): the force is in newtons. An axis that it leaves out is an estimate.
+            unit: ``N``, newtons, with a calibration, or of a model that learned forces measured on
+                your own recordings (``data=recordings``): None takes them there. ``relative``,
+                shares of the sensor's force scale in training: shear from -1 to 1 and normal force
+                from 0 to 1, give or take noise around 0; None takes them elsewhere.
+                ``uncalibrated``, newtons by that scale: an estimate, and warns.
+            checks: Whether to check the background, as in `encode`.
+
+        Returns:
+            float32; of a published head in the newest frame alone, (1, 3). NaN, with a warning, in
+            frames with changed light and no touch, with another light than in the presses of the
+            calibration, or beyond the scale of the sensor.
+
+        Raises:
+            ConfigError: There is no force head, or no scale of the sensor; or the unit does not go
+                with what is given, or the calibration is of another model; see `encode`.
+            DataError: Frames or background are not what the model takes.
         """
         if checks:
             self._picture_checks(background, sensor)
-        return head_reader.force_of(self, Clips(frames, background, sensor), calibration)
+        return head_reader.force_of(self, Clips(frames, background, sensor), calibration, unit)
+
+    def force_unit(
+        self, calibration: Calibration | str | Path | None = None, unit: str | None = None
+    ) -> ForceUnit:
+        """What the numbers of `force` are with these arguments; errors for its ``unit`` too."""
+        is_own = forces.learned_measured(self.header.recipe)
+        return forces.chosen_unit(calibration is not None, is_own, unit)
 
     def surface(
         self,
@@ -439,16 +463,17 @@ class Model(nn.Module):
         sensor: Sensors = None,
         *,
         calibration: Calibration | str | Path | None = None,
+        force_unit: str | None = None,
         check: bool = True,
         **options: Unpack[Unknown],
     ) -> ModelReadings:
         """Vectors and forces of clips, from one pass of the encoder; see `encode` and `force`.
 
-        Without ``check``, light and colours are not compared with the background: a stream does so
-        itself, in pictures as they came.
+        ``force_unit`` is the ``unit`` of `force`. Without ``check``, light and colours are not
+        compared with the background: a stream does so itself, in pictures as they came.
         """
         clips = Clips(frames, background, sensor, **options)
-        return head_reader.readings_of(self, clips, calibration, check)
+        return head_reader.readings_of(self, clips, calibration, force_unit, check)
 
     def force_inputs(self, frames: Images, background: Still, sensor: str) -> dict[str, Tensor]:
         """Inputs of a force calibration, float32 (B, T - 1) each, of a batch; see `force`.
@@ -526,11 +551,12 @@ class Model(nn.Module):
         embedding: bool = True,
         unknown_sensor: Policy = "error",
         calibration: Calibration | str | Path | None = None,
+        force_unit: ForceUnit | None = None,
     ) -> TouchStream:
         """Predictions of frames as they come: ``stream.push(frame, time)``.
 
         Clips are cut by time, at any rate of the camera; ``tactileforge live`` reads the same
-        stream. Warns where forces are an estimate, see `force`.
+        stream. Warns where forces are estimated newtons, see `force`.
 
         Args:
             sensor: Name of the sensor; None where the model knows one, or none.
@@ -542,9 +568,11 @@ class Model(nn.Module):
             embedding: Whether predictions carry the model's vector.
             unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
             calibration: Calibration of this unit, or its file, as in `force`.
+            force_unit: The ``unit`` of `force`; a prediction says it.
 
         Raises:
-            ConfigError: The model does not know the sensor, or the calibration is of another.
+            ConfigError: The model does not know the sensor, the calibration is of another, or the
+                unit does not go with it.
         """
         opened = forces.opened_calibration(calibration)
         stream = TouchStream(
@@ -556,10 +584,10 @@ class Model(nn.Module):
             embedding=embedding,
             unknown_sensor=unknown_sensor,
             calibration=opened,
+            force_unit=force_unit,
         )
-        is_own = forces.learned_measured(self.header.recipe)
         has_force = head_reader.scale_of(self, [stream.sensor or ""]) is not None
-        if opened is None and has_force and not is_own:
+        if has_force and stream.force_unit == "uncalibrated":
             forces.warn_of_estimates()
         return stream
 

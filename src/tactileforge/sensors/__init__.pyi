@@ -72,6 +72,7 @@ from tactileforge.sensors.streaming.buffer import warn_of_slow_frames as warn_of
 from tactileforge.sensors.streaming.contact import ContactDetector as ContactDetector
 from tactileforge.sensors.streaming.contact import ContactOptions as ContactOptions
 from tactileforge.sensors.streaming.contact import SlipOptions as SlipOptions
+from tactileforge.sensors.streaming.inputs import ForceUnit as ForceUnit
 from tactileforge.sensors.streaming.touch_stream import Prediction as Prediction
 from tactileforge.sensors.streaming.touch_stream import TouchStream as TouchStream
 from tactileforge.sensors.swapped_colours import warn_of_swapped as warn_of_swapped

@@ -18,9 +18,11 @@ READING = ("contact", "slip", "difference", "depth_mm", "latency_ms")
 class Ros2:
     """Publishes readings as ROS 2 messages with a stamp, the time of the frame.
 
-    For each sensor: ``/tactile/NAME/wrench``, the force; ``/tactile/NAME/embedding``, the vector;
-    ``/tactile/NAME/reading``, the values of `READING`; ``/tactile/NAME/event``, a word. An array is
-    sent as an image of one row, 32FC1, as this is the common message with a stamp and an array.
+    For each sensor: ``/tactile/NAME/wrench``, the force in newtons, or ``relative_force``, an array
+    of shares of the force scale, as a wrench is in newtons by its definition;
+    ``/tactile/NAME/embedding``, the vector; ``/tactile/NAME/reading``, the values of `READING`;
+    ``/tactile/NAME/event``, a word. An array is sent as an image of one row, 32FC1, as this is the
+    common message with a stamp and an array.
 
     Args:
         node: Name of the node.
@@ -52,6 +54,7 @@ class Ros2:
         self.close()
         self._types = {
             "wrench": geometry_msgs.msg.WrenchStamped,
+            "relative_force": sensor_msgs.msg.Image,
             "embedding": sensor_msgs.msg.Image,
             "reading": sensor_msgs.msg.Image,
             "event": std_msgs.msg.String,
@@ -78,10 +81,14 @@ class Ros2:
         known = [message.get(name) for name in READING]
         self._publish_array("reading", message, [nan if x is None else float(x) for x in known])
         if message.get("force") is not None:
-            wrench = self._stamped("wrench", message)
-            force = wrench.wrench.force
-            force.x, force.y, force.z = (nan if x is None else float(x) for x in message["force"])
-            self._topic(sensor, "wrench").publish(wrench)
+            x, y, z = (nan if axis is None else float(axis) for axis in message["force"])
+            if message.get("force_unit") == "relative":
+                self._publish_array("relative_force", message, [x, y, z])
+            else:
+                wrench = self._stamped("wrench", message)
+                force = wrench.wrench.force
+                force.x, force.y, force.z = x, y, z
+                self._topic(sensor, "wrench").publish(wrench)
         if message.get("embedding") is not None:
             self._publish_array("embedding", message, message["embedding"])
 

@@ -35,9 +35,8 @@ from tactileforge_depth.lighting import (
     polynomial_background,
 )
 
-#: Least agreement of a background's colours with those of a calibration. Public backgrounds reach
-#: 0.68 to 1 with the calibration of their type (seven DIGITs but one, with 0.37; three Minis, two
-#: GelSights) and -0.3 to 0.52 with those of others, but for a GelSlim and the Mini's (0.67).
+#: Least agreement of a background's colours with those of a calibration; numbers below it do not
+#: rank calibrations (docs/depth.md has the measurement).
 _AGREES = 0.6
 #: Largest depth, micrometres, within the range of int16.
 _FAR = 32_000
@@ -161,18 +160,16 @@ class DepthReader:
             return
         self._checked = background
         seen = colour_grid(background)
-        resting = [
-            polynomial_background(one, *background.shape[:2]).movedim(0, -1).numpy()
-            for one in self.calibration.backgrounds
-        ]
-        fits = [colour_agreement(seen, colour_grid(picture)) for picture in resting]
+        size = background.shape[:2]
         # a grey background, as of a sensor with white light, has no colours to compare
-        if has_colours(seen) and fits and max(fits) < _AGREES:
+        if has_colours(seen) and not _has_its_lights(seen, self.calibration, size):
+            # named only where one fits: below the limit agreement does not rank them
+            fits = [one for one in optics_names() if _has_its_lights(seen, load_optics(one), size)]
+            others = "".join(f"take calibration={one!r}, which fits, or " for one in fits[:1])
             warnings.warn(
-                f"depth: the colors of the background do not fit the calibration (agreement "
-                f"{max(fits):.2f}; that of its own unit is 1, of others of its type 0.7 to 1), so "
-                "depths may be wrong in place and size: take another calibration=, or fit one to "
-                "this unit (tactileforge calibrate depth)",
+                "depth: the colors of the background do not fit the calibration: the lights are "
+                f"elsewhere, so depths may be wrong in place and size: {others}fit one to this "
+                "unit (tactileforge calibrate depth)",
                 stacklevel=3,
             )
 
@@ -186,6 +183,15 @@ class DepthReader:
                 tall = self.mm_per_pixel * height
             self._readers[size] = SurfaceReader(self.calibration, size, tall / rows)
         return self._readers[size]
+
+
+def _has_its_lights(
+    seen: NDArray[np.float64], calibration: OpticalCalibration, size: tuple[int, ...]
+) -> bool:
+    """Whether a colour grid agrees with a background of a calibration, drawn at a size."""
+    rests = (polynomial_background(one, *size).movedim(0, -1) for one in calibration.backgrounds)
+    fits = [colour_agreement(seen, colour_grid(rest.numpy())) for rest in rests]
+    return not fits or max(fits) >= _AGREES
 
 
 def depth_image(depth: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -20,7 +20,10 @@ OUTPUTS = {
     "cls": "float32 (B, projected): what model.features gives with tap=projected",
     "vector": "float32 (B, n): what model.encode gives, of models trained here",
     "probability": "float32 (B, classes): of each of the names in classes",
-    "force": "float32 (B, n, 3): newton in the n newest frames; not a number without a scale",
+    "force": (
+        "float32 (B, n, 3): in the n newest frames, in force.unit: N, or relative, shares of "
+        "force.scale, or uncalibrated, estimated newtons; not a number without a scale"
+    ),
 }
 #: Axes of the forces of the object on the gel, see `contracts`.
 AXES_OF_FORCE = ["x: to the right of the image", "y: down the image", "z: into the gel"]
@@ -53,7 +56,8 @@ class Exported:
         preprocessing: Preprocessing inside the graph, see `hub.files.describe_input`; frames of a
             model trained here are first ``squashed`` to a height and width.
         outputs: Type, shape and meaning of each output.
-        force: ``unit``, ``axes``, and the ``scale`` in the graph, by sensor; empty without a force
+        force: ``unit``, see `Model.force`, ``axes``, and the ``scale``, newtons of a share of 1 by
+            sensor, which is in the graph unless the unit is ``relative``; empty without a force
             head.
         classes: ``names`` of the classes in the order of ``probability``, the ``sensors`` of the
             pictures that its head was fitted to, and what to give as ``background``; empty without.

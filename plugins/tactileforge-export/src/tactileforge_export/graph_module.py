@@ -1,4 +1,4 @@
-"""The module to trace: an encoder, the vectors of its model, and its force head in newton."""
+"""The module to trace: an encoder, the vectors of its model, and its force head with a scale."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class GraphModule(nn.Module):
     Args:
         encoder: Touch encoder in eval mode, a copy: hooks are left in it.
         head: Force head; None for no forces.
-        scale: Newton per unit of the head's output along x, y and z, for each sensor.
+        scale: Factor of the head's output along x, y and z, for each sensor: its newtons, or 1.
         squashed: Height and width of frames resized in training, pixels; None for imported weights.
         classes: Weight (classes, projected) and bias (classes,) of a head of classes; None without.
 
@@ -63,15 +63,15 @@ class GraphModule(nn.Module):
         numbered = bool(scale) and len(set(rows.values())) < len(rows)
         self.sensors = {name: i for i, name in enumerate(rows)} if numbered else rows
         known = torch.full((max(self.sensors.values(), default=0) + 1,), _NOWHERE)
-        newton = torch.full((len(known), 3), torch.nan)
+        factor = torch.full((len(known), 3), torch.nan)
         for name, number in self.sensors.items():
             known[number] = rows[name]
             if name in scale:
-                newton[number] = torch.tensor(scale[name])
+                factor[number] = torch.tensor(scale[name])
         self.register_buffer("known", known)
-        self.register_buffer("newton", newton)
+        self.register_buffer("factor", factor)
         self.known: Tensor
-        self.newton: Tensor
+        self.factor: Tensor
         # without a table, and with one stem, an encoder takes any sensor
         has_table = getattr(encoder, "sensor_table", None) is not None
         reads = has_table or len(getattr(encoder, "stems", ())) > 1
@@ -99,7 +99,7 @@ class GraphModule(nn.Module):
         if self.head is None:
             return tokens, cls, *vector
         force = self.head(ComputedViews.of(self.encoder, tokens, cls), {}).force
-        return tokens, cls, force * self.newton[sensor][:, None], *vector
+        return tokens, cls, force * self.factor[sensor][:, None], *vector
 
 
 def _linear(weight: Tensor, bias: Tensor) -> nn.Linear:

@@ -8,6 +8,12 @@ from typing import Any
 
 from tactileforge.cli import Command
 
+#: What the forces of a file are, by their unit.
+UNITS = {
+    "N": "N",
+    "relative": "shares of the force scale (force_unit=uncalibrated: estimated newtons)",
+    "uncalibrated": "estimated newtons: no calibration of a unit is in the file",
+}
 #: Endings of the files of each format.
 _SUFFIXES = {"onnx": ".onnx", "torch_export": ".pt2"}
 
@@ -26,6 +32,8 @@ class _Export:
         int8: Whether weights of linear layers become int8 (onnx only); the error is printed and
             kept in the file.
         tolerance: Largest difference between the outputs of the file and of the module.
+        force_unit: ``uncalibrated`` for estimated newtons; None for shares of the model's force
+            scale, or newtons of a model of your own recordings. The file says which.
     """
 
     model: str
@@ -35,6 +43,7 @@ class _Export:
     size: int | list[int] | None = None
     int8: bool = False
     tolerance: float = 1e-4
+    force_unit: str | None = None
 
 
 def _export(keys: _Export, _: dict[str, Any]) -> None:
@@ -49,9 +58,12 @@ def _export(keys: _Export, _: dict[str, Any]) -> None:
         int8=keys.int8,
         tolerance=keys.tolerance,
         head=keys.head,
+        force_unit=keys.force_unit,
     )
     megabytes = Path(done.path).stat().st_size / 1e6
     print(f"{done.path}: {megabytes:.1f} MB, differs from the module by {done.error:.2g} at most")
+    if done.force:
+        print(f"force: {UNITS[done.force['unit']]}")
     if done.classes:
         print(f"probability: {', '.join(done.classes['names'])}")
     if done.int8:

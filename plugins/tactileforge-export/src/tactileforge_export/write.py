@@ -40,6 +40,7 @@ def export(
     int8: bool = False,
     tolerance: float = 1e-4,
     head: str | Path | ClassHead | None = None,
+    force_unit: str | None = None,
 ) -> Exported:
     """Writes a model as one file, from uint8 frames to tokens, class tokens, forces and classes.
 
@@ -56,6 +57,8 @@ def export(
         tolerance: Largest accepted difference of outputs; not applied to int8 weights.
         head: A head of classes that the benchmark fitted to this model, ``heads/TASK.MODEL``; its
             names are in the metadata.
+        force_unit: The ``unit`` of `Model.force`: None for shares of the force scale, or newtons of
+            a model of your own recordings; ``uncalibrated`` for estimated newtons.
 
     Raises:
         DataError: The head is not one.
@@ -70,7 +73,7 @@ def export(
     path = Path(path)
     _check(path, format, size, int8, tolerance)
     taken = None if size is None else (size[0], size[1])
-    module, facts = _open(model, head)
+    module, facts = _open(model, head, force_unit)
     with _quiet(), new_part(path) as part:
         program = trace(module, taken)
         file = _file(format, program, module.outputs)
@@ -122,27 +125,31 @@ def _check(path: Path, format: str, size: Any, int8: Any, tolerance: Any) -> Non
 
 
 def _open(
-    model: str | Path | Model | nn.Module, classes: str | Path | ClassHead | None
+    model: str | Path | Model | nn.Module,
+    classes: str | Path | ClassHead | None,
+    force_unit: str | None,
 ) -> tuple[GraphModule, dict[str, Any]]:
     """Opens the module of the graph, on the CPU in eval mode, and collects its metadata."""
     opened: Any = load(model) if isinstance(model, str | Path) else model
     known = {"model": "", "licence": "", "spacing": float(getattr(opened, "spacing", 0.0))}
-    head, kept, squashed = None, {}, None
+    head, scale, unit, squashed = None, {}, "", None
     encoder = opened.encoder if isinstance(opened, Model) else opened
     if isinstance(opened, Model):
         known |= {"model": opened.header.name, "licence": opened.header.licence}
         squashed = opened.squashed
         if "force" in opened.heads:
-            head, kept = opened.heads["force"], opened.header.heads["force"]
+            head, scale = opened.heads["force"], opened.header.heads["force"].get("scale", {})
+            unit = opened.force_unit(unit=force_unit)
     check_float32(encoder)
     layer, about = _classes(classes, encoder, str(known["model"]) or "this model")
     force: dict[str, Any] = {}
     # copied together: a head may share modules with its encoder. Hooks stay off the user's model
-    module = GraphModule(*copy.deepcopy((encoder, head)), kept.get("scale"), squashed, layer)
+    factor = dict.fromkeys(scale, (1.0, 1.0, 1.0)) if unit == "relative" else scale
+    module = GraphModule(*copy.deepcopy((encoder, head)), factor, squashed, layer)
     module = module.cpu().eval().requires_grad_(False)
     if head is not None:
-        scale = {k: list(kept["scale"][k]) for k in module.sensors if k in kept["scale"]}
-        force = {"unit": "N", "axes": AXES_OF_FORCE, "scale": scale}
+        known_scale = {k: list(scale[k]) for k in module.sensors if k in scale}
+        force = {"unit": unit, "axes": AXES_OF_FORCE, "scale": known_scale}
     return module, {
         **known,
         "sensors": module.sensors,

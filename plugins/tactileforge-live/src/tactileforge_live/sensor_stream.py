@@ -42,6 +42,9 @@ class StreamOptions:
         contact: Thresholds of contact.
         slip: Thresholds of slip.
         embedding: Whether messages include the model's vector.
+        force_unit: Unit of forces of sensors without a calibration: ``relative``, shares of the
+            model's force scale, or ``uncalibrated``, newtons by that scale, an estimate. None for
+            newtons of a model of your own recordings, else relative.
         unknown_sensor: Treatment of a sensor unknown to the model: ``error``, or the ``universal``
             tokens.
         reconnect: Time to wait for a lost sensor, s.
@@ -51,6 +54,7 @@ class StreamOptions:
     contact: ContactOptions = field(default_factory=ContactOptions)
     slip: SlipOptions = field(default_factory=SlipOptions)
     embedding: bool = False
+    force_unit: str | None = None
     unknown_sensor: str = "error"
     reconnect: float = 10.0
     ignore: tuple[str, ...] = ()
@@ -85,6 +89,7 @@ class Reading(Prediction):
             # monotonic time means nothing on another machine
             "unix": round(time.time() - time.monotonic() + self.time, 6),
             "force": None if self.force is None else [round(axis, 4) for axis in self.force],
+            "force_unit": self.force_unit,
             "contact": self.contact,
             "slip": self.slip,
             "difference": round(self.difference, 2),
@@ -122,7 +127,8 @@ class SensorStream:
         tracker: Tracker of markers, from the background on; None without markers.
 
     Raises:
-        ConfigError: The model does not know the sensor, or the calibration is of a different one.
+        ConfigError: The model does not know the sensor, the calibration is of a different one, or
+            the model does not give forces in the unit of the options.
     """
 
     def __init__(
@@ -147,6 +153,8 @@ class SensorStream:
             embedding=options.embedding,
             unknown_sensor=options.unknown_sensor,
             calibration=calibration,
+            # a unit that is asked for is that of the sensors without a calibration
+            force_unit=None if calibration is not None else options.force_unit,
             camera=sensor.spec.kind == "image",
         )
         self.checks = StreamChecks(name, sensor.spec, options.ignore)

@@ -99,7 +99,7 @@ def page_state(view: LiveSession, after: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _of(finger: SensorStream, after: float, now: float) -> dict[str, Any]:
-    shown = finger.stream.shown
+    shown, unit = finger.stream.shown, finger.stream.force_unit
     rows = []
     for r in list(finger.readings):  # copied, as readings are added meanwhile
         if r.time > after:
@@ -115,7 +115,8 @@ def _of(finger: SensorStream, after: float, now: float) -> dict[str, Any]:
         "age": None if shown is None else round(now - shown.time, 3),
         "picture": 0 if shown is None else shown.time,
         "size": [finger.sensor.spec.height, finger.sensor.spec.width],
-        "scale": list(finger.sensor.spec.force_scale),
+        "scale": [1.0] * 3 if unit == "relative" else list(finger.sensor.spec.force_scale),
+        "unit": unit,
         "depth": finger.depth is not None,
         "markers": finger.tracker is not None,
         "contact_on": finger.stream.contact.options.begin,

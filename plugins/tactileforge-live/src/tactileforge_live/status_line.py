@@ -9,6 +9,8 @@ from tactileforge.sensors import Status, of_drops
 from tactileforge_live.sensor_stream import SensorStream
 from tactileforge_live.session import LiveSession
 
+#: What stands behind the numbers of a force, by its unit.
+UNITS = {"N": "N", "relative": "of its scale", "uncalibrated": "N (uncalibrated)"}
 #: Time between two lines, s: on a terminal, overwriting the previous line, and elsewhere.
 _TERMINAL, _ELSEWHERE = 0.1, 5.0
 
@@ -49,7 +51,8 @@ def stream_status(finger: SensorStream) -> str:
     reading = finger.readings[-1]
     words.append(f"{finger.capture.fps:.1f} fps")
     if reading.force is not None:
-        words.append("force " + " ".join(f"{axis:+.2f}" for axis in reading.force) + " N")
+        numbers = " ".join(f"{axis:+.2f}" for axis in reading.force)
+        words.append(f"force {numbers} {UNITS[reading.force_unit or 'N']}")
     if reading.trouble:
         words.append(reading.trouble.upper())
     else:

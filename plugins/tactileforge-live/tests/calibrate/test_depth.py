@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -182,6 +183,8 @@ def test_a_background_of_another_sensor_is_told(name: str) -> None:
         assert len(told) == (name != other), (name, other)  # once for a background
         if told:
             assert "do not fit the calibration" in str(told[0].message)
+            # of those that ship, the right one alone is named, and none is rated
+            assert re.findall("calibration='([a-z_]+)'", str(told[0].message)) == [name]
 
 
 #: Public backgrounds of DIGITs and Minis, and one of a DIGIT with other lights.
@@ -193,6 +196,9 @@ PUBLIC = [
     ("gelsight_mini", "gsmini_calib_ball_cmu/images/frame_0.png"),
     ("", "sensor_backgrounds/digit_tvl.png"),
     ("", "sensor_backgrounds/geltip.png"),
+    # GelSights with other lights than the one that was calibrated, which rates them last or nearly
+    ("", "sensor_backgrounds/gelsight2017_mit.jpg"),
+    ("", "sensor_backgrounds/gelsight2014_smartlab.png"),
     ("", "wedge_ball_presses/calibration/bg-0.jpg"),
 ]
 
@@ -210,6 +216,8 @@ def test_public_backgrounds_fit_the_calibration_of_their_type(
             warnings.filterwarnings("ignore", "depth: an estimate")
             DepthReader("digit", name, 8).read(still, still)
         silent += [] if told else [name]
+        said = " ".join(str(one.message) for one in told)
+        assert re.findall("calibration='([a-z_]+)'", said) == ([fits] if told and fits else [])
     assert silent == ([fits] if fits else [])
 
 

@@ -77,7 +77,8 @@ def model_says(model: Model, recording: Recording, axis: str) -> np.ndarray:
     rest = recording.no_contact.read([0])[0]
     frames = recording.frames.read(range(len(recording.frames)))
     rows = np.maximum(np.arange(20)[:, None] - np.arange(3, -1, -1), 0)
-    return model.force(frames[rows], rest, "digit").numpy()[:, -1, "xyz".index(axis)]
+    said = model.force(frames[rows], rest, "digit", unit="uncalibrated")
+    return said.numpy()[:, -1, "xyz".index(axis)]
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +114,9 @@ def test_the_model_gives_calibrated_forces(model: Model, calibrated: Calibration
     both = model.readings(frames[8:12], rest, "digit", calibration=calibrated.calibration)
     assert torch.equal(plain.vector, both.vector)
     assert not torch.allclose(plain.force, both.force, atol=0.1)
+    assert (plain.force_unit, both.force_unit) == ("relative", "N")
+    with pytest.raises(ConfigError, match="leave the calibration out, or the unit"):
+        model.stream("digit", calibration=calibrated.calibration, force_unit="uncalibrated")
 
 
 def test_the_model_reads_a_calibration_to_pictures(model: Model, tmp_path: Path) -> None:
@@ -125,7 +129,7 @@ def test_the_model_reads_a_calibration_to_pictures(model: Model, tmp_path: Path)
     calibration.save(tmp_path / "d1.yaml")
     rest, frames = touch.no_contact.read([0])[0], touch.frames.read(range(20))
     given = model.force(frames[8:12], rest, "digit", calibration=tmp_path / "d1.yaml")[-1]
-    plain = model.force(frames[8:12], rest, "digit")[-1]
+    plain = model.force(frames[8:12], rest, "digit", unit="uncalibrated")[-1]
     change = frames[11].astype(float) - rest
     assert float(given[0]) == pytest.approx(0.1 + 0.25 * np.abs(change).mean(), abs=1e-4)
     assert float(given[1]) == float(plain[1])
@@ -137,6 +141,7 @@ def test_the_model_reads_a_calibration_to_pictures(model: Model, tmp_path: Path)
     for number in range(8, 12):
         found = stream.push(frames[number], number / 15)
     assert found.force == pytest.approx(given.tolist(), abs=1e-4)
+    assert found.force_unit == "N"
 
 
 def test_a_lamp_that_is_switched_on_while_pressing_gives_no_force(
@@ -196,7 +201,8 @@ def test_an_axis_that_is_left_out_stays_what_the_model_says(model: Model) -> Non
     ).calibration
     touch = touches(model, 1)[0]
     rest, frames = touch.no_contact.read([0])[0], touch.frames.read(range(4))
-    plain, given = (model.force(frames, rest, "digit", calibration=c) for c in (None, alone))
+    plain = model.force(frames, rest, "digit", unit="uncalibrated")
+    given = model.force(frames, rest, "digit", calibration=alone)
     assert torch.equal(plain[:, :2], given[:, :2])
     assert not torch.equal(plain[:, 2], given[:, 2])
     assert np.isnan(alone.forces(touch, model)[:, :2]).all()
@@ -327,5 +333,6 @@ def test_half_a_real_trial_calibrates_the_shipped_model(realdata: Path) -> None:
     rows = np.maximum(np.arange(len(second.frames))[:, None] - np.array([6, 4, 2, 0]), 0)
     frames = second.frames.read(range(len(second.frames)))[rows]
     assert second.no_contact is not None
-    plain = model.force(frames, second.no_contact.read([0])[0], second.sensor)[:, -1].numpy()
+    rest = second.no_contact.read([0])[0]
+    plain = model.force(frames, rest, second.sensor, unit="uncalibrated")[:, -1].numpy()
     assert rmse(result.calibration.forces(second, model), second) < 0.7 * rmse(plain, second)

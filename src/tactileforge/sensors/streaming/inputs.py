@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from tactileforge.sensors.calibration.file import Calibration
 
 Image: TypeAlias = NDArray[np.uint8]
+#: What the numbers of a force are: newtons that were measured on this unit or fitted to it, shares
+#: of the model's force scale (-1 to 1), or newtons by that scale, which are an estimate.
+ForceUnit: TypeAlias = Literal["N", "relative", "uncalibrated"]
 
 
 class Reading(Protocol):
@@ -30,7 +33,12 @@ class Reading(Protocol):
 
     @property
     def force(self) -> Tensor | None:
-        """float32 (T - 1, 3), N; None without forces."""
+        """float32 (T - 1, 3), in the `ForceUnit` that was asked for; None without forces."""
+        ...
+
+    @property
+    def newton(self) -> Tensor | None:
+        """The same, N; without a calibration an estimate."""
         ...
 
 
@@ -63,6 +71,10 @@ class ClipModel(Protocol):
         """The fits of a calibration; an error if it was made for another model."""
         ...
 
+    def force_unit(self, calibration: Calibration | None, unit: str | None) -> ForceUnit:
+        """Unit of its forces; an error where it cannot give the wanted one."""
+        ...
+
     def readings(
         self,
         frames: Image,
@@ -70,6 +82,7 @@ class ClipModel(Protocol):
         sensor: str | None,
         *,
         calibration: Calibration | None,
+        force_unit: str | None,
         check: bool,
     ) -> Reading:
         """Vectors and forces of a clip."""

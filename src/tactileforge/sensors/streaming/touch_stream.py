@@ -24,6 +24,7 @@ from tactileforge.sensors.streaming.contact import (
     SlipOptions,
 )
 from tactileforge.sensors.streaming.inputs import (
+    ForceUnit,
     Image,
     background_options,
     checked_image,
@@ -49,10 +50,12 @@ class Prediction:
         time: Time of the frame, s, on the clock of its source.
         difference: Difference to the background, grey levels.
         contact: Whether there is contact; None if the image is invalid or the light has changed.
-        force: Force along x, y and z, N, axes as in `contracts`; None if the model gives none, the
-            image is invalid, the light has changed or is none of the calibration's presses, or the
-            force is beyond the sensor's scale.
+        force: Force along x, y and z, in ``force_unit``, axes as in `contracts`; None if the model
+            gives none, the image is invalid, the light has changed or is none of the calibration's
+            presses, or the force is beyond the sensor's scale.
         slip: Whether it slips, see `contact.SlipEstimator`; None without forces.
+        force_unit: What the numbers of the force are, see `Model.force`: ``N``, ``relative`` or
+            ``uncalibrated``; None without a force.
         trouble: One of `sensors.health.TROUBLES`; "" for none.
         embedding: Vector of the model, as of `encode`, float32 (n,); None if it is not requested.
     """
@@ -63,6 +66,7 @@ class Prediction:
     contact: bool | None
     force: tuple[float, float, float] | None
     slip: bool | None
+    force_unit: ForceUnit | None = None
     trouble: str = ""
     embedding: NDArray[np.float32] | None = field(default=None, repr=False)
 
@@ -86,17 +90,21 @@ class TouchStream:
             `Model.encode`.
         calibration: Calibration of this unit, for the model's forces; see `Model.force`. None for
             none.
+        force_unit: Unit of the forces, see `Model.force`; None for newtons with a calibration, else
+            relative ones.
         camera: Whether frames are of a camera; images of taxels are not checked for exposure and
             light.
 
     Attributes:
         background: Frame without contact, uint8 (H, W, 3); None before it is taken.
+        force_unit: Unit of the forces; None without a model.
         done: Number of frames with a prediction.
         skipped: Number of frames without a prediction because a newer one had arrived.
         shown: Frame of the newest prediction.
 
     Raises:
-        ConfigError: The model does not know the sensor, or the calibration is of a different one.
+        ConfigError: The model does not know the sensor, the calibration is of a different one, or
+            the model does not give forces in this unit.
     """
 
     def __init__(
@@ -110,11 +118,13 @@ class TouchStream:
         embedding: bool = True,
         unknown_sensor: str = "error",
         calibration: Calibration | None = None,
+        force_unit: str | None = None,
         camera: bool = True,
     ) -> None:
         if calibration is not None and model is not None:
             model.axes_of(calibration, [calibration.sensor if sensor is None else sensor])
         self.model, self.calibration, self.embedding = model, calibration, embedding
+        self.force_unit = None if model is None else model.force_unit(calibration, force_unit)
         self.sensor = None if sensor is None else known_as(sensor, model, unknown_sensor)
         asks = model is not None and not model.any_sensor and len(model.sensors) > 1
         if sensor is None and model is not None and asks:
@@ -254,16 +264,17 @@ class TouchStream:
         # under another light the vector is still that of the picture, but contact and force compare
         # with a background that no longer holds
         if trouble == "light":
-            vector = self._read(shot)[1]
+            vector = self._read(shot)[-1]
         elif not trouble:
             contact = self.contact.update(difference)
-            force, vector = self._read(shot)
+            force, newton, vector = self._read(shot)
             if force is not None and self._is_other_light(shot):
                 force, trouble = None, "other_light"
             elif force is not None and not all(map(math.isfinite, force)):
                 force, trouble = None, "out_of_range"
             if force is not None:
-                slip = self.slip.update(frame.time, np.array(force), contact)
+                # the friction cone wants shear and normal in one unit, which shares are not
+                slip = self.slip.update(frame.time, newton, contact)
         return Prediction(
             number=shot.number,
             time=frame.time,
@@ -271,6 +282,7 @@ class TouchStream:
             contact=contact,
             force=force,
             slip=slip,
+            force_unit=None if force is None else self.force_unit,
             trouble=trouble,
             embedding=vector,
         )
@@ -284,19 +296,21 @@ class TouchStream:
 
     def _read(
         self, shot: FrameWithClip
-    ) -> tuple[tuple[float, float, float] | None, NDArray[np.float32] | None]:
-        """Force in the newest frame, N, and the vector of the clip."""
+    ) -> tuple[tuple[float, float, float] | None, NDArray[np.float32], NDArray[np.float32] | None]:
+        """Force in the newest frame, the same in newtons, and the vector of the clip."""
+        none = np.full(3, np.nan, np.float32)
         if self.model is None or shot.clip is None:
-            return None, None
+            return None, none, None
         reading = self.model.readings(
             shot.clip,
             self._still,
             self.sensor,
             calibration=self.calibration,
+            force_unit=self.force_unit,
             check=False,  # already checked on the frame before resizing
         )
         vector = reading.vector.cpu().numpy() if self.embedding else None
-        if reading.force is None:
-            return None, vector
+        if reading.force is None or reading.newton is None:
+            return None, none, vector
         x, y, z = reading.force[-1].tolist()
-        return (x, y, z), vector
+        return (x, y, z), reading.newton[-1].cpu().numpy(), vector
