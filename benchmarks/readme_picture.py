@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +42,11 @@ def read(touch: Any) -> tuple[Array, Array, Array]:
     frames, rest = touch.frames.read(range(len(touch.frames))), np.asarray(touch.background())
     ends = np.arange(3, len(frames))
     # in newtons, as shear has one scale below; shown in shape, shear and normal by their largest
-    given = {"unit": "uncalibrated"}
+    read_force = partial(model.force, background=rest, unit="uncalibrated")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         clips = (frames[end - 3 : end + 1] for end in ends)
-        forces = np.stack([model.force(clip, rest, touch.sensor, **given)[-1] for clip in clips])
+        forces = np.stack([read_force(clip, sensor=touch.sensor)[-1] for clip in clips])
     top = int(np.argmax(np.linalg.norm(np.asarray(touch.force), axis=1)))
     surface = np.asarray(model.surface(frames[top - 3 : top + 1], rest, touch.sensor))[-1]
     return forces, ends, surface
