@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hydra.core.utils import JobReturn, JobStatus
 from omegaconf import OmegaConf
 
 from tactileforge import cli
@@ -127,6 +128,33 @@ def test_the_table_has_mean_and_deviation_over_the_seeds_of_a_configuration() ->
 
 def test_the_table_of_a_sweep_without_seeds_has_none_of_their_columns() -> None:
     assert gathered(("a=1", 4.0), ("a=2", 3.0))[0] == ["job", "a", "val/force"]
+
+
+def test_a_job_that_fails_has_a_row_with_its_error() -> None:
+    job = OmegaConf.create(
+        {
+            "optimized_metric": "loss",
+            "hydra": {
+                "mode": "RunMode.MULTIRUN",
+                "overrides": {"task": ["optim.lr=1e30"]},
+                "runtime": {"output_dir": "s/1"},
+                "sweep": {"dir": "s"},
+            },
+        }
+    )
+    Path("s/0").mkdir(parents=True)
+    Path("s/1").mkdir()
+    Path("s/0", JOB).write_text(json.dumps({"words": ["optim.lr=1"], "metric": 0.5}))
+    failed = JobReturn(status=JobStatus.FAILED)
+    failed.return_value = TactileForgeError("step 3; the loss is not finite\nand more")
+    SweepTable().on_job_end(job, failed)
+    assert list(csv.reader(Path("s/sweep.csv").read_text("utf-8").splitlines())) == [
+        ["job", "optim.lr", "loss", "failed"],
+        ["0", "1", "0.5", ""],
+        ["1", "1e30", "", "step 3; the loss is not finite"],
+    ]
+    assert "the loss is not finite" in Path("s/sweep.html").read_text("utf-8")
+    assert ended(Path("s/1")) is None, "the same command tries it again"
 
 
 def test_a_job_that_has_ended_is_taken(caplog: pytest.LogCaptureFixture) -> None:

@@ -389,3 +389,27 @@ def test_a_video_called_as_its_sensor_has_its_labels(tmp_path: Path) -> None:
     assert {(one.sensor, one.object) for one in found.values()} == {
         ("digit", f"o{trial}") for trial in range(3)
     }
+
+
+def test_a_stray_picture_does_not_put_the_other_split_into_training(tmp_path: Path) -> None:
+    for split in ("train", "val"):
+        for name in ("bolt", "nut"):
+            for n in range(4):
+                image(tmp_path / f"{split}/{name}/{n}.png")
+    image(tmp_path / "train/readme.png")
+    found, guess = read(tmp_path)
+    assert sorted(guess.options["layouts"]) == ["train", "val"]
+    assert len(found) == 17
+    data = Recordings(**guess.options)
+    assert all("val/" in one.key for one in data.recordings("val"))
+    assert not any("val/" in one.key for one in data.recordings("train"))
+
+
+def test_arrays_of_forces_are_no_films(tmp_path: Path) -> None:
+    for n in range(3):
+        np.save(tmp_path / f"s{n}.npy", press(n, 20))
+        np.save(tmp_path / f"s{n}_force.npy", np.full((20, 3), n + 1.0))
+    found, _ = read(tmp_path)
+    assert len(found) == 3
+    forces = sorted(float(np.asarray(one.force)[0, 2]) for one in found.values())
+    assert forces == [1, 2, 3]

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 from shipped import SHIPPED
 from tactileforge_bench.results.release_gate import not_above
 from tactileforge_sim.dataset import Sim
@@ -110,6 +111,17 @@ def test_a_mirrored_touch_has_mirrored_shear(shear: int, axis: int) -> None:
     for i, (own, other) in enumerate(zip(force.T, mirrored.T, strict=True)):
         assert np.corrcoef(own, other)[0, 1] * (-1 if i == shear else 1) > 0.8
     assert 0.1 < np.abs(force).max() <= 1
+
+
+@pytest.mark.slow
+def test_forces_along_a_video_are_beside_its_first_frame() -> None:
+    model, touch = tactileforge.load("anytouch2.tiny"), tactileforge.sample_touch()
+    frames = touch.frames.read(range(len(touch.frames)))
+    times, forces = model.force_video(frames, "first", touch.sensor, times=touch.times)
+    clips = list(model.cut(frames, times=touch.times))
+    np.testing.assert_array_equal(times, [end for end, _ in clips])
+    expected = [model.force(clip, frames[0], touch.sensor)[-1] for _, clip in clips]
+    torch.testing.assert_close(forces, torch.stack(expected), atol=1e-5, rtol=0)
 
 
 @pytest.mark.slow

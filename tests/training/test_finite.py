@@ -12,6 +12,7 @@ from tactileforge.runs.checkpoint_file import read_checkpoint
 from tactileforge.runs.folder import BEST, LAST
 from tactileforge.training.checkpoints import best_checkpoint
 from tactileforge.training.finite import FiniteWatch, NotFiniteError, broken
+from tactileforge.training.fitting import _way_back
 
 SMALL = ["train", "scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "data.size=32"]
 SMALL += ["encoder.image_size=32", "batch.size=4", "batch.workers=0", "curriculum=constant"]
@@ -100,6 +101,15 @@ def test_nothing_is_saved_where_nothing_was_finite(
     assert said.startswith("error: step 7; the loss is not finite: 'force' since step 1, 'pixel'")
     assert said.endswith("Nothing was saved before: start again with a smaller optim.lr=")
     assert not (tmp_path / LAST).exists()
+
+
+@pytest.mark.parametrize(
+    ("done", "said"), [(True, "no learning rate is the cause"), (False, "optim.lr=")]
+)
+def test_at_the_first_step_no_learning_rate_is_blamed(
+    tmp_path: Path, done: bool, said: str
+) -> None:
+    assert said in _way_back(tmp_path, "32-true", done)
 
 
 def test_the_best_is_a_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

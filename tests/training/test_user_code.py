@@ -10,10 +10,14 @@ from lightning.pytorch.callbacks import Callback
 
 from tactileforge import api, compose
 from tactileforge.errors import ConfigError, PluginError
+from tactileforge.objectives import Pixel
 from tactileforge.pages.curves import read_metrics
+from tactileforge.plugins import local, registry
 from tactileforge.runs.folder import LAST
 from tactileforge.training import TouchModule, build_data, callbacks, schedules
 from tactileforge.training.optim import build_optimizer, parse_optim
+from tactileforge.training.trainer import is_time_over
+from tactileforge.verbs import words
 
 WORDS = [
     "scale=demo",
@@ -179,6 +183,33 @@ def test_a_callback_with_a_device_for_a_default_is_chosen():
     assert "device" not in node
 
 
+def test_finished_instances_from_python_are_used_as_they_are():
+    callback = Counts("seven")
+    (word,) = words([], {"callbacks": [callback]})
+    assert word == f"callbacks=[{__name__}:Counts]"
+    config = compose("anytouch2", [*WORDS, word])
+    (node,) = config["callbacks"].values()
+    assert registry.build("callbacks", node).word == "seven"
+    (word,) = words([], {"callbacks": [Counts]})  # the class again
+    (node,) = compose("anytouch2", [*WORDS, word])["callbacks"].values()
+    assert registry.build("callbacks", node).word == "step"
+
+
+@pytest.mark.slow
+def test_a_checkpoint_with_a_class_of_ones_own_takes_it(tmp_path):
+    api.train(compose("anytouch2", [*WORDS, f"objective=[{__name__}:Own]"]), tmp_path)
+    local._known.clear()  # another process
+    with pytest.raises(PluginError, match="classes="):
+        TouchModule.load_from_checkpoint(tmp_path / LAST)
+    given = {f"{__name__}:Own": Own}
+    again = TouchModule.load_from_checkpoint(tmp_path / LAST, classes=given)
+    assert isinstance(again.objectives["own"], Own)
+
+
+class Own(Pixel):
+    """An objective of one's own."""
+
+
 class Plain(torch.nn.Module):
     """A network, and no encoder of touch."""
 
@@ -211,7 +242,8 @@ def test_max_time_ends_a_run_in_order_and_the_next_job_has_it_anew(tmp_path):
     module = api.train(compose("anytouch2", [*WORDS, *words]), tmp_path)
     first = module.trainer.global_step
     assert 0 < first < 100000
-    assert (tmp_path / "report.html").exists()
+    assert is_time_over(module.trainer)
+    assert "go on to step 100000, where it was to end" in (tmp_path / "report.html").read_text()
     from tactileforge.runs.folder import read_config
 
     module = api.train({**read_config(tmp_path), "resume": str(tmp_path)}, tmp_path)

@@ -42,6 +42,7 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
         several = get_origin(get_type_hints(command.keys)[command.bare[-1]]) is list
     given = _words.fill(words, command.bare, several, verb)
     if not (command.groups or command.yaml or words.asks_hydra or words.explain):
+        words.overrides = command.prepare(words.overrides)
         return _status(_light(command, words, given))
     # quoted before `prepare`, which reads the words as Hydra does
     words.overrides = [for_hydra(word, words.sweeps) for word in words.overrides]

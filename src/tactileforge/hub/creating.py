@@ -95,7 +95,7 @@ def _architecture(name: str) -> tuple[dict[str, Any], float, str]:
             f'tactileforge.load("{word}", accept="{weight.licence}"), then create it'
         )
     if word not in registry.names("encoders"):
-        known = [*cards.card_names(), *registry.names("encoders")]
+        known = {*cards.card_names(), *registry.names("encoders")}
         raise ConfigError(unknown("model or encoder", word, known))
     return {"name": word}, 0.0, ""
 

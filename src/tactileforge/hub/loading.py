@@ -154,7 +154,7 @@ def list_models(
             train it).
 
     Raises:
-        ConfigError: No such word for ``reads`` or ``available``.
+        ConfigError: No such word for ``reads`` or ``available``, or no model knows the sensor.
 
     Example:
         >>> "anytouch2.base" in list_models("*touch*")
@@ -165,6 +165,10 @@ def list_models(
     for key, value, known in (("reads", reads, cards.READS), ("available", available, _STATES)):
         if value is not None and value not in known:
             raise ConfigError(unknown(key, value, known))
+    every = cards.list_cards("*")
+    trained_on = {one for _, card, weight in every for one in card.trained_on(weight)[0]}
+    if sensor is not None and sensor not in trained_on:
+        raise ConfigError(unknown("sensor of the models", sensor, trained_on))
     return [
         name
         for name, card, weight in cards.list_cards(pattern)

@@ -253,18 +253,19 @@ class Model(nn.Module):
         sensor: Sensors = None,
         *,
         tap: Tap = "tokens",
-        layers: Sequence[int] | None = None,
+        layers: int | Sequence[int] | None = None,
         **options: Unpack[Batched],
     ) -> Any:
         """Features of clips at one of the encoder's taps, float32, with B in front for a batch.
 
         Arguments and errors are those of `encode`; ``tap`` is one of `taps.Tap`. With ``layers``, a
-        list: the outputs of these blocks, (L, width), or (C, H, W) of a convolutional network; -1
+        list of the outputs of these blocks, (L, width), or (C, H, W) of a convolutional network; -1
         is the last.
         """
         clips = Clips(frames, background, sensor, **options)
         if layers is not None:
-            return self.clips_reader.layered(layers, clips)
+            several = [layers] if isinstance(layers, int) else layers
+            return self.clips_reader.layered(several, clips)
         return self.clips_reader.tapped(tap, clips)
 
     def groups(
@@ -540,6 +541,49 @@ class Model(nn.Module):
             ends += some
             vectors.append(self.encode(batch, still, sensor, groups=groups, **options))
         return np.array(ends), torch.cat(vectors)
+
+    def force_video(
+        self,
+        video: Video,
+        background: Still = None,
+        sensor: str | None = None,
+        *,
+        calibration: Calibration | str | Path | None = None,
+        unit: ForceUnit | None = None,
+        hop: float = 0.2,
+        times: Times | None = None,
+        batch_size: int = 16,
+    ) -> tuple[Times, Tensor]:
+        """Forces along a video, each in the last frame of a clip.
+
+        Args:
+            video: A file, frames, or an array of them, as in `encode_video`.
+            background: Frame without contact; ``"first"`` is that of the video, where `force` of
+                one clip takes that of the clip.
+            sensor: Name of the sensor, as in `force`.
+            calibration: Calibration of this unit, or its file, as in `force`.
+            unit: Unit of the forces, as in `force`.
+            hop: Seconds between neighbouring forces; at least one frame.
+            times: float64, seconds of each frame, increasing; a file knows its own.
+            batch_size: Clips that are read and computed at once.
+
+        Returns:
+            float64 (n,), times, s, and float32 (n, 3), forces.
+
+        Raises:
+            ConfigError: As `force` and `encode_video`.
+            DataError: As `encode_video`.
+        """
+        check_batch_size(batch_size)
+        opened = open_video(video)
+        clips, still = self.cut(opened, hop, times), still_of(opened, background)
+        ends: list[float] = []
+        found: list[Tensor] = []
+        for some, batch in stacked(clips, batch_size):
+            ends += some
+            force = self.force(batch, still, sensor, calibration=calibration, unit=unit)
+            found.append(force[:, -1])
+        return np.array(ends), torch.cat(found)
 
     def stream(
         self,

@@ -322,7 +322,10 @@ def _pattern(
     others = {path.relative_to(root).parts[:-1] for path in files} - {
         path.parts[:-1] for path in paths
     }
-    above = "**/"
+    # of folders of several depths, those that all lie in: others are of another layout
+    folders_of = zip(*(path.parts[:-1] for path in paths), strict=False)
+    common = takewhile(lambda column: len({*column}) == 1, folders_of)
+    above = "".join(f"{column[0]}/" for column in common) + "**/"
     if len(depths) == 1:
         columns = list(zip(*(path.parts[:-1] for path in paths), strict=True))
         # a folder by its name where others lie beside it
@@ -349,7 +352,7 @@ def _pattern(
     }
     # a background that is used is no touch, whatever the pattern is
     is_listed |= any(not _BACKGROUND.search(PurePath(name).stem.lower()) for name in strangers)
-    if strangers and endings != [".npy"]:
+    if strangers and (endings != [".npy"] or patterns == [f"{above}*.npy"]):
         found: list[str] = []
         for ending in endings:
             own = [path.name for path in media if path.suffix.lower() == ending]

@@ -37,6 +37,12 @@ def test_the_same_data_elsewhere_and_other_data(tmp_path, capsys, monkeypatch):
     assert "data.root" in capsys.readouterr().err
     assert cli.run([*go_on, "data.root=job_2"]) == 0
     assert read_config(tmp_path / "run")["data"]["root"] == str(tmp_path / "job_2")
+    shutil.move("job_2", "job_4")
+    assert cli.run(["report", "run"]) == 1
+    assert cli.run(["report", "run", "data.root=job_4"]) == 0
+    assert cli.run(["report", "run"]) == 1, "the command before it leaves nothing behind"
+    shutil.move("job_4", "job_2")
+    capsys.readouterr()
     _videos(tmp_path / "job_3", (30, 35))
     assert cli.run(["train", "resume=run", "trainer.max_steps=3", "data.root=job_3"]) == 1
     assert "the recordings are not those of the run" in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -58,7 +59,7 @@ def inspect(
         sections.label_histograms(contents),
         issues.duplicates_section(contents),
         issues.suspicious_section(contents),
-        next_commands(_next(name)),
+        next_commands(_next(name, dataset)),
     ]
     write_text(
         path, html_page(f"Data set {name}", issues.top_section(name, contents, doubts), parts)
@@ -66,14 +67,20 @@ def inspect(
     return contents.findings
 
 
-def _next(name: str) -> list[tuple[str, str]]:
-    """Next commands for a data set."""
-    root = "" if name == "sim" else " data.root=DIR"
+def _next(name: str, dataset: Dataset) -> list[tuple[str, str]]:
+    """Next commands for a data set, with the objectives that it has labels for."""
+    where = shlex.quote(f"data.root={getattr(dataset, 'root', 'DIR')}")
+    root = "" if name == "sim" else f" {where}"
+    learned = ["pixel", "diff", *(["force"] if "force" in dataset.provides else [])]
+    objective = "" if name == "sim" else f" 'objective=[{','.join(learned)}]'"
     return [
         (f"tactileforge data check data={name}{root}", "the same checks as lines, for a script"),
         (
             f"tactileforge data pack data={name}{root} out=packed",
             "pack it into shards, read faster",
         ),
-        (f"tactileforge train data={name}{root} scale=demo", "train a small encoder on it"),
+        (
+            f"tactileforge train data={name}{root} scale=demo{objective}",
+            "train a small encoder on it",
+        ),
     ]
