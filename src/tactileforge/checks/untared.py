@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from tactileforge.checks.doubts import Suspicion
+from tactileforge.checks.doubts import RANGE, Suspicion
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.small import shrink, strongest
 from tactileforge.errors import ConfigError
@@ -43,6 +43,10 @@ def untared(recording: Recording) -> Suspicion | None:
     if not len(known) or rest.shape != recording.frames.shape:
         return None
     level = np.nanmax(np.abs(force[known]) / scale, axis=1)
+    if level.max() > RANGE:
+        return (
+            None  # its unit is wrong, which `force_out_of_range` says: grams of noise are no offset
+        )
     # the ends, where sensors usually rest, and the faintest force: the likeliest to show no contact
     rows = sorted({0, len(known) - 1, int(level.argmin())})
     if level[rows].max() <= _OFFSET:

@@ -261,6 +261,8 @@ def guess_force(
         columns = _numbered_forces(family) if lead else []
         if lead and columns[2] and is_for_all(family, units) and not family.key:
             said = f"frame: {lead!r}" if _counts(family, lead) else f"times: {lead!r}"
+            if not units.is_dated and date_unit(_numbers(family, lead)):
+                said += ", start: contact"
             doubts.append(
                 f"force: {family.template} has no names of columns, and a name that tells no "
                 f"forces; if it has some: force: {{file: {family.template!r}, {said}, "

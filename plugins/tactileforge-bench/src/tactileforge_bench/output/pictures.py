@@ -161,7 +161,8 @@ def _wrong(name: str, one: Predictions) -> Markup:
     shares = one.probability
     sure = {i: "" if shares is None else percent(shares[i, said[i]]) for i in wrong.tolist()}
     body = paragraph(
-        "The most certain ones first: those at the top may be labelled wrongly, so look at them."
+        "The most certain ones first: those at the top may be labelled wrongly, so look at them. "
+        "What trained the probe is not tested: of suite=classes, classes.folds=5 tests each image."
     )
     if one.pictures is not None:
         body += cards(
