@@ -571,8 +571,8 @@ class Model(nn.Module):
             float64 (n,), times, s, and float32 (n, 3), forces.
 
         Raises:
-            ConfigError: As `force` and `encode_video`.
-            DataError: As `encode_video`.
+            ConfigError: What `force` or `encode_video` refuses.
+            DataError: The video is one that `encode_video` cannot read.
         """
         check_batch_size(batch_size)
         opened = open_video(video)
