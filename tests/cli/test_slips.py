@@ -27,6 +27,10 @@ def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
     ("words", "message"),
     [
         (["report", "nowhere"], "nowhere: no config.yaml there; give the folder of a run"),
+        (
+            ["train", "callbacks.early_stopping.patience=3"],
+            "callback 'early_stopping' is not chosen; callbacks=[early_stopping] chooses it",
+        ),
         (["train", "--cfg", "jbo"], "unknown value of --cfg 'jbo'; did you mean 'job'"),
         (["train", "--info", "plugin"], "unknown value of --info 'plugin'; did you mean 'plugins'"),
         (["bench", "model=[file:no]"], "no: no such file; correct the path"),

@@ -200,6 +200,12 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
         config = composed(name, chosen)
     except HydraException:  # an option is unknown as well
         return f"unknown key {key!r}"
+    group, _, rest = key.partition(".")
+    if group == "callbacks" and rest and not config.get(group):
+        name = rest.partition(".")[0]
+        return (
+            f"nothing reads {key}: callback {name!r} is not chosen; callbacks=[{name}] chooses it"
+        )
     fix = ""
     if re.match(r"(data|tasks|curriculum)\..", key):  # blocks with names of the user's own
         fix = f". A key that is new: +{key}=..."
