@@ -155,9 +155,13 @@ def test_a_job_that_fails_leaves_the_table_of_those_before(
     Path("s/0").mkdir(parents=True)
     job = JobReturn(_return_value=0.5, status=JobStatus.COMPLETED)
     SweepTable().on_job_end(OmegaConf.create({"hydra": done}), job)
-    failed = OmegaConf.create({"hydra": done | {"job": {"num": 1}}})
-    SweepTable().on_job_end(failed, JobReturn(status=JobStatus.FAILED))
-    assert Path("s/sweep.csv").read_text().split() == ["job,loss", "0,0.5"]
+    Path("s/1").mkdir()
+    other = {"job": {"num": 1}, "runtime": {"output_dir": "s/1"}}
+    failed = OmegaConf.create({"hydra": done | other})
+    job = JobReturn(_return_value=ConfigError("no room"), status=JobStatus.FAILED)
+    SweepTable().on_job_end(failed, job)
+    rows = ["job,loss,failed", "0,0.5,", "1,,no room"]
+    assert Path("s/sweep.csv").read_text().splitlines() == rows
 
 
 def test_words_that_sweeps_and_flags_are_given() -> None:

@@ -437,7 +437,7 @@ def test_a_video_of_too_many_pixels_is_refused_before_one_is_decoded(
     ],
 )
 def test_a_time_that_is_there_twice_changes_no_other(given: list[float], want: list[float]) -> None:
-    np.testing.assert_allclose(video_index._spread_times(np.array(given), 30.0), want)
+    np.testing.assert_allclose(video_index.spread_times(np.array(given), 30.0), want)
 
 
 @pytest.mark.parametrize(

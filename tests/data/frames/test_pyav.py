@@ -108,7 +108,7 @@ def test_other_codecs_stay_with_opencv(tmp_path: Path) -> None:
     write(path, "mpeg4")
     index = read_index(str(path))
     assert index.codec not in pyav.CODECS
-    assert isinstance(video._cursor(str(path), index), video._OpenCvCursor)
+    assert isinstance(video._cursor(str(path), index, 0), video._OpenCvCursor)
     assert cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT) == COUNT
 
 

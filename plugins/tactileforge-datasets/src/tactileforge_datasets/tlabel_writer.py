@@ -66,10 +66,10 @@ def write_tlabel(
                     skipped.append(f"{recording.key}: left out, as it has no {lacks}")
                     continue
                 frames = _frames(recording, contact)
-                place = part / split / f"{counts['files']:06d}.json"
-                place.parent.mkdir(parents=True, exist_ok=True)
+                file = part / split / f"{counts['files']:06d}.json"
+                file.parent.mkdir(parents=True, exist_ok=True)
                 about = _about(recording, split, frames)
-                place.write_text(json.dumps(about, ensure_ascii=False, allow_nan=False), "utf-8")
+                file.write_text(json.dumps(about, ensure_ascii=False, allow_nan=False), "utf-8")
                 counts["files"] += 1
                 counts["frames"] += len(frames)
                 counts["left out"] += len(recording.frames) - len(frames)
