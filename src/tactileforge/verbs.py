@@ -245,7 +245,7 @@ def _words_of(key: str, value: Any) -> Iterator[str]:
 def _plain(value: Any) -> str:
     """A value in Hydra's grammar; names stay bare, so that they can choose options."""
     if isinstance(value, type) or isroutine(value) or hasattr(value, "state_dict"):
-        return local.given(value)
+        return local.name_of(value)
     if isinstance(value, PathLike):
         return hydra_value(fspath(value))
     if isinstance(value, str) and _NAME.fullmatch(value):

@@ -46,7 +46,7 @@ def stuck(force: NDArray[np.floating], times: NDArray[np.float64]) -> str:
 
 
 def cut_off(force: NDArray[np.floating], axis: int) -> float | None:
-    """Largest force along an axis, N, where it stays there to the bit as nowhere else.
+    """Largest force along an axis, N, if held exactly, unlike smaller ones.
 
     Args:
         force: Forces, (T, 3), N.

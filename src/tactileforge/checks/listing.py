@@ -46,8 +46,8 @@ def chosen(
         ConfigError: No check has such a code.
 
     Example:
-        >>> [check.code for check in chosen(select=["TF2"], ignore=["TF2"])]
-        []
+        >>> [check.code for check in chosen(select=["TF2"], ignore=["TF20"])]
+        ['TF210']
         >>> [check.name for check in chosen(select=["TF202", "mirrored"])]
         ['pulling_force', 'mirrored']
     """

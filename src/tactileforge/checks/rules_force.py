@@ -252,7 +252,7 @@ class FaintForce(Check):
 
 
 class ForceCutOff(Check):
-    """Forces that end at one value in several recordings."""
+    """Forces clipped at one value in several recordings."""
 
     code, level, needs = CODES["force_cut_off"], "warning", frozenset({"forces", "several"})
     title = "Forces are cut off"

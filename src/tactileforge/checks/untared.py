@@ -43,10 +43,8 @@ def untared(recording: Recording) -> Suspicion | None:
     if not len(known) or rest.shape != recording.frames.shape:
         return None
     level = np.nanmax(np.abs(force[known]) / scale, axis=1)
-    if level.max() > RANGE:
-        return (
-            None  # its unit is wrong, which `force_out_of_range` says: grams of noise are no offset
-        )
+    if level.max() > RANGE:  # of another unit, as `force_out_of_range` says: no offset
+        return None
     # the ends, where sensors usually rest, and the faintest force: the likeliest to show no contact
     rows = sorted({0, len(known) - 1, int(level.argmin())})
     if level[rows].max() <= _OFFSET:

@@ -73,7 +73,6 @@ def check_plugins(config: DictConfig) -> None:
 def check_command(
     keys: type | None,
     groups: Collection[str],
-    late: bool,
     config: DictConfig,
     typed: Sequence[str],
 ) -> None:
@@ -82,7 +81,6 @@ def check_command(
     Args:
         keys: Dataclass of the verb's keys; None if it has none.
         groups: Groups of options that it takes.
-        late: Whether a package runs it, with keys of its own.
         config: Its composed configuration.
         typed: ``key=value`` words of the user.
 
@@ -91,8 +89,6 @@ def check_command(
     """
     own = {spec.name for spec in fields(keys)} if keys else set()
     own |= {*groups, "scale"} if "data" in groups else {*groups}
-    if late:
-        return
     # a preset of data may bring keys that training alone reads; nobody types them here
     given = {*own, *_training_tree()} if "data" in groups else own
     known = [key for key in dotted_keys(config) if key.partition(".")[0] in own]

@@ -1,4 +1,4 @@
-"""Data of a run that lies elsewhere now: ``data.root=NEW`` with ``resume=``, and for ``report``."""
+"""Moved data of a run: ``data.root=NEW`` with ``resume=``, and for ``report``."""
 
 from __future__ import annotations
 

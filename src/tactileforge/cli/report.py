@@ -22,7 +22,7 @@ class _Report:
 
 
 def _report(keys: _Report, _: dict[str, Any]) -> None:
-    """Writes the report of a run again; data.root=NEW where its data has moved."""
+    """Writes the report of a run again; data.root=NEW for moved data."""
     from tactileforge.report.run import report_of_run
 
     print(f"report: {report_of_run(Path(keys.run), lambda config: put_in(config, _moved))}")

@@ -57,12 +57,10 @@ def _run(config: dict[str, Any], folder: Path, sweeps: bool = False) -> float:
         if not kept:
             early = "" if "step" in said else " before the first step"
             said += f"{early}; nothing was saved"
-        own = [f"code={name}" for name in _own_names(config)]
-        again = command("train", f"resume={folder}", *own) if kept else "the same command again"
+        again = _onward(config, folder) if kept else "the same command again"
         raise KeyboardInterrupt(f"{said}; go on with: {again}") from stop
     if is_time_over(module.trainer):
-        step, own = module.trainer.global_step, [f"code={name}" for name in _own_names(config)]
-        again = command("train", f"resume={folder}", *own)
+        step, again = module.trainer.global_step, _onward(config, folder)
         print(f"trainer.max_time is over at step {step} of {module.total}; go on with: {again}")
     try:
         return metric(module, config.get("optimized_metric"))
@@ -86,6 +84,11 @@ def resumed(config: dict[str, Any], typed: Sequence[str]) -> dict[str, Any]:
         group, key = path.split(".")
         run[group] = {**run[group], key: config[group][key]}
     return run
+
+
+def _onward(config: dict[str, Any], folder: Path) -> str:
+    """Command that resumes a run, with the user's own classes in it."""
+    return command("train", f"resume={folder}", *(f"code={n}" for n in _own_names(config)))
 
 
 def _own_names(node: Any) -> list[str]:

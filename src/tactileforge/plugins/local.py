@@ -123,22 +123,8 @@ def keep(name: str, value: Any) -> None:
     _known[name] = value
 
 
-def given(value: Any) -> str:
-    """Name of a class, or of a finished instance, that `resolve` gives back for it.
-
-    Example:
-        >>> from tactileforge.errors import ConfigError
-        >>> given(ConfigError)
-        'tactileforge.errors:ConfigError'
-    """
-    kind = value if hasattr(value, "__qualname__") else type(value)
-    name = f"{kind.__module__}:{kind.__qualname__}"
-    _known[name] = value
-    return name
-
-
 def name_of(value: Any) -> str:
-    """Name of a class or function, which is known by it from now on.
+    """Name for a class, function or finished instance, known by it from now on.
 
     Example:
         >>> from tactileforge.errors import ConfigError

@@ -509,7 +509,7 @@ def _odd_ones(media: Sequence[Path]) -> list[Path]:
 
 
 def _crops(boxes: Sequence[Box], sensor: str, doubts: list[str]) -> dict[str, Any]:
-    """Keys of the parts of pictures that are put together of several."""
+    """Keys of the tiles of composite pictures."""
     if not boxes:
         return {}
     rows, columns = (len({box[axis] for box in boxes}) for axis in (1, 0))
@@ -533,7 +533,7 @@ def _boxes(path: Path) -> list[Box]:
 
 
 def tiles(pictures: NDArray[np.uint8]) -> list[Box]:
-    """Parts of pictures that are put together of several of one size; [] for others.
+    """Tiles of composite pictures, of one size; [] for others.
 
     Parts meet in an edge across the whole picture. Dark bars with captions are no part of them.
 

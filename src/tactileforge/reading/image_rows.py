@@ -119,7 +119,7 @@ class ImageRows:
 
     @cached_property
     def _alone(self) -> set[str]:
-        """Ends of paths that one image alone has."""
+        """Ends of paths unique to one image."""
         ends = Counter(end for image in self.images for end in self._ends(image))
         return {end for end, count in ends.items() if count == 1}
 

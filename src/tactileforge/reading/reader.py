@@ -105,7 +105,7 @@ class LayoutReader:
         return self._without_backgrounds(touches)
 
     def again(self) -> LayoutReader:
-        """A reader of the same files, for another split, that has opened none."""
+        """A fresh reader of the same files, for another split."""
         other = copy(self)
         other.tagged = (0, 0)
         return other

@@ -105,7 +105,7 @@ def write_report(
 
 
 def _next(folder: Path, steps: int, planned: int, data: TouchData) -> list[tuple[str, str]]:
-    """Commands that go on from a run, which may have ended before its planned number of steps."""
+    """Next commands for a run, also for one ended before its planned number of steps."""
     run = shlex.quote(folder.as_posix())
     sensors = data.summary("train").sensors
     sensor = sensors[0] if sensors else "SENSOR"

@@ -99,7 +99,7 @@ _ENCODER = ("frames", "image_size", "sensors", "width", "projected", "views")
 
 
 def check_encoder(encoder: Any, name: str) -> None:
-    """Checks that an encoder has what training reads of it.
+    """Checks an encoder for the attributes read in training.
 
     Raises:
         ConfigError: It is not one of touch, or lacks something.

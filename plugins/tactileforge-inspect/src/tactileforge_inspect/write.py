@@ -68,7 +68,7 @@ def inspect(
 
 
 def _next(name: str, dataset: Dataset) -> list[tuple[str, str]]:
-    """Next commands for a data set, with the objectives that it has labels for."""
+    """Next commands for a data set, with objectives for its labels."""
     where = shlex.quote(f"data.root={getattr(dataset, 'root', 'DIR')}")
     root = "" if name == "sim" else f" {where}"
     learned = ["pixel", "diff", *(["force"] if "force" in dataset.provides else [])]

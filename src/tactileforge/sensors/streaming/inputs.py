@@ -33,7 +33,7 @@ class Reading(Protocol):
 
     @property
     def force(self) -> Tensor | None:
-        """float32 (T - 1, 3), in the `ForceUnit` that was asked for; None without forces."""
+        """float32 (T - 1, 3), in the requested `ForceUnit`; None without forces."""
         ...
 
     @property
