@@ -102,15 +102,39 @@ def test_a_row_of_nothing_names_the_nearest(
 def test_a_row_of_something_else_is_an_error(tmp_path: Path, make_image: Make, write: Make) -> None:
     make_image("take/0.png")
     write("notes.txt", "")
-    write("labels.csv", "file,object\ntake,bolt\n")
+    (tmp_path / "empty").mkdir()
     layout = TOUCH | {"images": "*/*.png"}
-    with pytest.raises(DataError, match=r"'take' names nothing that layout 'a' reads"):
-        read(tmp_path, **layout)
-    write("labels.csv", "file,object\nnotes.txt,bolt\n")
-    with pytest.raises(DataError, match=r"'notes\.txt' names nothing that layout 'a' reads"):
-        read(tmp_path, **layout)
+    for name in ("notes.txt", "empty"):
+        write("labels.csv", f"file,object\n{name},bolt\n")
+        with pytest.raises(DataError, match=rf"'{name}' names nothing that layout 'a' reads"):
+            read(tmp_path, **layout)
     write("labels.csv", "file,object\nnotes.txt,bolt\ntake/0.png,nut\n")
     assert read(tmp_path, **layout)[0].object == "nut", "a file of another layout, beside its own"
+
+
+@pytest.mark.parametrize("spelled", ["s/take", "take", ".\\s\\take", "take/"])
+def test_a_row_that_names_a_folder_is_of_what_lies_in_it(
+    tmp_path: Path, make_image: Make, write: Make, spelled: str
+) -> None:
+    for name in ("s/take/0.png", "s/take/near/1.png", "s/take/near/2.png", "t/3.png"):
+        make_image(name)
+    rows = f"{spelled},bolt\nnear,nut\n2.png,key\n"
+    write("labels.csv", f"file,object\n{rows}")
+    found = read(tmp_path, **TOUCH | {"images": "**/*.png"})
+    assert {one.key.rpartition("/")[2]: one.object for one in found} == {
+        "0.png": "bolt",
+        "1.png": "nut",  # of the nearest folder
+        "2.png": "key",  # its own row counts
+        "3.png": None,
+    }
+
+
+def test_a_name_of_two_folders_is_an_error(tmp_path: Path, make_image: Make, write: Make) -> None:
+    make_image("left/take/0.png")
+    make_image("right/take/0.png")
+    write("labels.csv", "file,object\ntake,bolt\n")
+    with pytest.raises(DataError, match="'take' names no file"):
+        read(tmp_path, **TOUCH | {"images": "*/*/*.png"})
 
 
 def test_two_spellings_of_one_file_are_two_rows(

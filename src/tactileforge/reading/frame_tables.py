@@ -205,7 +205,8 @@ class FrameTables:
                         f"{where}: {table.key} {cells[table.key]!r} names no recording, or several "
                         f"(one that there is: {near[0]!r}); correct the row, or remove it"
                     )
-                grouped.setdefault(names[told[cells[table.key]]], []).append((where, cells))
+                for name in told[cells[table.key]]:
+                    grouped.setdefault(names[name], []).append((where, cells))
             self._shared[path, table.key] = grouped
         return self._shared[path, table.key].get(paths[0] if is_film else paths[0].parent, [])
 

@@ -375,7 +375,7 @@ def _clock_apart(family: Family, units: Units, doubts: list[str]) -> dict[str, A
     """Keys of a table for all whose rows name recordings; None if they tell no frame or time."""
     key, names = str(family.apart), recordings(units)
     told = recordings_of([row[key] for row in family.rows], names)
-    own = [row for row in family.rows if told.get(row[key]) == names[0]]
+    own = [row for row in family.rows if names[0] in told.get(row[key], ())]
     if units.each == "touch":
         frame = family.column(_FRAME)
         clock = {"frame": frame} if frame else None
@@ -417,11 +417,24 @@ def guess_labels(
                 labels["key"] = family.key
             best = len(given), {"labels": labels, **given}, family
     if best is None:
-        return {}, []
+        return _other_columns(found, doubts)
     _, keys, family = best
     named = " and ".join(name for name in keys if name != "labels")
     doubts.append(f"labels: {named} by {family.template}")
     return keys, [family]
+
+
+def _other_columns(
+    found: Sequence[Family], doubts: list[str]
+) -> tuple[dict[str, Any], list[Family]]:
+    """Keys of a table of the recordings' names whose columns say nothing that is known."""
+    for family in found:
+        known = {family.key, _time_column(family), *_force_columns(family)}
+        columns = [name for name in family.rows[0] if name not in known]
+        if family.key and "*" not in family.template and columns:
+            doubts.append(f"labels: {', '.join(columns[:5])} by {family.template}")
+            return {"labels": {"file": family.template, "key": family.key}}, [family]
+    return {}, []
 
 
 def guess_shared(

@@ -7,6 +7,7 @@ import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
+from functools import cached_property
 from pathlib import Path
 from posixpath import normpath
 
@@ -120,9 +121,10 @@ def match_labels(
 
     Rows may write a file with ``./``, with backslashes, as an absolute path, from the folder of the
     CSV on, in another case, without its ending, or by the end of the path or its name alone if that
-    is unique; of an absolute path of another machine the end counts, with a folder or more. For a
-    touch that is a folder, a row names the folder or one of its images. Labels in a file of its own
-    (``{folder}/meta.json``) are one row, or rows of its images.
+    is unique; of an absolute path of another machine the end counts, with a folder or more. A row
+    that names a folder is of all touches in it that have no row of their own; for a touch that is a
+    folder, a row may name one of its images. Labels in a file of its own (``{folder}/meta.json``)
+    are one row, or rows of its images.
 
     Args:
         layout: The layout.
@@ -143,9 +145,16 @@ def match_labels(
             images |= dict.fromkeys((path.relative_to(folder).as_posix() for path in paths), name)
     names = _Names([*files, *images], folder, (folder / (layout.labels or "")).parent)
     of_touch: dict[str, dict[str, LabelRow]] = {}
+    of_folder: dict[str, tuple[int, LabelRow]] = {}
     missed = []
     for written, row in rows.items():
         found = names.find(written)
+        if found is None and (inside := names.inside(written)):
+            for name in inside:
+                # of two folders, the one that lies in the other: it holds less
+                if name not in of_folder or len(inside) < of_folder[name][0]:
+                    of_folder[name] = len(inside), row
+            continue
         if found is None:
             missed.append((written, row))
             continue
@@ -153,6 +162,9 @@ def match_labels(
         if found in mine:
             raise DataError(f"{row.where}: {found!r} has a row already ({mine[found].where})")
         mine[found] = replace(row, words={**row.words, **_names(found, layout)})
+    for name, (_, row) in of_folder.items():
+        if (touch := images.get(name, name)) not in of_touch:
+            of_touch[touch] = {name: replace(row, words={**row.words, **_names(name, layout)})}
     elsewhere = names_below(folder) if missed else frozenset()
     for written, row in missed:
         plain = names.plain(written)
@@ -268,6 +280,24 @@ class _Names:
             or self._short.get(inside)
             or moved_path(plain, self._exact, self._folder)
         )
+
+    def inside(self, written: str) -> list[str]:
+        """The touches in the folder named by a row, by its path or the end of it; [] for none."""
+        place = self._folders_by_name.get(_composed(self.plain(written)).rstrip("/"))
+        return [name for key, name in self._exact.items() if key.startswith(f"{place}/")]
+
+    @cached_property
+    def _folders_by_name(self) -> dict[str, str | None]:
+        """Folders of touches by their paths and the ends of these; None where several have it."""
+        folders: set[str] = set()
+        for path in {plain.rpartition("/")[0] for plain in self._exact}:
+            parts = path.split("/") if path else []
+            folders |= {"/".join(parts[:i]) for i in range(1, len(parts) + 1)}
+        found: dict[str, str | None] = {}
+        for path in folders:
+            for end in {path, *ends_of(path)}:
+                found[end] = path if found.get(end, path) == path else None
+        return found | {path: path for path in folders}
 
     def any_below(self, folder: str) -> bool:
         """Whether a touch lies in a folder."""

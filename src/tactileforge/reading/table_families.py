@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path, PurePath
 from typing import TypeAlias
 
@@ -120,6 +120,7 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
     names = {path.name for paths in units.files.values() for path in paths}
     names |= {parts[-1] for parts in units.files if parts}
     names |= {ENDING.sub("", name) for name in names}
+    folders = {part for parts in units.files for part in parts[:-1]}
     out = []
     for family in templates(tables, units):
         path = family.files[0]
@@ -134,6 +135,8 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
         if not family.rows:
             continue
         family.key = family.key or _key(family.rows, names)
+        if not family.key and len(family.rows) > 1 and len(family.files) == 1:
+            family.key = _key(family.rows, folders, are_rows=True)
         if len(family.files) == 1 and family.key and "*" not in family.template:
             family.template = family.files[0].relative_to(units.root).as_posix()
         family.apart = _apart(family, units)
@@ -260,19 +263,23 @@ def _apart(family: Family, units: Units) -> str | None:
         told = recordings_of(cells, names)
         # numbers may count anything: as those of recordings, by the name of their column alone
         is_named = not all(map(str.isdecimal, told)) or RECORDING.fullmatch(title.strip().lower())
-        are_all = len({*told.values()}) >= _ABOUT * len(names) and {*cells} <= told.keys()
+        are_all = (
+            len({*chain.from_iterable(told.values())}) >= _ABOUT * len(names)
+            and {*cells} <= told.keys()
+        )
         if told and is_named and are_all and len(cells) > len({*cells}):
             return title
     return None
 
 
-def _key(rows: Cells, names: set[str]) -> str | None:
-    """Column with the names of files; None without one."""
+def _key(rows: Cells, names: set[str], are_rows: bool = False) -> str | None:
+    """Column with the names of files, with ``are_rows`` another in each row; None without one."""
     if len(rows) == 1:  # "digit", beside digit.mp4, is a word of its own
         names = {name for name in names if "." in name}
     for title in rows[0]:
         cells = [row[title] for row in rows if stated(row[title])]
         found = {cell for cell in cells if cell.replace("\\", "/").rpartition("/")[2] in names}
-        if cells and len(found) >= _ABOUT * len(cells):  # each once: zeros are no names
+        # each once: zeros are no names
+        if cells and len(found) >= _ABOUT * len(rows if are_rows else cells):
             return title
     return None

@@ -7,15 +7,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import PurePosixPath
 
 from tactileforge.reading.label_rows import ends_of
+from tactileforge.reading.series import SIDES
 
 _NUMBERED = re.compile(r".*?(\d+)")
 
 
-def recordings_of(cells: Iterable[str], names: Sequence[str]) -> Mapping[str, str]:
-    """The recording that each cell names; cells that name none, or several, are left out.
+def recordings_of(cells: Iterable[str], names: Sequence[str]) -> Mapping[str, Sequence[str]]:
+    """The recordings that each cell names; cells that name none, or another each, are left out.
 
-    A cell is the path of a recording, the end of it or its name, with or without the ending; or,
-    where all cells are whole numbers, the number at the end of its name.
+    A cell is the path of a recording, the end of it or its name, with or without the ending, or
+    that of a folder with one recording, or with those of several sensors (``left``, ``right``);
+    or, where all cells are whole numbers, the number at the end of such a name.
 
     Args:
         cells: Cells of a column.
@@ -23,26 +25,58 @@ def recordings_of(cells: Iterable[str], names: Sequence[str]) -> Mapping[str, st
 
     Example:
         >>> recordings_of(["mug", "bolt"], ["left/mug", "left/bolt.mp4"])
-        {'mug': 'left/mug', 'bolt': 'left/bolt.mp4'}
+        {'mug': ['left/mug'], 'bolt': ['left/bolt.mp4']}
         >>> recordings_of(["3", "10"], ["trial_003", "trial_010"])
-        {'3': 'trial_003', '10': 'trial_010'}
+        {'3': ['trial_003'], '10': ['trial_010']}
+        >>> recordings_of(["t0"], ["t0/left.mp4", "t0/right.mp4", "t1/left.mp4"])
+        {'t0': ['t0/left.mp4', 't0/right.mp4']}
     """
     written = [*dict.fromkeys(cells)]
-    found: dict[str, str] = {}
-    for name in dict.fromkeys(names):
-        bare = str(PurePosixPath(name).with_suffix("")) if name != "." else name
-        for spelling in {name, bare, *ends_of(name), *ends_of(bare)}:
-            found[spelling] = "" if found.get(spelling, name) != name else name
+    titles = {name: [name] for name in names}, _folders(names)
+    named = _by_ends(titles[0], has_ending=True), _by_ends(titles[1])
     told = {
-        cell: found[text]
+        cell: found
         for cell in written
-        if found.get(text := cell.replace("\\", "/").removeprefix("./").rstrip("/"))
+        if (text := cell.replace("\\", "/").removeprefix("./").rstrip("/"))
+        and (found := named[0].get(text) or named[1].get(text))
     }
     if told or not all(map(str.isdecimal, written)):
         return told
-    numbers: dict[int, str] = {}
+    for one in titles:
+        numbers: dict[int, list[str]] = {}
+        for title, members in one.items():
+            if match := _NUMBERED.fullmatch(PurePosixPath(title).stem):
+                number = int(match[1])
+                numbers[number] = [] if number in numbers else members
+        if told := {cell: numbers[int(cell)] for cell in written if numbers.get(int(cell))}:
+            return told
+    return {}
+
+
+def _by_ends(titles: Mapping[str, list[str]], has_ending: bool = False) -> dict[str, list[str]]:
+    """Values by each end of a path, [] where several paths have it."""
+    found: dict[str, list[str]] = {}
+    for title, members in titles.items():
+        spellings = {title, *ends_of(title)}
+        if has_ending and title != ".":
+            bare = str(PurePosixPath(title).with_suffix(""))
+            spellings |= {bare, *ends_of(bare)}
+        for spelling in spellings:
+            found[spelling] = [] if found.get(spelling, members) != members else members
+    return found
+
+
+def _folders(names: Iterable[str]) -> dict[str, list[str]]:
+    """The recordings of each folder with one, or with those of several sensors."""
+    found: dict[str, list[str]] = {}
     for name in dict.fromkeys(names):
-        if match := _NUMBERED.fullmatch(PurePosixPath(name).stem):
-            number = int(match[1])
-            numbers[number] = "" if number in numbers else name
-    return {cell: numbers[int(cell)] for cell in written if numbers.get(int(cell))}
+        for folder in PurePosixPath(name).parents:
+            found.setdefault(str(folder), []).append(name)
+    return {
+        folder: inside
+        for folder, inside in found.items()
+        if folder != "."
+        and (
+            len(inside) == 1 or all(SIDES.fullmatch(PurePosixPath(x).stem.lower()) for x in inside)
+        )
+    }

@@ -18,6 +18,8 @@ LARGEST_GAP = 2.5
 _ALIKE = 0.03
 #: Smallest spread of a moving signal, as a share of its size; below it is rounding.
 _STILL = 1e-6
+#: Rounding of times that are written to the millisecond, s.
+_ROUNDING = 0.0005
 
 
 @dataclass(frozen=True)
@@ -212,7 +214,8 @@ def resample(
         values: Measured values, float (n, C).
 
     Returns:
-        float64 (m, C); NaN before the first time, after the last, in gaps and beside a NaN.
+        float64 (m, C); NaN before the first time, after the last, in gaps and beside a NaN. Half a
+        millisecond beyond an end is rounding, of times that were written to the millisecond.
 
     Example:
         >>> force = np.array([[0.0], [1.0]])
@@ -222,7 +225,7 @@ def resample(
     out = np.stack([_interpolate(clock, times, column) for column in values.T], axis=1)
     steps = np.diff(times)
     after = np.searchsorted(times, clock).clip(1, max(1, len(times) - 1))
-    outside = (clock < times[0]) | (clock > times[-1])
+    outside = (clock < times[0] - _ROUNDING) | (clock > times[-1] + _ROUNDING)
     if len(steps):
         # a time of the clock that was measured keeps its value, also at the edge of a gap
         outside |= (steps[after - 1] > LARGEST_GAP * np.median(steps)) & ~np.isin(clock, times)
