@@ -28,9 +28,9 @@ from tactileforge.errors import (
     TactileForgeError,
 )
 from tactileforge.hub import files
-from tactileforge.hub.allowance import Allowance
 from tactileforge.hub.files import make_header, open_encoder, save_checkpoint
 from tactileforge.hub.header import Header, read_header
+from tactileforge.hub.size_limit import Allowance
 
 
 def rewrite(path: Path, change: Callable[[dict[str, Any]], None]) -> None:

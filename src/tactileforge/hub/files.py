@@ -14,10 +14,10 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.hub.allowance import Allowance
 from tactileforge.hub.file_checks import build, check_nodes, check_plugin, towers_of
 from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
+from tactileforge.hub.size_limit import Allowance
 from tactileforge.plugins import registry
 from tactileforge.util.files import disk_errors_named, new_part, sync, usual_mode
 

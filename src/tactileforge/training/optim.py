@@ -161,25 +161,6 @@ class AdamW:
         return torch.optim.AdamW(groups, lr=self.lr, betas=self.betas, fused=fused)
 
 
-def linear(step: int, warm: int, total: int) -> float:
-    """Linear warm-up, then a linear decay to 0 at the end of the run."""
-    # + 1: the first step of a warm-up from 0 would be lost, as its rate is 0
-    return max(0.0, min((step + 1) / warm, (total - step) / max(1, total - warm + 1)))
-
-
-def cosine(step: int, warm: int, total: int) -> float:
-    """Linear warm-up from 0, then half a cosine to 0 (Loshchilov and Hutter, 2017)."""
-    if step < warm:
-        return step / warm
-    share = min(1.0, (step - warm) / max(1, total - warm))
-    return 0.5 * (1.0 + math.cos(math.pi * share))
-
-
-def constant(step: int, warm: int, total: int) -> float:
-    """Linear warm-up from 0, then the full learning rate."""
-    return min(1.0, step / warm)
-
-
 def set_rate(schedule: torch.optim.lr_scheduler.LambdaLR) -> None:
     """Sets the learning rate of the schedule's current step.
 

@@ -1,4 +1,4 @@
-"""Further courses of the learning rate: a factor of it, by the step of the run."""
+"""Courses of the learning rate: a factor of it, by the step of the run."""
 
 from __future__ import annotations
 
@@ -6,13 +6,32 @@ import math
 
 
 def _warmed(step: int, warm: int) -> float | None:
-    """Linear warm-up, as in `optim.linear`; None after it."""
+    """Linear warm-up, as in `linear`; None after it."""
     return (step + 1) / warm if step < warm else None
 
 
 def _share(step: int, warm: int, total: int) -> float:
     """Share of the steps after the warm-up, 0 to 1."""
     return min(1.0, max(0.0, (step - warm) / max(1, total - warm)))
+
+
+def linear(step: int, warm: int, total: int) -> float:
+    """Linear warm-up, then a linear decay to 0 at the end of the run."""
+    # + 1: the first step of a warm-up from 0 would be lost, as its rate is 0
+    return max(0.0, min((step + 1) / warm, (total - step) / max(1, total - warm + 1)))
+
+
+def cosine(step: int, warm: int, total: int) -> float:
+    """Linear warm-up from 0, then half a cosine to 0 (Loshchilov and Hutter, 2017)."""
+    if step < warm:
+        return step / warm
+    share = min(1.0, (step - warm) / max(1, total - warm))
+    return 0.5 * (1.0 + math.cos(math.pi * share))
+
+
+def constant(step: int, warm: int, total: int) -> float:
+    """Linear warm-up from 0, then the full learning rate."""
+    return min(1.0, step / warm)
 
 
 def polynomial(step: int, warm: int, total: int) -> float:

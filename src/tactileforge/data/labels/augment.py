@@ -17,7 +17,11 @@ from torch import Tensor, nn
 
 from tactileforge.contracts import ACTIONS, Batch, Column
 from tactileforge.data.labels import displacement, pixels
-from tactileforge.data.labels.directions import LANGUAGES, mirrored_caption, undeclared_words
+from tactileforge.data.labels.caption_directions import (
+    LANGUAGES,
+    mirrored_caption,
+    undeclared_words,
+)
 from tactileforge.data.labels.turns import (
     SLIDE_SLACK,
     flip_labels,
@@ -75,7 +79,7 @@ class Augment(nn.Module):
     scale move the picture as another place or lens of the camera would: newtons, millimetres and
     poses stay. Clips of taxel arrays stay unchanged. Clips marked ``upright``, and those that
     are paired with one of these or of an array, are not mirrored, turned, shifted or scaled.
-    Captions follow: see `directions.mirrored_caption`.
+    Captions follow: see `caption_directions.mirrored_caption`.
 
     Args:
         horizontal: Chance of a flip left to right.
@@ -89,7 +93,7 @@ class Augment(nn.Module):
         noise: Largest deviation of the noise of frames, grey levels of 255.
         chance: Share of the clips for which each of these seven is drawn, by name; 1 where absent.
         jitter: Largest relative change of brightness, contrast and saturation; 0 for none.
-        languages: Languages of captions, of `directions.LANGUAGES`.
+        languages: Languages of captions, of `caption_directions.LANGUAGES`.
 
     Raises:
         ConfigError: A chance or range is out of bounds, or a name in ``chance`` or a language is

@@ -57,10 +57,17 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
     heads = [
         ColumnHead(task.title if task.counted else f"({task.title})", task.main) for task in tasks
     ]
+    metrics = gate.left_out(results)
+    unjudged = ", ".join(
+        f"{t.title} ({metrics[t.name]})" for t in results.tasks if t.name in metrics
+    )
+    more = (
+        f" Not judged, since the main metric is no sum over clips: {unjudged}." if unjudged else ""
+    )
     return Table(
         name="gate",
         title=f"Release gate: {results.suite}",
-        caption=_CAPTION,
+        caption=_CAPTION + more,
         head=[
             ColumnHead("Model"),
             ColumnHead("tokens"),

@@ -62,6 +62,11 @@ def gate_tasks(results: Results) -> list[ResultTask]:
     return [task for task in results.tasks if task.main in METRICS]
 
 
+def left_out(results: Results) -> dict[str, str]:
+    """Main metrics of the tasks that the gate cannot judge, by name; see `gate_tasks`."""
+    return {task.name: task.main for task in results.tasks if task.main not in METRICS}
+
+
 def compute_gate(folder: Path, results: Results) -> list[GateRow]:
     """Rows of the gate: every model in every task and in their mean, with each kind of features.
 
@@ -223,6 +228,7 @@ def gate_to_plain(gate_rows: Sequence[GateRow], results: Results) -> dict[str, A
             for task in gate_tasks(results)
         }
         | {MEAN: {"title": "Mean of all tasks", "metric": MEAN}},
+        "left_out": left_out(results),
         "models": {
             name: outcome
             | {key: models[name].facts.get(key, []) for key in ("trained_on", "seen_of_held_out")}

@@ -4,7 +4,11 @@ import pytest
 import torch
 
 from tactileforge.data.labels.augment import Augment, fill_captions
-from tactileforge.data.labels.directions import LANGUAGES, mirrored_caption, undeclared_words
+from tactileforge.data.labels.caption_directions import (
+    LANGUAGES,
+    mirrored_caption,
+    undeclared_words,
+)
 from tactileforge.errors import ConfigError
 
 
