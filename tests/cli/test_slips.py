@@ -31,6 +31,10 @@ def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
             ["train", "callbacks.early_stopping.patience=3"],
             "callback 'early_stopping' is not chosen; callbacks=[early_stopping] chooses it",
         ),
+        (
+            ["train", "data=."],
+            "data=. is a path: videos and images are data=recordings data.root=.",
+        ),
         (["train", "--cfg", "jbo"], "unknown value of --cfg 'jbo'; did you mean 'job'"),
         (["train", "--info", "plugin"], "unknown value of --info 'plugin'; did you mean 'plugins'"),
         (["bench", "model=[file:no]"], "no: no such file; correct the path"),

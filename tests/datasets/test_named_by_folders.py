@@ -8,6 +8,7 @@ import pytest
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
+from tactileforge.errors import DataNotFoundError
 
 TRIALS, COUNT = 5, 20
 OBJECTS = ["mug", "bolt", "key", "mug", "bolt"]
@@ -95,3 +96,25 @@ def test_a_folder_s_name_in_each_row_of_its_own_table_is_no_key(tmp_path: Path) 
     found = read(tmp_path)
     for trial, name in enumerate(OBJECTS[:3]):
         check_forces(found[f"{name}/video.mp4"], trial)
+
+
+def test_a_folder_without_a_layout_is_read_by_the_guess_and_says_so(tmp_path: Path) -> None:
+    for trial in range(TRIALS):
+        video(tmp_path / f"t{trial}.mp4", 30 + 20 * trial)
+    data = Recordings(str(tmp_path))
+    found = [one for split in ("train", "val") for one in data.recordings(split)]
+    assert {one.sensor for one in found} == {"gelsight_mini"}
+    assert len(found) == TRIALS
+    assert any(line.startswith("guessed, to be checked: sensor:") for line in data.notes)
+    with pytest.raises(DataNotFoundError, match="no layouts are given"):
+        list(Recordings(str(tmp_path), guess=False).recordings("train"))
+    (tmp_path / "tactileforge.yml").write_text("layouts: {}\n")
+    with pytest.raises(DataNotFoundError, match=r"rename tactileforge\.yml"):
+        list(Recordings(str(tmp_path)).recordings("train"))
+    (tmp_path / "tactileforge.yml").unlink()
+    (tmp_path / "tactileforge.yaml").write_text(
+        "layouts: {own: {videos: '*.mp4', sensor: digit, background: none}}\n"
+    )
+    data = Recordings(str(tmp_path))
+    assert {one.sensor for one in data.recordings("train")} == {"digit"}
+    assert not data.notes

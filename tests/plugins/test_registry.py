@@ -54,6 +54,8 @@ def test_unknown_name_lists_what_is_installed_and_the_nearest():
     assert "nstall" not in text  # a typing mistake is no package
     with pytest.raises(PluginError, match="Install the package that provides it"):
         registry.get("objectives", "thermal")
+    with pytest.raises(PluginError, match=r"callbacks:Class, and your own my_module:Class"):
+        registry.get("callbacks", "swa")
 
 
 def test_unknown_kind():

@@ -262,6 +262,7 @@ def test_the_module_and_the_data_fit_a_trainer_of_ones_own(parts, tmp_path):
     trainer.save_checkpoint(tmp_path / "mine.ckpt")
     again = TouchModule.load_from_checkpoint(tmp_path / "mine.ckpt")
     assert again.current_weights() == {"pixel": 1.0}
+    assert again.hparams["config"]["optim"]["name"] == "adamw"
     for name, value in module.state_dict().items():
         torch.testing.assert_close(again.state_dict()[name], value, rtol=0, atol=0)
 

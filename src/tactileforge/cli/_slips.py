@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -164,6 +165,11 @@ def _missing(error: MissingConfigException, overrides: Sequence[str], own: Seque
     for one, value in [*missing, (group, name)]:
         if fix := how_to_get(GROUPS.get(one, one), value):
             return f"{one}={value} {fix}"
+        if one == "data" and value and Path(value).expanduser().exists():
+            return (
+                f"data={value} is a path: videos and images are data=recordings data.root={value}; "
+                f"tactileforge data inspect {value} says what reads anything else"
+            )
     fix = "" if own else "Options of your own need --config-dir DIR"
     return unknown(group, name, options(group, own), fix)
 

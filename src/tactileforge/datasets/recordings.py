@@ -65,9 +65,11 @@ class Recordings(Drawn):
     Args:
         root: Folder of the data.
         layouts: Layouts by name; None drops one. Without any, those under the key ``layouts`` of
-            ``tactileforge.yaml`` in the root, less the dropped ones.
+            ``tactileforge.yaml`` in the root, less the dropped ones; without that file the guess,
+            each line of which is one of `notes`.
         val: Share held out for validation; unused by layouts with a split in their labels.
         tracks: Whether layouts' ``tracks`` are read, and their frames to drop left out.
+        guess: Whether a layout may be guessed.
 
     Raises:
         ConfigError: A layout is invalid; names it and the key.
@@ -84,11 +86,13 @@ class Recordings(Drawn):
         layouts: Mapping[str, Any] | None = None,
         val: float = 0.1,
         tracks: bool = True,
+        guess: bool = True,
     ) -> None:
         check_share(val)
         self.root = home_path(root)
         self.val = val
         self.tracks = tracks
+        self.guess = guess
         self.skipped: list[str] = []
         self._noted = Notes()
         self._split_up: dict[str, _SplitUp] = {}
@@ -113,16 +117,22 @@ class Recordings(Drawn):
         """The layouts of the configuration, or those of the root."""
         if self._given:
             return self._parsed
-        shipped = _shipped(self.root)
+        shipped = _shipped(self.root, self.guessed)
         check_names("layout in data.layouts", self._left_out, shipped)
         kept = [layout for name, layout in shipped.items() if name not in self._left_out]
         if not kept:
             raise ConfigError(f"{self.root}: every layout is null; leave one in data.layouts")
         return kept
 
+    @cached_property
+    def guessed(self) -> Guess | None:
+        """The guess by which the data is read; None where a layout is given, or none fits."""
+        has_own = self._given or _layout_file(self.root).is_file()
+        return None if has_own or not self.guess else guess_layout(self.root)
+
     @property
     def provides(self) -> frozenset[str]:
-        """Labels provided by at least one layout; empty without a file of layouts."""
+        """Labels provided by at least one layout; empty where there is none."""
         try:
             return frozenset(label for layout in self.layouts for label in layout.provides)
         except DataNotFoundError:
@@ -132,7 +142,16 @@ class Recordings(Drawn):
     def notes(self) -> list[str]:
         """Doubts about the recordings read so far, one line per kind."""
         doubts = {name: of.doubt for name, of in self._split_up.items()}
-        return [*self._noted.lines(), *(f"{name}: {one}" for name, one in doubts.items() if one)]
+        lines = (
+            [f"guessed, to be checked: {doubt}" for doubt in self.guessed.doubts]
+            if self.guessed
+            else []
+        )
+        return [
+            *lines,
+            *self._noted.lines(),
+            *(f"{name}: {one}" for name, one in doubts.items() if one),
+        ]
 
     @property
     def held_out(self) -> list[str]:
@@ -307,8 +326,12 @@ def _as_plain(config: Any) -> Any:
     return {str(key): value for key, value in plain.items()}
 
 
-def _shipped(root: Path) -> dict[str, DatasetLayout]:
-    """The layouts of the data's `LAYOUT_FILE`, by name."""
+def _layout_file(root: Path) -> Path:
+    """Path of the data's `LAYOUT_FILE`.
+
+    Raises:
+        DataNotFoundError: There is no such folder, or the file has another ending.
+    """
     path = root / LAYOUT_FILE
     if not root.is_dir():
         found = "a file, and no folder" if root.is_file() else "no such folder"
@@ -318,6 +341,15 @@ def _shipped(root: Path) -> dict[str, DatasetLayout]:
         for other in sorted(root.iterdir()):
             if other.stem.lower() == path.stem and other.suffix.lower() in (".yml", ".yaml"):
                 raise DataNotFoundError(f"{path}: no such file; rename {other.name} to {path.name}")
+    return path
+
+
+def _shipped(root: Path, guessed: Guess | None) -> dict[str, DatasetLayout]:
+    """The layouts of the data's `LAYOUT_FILE`, by name, or the guessed ones."""
+    path = _layout_file(root)
+    if guessed:
+        return {layout.name: layout for layout in _parse_all(guessed.options["layouts"])}
+    if not path.is_file():
         raise DataNotFoundError(
             f"{path}: no such file, and no layouts are given. Copy those that "
             f"{command('data', 'inspect', str(root))} guesses and shows, set data.root to a folder "

@@ -205,8 +205,13 @@ def _check_contract(kind: str, plugin: Any, what: str) -> None:
     if kind == "optimizers" and _has(plugin, "zero_grad"):  # one of torch, made a plugin at use
         return
     if missing := [name for name in needed if not _has(plugin, name)]:
-        contract = f"{kind.removesuffix('s').capitalize()} of tactileforge.contracts"
-        raise PluginError(f"{what} has no {', no '.join(missing)}: see {contract}")
+        fix = f"see {kind.removesuffix('s').capitalize()} of tactileforge.contracts"
+        if (kind, missing) == ("objectives", ["head"]):
+            fix = (
+                "give it a class attribute head, the name of a head (tactileforge plugins list "
+                "kind=heads) or a class of yours, made as head(encoder), whose result it is given"
+            )
+        raise PluginError(f"{what} has no {', no '.join(missing)}: {fix}")
 
 
 def _has(plugin: Any, name: str) -> bool:
@@ -294,6 +299,10 @@ def load(kind: str, name: str) -> Any:
         is_typo = nearest_name(name, names(kind)) != "."
         got = how_to_get(kind, name)
         fix = "" if is_typo else "Install the package that provides it"
+        if fix and kind in GROUPS.values():
+            fix += ", or give a class of your own as my_module:Class"
+        if fix and kind == "callbacks":
+            fix = "Others are lightning.pytorch.callbacks:Class, and your own my_module:Class"
         fix = f"It {got}" if got else fix
         raise PluginError(unknown(kind.removesuffix("s"), name, names(kind), fix))
     if len(entries) > 1:

@@ -1,3 +1,4 @@
+from tactileforge.data.batches.datamodule import TouchData as TouchData
 from tactileforge.training.assemble import build_data as build_data
 from tactileforge.training.curriculum import Curriculum as Curriculum
 from tactileforge.training.fitting import fit as fit

@@ -29,8 +29,6 @@ from tactileforge.util.means import Mean
 if TYPE_CHECKING:
     from tactileforge.data.batches.clips import Clips
 
-#: Key of a checkpoint with what its module was built from.
-_BUILT = "tactileforge"
 #: Keys of a configuration that a module is built from.
 _KEPT = (
     *("encoder", "head", "objective", "text_encoder", "image_encoder", "curriculum", "optim"),
@@ -97,8 +95,6 @@ class TouchModule(L.LightningModule):
         #: Numbers changed by the curriculum, by place: the part, and the name of its attribute.
         self._changing: dict[str, tuple[Any, str]] = {}
         self.finite = FiniteWatch(list(objectives))
-        #: Configuration and labels that the parts were built from; {} for parts built by hand.
-        self.built_from: dict[str, Any] = {}
 
     @classmethod
     def from_config(
@@ -108,6 +104,8 @@ class TouchModule(L.LightningModule):
         augment: nn.Module | None = None,
     ) -> Self:
         """Builds every part from a finished configuration (see `tactileforge.compose`).
+
+        Its part for the module, and the labels, are the module's ``hparams``.
 
         Args:
             config: Finished configuration, with the encoder of `build_data`.
@@ -130,7 +128,8 @@ class TouchModule(L.LightningModule):
             bool(config.get("freeze")),
         )
         kept = {key: config[key] for key in _KEPT if key in config}
-        module.built_from = {"config": kept, "provides": sorted(provides)}
+        # loggers of a run of ours log the whole configuration
+        module.save_hyperparameters({"config": kept, "provides": sorted(provides)}, logger=False)
         return module
 
     @classmethod
@@ -166,7 +165,7 @@ class TouchModule(L.LightningModule):
         state = torch.load(checkpoint_path, map_location or "cpu", weights_only=True)
         if not isinstance(state, dict) or "state_dict" not in state:
             raise ConfigError(f"{checkpoint_path}: no checkpoint of Lightning")
-        built = state.get(_BUILT) or {}
+        built = state.get("hyper_parameters") or {}
         if not parts and not built:
             raise ConfigError(
                 f"{checkpoint_path}: its module was built by hand; give its parts again: "
@@ -225,7 +224,6 @@ class TouchModule(L.LightningModule):
         self.finite.check(self, self.trainer.optimizers, self.global_step)
         checkpoint["total"], checkpoint["epoch_steps"] = self.total, self.epoch_steps
         checkpoint["processes"] = self.trainer.world_size
-        checkpoint[_BUILT] = self.built_from
         logged = self.trainer.callback_metrics
         checkpoint["scores"] = {k: float(v) for k, v in logged.items() if k.startswith("val/")}
 

@@ -193,6 +193,7 @@ def test_tasks_are_read_strictly() -> None:
     both = {"split": {"train": {"side": "train"}, "test": {"side": "test"}}}
     assert parse_task("t", plain | both).sides == ("train", "test")
     assert parse_task("t", plain | {"split": {"folds": 3}}).sides == ("train", "val")
+    assert parse_task("t", plain | {"probe": "ridge"}).probe == {"name": "ridge"}
     for key, value, said in (
         ("clip", {"hopp": 1}, "did you mean 'hop'"),
         ("metrics", [], "metrics is empty"),

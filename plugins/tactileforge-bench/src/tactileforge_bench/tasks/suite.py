@@ -122,7 +122,11 @@ def parse_task(name: str, config: Mapping[str, Any]) -> Task:
         ConfigError: A key is unknown, missing, or of another type; names it.
     """
     where = f"tasks.{name}"
-    values = dict(config)
+    # a name is the whole of a configuration that has no other key
+    values = {
+        key: {"name": value} if key in ("data", "probe") and isinstance(value, str) else value
+        for key, value in config.items()
+    }
     clip = strict.build(ClipSpec, f"{where}.clip", values.pop("clip", {}))
     split = strict.build(SplitPlan, f"{where}.split", values.pop("split", None) or {})
     known = [key for key in Task.__dataclass_fields__ if key != "name"]
