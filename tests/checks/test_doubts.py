@@ -79,7 +79,7 @@ def test_objects_spelled_in_two_ways() -> None:
         touch(0, object="Small bolt"), touch(1, object="nut"), touch(2, object="small_bolt")
     )
     assert lines == [
-        "objects 'Small bolt' and 'small_bolt' differ in their spelling alone, and count as two: "
+        "objects 'Small bolt' and 'small_bolt' differ only in their spelling, and count as two: "
         "spell them alike, if they are one"
     ]
 
@@ -98,8 +98,8 @@ def test_one_class_alone() -> None:
     press = np.full(20, 1, np.int64)
     same = [touch(i, object="cup", action=press) for i in range(2)]
     objects, actions = said(*same)
-    assert objects.startswith("one object alone (cup) in 2 recordings: nothing that tells")
-    assert actions.startswith("one action alone (")
+    assert objects.startswith("only one object (cup) in 2 recordings: nothing that tells")
+    assert actions.startswith("only one action (")
     assert said(same[0], touch(1, action=np.full(20, 2))) == []
     doubts = Doubts()
     for one in same:

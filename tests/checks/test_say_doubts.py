@@ -96,7 +96,7 @@ def test_one_class_is_said_where_it_is_learnt(caplog: pytest.LogCaptureFixture) 
     data.setup()
     data.check({"action": frozenset({"action"})})
     (record,) = caplog.records
-    assert "one action alone (" in record.getMessage()
+    assert "only one action (" in record.getMessage()
 
 
 @pytest.mark.parametrize(

@@ -153,7 +153,7 @@ def test_check_of_attached_sensors_names_a_broken_one(installed, capsys):
         (["check", "pixel", "--kind", "sensor"], PluginError, "unknown sensor 'pixel'"),
         (["check", "pixel", "a=1"], ConfigError, "a= is an option of one plugin, and 2"),
         (["new", "sensor", "MySensor"], ConfigError, "use snake_case, e.g. my_sensor"),
-        (["new", "sensor", "none"], ConfigError, "'none' is no name"),
+        (["new", "sensor", "none"], ConfigError, "'none' is not a name"),
         (["new", "objective", "pixel"], ConfigError, "an installed objective has the name 'pixel'"),
     ],
 )

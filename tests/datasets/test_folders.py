@@ -36,7 +36,7 @@ HOLES = [n for n in range(12) if n not in (3, 4)]
     [
         (HOLES, range(5, 9), True, True),  # of the contact alone: fits either way
         (HOLES, range(12), True, False),  # rows of dropped frames have no image
-        (HOLES, range(10), False, False),  # a row an image, as the label page writes
+        (HOLES, range(10), False, False),  # a row per image, as the label page writes
         ([0, 2, 4, 6, 8, 10], [4, 6, 8], True, False),  # every second frame was kept
         (range(1, 9), range(1, 9), True, False),  # as ffmpeg counts
         (range(1, 9), range(8), False, False),

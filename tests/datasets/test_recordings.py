@@ -74,7 +74,7 @@ def test_images_that_are_touches(tmp_path: Path, make_image: MakeFile) -> None:
     recordings = read(tmp_path, **IMAGES | {"background": {"file": "still.png"}})
     assert [recording.key for recording in recordings] == ["a/1.png", "a/2.png", "a/10.png"]
     assert [levels(recording.frames) for recording in recordings] == [[1], [2], [10]]
-    assert levels(recordings[0].no_contact) == [30], "the background itself is no touch"
+    assert levels(recordings[0].no_contact) == [30], "the background itself is not a touch"
     assert recordings[0].times.tolist() == [0]
 
 

@@ -110,7 +110,7 @@ TABLES: dict[str, Write] = {
     "no names, a wrench": text(
         "ft.csv", rows=[[str(t), *map(str, one)] for t, one in zip(TIMES, WRENCHES, strict=True)]
     ),
-    "no names, a row a frame": text(
+    "no names, a row per frame": text(
         "force.txt", mark=" ", rows=[[*map(str, force)] for force in FORCES]
     ),
     "no names, numbered": text(

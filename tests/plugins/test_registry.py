@@ -51,7 +51,7 @@ def test_unknown_name_lists_what_is_installed_and_the_nearest():
     assert "did you mean 'pixel'?" in text
     assert f"Known: {', '.join(sorted(registry.names('objectives')))}" in text
     assert "align, classify, denoise, diff" in text
-    assert "nstall" not in text  # a typing mistake is no package
+    assert "nstall" not in text  # a typing mistake is not a package
     with pytest.raises(PluginError, match="Install the package that provides it"):
         registry.get("objectives", "thermal")
     with pytest.raises(PluginError, match=r"callbacks:Class, and your own my_module:Class"):

@@ -40,7 +40,7 @@ def test_two_orders_are_said() -> None:
     parts = in_order("a1.9", "a1.25", "a1.31")
     assert parts == ["a1.25", "a1.31", "a1.9"]
     said = order_doubt([Path(f"{stem}.png") for stem in parts])
-    assert "with points that are no fractions, 'a1.9' comes before 'a1.25'" in said
+    assert "with points that are not fractions, 'a1.9' comes before 'a1.25'" in said
 
 
 def test_a_pattern_gives_the_order() -> None:

@@ -123,7 +123,7 @@ def test_images_lag_the_force(tmp_path: Path, write: Write) -> None:
         ("1,0,inf,0", r"row 3, column 'fy': 'inf' is not a finite number"),
         ("1,0,0,much", r"row 3, column 'fz': 'much' is not a finite number"),
         ('1,0,0,"2,47"', r"column 'fz': '2,47' is not a .*; write a point for its comma: 2\.47$"),
-        ("1,0,0,2.47 N", r"column 'fz': '2\.47 N' is not a .*; write the number alone: 2\.47$"),
+        ("1,0,0,2.47 N", r"column 'fz': '2\.47 N' is not a .*; write only the number: 2\.47$"),
         ("1,0,0,2,47", r"row 3: more cells than the header has; .* a point for those of decimals"),
         ("5,0,0,0", r"f\.csv, row 3: frame 5 does not exist, the recording has 0 to 4"),
         ("-1,0,0,0", "row 3: frame -1 does not exist"),
@@ -242,7 +242,7 @@ def test_numbers_and_texts_stay_what_they_are(write: Write) -> None:
     text = 'file,text\na.png,"soft; 1,5 cm"\nb.png,hard; 2 cm\n'
     rows = [cells for _, cells in read_cells(write("labels.csv", text), ["text"])]
     assert [row["text"] for row in rows] == ["soft; 1,5 cm", "hard; 2 cm"]
-    # numbers with points and commas: thousands, which are no decimals
+    # numbers with points and commas: thousands, which are not decimals
     path = write("f.csv", "frame;fx;fy;fz\n0;1,234;0;0\n1;0.5;0;0\n")
     with pytest.raises(DataError, match="'1,234' is not a finite number"):
         read_force(FORCE, path, TIMES, "digit")

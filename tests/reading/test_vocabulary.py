@@ -17,12 +17,12 @@ from tactileforge.reading.layout_keys import LayoutKeys
 from tactileforge.reading.vocabulary import RENAMED
 
 PAGE = Path(__file__).parents[2] / "docs/data.md"
-#: Options of data sets that are no keys of what is in files.
+#: Options of data sets that are not keys of what is in files.
 OPTIONS = {"root", "val"}
 
 
 def nested(hint: Any) -> Iterator[type]:
-    """Dataclasses in a type; the names of splits are no keys."""
+    """Dataclasses in a type; the names of splits are not keys."""
     if is_dataclass(hint) and isinstance(hint, type):
         yield hint
     for inner in get_args(hint):

@@ -93,7 +93,7 @@ def test_contact_contrast_and_covariance_of_a_disc():
     assert touched.mean() == pytest.approx(np.pi * 41.5**2 / (240 * 320), rel=0.03)
     core = np.abs(disc((1.0, 1.0, 1.0), 36.0)).max(axis=-1) > 0
     assert measures.contrast(change, core) == pytest.approx(20.0, abs=0.05)
-    assert not measures.contact(white(3, 1.0)).any(), "noise is no touch"
+    assert not measures.contact(white(3, 1.0)).any(), "noise is not a touch"
 
 
 def test_covariance_is_that_of_the_channels():

@@ -1,4 +1,4 @@
-"""A change of light is no touch, and a touch is no change of light."""
+"""A change of light is not a touch, and a touch is no change of light."""
 
 import warnings
 from functools import cache

@@ -93,7 +93,7 @@ class TooFew(Memory):
         (Unsorted, "keys are names in order", "not sorted"),
         (Silent, "what is not there is a data error", r"array\('no/such/array'\)"),
         (OtherType, "arrays are as described", "uint8, where float32 is said"),
-        (Backwards, "arrays are as described", "differs once it is read alone"),
+        (Backwards, "arrays are as described", "differs once it is read by itself"),
         (Falling, "times rise", "b/touch: times fall"),
         (TooFew, "frames are pictures", "2 frames of its rows"),
     ],

@@ -43,6 +43,6 @@ def test_a_slip_names_the_identifier(licence: str, meant: str) -> None:
 
 def test_one_word_without_a_meaning_is_refused() -> None:
     with pytest.raises(
-        ConfigError, match=r"'wtf' is no SPDX identifier\. Known: .*LicenseRef-NAME"
+        ConfigError, match=r"'wtf' is not an SPDX identifier\. Known: .*LicenseRef-NAME"
     ):
         check_data_licence("layout 'x'", "wtf")

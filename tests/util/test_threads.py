@@ -101,7 +101,7 @@ def test_a_clip_of_a_small_model_is_small_work_and_many_are_not(
     monkeypatch.setattr(clip_encoder, "few_threads", noted)
     clips = np.random.default_rng(0).integers(90, 99, (4, 4, 60, 80, 3), np.uint8)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # noise is no gel
+        warnings.simplefilter("ignore")  # noise is not a gel
         model.encode(clips[0], clips[0, 0], "digit")
         model.readings(clips[0], clips[0, 0], "digit")
         model.encode(clips, clips[:, 0], "digit")

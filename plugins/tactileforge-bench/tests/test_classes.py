@@ -197,7 +197,9 @@ def test_a_model_classifies_with_the_head(done: Path) -> None:
     stills = clips[:, 0]
     several = model.classify(stills[:, None], "none", "digit", head=head_of(done))
     assert torch.equal(several.probability, found.probability)
-    with pytest.raises(DataError, match=r"30 frames in .* single images, one a clip.*X\[:, None\]"):
+    with pytest.raises(
+        DataError, match=r"30 frames in .* single images, one per clip.*X\[:, None\]"
+    ):
         model.classify(stills, "none", "digit", head=head_of(done))
     rounded = tactileforge.load(done / "mine.safetensors", dtype="bfloat16")
     nearly = rounded.classify(clips, "none", "digit", head=head_of(done))

@@ -81,7 +81,7 @@ def test_a_missing_key_is_named_with_the_nearest(tmp_path: Path) -> None:
         ({"grid_x": np.zeros(6)}, r"grid_x has shape \(6,\), where \(any, any\) belongs"),
         ({"gs_img": np.zeros((24, 32, 3))}, r"gs_img is float64 \(24, 32, 3\), where uint8"),
         ({"f_z": -50.0}, "f_x, f_y, f_z are .*the sums of their cells"),
-        ({"f_x": float("nan")}, "f_x has values that are no numbers"),
+        ({"f_x": float("nan")}, "f_x has values that are not numbers"),
     ],
 )
 def test_presses_that_contradict_themselves(change, said, tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_paths_that_lead_out_are_refused(make) -> None:
     table.write_text(table.read_text().replace("records/toy/tactile/1000.png", "../secret.png"))
     rest, skipped = read_all("feelanyforce", root)
     assert len(rest) == 8
-    assert "'../secret.png' is no path inside of" in skipped[0]
+    assert "'../secret.png' is not a path inside of" in skipped[0]
 
 
 @pytest.mark.parametrize("cell", ["1 2 3", "1 2 x 0 0 0", "", "nan 0 1 0 0 0"])

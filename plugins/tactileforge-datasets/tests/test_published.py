@@ -45,7 +45,7 @@ each_reader = pytest.mark.parametrize(("name", "reader"), READERS.items(), ids=R
 def test_all_of_them_are_registered() -> None:
     files = {path.stem for path in (ROOT / "src/tactileforge_datasets").glob("*.py")}
     assert len(READERS) == 25
-    assert set(READERS) <= files, "one a file, of its name"
+    assert set(READERS) <= files, "one per file, of its name"
 
 
 @each_reader

@@ -26,7 +26,7 @@ def test_motions(root: Path, levels: Make) -> None:
     data = TouchdSim(str(root), val=0)
     first, other = data.recordings("train")
     assert (first.sensor, other.sensor, first.object) == ("digit", "gelsight_mini", "blue_cup")
-    assert levels(first.frames) == list(range(12)), "the background is no frame"
+    assert levels(first.frames) == list(range(12)), "the background is not a frame"
     assert (levels(first.no_contact), other.no_contact) == ([30], None)
     assert first.text == "{action} blue cup"
     for found, name in ((first, "rotate_cw"), (other, "slide_left")):

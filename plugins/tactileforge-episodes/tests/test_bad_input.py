@@ -73,7 +73,7 @@ def test_a_folder_without_files_says_what_is_looked_for(tmp_path):
         ({"ends": np.array([8, 6, 12])}, "ends of episodes fall"),
         ({"ends": np.array([6.0, 12.0])}, "no ends of episodes"),
         ({"ends": None}, "unknown key 'meta/episode_ends'"),
-        ({"action": np.full((12, 4), "a")}, "<U1 is no type of numbers"),
+        ({"action": np.full((12, 4), "a")}, "<U1 is not a type of numbers"),
     ],
 )
 def test_what_contradicts_itself_is_named_with_both(changes, wanted, tmp_path):
@@ -103,7 +103,7 @@ def test_one_bad_file_and_an_empty_episode_are_counted_and_the_rest_is_read(tmp_
         (np.zeros(40), "times do not rise at row 1"),
         (np.where(np.arange(40) == 12, np.nan, np.arange(40.0)), "times do not rise at row 12"),
         ((1.7e9 + np.arange(40) / 30).astype("f4"), "float32 has no place for such times"),
-        (np.full(40, "x"), "are no times"),
+        (np.full(40, "x"), "are not times"),
         (np.arange(39.0), r"not row 39"),
     ],
 )
@@ -170,7 +170,7 @@ def test_damaged_chunks_are_named_and_the_others_read(damage, tmp_path):
 def test_damaged_metadata_is_named(tmp_path):
     path = write_zarr(tmp_path / "x.zarr", buffer())
     for content, wanted in {
-        "{": "is no JSON",
+        "{": "is not JSON",
         "[]": "holds no names and values",
         json.dumps({"shape": [12], "chunks": "x", "zarr_format": 2}): "cannot be read",
     }.items():

@@ -125,7 +125,7 @@ def test_open_x_tactile(tmp_path):
     np.testing.assert_array_equal(one.tracks["robot_action"], [*state[1:], state[-1]])
     assert (one.tracks["right_hand_slots"] == 28).all()
     first = found["toy/000000/right_gripper_0"].tracks["state"]
-    assert np.isnan(first[3, 2])  # 1e30 is no value
+    assert np.isnan(first[3, 2])  # 1e30 is not a value
     assert np.isfinite(np.delete(first.ravel(), 3 * 14 + 2)).all()
 
 
@@ -249,7 +249,7 @@ def test_a_sensor_of_an_unknown_type_is_left_out_and_named(tmp_path):
     data = Episodes(str(tmp_path), preset="reactive_diffusion", val=0)
     assert [one.labels["finger"] for one in data.recordings("train")] == ["left_gripper1"] * 2
     assert len(data.skipped) == 1
-    assert "left_gripper2: its sensor 'mctac' is no known type" in data.skipped[0]
+    assert "left_gripper2: its sensor 'mctac' is not a known type" in data.skipped[0]
     assert "'data.sensors={mctac: NAME}'" in data.skipped[0]
 
 

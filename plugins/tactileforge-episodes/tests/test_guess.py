@@ -354,7 +354,7 @@ def test_the_sensor_of_encoded_images_is_by_their_shape(shape, sensor, tmp_path)
     write_hdf5(tmp_path / "a.hdf5", {"observations/images/tactile": images})
     found, notes = read(tmp_path)
     assert [one.sensor for one in found.values()] == [sensor]
-    assert f"by the shape {shape[0]} x {shape[1]} alone" in "\n".join(notes)
+    assert f"only by the shape {shape[0]} x {shape[1]}" in "\n".join(notes)
 
 
 def grey(frames):

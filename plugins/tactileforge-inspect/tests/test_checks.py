@@ -269,11 +269,11 @@ def test_the_summary_names_the_worst_and_what_cannot_be_read() -> None:
         duplicates=[("a", "b")],
         similar=[],
         repeated=[],
-        unreadable=["a/2: 3.png is no picture"],
+        unreadable=["a/2: 3.png is not a picture"],
     )
     assert str(found).splitlines()[1:] == [
         "2 lag, the worst a/1: images come 0.2 s after forces",
         "1 recording cannot be read",
         "1 group of recordings with the same pixels",
-        "  a/2: 3.png is no picture",
+        "  a/2: 3.png is not a picture",
     ]

@@ -119,7 +119,7 @@ def test_forces_are_counted_along_their_axes(touch: Touch) -> None:
     for recording in (normal_only, whole, nothing):
         tally.add(recording, "train")
     carrying = tally.totals["train", "digit"].carrying
-    assert carrying["force"] == 2  # NaN throughout is no label
+    assert carrying["force"] == 2  # NaN throughout is not a label
     assert counted(carrying, "force") == "2 (x 1, y 1, z 2)"
     assert counted(carrying, "object") == "none"
     assert counted({"force": 3, "force.x": 3, "force.y": 3, "force.z": 3}, "force") == "3"

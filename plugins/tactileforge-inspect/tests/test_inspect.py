@@ -312,7 +312,7 @@ def test_what_no_recording_tells_alone_is_noted(touch: Touch, listed: Any, tmp_p
     first, forces, objects = findings.notes
     assert first == "a/x: two orders are possible"
     assert forces.startswith("TF207 the forces of all 180 frames are all 0 N")
-    assert objects.startswith("TF402 one object alone (cup) in 2 recordings")
+    assert objects.startswith("TF402 only one object (cup) in 2 recordings")
     assert f"note: {forces}" in str(findings).split("\n")
     assert "TF207 the forces of all 180 frames are all 0 N" in text
     sane = listed([touch(i, object=f"cup {i}") for i in range(2)])

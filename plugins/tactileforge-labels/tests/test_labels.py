@@ -339,7 +339,7 @@ def test_recordings_that_cannot_be_labelled_are_named(tmp_path, still_frames):
     assert [one.recording.key for one in made.entries] == ["a"]
     assert len(made.skipped) == 6
     assert made.skipped[-1] == "cut.mp4: no frame can be decoded"
-    assert "'../b': its key is no name of a file" in made.skipped[0]
+    assert "'../b': its key is not a name of a file" in made.skipped[0]
     assert csv_path(tmp_path, "a\\..\\b") is None
     with pytest.raises(ConfigError, match=r"no recording to label: cut\.mp4"):
         LabelSession(Given(), tmp_path, ContactOptions(), SlipMotion())

@@ -394,8 +394,8 @@ def test_damaged_metadata_of_touch_is_named(
         ("{chunk_index:{file_index}d}/x.parquet", "cannot be filled in"),
         ("data/{chunk_index", "cannot be filled in"),
         ("{chunk_index}" * 2000, "cannot be filled in"),
-        ("data/\0.parquet", "is no path"),
-        ("a" * 300, "is no path"),
+        ("data/\0.parquet", "is not a path"),
+        ("a" * 300, "is not a path"),
     ],
 )
 def test_a_path_of_the_info_file_stays_inside(pattern: str, message: str, tmp_path: Path) -> None:

@@ -117,7 +117,7 @@ def test_templates_are_plain_names(tmp_path: Path, pattern: str, message: str) -
     ("lines", "message"),
     [
         ("", "episodes.jsonl: no episodes there"),
-        ("[1]\n", "line 1: \\[1\\] is no JSON object"),
+        ("[1]\n", "line 1: \\[1\\] is not a JSON object"),
         ('{"episode_index": 0\n', "line 1: not JSON"),
         ('{"episode_index": 0, "length": "5"}\n', "length is 5, no whole number"),
         ('{"episode_index": -1, "length": 5}\n', "episode_index is -1, no whole number"),

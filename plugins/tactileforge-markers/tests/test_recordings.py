@@ -216,5 +216,5 @@ def test_options_are_checked(tmp_path):
         RecordOptions(out="x", markers=["left"], background=Background(seconds=0.0))
     array = Dots()
     array.spec = replace(array.spec, kind="array")
-    with pytest.raises(ConfigError, match=r"left .array. is no camera"):
+    with pytest.raises(ConfigError, match=r"left .array. is not a camera"):
         LiveSession({"left": array}, None, LiveOptions(markers=["left"])).__enter__()

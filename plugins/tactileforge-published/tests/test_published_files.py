@@ -103,7 +103,7 @@ def test_names_that_make_no_tensor_are_refused(tmp_path: Path, name: str, zipped
     found = getattr(importlib.import_module(module), attribute)
     torch.save({"model": STATE, "x": found}, tmp_path / "a.pth",
                _use_new_zipfile_serialization=zipped)  # fmt: skip
-    with pytest.raises(DataError, match=r"GLOBAL \w+(\.\w+)* is no tensor"):
+    with pytest.raises(DataError, match=r"GLOBAL \w+(\.\w+)* is not a tensor"):
         read_tensors(tmp_path / "a.pth")
 
 

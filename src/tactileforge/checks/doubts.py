@@ -207,7 +207,7 @@ class Doubts:
         for label, names in self._objects.items():
             if label in labels and len(names) == 1 and self._named[label] > 1:
                 out.append(
-                    f"{CODES['one_class']} one {label} alone ({next(iter(names))}) in "
+                    f"{CODES['one_class']} only one {label} ({next(iter(names))}) in "
                     f"{self._named[label]} recordings: nothing that tells one {label} from another "
                     "can be learnt"
                 )

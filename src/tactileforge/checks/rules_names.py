@@ -25,7 +25,7 @@ class SpelledAlike(Check):
     """Two objects with names of different spelling only."""
 
     code, level, needs = CODES["spelled_alike"], "warning", _LABELS
-    title = "Names differ in their spelling alone"
+    title = "Names differ only in their spelling"
     why = (
         "red cup, Red_Cup and red  cup, or 1, 1.0 and 01, count as several objects: a classifier "
         "is taught to tell one from itself."
@@ -49,7 +49,7 @@ class SpelledAlike(Check):
         for names in self._spellings.values():
             if len(names) > 1:
                 listed = ", ".join(map(repr, sorted(names)))
-                yield self.found("", f"objects {listed} differ in their spelling alone")
+                yield self.found("", f"objects {listed} differ only in their spelling")
 
     @staticmethod
     def examples() -> Examples:
@@ -64,7 +64,7 @@ class OneClass(Check):
     """A label with one value alone."""
 
     code, level, needs = CODES["one_class"], "note", _LABELS
-    title = "One class alone"
+    title = "Only one class"
     why = "Nothing that tells one object, or action, from another can be learned."
     fix = "add others, or leave the label out"
 
@@ -92,7 +92,7 @@ class OneClass(Check):
         for label, names in self._names.items():
             if len(names) == 1 and self._count[label] > 1:
                 name = next(iter(names))
-                words = f"one {label} alone ({name}) in {self._count[label]} recordings"
+                words = f"only one {label} ({name}) in {self._count[label]} recordings"
                 yield self.found("", words)
 
     @staticmethod

@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection
 
 #: Words that a mirror, or a turn, makes wrong; ``left`` of "what is left" and ``right`` of "all
-#: right" are no sides.
+#: right" are not sides.
 _ACROSS = (
     r"(?<!what is )(?<!what's )(?<!are )(?<!be )\bleft(wards?|most|-hand)?\b(?! (over|behind|of a))"
     r"|(?<!all )\bright(wards?|most|-hand)?\b(?! (now|away|angles?))"

@@ -90,7 +90,7 @@ class Actions(Mapping[str, "Command"]):
         return len(self.own) + len(self.added)
 
     def __contains__(self, action: object) -> bool:
-        # key=value is no action, and is told from one without listing the packages' actions
+        # key=value is not an action, and is told from one without listing the packages' actions
         is_word = isinstance(action, str) and action.isidentifier()
         return action in self.own or (is_word and action in self.added)
 

@@ -238,7 +238,7 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
         name, made = _own_package.package_of(kind, name, keys.source)
     class_name = _camel(name)
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) or keyword.iskeyword(class_name):
-        raise ConfigError(f"{name!r} is no name for a plugin: use snake_case, e.g. my_{kind}")
+        raise ConfigError(f"{name!r} is not a name for a plugin: use snake_case, e.g. my_{kind}")
     if name in _names_of(kind):
         raise ConfigError(f"an installed {kind} has the name {name!r}: choose another")
     package = f"tactileforge_{name}"

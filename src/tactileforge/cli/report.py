@@ -28,7 +28,7 @@ def _report(keys: _Report, _: dict[str, Any]) -> None:
     print(f"report: {report_of_run(Path(keys.run), lambda config: put_in(config, _moved))}")
 
 
-#: New folders of the data of the run, where it has moved; they are no keys of the command.
+#: New folders of the data of the run, where it has moved; they are not keys of the command.
 _moved: dict[str, str] = {}
 
 

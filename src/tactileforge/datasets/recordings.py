@@ -275,7 +275,7 @@ class _SplitUp:
         if unit == "time":
             return f"{what}, blocks of time of each"
         by = {"trial": "trials, with all sensors, cameras and repetitions of one"}
-        by |= {"recording": "recordings, each alone", "object": "objects"}
+        by |= {"recording": "recordings, each by itself", "object": "objects"}
         return f"{what}, by {by.get(unit, unit)}: {self.sides.count('val')} recordings held out"
 
     @property

@@ -57,6 +57,6 @@ class EMA(nn.Module):
         keep = self.keep(step, total)
         for averaged, newest in zip(self.network.parameters(), network.parameters(), strict=True):
             averaged.lerp_(newest, 1 - keep)
-        # buffers are no weights: counters and tables have no average
+        # buffers are not weights: counters and tables have no average
         for averaged, newest in zip(self.network.buffers(), network.buffers(), strict=True):
             averaged.copy_(newest)

@@ -162,7 +162,7 @@ def warn_of_missing(what: str, missing: Tensor, why: str, stacklevel: int = 3) -
 
     Args:
         what: Name of the estimate.
-        missing: bool (...), one a frame.
+        missing: bool (...), one per frame.
         why: Reasons why they have none.
         stacklevel: Level of the caller, as in `warnings.warn`.
     """

@@ -96,7 +96,7 @@ class Header:
         if not self.heads:  # so files without heads are what they always were
             del content["heads"]
         try:
-            # sorted: one header, one text. NaN is no JSON, and other readers would refuse it
+            # sorted: one header, one text. NaN is not JSON, and other readers would refuse it
             text = json.dumps(content, sort_keys=True, allow_nan=False)
         except (TypeError, ValueError) as error:
             raise ConfigError(f"the header of a checkpoint is plain data: {error}") from error

@@ -111,7 +111,7 @@ def _read(what: str, path: Path) -> NDArray[np.uint8]:
 
 
 def _scaled(images: Any) -> Any:
-    """Floats from 0 to 1 as uint8; others, and what is no array, unchanged."""
+    """Floats from 0 to 1 as uint8; others, and what is not an array, unchanged."""
     if isinstance(images, Tensor) and images.is_floating_point():
         low, high = (float(x) for x in images.detach().aminmax()) if images.numel() else (2.0, 2.0)
         return (255 * images.detach()).round().byte() if 0 <= low <= high <= 1 else images
@@ -211,7 +211,7 @@ def check_clip(
     clips = _channels_first("frames", _pixels("frames", frames), 4, _CLIP)
     if count is not None and clips.shape[1] != count:
         stills = (
-            "; if they are single images, one a clip, give X[:, None]" if len(clips) == 1 else ""
+            "; if they are single images, one per clip, give X[:, None]" if len(clips) == 1 else ""
         )
         raise DataError(
             f"frames: {clips.shape[1]} frames in {tuple(frames.shape)}, but the encoder takes "

@@ -221,8 +221,8 @@ class Model(nn.Module):
                 a batch with B in front. numpy or torch. One image, (H, W, 3), (3, H, W) or a batch
                 with one frame a clip, is shown in all T places, as the authors do.
             background: A frame without contact of the same recording, of the frames' size: one,
-                or one a clip. ``"first"`` takes the first frame of each clip, ``"none"`` subtracts
-                nothing. May be left out only where the model uses none.
+                or one per clip. ``"first"`` takes the first frame of each clip, ``"none"``
+                subtracts nothing. May be left out only where the model uses none.
             sensor: Name of the sensor, or one name a clip; ``"universal"`` takes the universal
                 tokens. May be left out where the model knows one sensor, or none.
             groups: Names of groups, or ``all``, that are put side by side, each times a fixed

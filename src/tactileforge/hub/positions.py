@@ -62,7 +62,7 @@ def interpolate_positions(before: Any, after: Any) -> dict[str, Tensor]:
     """The state of an encoder, its positions interpolated for another grid of patches.
 
     Linear over time, bicubic over the image, as timm and transformers do it; positions of tokens
-    that are no patches stay.
+    that are not patches stay.
 
     Args:
         before: The encoder with its weights.

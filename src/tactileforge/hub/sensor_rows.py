@@ -35,7 +35,7 @@ def name_each(
     """Sensor name of each clip; "" where none is given and none is needed.
 
     Args:
-        sensor: One name, one a clip, or None.
+        sensor: One name, one per clip, or None.
         count: Clips.
         known: Sensors that the encoder knows.
         any_sensor: Whether it ignores them.
@@ -51,7 +51,7 @@ def name_each(
         sensor = next(iter(known))
     names = [sensor] * count if isinstance(sensor, str) else list(sensor)
     if len(names) != count:
-        raise ConfigError(f"{len(names)} sensors for {count} clips: one name, or one a clip")
+        raise ConfigError(f"{len(names)} sensors for {count} clips: one name, or one per clip")
     return names
 
 

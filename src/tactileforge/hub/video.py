@@ -28,7 +28,7 @@ def open_video(video: Video) -> Frames:
     """Opens a file or an array, uint8 (T, H, W, 3), as frames; passes frames through.
 
     Raises:
-        DataError: The file is no video, or the array is of another type or shape.
+        DataError: The file is not a video, or the array is of another type or shape.
     """
     if isinstance(video, str | Path):
         return open_film(video)
@@ -69,7 +69,7 @@ def cut_clips(
         The time of a clip's last frame, s, and its frames, uint8 (T, H, W, 3).
 
     Raises:
-        ConfigError: No times for frames that know none, or a hop that is no number above 0.
+        ConfigError: No times for frames that know none, or a hop that is not a number above 0.
         DataError: The video is too short for one clip, or its times do not go forward.
     """
     if not (math.isfinite(hop) and hop > 0):
@@ -116,6 +116,6 @@ def _times(video: Frames, times: Times | None) -> Times:
         before = f" after {seconds[row - 1]:g} s" if row else ""
         raise DataError(
             f"times: frame {row} is at {seconds[row]:g} s{before}: times go forward; sort the "
-            "frames, or give each recording alone"
+            "frames, or give each recording by itself"
         )
     return seconds

@@ -39,7 +39,7 @@ class Match(nn.Module):
         """Computes the loss; logs both parts."""
         group = batch["group"]
         together = (group[:, None] == group) & (group >= 0)
-        # a clip is no pair with itself
+        # a clip is not a pair with itself
         together.fill_diagonal_(False)
         names = {name: i for i, name in enumerate(dict.fromkeys(batch["sensor"]))}
         sensor = torch.tensor([names[name] for name in batch["sensor"]])

@@ -56,7 +56,7 @@ class PackOptions:
         size: Shorter side of stored images, pixels; smaller images stay unchanged. None keeps all
             sizes.
         shard_frames: Frames of a shard, before filtering.
-        processes: Packing processes; None for one a core.
+        processes: Packing processes; None for one per core.
         executor: Name of the executor, one of `EXECUTORS`.
         max_bad: Tolerated share of damaged recordings, 0 to 1; above 0, one is always tolerated.
         filter: Filter of frames.

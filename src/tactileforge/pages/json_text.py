@@ -20,7 +20,7 @@ def to_json(message: Mapping[str, Any]) -> str:
     """
     try:
         return json.dumps(message, allow_nan=False)
-    except ValueError:  # NaN is no JSON (RFC 8259); it is rare, so only then all is copied
+    except ValueError:  # NaN is not JSON (RFC 8259); it is rare, so only then all is copied
         return json.dumps(_finite(message), allow_nan=False)
 
 

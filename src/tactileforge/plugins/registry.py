@@ -150,7 +150,7 @@ def register(kind: str, name: str, plugin: Any) -> None:
             f"an installed {kind.removesuffix('s')} has the name {name!r}: take another"
         )
     if not re.fullmatch(r"[A-Za-z_]\w*", name):
-        raise PluginError(f"{name!r} is no name: use letters, digits and underscores")
+        raise PluginError(f"{name!r} is not a name: use letters, digits and underscores")
     _check_contract(kind, plugin, f"{kind.removesuffix('s')} {name!r}")
     _registered[kind, name] = plugin
 

@@ -97,7 +97,7 @@ class Container(Protocol):
         ...
 
     def frames(self, key: str) -> Frames | None:
-        """Pictures of an array, one a row, RGB; None where it holds none.
+        """Pictures of an array, one per row, RGB; None where it holds none.
 
         Raises:
             DataError: The array is missing or damaged.

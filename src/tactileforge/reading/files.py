@@ -158,7 +158,7 @@ def _matches(
     except (ValueError, NotImplementedError) as error:
         raise ConfigError(
             f"layout {layout!r}: pattern {pattern!r}: {error}; give a path from {folder} on, with "
-            "** alone between slashes, e.g. *.png or **/*.png"
+            "** between two slashes, with nothing beside it, e.g. *.png or **/*.png"
         ) from error
 
 

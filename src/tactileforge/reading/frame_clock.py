@@ -125,8 +125,8 @@ class Clocks:
             rows = read_cells(path, [column], whole=True)
         if len(rows) != count:
             raise DataError(
-                f"{path}: {len(rows)} times for {count} frames; give one a frame, or the column of "
-                "the names of images (key:)"
+                f"{path}: {len(rows)} times for {count} frames; give one per frame, or the column "
+                "of the names of images (key:)"
             )
         part = part_of_second(column, rows)
         return [

@@ -350,7 +350,7 @@ def _pattern(
         for path in files
         if path.suffix.lower() in endings and path.parent in folders and path not in {*media}
     }
-    # a background that is used is no touch, whatever the pattern is
+    # a background that is used is not a touch, whatever the pattern is
     is_listed |= any(not _BACKGROUND.search(PurePath(name).stem.lower()) for name in strangers)
     if strangers and (endings != [".npy"] or patterns == [f"{above}*.npy"]):
         found: list[str] = []
@@ -448,7 +448,7 @@ def guess_sensor(
         return {"sensor": _FOREIGN[foreign]}
     # DIGIT alone of the usual sensors is taller than wide
     sensor = "digit" if height > width else "gelsight_mini"
-    doubts.append(f"sensor: no name tells the type; {sensor} by the shape {height} x {width} alone")
+    doubts.append(f"sensor: no name tells the type; {sensor} only by the shape {height} x {width}")
     return {"sensor": sensor}
 
 

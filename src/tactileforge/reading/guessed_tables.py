@@ -486,7 +486,7 @@ def _is_sensor(name: str) -> bool:
 
 
 def left_out(unread: Iterable[Path], root: Path) -> list[str]:
-    """Lines about unread tables and files of labels, one a kind."""
+    """Lines about unread tables and files of labels, one per kind."""
     kinds: dict[str, list[str]] = {}
     for path in unread:
         kinds.setdefault(conversion(path) and path.suffix.lower(), []).append(

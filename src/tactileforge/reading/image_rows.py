@@ -95,7 +95,7 @@ class ImageRows:
     def _check(
         self, path: Path, table: dict[str, Row], images: Sequence[Path], is_shared: bool
     ) -> None:
-        if "*" in path.name:  # a file a row: others may lie beside those of images
+        if "*" in path.name:  # a file per row: others may lie beside those of images
             return
         known = {name for image in images for name in self._spellings(image, path, is_shared)}
         elsewhere: frozenset[str] | None = None

@@ -159,7 +159,7 @@ def other_order(paths: Sequence[Path]) -> str:
     if turned == stems or all(map(_NUMBER.fullmatch, stems)):
         return ""
     i = next(i for i, pair in enumerate(zip(turned, stems, strict=True)) if pair[0] != pair[1])
-    return f"with points that are no fractions, {turned[i]!r} comes before {stems[i]!r}"
+    return f"with points that are not fractions, {turned[i]!r} comes before {stems[i]!r}"
 
 
 def order_doubt(paths: Sequence[Path]) -> str:

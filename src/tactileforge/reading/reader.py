@@ -136,7 +136,7 @@ class LayoutReader:
         rule = self.layout.background
         if rule is None or rule.file is None:
             return self._in_order(touches)
-        # a video may name itself, with the frames in it: one file for all is no touch
+        # a video may name itself, with the frames in it: one file for all is not a touch
         if self.layout.each == "video" and template_columns(rule.file):
             return touches
         names = {touch.row.fill(rule.file) for touch in touches}
@@ -178,7 +178,7 @@ class LayoutReader:
         self._doubt(
             touch,
             f"{len(names)} series of images in one folder, {', '.join(names[:3])}{more}, are each "
-            f"taken for a recording; images: {pattern!r} would read {names[0]} alone",
+            f"taken for a recording; images: {pattern!r} would read only {names[0]}",
         )
         rows = {}
         for name, paths in found.items():

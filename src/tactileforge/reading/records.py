@@ -25,11 +25,11 @@ from tactileforge.util.untrusted import load_json, load_yaml
 RECORDS = frozenset({".json", ".jsonl", ".ndjson", ".yaml", ".yml", ".npy"})
 #: Packages that read tables of other programs, by the endings of these.
 _NEEDED = {".xlsx": "openpyxl", ".xlsm": "openpyxl", ".mat": "scipy"}
-#: Column of the name of the file that a row is from, where there is one a row.
+#: Column of the name of the file that a row is from, where there is one per row.
 FILE_COLUMN = "file"
 #: Columns of equal length from which these are rows; a shorter list is a vector, such as a wrench.
 _ROWS = 8
-#: Largest number of values in one row: what has more is no row of labels.
+#: Largest number of values in one row: what has more is not a row of labels.
 CELLS = 200
 
 _PANDAS = "python -c \"import pandas; pandas.{}('{}').to_csv('{}', index=False)\""

@@ -180,7 +180,7 @@ class _Places:
             if folder[:depth] in self._below
         )
         if self.units.each == "sequence":
-            # a file an image: {file}/*.json
+            # a file per image: {file}/*.json
             for inside in (folder, below):
                 if stem in self._images.get(inside, ()) and table.suffix.lower() in RECORDS:
                     return f"{self._folder(folder, inside)}/*{table.suffix}".lstrip("/"), inside
@@ -279,7 +279,7 @@ def _key(rows: Cells, names: set[str], are_rows: bool = False) -> str | None:
     for title in rows[0]:
         cells = [row[title] for row in rows if stated(row[title])]
         found = {cell for cell in cells if cell.replace("\\", "/").rpartition("/")[2] in names}
-        # each once: zeros are no names
+        # each once: zeros are not names
         if cells and len(found) >= _ABOUT * len(rows if are_rows else cells):
             return title
     return None

@@ -336,7 +336,7 @@ def _number(cell: str, where: str) -> float:
         if re.fullmatch(r"[-+]?\d+,\d+", cell):
             fix = f"write a point for its comma: {cell.replace(',', '.')}"
         elif match := re.match(r"[-+]?\d+(\.\d+)?(?=\s*[^\W\d])", cell):
-            fix = f"write the number alone: {match[0]}"
+            fix = f"write only the number: {match[0]}"
         raise DataError(f"{where}: {cell!r} is not a finite number; {fix}")
     return value
 

@@ -116,7 +116,7 @@ def read_own(path: str | Path, run: str | None, needs: Sequence[str] = ()) -> di
         )
     if lacks := [key for key in needs if key not in found]:
         raise ConfigError(
-            f"{find_checkpoint(path)} has no {lacks[0]}: it holds weights alone, or is another "
+            f"{find_checkpoint(path)} has no {lacks[0]}: it holds only weights, or is another "
             "program's; start a new run from its weights with init="
         )
     return found
@@ -160,7 +160,7 @@ def _check_structure(checkpoint: Any) -> None:
             raise ValueError(f"{key} is {str(checkpoint[key])[:60]!r}, not of type {kind.__name__}")
     for name, value in checkpoint["state_dict"].items():
         if not isinstance(name, str) or not isinstance(value, torch.Tensor):
-            raise ValueError(f"{str(name)[:60]!r} of its state_dict is no tensor")
+            raise ValueError(f"{str(name)[:60]!r} of its state_dict is not a tensor")
     if not 0 <= checkpoint.get("global_step", 0) < 1 << 48:
         raise ValueError(f"global_step is {checkpoint['global_step']}")
 

@@ -13,7 +13,7 @@ from tactileforge.specs.published import SPECS
 MOST_WRENCH, MOST_VALUE = np.repeat([1e4, 1e3], 3), 1e12
 #: Explanations of bad values, by the reason of their counter.
 BAD_VALUES = {
-    "no_number": "its values are no numbers",
+    "no_number": "its values are not numbers",
     "implausible": "its values are larger than any that can be true",
 }
 

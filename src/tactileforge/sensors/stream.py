@@ -188,7 +188,7 @@ class StreamSensor(Sensor, ABC):
         fix = "is it on, and does it send by itself?"
         if parser.lost or parser.bad:
             fix = (
-                f"{parser.lost} bytes came that are no packets ({parser.bad} nearly were): are "
+                f"{parser.lost} bytes came that are not packets ({parser.bad} nearly were): are "
                 "baud rate, header and payload right?"
             )
         return f"{self.address}: no packet within {timeout:g} s; {fix}"

@@ -10,7 +10,9 @@ from tactileforge.testing.results import Check, CheckSubject, require
 
 
 def _examples(subject: CheckSubject) -> Examples:
-    require(issubclass(subject.plugin, DataCheck), "it is no subclass of tactileforge.checks.Check")
+    require(
+        issubclass(subject.plugin, DataCheck), "it is not a subclass of tactileforge.checks.Check"
+    )
     shown: Examples = subject.plugin.examples()
     require(bool(shown.good) and bool(shown.bad), "examples() lacks good or bad input")
     return shown

@@ -34,7 +34,7 @@ def keys_are_names_in_order(subject: CheckSubject) -> None:
     """Each key once, sorted, with ``/`` between groups, and the same each time."""
     keys = subject.instance.keys()
     require(isinstance(keys, list), f"keys() is {type(keys).__name__}, not a list")
-    require(all(isinstance(key, str) and key for key in keys), "a key is no text, or empty")
+    require(all(isinstance(key, str) and key for key in keys), "a key is not text, or is empty")
     require(keys == sorted(set(keys)), "keys are not sorted, or one is there twice")
     bad = [key for key in keys if key.startswith("/") or key.endswith("/") or "//" in key]
     require(not bad, f"{bad[:1]}: a part of a key is empty")
@@ -53,7 +53,7 @@ def arrays_are_as_described(subject: CheckSubject) -> None:
         require(found.dtype == facts.dtype, f"{key}: {found.dtype}, where {facts.dtype} is said")
         for row, value in zip(rows, found, strict=True):
             one = values.rows([row])
-            require(_same(one[0], value), f"{key}: row {row} differs once it is read alone")
+            require(_same(one[0], value), f"{key}: row {row} differs once it is read by itself")
         require(
             values.rows([]).shape == (0, *facts.shape[1:]), f"{key}: no rows have another shape"
         )
@@ -75,27 +75,27 @@ def what_is_not_there_is_a_data_error(subject: CheckSubject) -> None:
         except DataError as error:
             require(missing in str(error), f"the error of {method}() does not name it: {error}")
         else:
-            raise Violation(f"{method}({missing!r}) is no DataError")
+            raise Violation(f"{method}({missing!r}) is not a DataError")
     for key, values in _arrays(subject):
         try:
             values.rows([values.facts.rows])
         except DataError:
             continue
-        raise Violation(f"{key}: row {values.facts.rows} of {values.facts.rows} is no DataError")
+        raise Violation(f"{key}: row {values.facts.rows} of {values.facts.rows} is not a DataError")
 
 
 def times_rise(subject: CheckSubject) -> None:
-    """Times are None, or float64, one a row, and never fall."""
+    """Times are None, or float64, one per row, and never fall."""
     for key, values in _arrays(subject):
         times = subject.instance.times(key)
         if times is not None:
             good = times.dtype == np.float64 and times.shape == (values.facts.rows,)
-            require(good, f"{key}: times are {times.dtype} {times.shape}, not float64, one a row")
+            require(good, f"{key}: times are {times.dtype} {times.shape}, not float64, one per row")
             require(bool((np.diff(times) >= 0).all()), f"{key}: times fall")
 
 
 def frames_are_pictures(subject: CheckSubject) -> None:
-    """Frames are None, or RGB of 8 bits a channel, one a row."""
+    """Frames are None, or RGB of 8 bits a channel, one per row."""
     for key, values in _arrays(subject):
         frames = subject.instance.frames(key)
         if frames is not None:

@@ -91,7 +91,7 @@ def build_callbacks(config: Mapping[str, Any] | None) -> list[Callback]:
         config: Options by key, with the ``name`` of the callback.
 
     Raises:
-        PluginError: A callback is not installed, or is no callback of Lightning.
+        PluginError: A callback is not installed, or is not a callback of Lightning.
         ConfigError: An unknown option, or one that its constructor refuses.
     """
     nodes = {key: dict(node) for key, node in (config or {}).items() if node is not None}

@@ -91,7 +91,7 @@ class OwnRamp:
         """The value at a step.
 
         Raises:
-            ConfigError: The factor is no number, not finite or below 0.
+            ConfigError: The factor is not a number, not finite or below 0.
         """
         share = min(1.0, step / max(1, self.total))
         factor = self.factor(share)

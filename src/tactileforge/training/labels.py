@@ -73,7 +73,7 @@ class Labels:
         if blind and count["batches"] >= PATIENCE:
             return (
                 f"objective {key!r} has seen no force along {' and '.join(blind)} in {extent}: it "
-                "learns the other axes alone"
+                "learns only the other axes"
             )
         return ""
 

@@ -156,7 +156,7 @@ class TouchModule(L.LightningModule):
             parts: Arguments of the constructor, for a module built by hand.
 
         Raises:
-            ConfigError: The file is no checkpoint of a `TouchModule`, or its module was built by
+            ConfigError: The file is not a checkpoint of a `TouchModule`, or its module was built by
                 hand and ``parts`` are missing.
             PluginError: A part is a local class that was neither typed nor registered.
         """

@@ -82,7 +82,7 @@ class Bar(tqdm):  # type: ignore[type-arg]
 @contextmanager
 def _apart() -> Iterator[None]:
     """Writes logs and warnings above the bars."""
-    # warnings are no logs: Python writes them by this function, over the bar
+    # warnings are not logs: Python writes them by this function, over the bar
     before = warnings.showwarning
 
     def show(

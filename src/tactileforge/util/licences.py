@@ -76,7 +76,7 @@ def _is_spdx(licence: str) -> bool:
 def _wrong(where: str, licence: str, other: str) -> str:
     near = _nearest(licence)
     return (
-        f"{where}: {licence!r} is no SPDX identifier{near and f'; did you mean {near!r}?'}"
+        f"{where}: {licence!r} is not an SPDX identifier{near and f'; did you mean {near!r}?'}"
         f"{'' if near else '.'} Known: {', '.join(_COMMON)} and the others of SPDX. Give "
         f"LicenseRef-NAME for a licence without one, {other}"
     )

@@ -52,7 +52,7 @@ def process_count(pieces: int, asked: int | None) -> int:
         3
     """
     if asked is not None and asked < 1:
-        raise ConfigError(f"processes={asked}: give 1 or more, or null for one a core")
+        raise ConfigError(f"processes={asked}: give 1 or more, or null for one per core")
     return min(pieces, asked or cpus())
 
 

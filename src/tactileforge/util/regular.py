@@ -27,7 +27,7 @@ def open_regular(path: Path, root: Path | None = None) -> int:
 
     Raises:
         OSError: It cannot be opened.
-        DataError: It is no regular file, a link that leads out of ``root``, or a pointer of Git
+        DataError: It is not a regular file, a link that leads out of ``root``, or a pointer of Git
             LFS.
     """
     follow = 0 if root is None else getattr(os, "O_NOFOLLOW", 0)
@@ -68,7 +68,7 @@ def read_regular(path: Path, most: int, root: Path | None = None) -> bytes:
 
     Raises:
         OSError: It cannot be read.
-        DataError: It is no regular file, larger, or a link that leads out of ``root``.
+        DataError: It is not a regular file, larger, or a link that leads out of ``root``.
     """
     with os.fdopen(open_regular(path, root), "rb") as file:
         if os.fstat(file.fileno()).st_size <= most:
@@ -83,7 +83,7 @@ def regular_text(path: Path) -> str:
 
     Raises:
         OSError: It cannot be read.
-        DataError: It is no regular file, or larger.
+        DataError: It is not a regular file, or larger.
         UnicodeDecodeError: It is not UTF-8.
     """
     return read_regular(path, MOST_WHOLE).decode("utf-8")

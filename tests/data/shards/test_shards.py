@@ -114,7 +114,7 @@ def _strict(path: Path) -> dict[str, Any]:
     """The description of a shard's only recording, by the letter of the standard."""
 
     def refuse(word: str) -> None:
-        raise AssertionError(f"{word} is no JSON")
+        raise AssertionError(f"{word} is not JSON")
 
     with tarfile.open(path) as tar:
         member = tar.extractfile("000000.json")
@@ -319,8 +319,8 @@ def test_what_is_no_shard_is_named(touch: Recording, tmp_path: Path) -> None:
         ({"tier": 6}, "tier is 6, not 1 to 5"),
         ({"action": [-2, 0, 0, 0, 0]}, "actions are numbers from -1 to 7"),
         ({"action": [8, 0, 0, 0, 0]}, "actions are numbers from -1 to 7"),
-        ({"image_times": [0.3, 0.1]}, "image_times are finite numbers, one a view"),
-        ({"image_times": [0.3]}, "image_times are finite numbers, one a view"),
+        ({"image_times": [0.3, 0.1]}, "image_times are finite numbers, one per view"),
+        ({"image_times": [0.3]}, "image_times are finite numbers, one per view"),
         ({"times": [0.0, 0.2, 0.1, 0.3, 0.4]}, "that do not go back"),
         ({"text": ["a"]}, "neither a string nor null"),
     ],

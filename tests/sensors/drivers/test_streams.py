@@ -119,7 +119,7 @@ def test_silence_says_what_came_instead(pty):
             sensor.read(0.05)
         pty.write(bytes(100))
         wait_until(lambda: sensor._link._port.in_waiting == 100)
-        with pytest.raises(TimeoutError, match="99 bytes came that are no packets"):
+        with pytest.raises(TimeoutError, match="99 bytes came that are not packets"):
             sensor.read(0.05)
 
 

@@ -43,7 +43,7 @@ class SimArray:
         force: Range of the peak normal force of a touch, lowest and highest, N.
         seed: Seed of the touches; a different seed gives different touches.
         cache: Folder of the stored touches; None for ``$TACTILEFORGE_CACHE``, or the user's cache.
-        processes: Number of simulating processes; None for one a core.
+        processes: Number of simulating processes; None for one per core.
 
     Raises:
         ConfigError: A number of touches is negative, or not positive for training.

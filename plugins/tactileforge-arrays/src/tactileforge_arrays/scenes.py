@@ -216,7 +216,7 @@ def write_array_scenes(
         array: The taxel array.
         folder: Folder of the shards.
         numbers: Numbers of scenes; validation starts at `tactileforge_sim.config.FIRST_VAL`.
-        processes: Number of simulating processes; None for one a core.
+        processes: Number of simulating processes; None for one per core.
     """
     missing = [n for n in numbers if not path_of(folder, n).exists()]
     count = process_count(len(missing), processes)

@@ -132,7 +132,7 @@ def test_a_task_whose_metric_is_no_sum_over_clips_stays_out(tmp_path: Path) -> N
     plain = json.loads((tmp_path / "gate.json").read_text())
     assert list(plain["tasks"]) == ["t0", "t2", "mean"]
     assert plain["left_out"] == {"t1": "rmse_sum_axes"}
-    assert grid.caption.endswith("is no sum over clips: T1 (rmse_sum_axes).")
+    assert grid.caption.endswith("is not a sum over clips: T1 (rmse_sum_axes).")
 
 
 @pytest.mark.slow

@@ -240,7 +240,7 @@ def test_labels_keep_all_their_digits(label: str | float, text: str) -> None:
 
 def test_a_word_where_a_number_should_be_is_named() -> None:
     data = [recording(str(i), labels={"grade": "hard"}) for i in range(2)]
-    with pytest.raises(DataError, match=r"a label of grade is no number .*'hard'.*label:NAME"):
+    with pytest.raises(DataError, match=r"a label of grade is not a number .*'hard'.*label:NAME"):
         targets.build_target(task("numbers:grade"), source(data, ["train", "val"]))
 
 
@@ -289,7 +289,7 @@ def test_normal_force_needs_no_other_axis() -> None:
     score = metrics.METRICS["r2"].build(part)
     score.update(part.truth + torch.tensor([[1.0], [-1.0], [1.0], [-1.0]]), part.truth)
     assert score.compute().item() == pytest.approx(1 - 4 / 20)
-    with pytest.raises(DataError, match=r"all of x, y, z \(it has z\).*normal_force needs z alone"):
+    with pytest.raises(DataError, match=r"all of x, y, z \(it has z\).*normal_force needs only z"):
         targets.build_target(task("force"), of)
 
 

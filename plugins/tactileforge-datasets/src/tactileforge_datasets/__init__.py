@@ -1,1 +1,1 @@
-"""Readers of published touch data sets, one a module; see ``docs/datasets.md``."""
+"""Readers of published touch data sets, one per module; see ``docs/datasets.md``."""

@@ -45,7 +45,7 @@ def numbers(
         empty: Whether NaN is allowed, for no value.
 
     Raises:
-        DataError: The values are no numbers, infinite, or of another shape; gives both shapes.
+        DataError: The values are not numbers, infinite, or of another shape; gives both shapes.
     """
     try:
         array = np.asarray(values, np.float64)
@@ -59,7 +59,7 @@ def numbers(
             "download it again"
         )
     if not (np.isfinite(array) | (np.isnan(array) if empty else False)).all():
-        raise DataError(f"{where}: {what} has values that are no numbers; download it again")
+        raise DataError(f"{where}: {what} has values that are not numbers; download it again")
     return array
 
 
@@ -130,7 +130,7 @@ def inside(root: Path, name: str, where: str) -> Path:
     """
     path = Path(name)
     if not name or path.is_absolute() or ".." in path.parts:
-        raise DataError(f"{where}: {name!r} is no path inside of {root}; correct it")
+        raise DataError(f"{where}: {name!r} is not a path inside of {root}; correct it")
     return root / path
 
 

@@ -111,7 +111,7 @@ class GelSlam(PublishedDataset):
             diameter = float(cells[_DIAMETER])
         except ValueError:
             raise DataError(
-                f"{where}: {cells[_DIAMETER]!r} is no diameter in mm; correct it"
+                f"{where}: {cells[_DIAMETER]!r} is not a diameter in mm; correct it"
             ) from None
         backgrounds = (folder / "background.png", *sorted(folder.glob("*/background.png")))
         chosen = next((path for path in backgrounds if path.is_file()), backgrounds[0])

@@ -1,4 +1,4 @@
-"""Touch recordings as parquet with images, a row a frame."""
+"""Touch recordings as parquet with images, a row per frame."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ _NOISE = 24
 def write_tlabel(
     parts: Mapping[str, Iterable[Recording]], out: Path, contact_n: float
 ) -> tuple[Counter[str], list[str]]:
-    """Writes a file a recording beside their final place, then renames the folder.
+    """Writes a file per recording beside their final place, then renames the folder.
 
     Contact is the track `contact` (above .5), else a normal force above ``contact_n``; slip is the
     track `slip`; the centroid is that of the change from the background, pixels of the frame.

@@ -104,7 +104,7 @@ def rate_of(
     """Rows per second: as given, or as the map or the file says; None for unknown.
 
     Raises:
-        DataError: It is no rate.
+        DataError: It is not a rate.
     """
     rate = given if given is not None else keys.fps
     if isinstance(rate, ReadKeys):
@@ -136,7 +136,7 @@ def times_of(
 
     Raises:
         ConfigError: The rate is needed, and not known.
-        DataError: Times are no numbers, or do not rise.
+        DataError: Times are not numbers, or do not rise.
     """
     ref = None if time is None else arrays.find(time.array, values)
     if time is None and stamped is not None:
@@ -148,7 +148,7 @@ def times_of(
         raise DataError(f"{ref}: the chunk with the time of row {lost[0]} is missing; download it")
     found = ref.rows(range(*rows), ahead=True).reshape(rows[1] - rows[0], -1)
     if found.dtype.kind not in "iuf" or found.shape[1] != 1:
-        raise DataError(f"{ref}: {found.dtype} {ref.facts.shape} are no times; correct the map")
+        raise DataError(f"{ref}: {found.dtype} {ref.facts.shape} are not times; correct the map")
     whole = found.dtype.kind in "iu"
     first = found[0, 0]
     seconds: NDArray[np.float64] = (found[:, 0] - first).astype(np.float64)

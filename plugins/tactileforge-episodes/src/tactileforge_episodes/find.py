@@ -81,7 +81,7 @@ def _groups(
     reading: Reading,
     notes: list[str],
 ) -> Iterator[EpisodeFile]:
-    """Groups of a file, one an episode, in natural order.
+    """Groups of a file, one per episode, in natural order.
 
     Raises:
         DataError: The file is damaged, or has no such group.

@@ -225,7 +225,7 @@ def _image(ref: ArrayRef | ArrayView, rows: range, i: int) -> bytes:
 
 
 def is_encoded(ref: ArrayRef | ArrayView) -> bool:
-    """Whether an array holds encoded images, one a row."""
+    """Whether an array holds encoded images, one per row."""
     facts = ref.facts
     flat = facts.dtype == np.uint8 and len(facts.shape) == 2
     return flat or (facts.dtype.kind in "SO" and len(facts.shape) == 1)

@@ -34,7 +34,7 @@ class HdfFile(ArrayFile):
         file: The open file.
 
     Raises:
-        DataError: It is no HDF5 file.
+        DataError: It is not an HDF5 file.
     """
 
     fix = "correct or replace the file"

@@ -54,7 +54,7 @@ class TimeKeys(SchemaKeys):
 
 @dataclass(frozen=True, kw_only=True)
 class PictureKeys(StreamKeys):
-    """Pictures: uint8, fractions, or encoded images, one a row.
+    """Pictures: uint8, fractions, or encoded images, one per row.
 
     Attributes:
         array: Path of the array.

@@ -58,7 +58,7 @@ class NpzFile(ArrayFile):
         file: The open file.
 
     Raises:
-        DataError: It is no npz file.
+        DataError: It is not an npz file.
     """
 
     def __init__(self, name: str, file: Slice) -> None:

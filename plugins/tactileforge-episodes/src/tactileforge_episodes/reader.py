@@ -88,7 +88,7 @@ class EpisodeFile:
         bad: Callable[[DataError], object],
         note: Callable[[str], object] = lambda _: None,
     ) -> Iterator[Recording]:
-        """Yields the recordings of an episode, one a sensor.
+        """Yields the recordings of an episode, one per sensor.
 
         Args:
             number: Index of the episode.
@@ -244,7 +244,7 @@ class EpisodeFile:
             return spec(sensor).name
         except ConfigError as error:
             raise DataError(
-                f"{touch.finger}: its sensor {name!r} is no known type; say which it is: "
+                f"{touch.finger}: its sensor {name!r} is not a known type; say which it is: "
                 f"'data.sensors={{{name}: NAME}}', or any: NAME for all ({error})"
             ) from error
 

@@ -72,12 +72,14 @@ def numbers(values: NDArray[Any], where: object, limit: float | None) -> NDArray
         limit: Largest magnitude; None for those of float32.
 
     Raises:
-        DataError: The values are no numbers.
+        DataError: The values are not numbers.
     """
     if values.dtype.kind in "biu":
         return values
     if values.dtype.kind != "f":
-        raise DataError(f"{where}: {values.dtype} is no type of numbers; leave it out of the map")
+        raise DataError(
+            f"{where}: {values.dtype} is not a type of numbers; leave it out of the map"
+        )
     most = float(np.finfo(np.float32).max) if limit is None else limit
     with np.errstate(over="ignore", invalid="ignore"):
         beyond = np.abs(values) > most
@@ -122,7 +124,7 @@ class Readable(Protocol):
     """Values read on demand."""
 
     def read(self) -> NDArray[Any]:
-        """The values, one row a frame."""
+        """The values, one row per frame."""
         ...
 
 

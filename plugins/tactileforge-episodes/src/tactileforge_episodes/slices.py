@@ -18,7 +18,7 @@ class Handle:
 
     Raises:
         OSError: It cannot be opened.
-        DataError: It is no regular file.
+        DataError: It is not a regular file.
     """
 
     def __init__(self, path: Path) -> None:

@@ -83,7 +83,7 @@ class ZarrFile(ArrayFile):
         try:
             return load_json(raw)
         except ValueError as error:
-            raise self._wrong(key, f"{file} is no JSON: {error}") from error
+            raise self._wrong(key, f"{file} is not JSON: {error}") from error
 
     def _look(self, key: str) -> Facts:
         found = self._described(key)

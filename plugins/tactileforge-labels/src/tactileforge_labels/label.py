@@ -20,7 +20,7 @@ class Label:
     """Keys of ``label``.
 
     Attributes:
-        out: Folder of the CSVs, one a recording; None for ``labels`` in data.root.
+        out: Folder of the CSVs, one per recording; None for ``labels`` in data.root.
         port: Port of the page; 0 for any free one.
         contact: Thresholds of proposed contact.
         slip: Thresholds of proposed slip.

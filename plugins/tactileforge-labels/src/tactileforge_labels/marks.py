@@ -118,7 +118,7 @@ def _interval(row: Any, count: int, length: int) -> tuple[int, int, Any]:
 
 
 def write_marks(path: Path, marks: Marks, times: NDArray[np.float64]) -> bytes:
-    """Writes a row a frame, beside its place, then renames it.
+    """Writes a row per frame, beside its place, then renames it.
 
     Args:
         path: The CSV.

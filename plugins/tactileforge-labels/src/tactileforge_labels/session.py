@@ -107,7 +107,7 @@ class LabelSession:
                     "hold_out: recording in the layout"
                 )
             elif path is None:
-                self.skipped.append(f"{recording.key!r}: its key is no name of a file; left out")
+                self.skipped.append(f"{recording.key!r}: its key is not a name of a file; left out")
             elif path in entries:
                 self.skipped.append(f"{recording.key}: a second recording of this key; left out")
             else:

@@ -84,7 +84,7 @@ def _json_object(line: str, where: str) -> dict[str, Any]:
     except ValueError as error:
         raise DataError(f"{where}: not JSON ({error}); download the data set again") from error
     if not isinstance(held, dict):
-        raise DataError(f"{where}: {line.strip()[:60]} is no JSON object; download it again")
+        raise DataError(f"{where}: {line.strip()[:60]} is not a JSON object; download it again")
     return held
 
 

@@ -61,7 +61,7 @@ def inside(root: Path, name: str, where: str) -> Path:
         DataError: The file lies outside the data set.
     """
     if "\0" in name or any(len(part.encode()) > 255 for part in name.split("/")):
-        raise DataError(f"{where}: {name[:60]!r} is no path; correct it")
+        raise DataError(f"{where}: {name[:60]!r} is not a path; correct it")
     path = root / name
     try:
         real, folder = path.resolve(), root.resolve()

@@ -68,7 +68,7 @@ class Forces:
         if allowed is not None and most >= allowed:
             raise DataError(
                 f"{where} reach {most:.4g} along z, where data.force_tare_most={allowed:g}: they "
-                "may be of a contact, so their median is no offset; leave them out"
+                "may be of a contact, so their median is not an offset; leave them out"
             )
         zeroed: NDArray[np.float64] = forces - np.median(first, axis=0)
         return zeroed

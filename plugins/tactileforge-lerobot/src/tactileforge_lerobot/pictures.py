@@ -32,7 +32,7 @@ class Touch:
     """Frames of a touch feature in one episode.
 
     Attributes:
-        frames: All frames, one a row.
+        frames: All frames, one per row.
         still: Frame without contact; None where there is none.
         values: Numbers of the frames, (T, taxels, values of each); None for pictures, and where
             there are more than 4096 a frame.
@@ -66,7 +66,7 @@ class Pictures:
         self._deep: dict[Path, DeepVideo] = {}
 
     def frames(self, rows: EpisodeRows, feature: str, shape: Sequence[int] | None) -> Frames:
-        """Frames of a picture feature, one a row.
+        """Frames of a picture feature, one per row.
 
         Args:
             rows: Rows of the episode.

@@ -55,7 +55,7 @@ def _checked(about: dict[str, Any]) -> dict[str, Any]:
         raise ValueError(f"background is {files!r}, not a list of paths")
     for sizes in (given.get("shape", [1, 1]), *tails):
         if not isinstance(sizes, list) or not all(type(n) is int and n >= 0 for n in sizes):
-            raise ValueError(f"{sizes!r} is no shape")
+            raise ValueError(f"{sizes!r} is not a shape")
     if len(given.get("shape", [1, 1])) != 2:
         raise ValueError(f"shape is {given['shape']!r}, not height and width")
     labels = given.get("labels", {})

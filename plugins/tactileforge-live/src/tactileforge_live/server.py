@@ -85,7 +85,7 @@ def page_state(view: LiveSession, after: Mapping[str, str]) -> dict[str, Any]:
         name: float(text) if text.replace(".", "", 1).isdigit() else 0.0
         for name, text in given.items()
     }
-    # NaN, before the first reading, is no JSON
+    # NaN, before the first reading, is not JSON
     p50, p99 = (None if x != x else round(1000 * x, 1) for x in view.latency.percentiles())
     now = time.monotonic()
     model = view.model

@@ -264,8 +264,8 @@ def test_it_ends_when_it_is_told_to(scripted, options):
     [
         (lambda s: ({}, None, None), "no sensor: choose some"),
         (lambda s: ({"f": s(kind="wrench")}, None, None), "choose it with force=f"),
-        (lambda s: ({"a": s()}, s(), None), "force=digit is no wrench sensor"),
-        (lambda s: ({"a": s()}, None, s(kind="wrench")), "is no camera"),
+        (lambda s: ({"a": s()}, s(), None), "force=digit is not a wrench sensor"),
+        (lambda s: ({"a": s()}, None, s(kind="wrench")), "is not a camera"),
         (lambda s: ({"a": s(type="digti")}, None, None), "'digti'; did you mean 'digit'"),
         (
             lambda s: ({"force": s()}, None, None),
@@ -678,7 +678,7 @@ def test_a_wrench_sensor_that_dies_is_counted_and_an_error(scripted, options, mo
     dead = {n: lambda f: replace(f, raw=np.full(6, np.nan, np.float32)) for n in range(20, 10_000)}
     force = scripted(fps=100, kind="wrench", events=dead)
     given = options(seconds=20, reconnect=0.3)
-    with pytest.raises(SensorError, match="force: its values are no numbers"):
+    with pytest.raises(SensorError, match="force: its values are not numbers"):
         record(given, {"a": scripted(fps=30)}, force, say=quiet)
     assert only(given)["a"].labels["dropped"] == 0
 

@@ -71,7 +71,7 @@ def find_markers(reference: NDArray[np.uint8], what: str = "the picture") -> Mar
         what: Name of the picture, for errors.
 
     Raises:
-        DataError: It is no RGB picture, or shows no markers.
+        DataError: It is not an RGB picture, or shows no markers.
     """
     check_picture(reference, what)
     reasons = []

@@ -82,12 +82,14 @@ def check_marker_sensors(given: Collection[str], sensors: Mapping[str, Sensor]) 
         sensors: Sensors by name.
 
     Raises:
-        ConfigError: No sensor has that name, or it is no camera.
+        ConfigError: No sensor has that name, or it is not a camera.
     """
     check_names("sensor of markers", given, sensors)
     for name in given:
         if (kind := sensors[name].spec.kind) != "image":
-            raise ConfigError(f"markers: {name} ({kind}) is no camera, and has no dots to follow")
+            raise ConfigError(
+                f"markers: {name} ({kind}) is not a camera, and has no dots to follow"
+            )
 
 
 def _short(values: NDArray[Any]) -> NDArray[np.float32]:

@@ -92,7 +92,7 @@ class _Unpickler(pickle.Unpickler):
         is_plain |= full in ("copyreg._reconstructor", "copy_reg._reconstructor", "_codecs.encode")
         if is_plain or full.startswith(_PROGRAMS):
             return _Leftover
-        raise pickle.UnpicklingError(f"GLOBAL {full} is no tensor")
+        raise pickle.UnpicklingError(f"GLOBAL {full} is not a tensor")
 
 
 class _Pickles:
@@ -148,7 +148,7 @@ def _load(path: Path) -> Any:
             return load_file(path)
         except (SafetensorError, ValueError) as error:
             raise DataError(f"{path} is not a whole safetensors file: {error}") from error
-    # files of torch.save before 1.6 are no zip: they have no checksums, and cannot be mapped
+    # files of torch.save before 1.6 are not zip: they have no checksums, and cannot be mapped
     zipped = zipfile.is_zipfile(path)
     if zipped:
         _check_sums(path)

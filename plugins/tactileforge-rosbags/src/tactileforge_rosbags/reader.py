@@ -1,4 +1,4 @@
-"""Bags as recordings: one a touch, and interval if there are some."""
+"""Bags as recordings: one per touch, and interval if there are some."""
 
 from __future__ import annotations
 

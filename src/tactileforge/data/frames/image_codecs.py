@@ -84,7 +84,7 @@ def codec_of(group: str, codec: str) -> str:
 def image_size(data: bytes) -> tuple[int, int]:
     """Read height and width from the header alone."""
     # JPEG by hand, as it is read for every image of a shard: from segment to segment to the start
-    # of frame (SOF, ITU-T T.81, table B.1; C4, C8 and CC in that range are no frames)
+    # of frame (SOF, ITU-T T.81, table B.1; C4, C8 and CC in that range are not frames)
     if data[:2] == b"\xff\xd8":
         place = 2
         while len(segment := data[place : place + 9]) == 9:

@@ -37,7 +37,7 @@ class StackFrames(Cropped):
 
     Raises:
         DataNotFoundError: There is no such file.
-        DataError: The file is damaged, its values are no pixels of 8 bits, or its pages differ in
+        DataError: The file is damaged, its values are not pixels of 8 bits, or its pages differ in
             size.
 
     Example:

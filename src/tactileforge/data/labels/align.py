@@ -120,7 +120,7 @@ def estimate_lag(
     """
     if not len(times) == len(force) == len(change):
         raise DataError(
-            f"{len(times)} times, {len(force)} forces and {len(change)} frames: give one a frame"
+            f"{len(times)} times, {len(force)} forces and {len(change)} frames: give one per frame"
         )
     steps = np.diff(times)
     if len(times) < _LEAST_SHARED or not (steps > 0).all():

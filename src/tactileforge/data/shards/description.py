@@ -114,7 +114,7 @@ def build_recording(about: dict[str, Any], lazy: dict[str, PackedFrames]) -> Rec
     """
     times = np.array(about["times"], np.float64)
     if times.ndim != 1 or not np.isfinite(times).all() or (np.diff(times) < 0).any():
-        raise ValueError("times are finite numbers, one a frame, that do not go back")
+        raise ValueError("times are finite numbers, one per frame, that do not go back")
     force, action = about["force"], _actions(about["action"])
     seen = _views(about["image_times"], lazy.get("image"))
     tracks = {name: _track(track) for name, track in about["tracks"].items()}
@@ -174,7 +174,7 @@ def _actions(rows: Any) -> NDArray[np.int64] | None:
         return None
     actions = np.array(rows, np.int64)
     if actions.ndim != 1 or ((actions < -1) | (actions >= len(ACTIONS))).any():
-        raise ValueError(f"actions are numbers from -1 to {len(ACTIONS) - 1}, one a frame")
+        raise ValueError(f"actions are numbers from -1 to {len(ACTIONS) - 1}, one per frame")
     return actions
 
 
@@ -185,7 +185,7 @@ def _views(rows: Any, image: PackedFrames | None) -> NDArray[np.float64] | None:
     times = np.array(rows, np.float64)
     in_order = times.ndim == 1 and np.isfinite(times).all() and (np.diff(times) >= 0).all()
     if not in_order or len(times) != len(image or ()):
-        raise ValueError("image_times are finite numbers, one a view, that do not go back")
+        raise ValueError("image_times are finite numbers, one per view, that do not go back")
     return times
 
 

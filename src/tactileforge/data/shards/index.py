@@ -132,8 +132,8 @@ def parse_index(text: str | bytes, where: str) -> Index:
         where: Name of the text, for messages.
 
     Raises:
-        DataError: The text is no index, is damaged or of another version, or two shards hold the
-            same recordings.
+        DataError: The text is not an index, is damaged or of another version, or two shards hold
+            the same recordings.
     """
     try:
         # the version before the seal, which other versions may write in another way

@@ -148,7 +148,7 @@ def read_shard(path: Path, bad: Callable[[DataError], None] = _raise) -> Iterato
             same. The default raises the error.
 
     Raises:
-        DataError: The file is no shard, or one of another version or program.
+        DataError: The file is not a shard, or one of another version or program.
     """
     try:
         with os.fdopen(open_regular(path), "rb") as file:
@@ -245,7 +245,7 @@ def shard_members(path: Path) -> Iterator[tuple[str, bytes]]:
     """Yield the names and contents of the members of a tar file.
 
     Raises:
-        DataError: The file is no tar file, or truncated.
+        DataError: The file is not a tar file, or truncated.
     """
     with os.fdopen(open_regular(path), "rb") as file:
         place, size = 0, os.fstat(file.fileno()).st_size

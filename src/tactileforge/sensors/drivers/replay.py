@@ -82,7 +82,7 @@ class Replay(Sensor):
         Raises:
             ConfigError: No path or type is given, or the shard has no such recording.
             DataNotFoundError: There is nothing at the path.
-            DataError: The file is no video, or an image cannot be read.
+            DataError: The file is not a video, or an image cannot be read.
             SensorError: The frames lie on their side.
         """
         frames, times = self._source()

@@ -12,7 +12,7 @@ from tactileforge.plugin import ArrayFrames, DataNotFoundError, Recording, label
 
 
 class NpzTouches:
-    """One file a touch.
+    """One file per touch.
 
     Args:
         root: Folder of the files.

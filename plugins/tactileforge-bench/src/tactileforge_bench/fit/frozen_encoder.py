@@ -170,7 +170,7 @@ class FrozenEncoder:
         with torch.inference_mode():
             taps = self.run(batch, flip, policy, groups and not self.flat)
             patches = taps["tokens"][:, self.encoder.prefix :]
-            # fixed features have one token, which is no patch
+            # fixed features have one token, which is not a patch
             pooled = taps["projected"] if self.flat else patches.float().mean(1)
             return taps | {"pooled": pooled, "patches": patches.flatten(1)}
 

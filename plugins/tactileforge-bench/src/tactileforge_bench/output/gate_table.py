@@ -62,7 +62,9 @@ def gate_table(gate_rows: Sequence[GateRow], results: Results) -> Table | None:
         f"{t.title} ({metrics[t.name]})" for t in results.tasks if t.name in metrics
     )
     more = (
-        f" Not judged, since the main metric is no sum over clips: {unjudged}." if unjudged else ""
+        f" Not judged, since the main metric is not a sum over clips: {unjudged}."
+        if unjudged
+        else ""
     )
     return Table(
         name="gate",

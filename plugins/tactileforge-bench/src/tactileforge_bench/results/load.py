@@ -37,7 +37,7 @@ def read_results(folder: Path) -> Results:
 
     Raises:
         DataNotFoundError: There is none in the folder.
-        DataError: It is no JSON, of another format, or names what it does not hold.
+        DataError: It is not JSON, of another format, or names what it does not hold.
         ConfigError: A key is missing, unknown or of another type; the message names it.
     """
     path = folder / FILE

@@ -55,7 +55,7 @@ def collect_scores(results: Results) -> Scores:
     parts: dict[tuple[str, str], dict[str, list[Cell]]] = {}
     for cell in results.cells:
         settings = parts.setdefault((cell.task, cell.model), {})
-        # as text: a dict is no key of another
+        # as text: a dict is not a key of another
         settings.setdefault(json.dumps(cell.setting, sort_keys=True), []).append(cell)
     return {
         (task, model): [
@@ -72,7 +72,7 @@ def main_score(all_scores: Scores, task: ResultTask, model: ResultModel) -> Seed
 
 
 def edge_rates(results: Results, all_scores: Scores) -> list[str]:
-    """Hints, one a task: the best of several learning rates is the smallest or the largest."""
+    """Hints, one per task: the best of several learning rates is the smallest or the largest."""
     lines = []
     for task in results.tasks:
         models = [all_scores.get((task.name, model.name), []) for model in results.models]

@@ -255,7 +255,7 @@ def _validation(
         return [n for n in rest if matches_filter(source, n, chosen)]
     group = str(chosen.pop("group", "recording"))
     if chosen:
-        raise ConfigError(f"split.validation: share goes with group alone, not {sorted(chosen)}")
+        raise ConfigError(f"split.validation: share goes only with group, not {sorted(chosen)}")
     names = {n: recording_fact(source, n, group) for n in rest}
     taken: set[str] = set()
     groups = list(_ordered(names, stratum).values())

@@ -120,7 +120,7 @@ def build_target(task: Task, source: TaskSource) -> Target:
         DataError: No clip has the label.
     """
     if task.target.startswith("label:"):
-        # an empty label is no class: the clip is left out, as one without the label
+        # an empty label is not a class: the clip is left out, as one without the label
         parts = {"class": _classes(source, lambda r, _, last: _label(r, task.target[6:], last))}
     elif task.target.startswith(_NUMBERS):
         parts = {"numbers": _numbers(source, task.target.removeprefix(_NUMBERS).split("+"))}
@@ -163,7 +163,7 @@ def _partial(parts: dict[str, TargetPart]) -> str:
             return (
                 f" along all of {', '.join(part.names)} (it has {', '.join(axes)}); a benchmark of "
                 "forces needs all axes in one clip"
-                f"{'; target: normal_force needs z alone' if 'z' in axes else ''}"
+                f"{'; target: normal_force needs only z' if 'z' in axes else ''}"
             )
     return ""
 
@@ -286,8 +286,8 @@ def _numbers(source: TaskSource, columns: list[str], shares: bool = False) -> Ta
             row = [np.nan if value is None else float(value) for value in found]
         except ValueError as error:
             raise DataError(
-                f"{recording.key}: a label of {', '.join(columns)} is no number ({error}); correct "
-                "it, or give target: label:NAME"
+                f"{recording.key}: a label of {', '.join(columns)} is not a number ({error}); "
+                "correct it, or give target: label:NAME"
             ) from error
         width = recording.frames.shape[1] if shares else 1
         return [x / width for x in row]

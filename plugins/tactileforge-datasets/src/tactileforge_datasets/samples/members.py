@@ -112,7 +112,7 @@ def _checked(header: bytes, place: int) -> int:
     """Size of the content of a header.
 
     Raises:
-        tarfile.TarError: It is no header, by its checksum.
+        tarfile.TarError: It is not a header, by its checksum.
     """
     stated = _number(header[148:156])
     # the checksum takes its own field for blanks

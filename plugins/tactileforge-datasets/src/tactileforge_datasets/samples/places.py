@@ -169,7 +169,7 @@ def array_header(blob: Blob, where: str) -> tuple[np.dtype[Any], tuple[int, ...]
     """Type, shape, order (True for Fortran's) and start of the values of an ``npy``.
 
     Raises:
-        DataError: It is no array, holds Python objects, or is shorter or longer than it says.
+        DataError: It is not an array, holds Python objects, or is shorter or longer than it says.
     """
     head = Blob(blob.path, blob.offset, min(blob.size, _HEADER + 64)).read()
     stream = BytesIO(head)
@@ -212,7 +212,7 @@ def as_numbers(value: Any, where: str) -> NDArray[np.float64]:
     """Numbers of a value; null is NaN.
 
     Raises:
-        DataError: They are no numbers, infinite, or not of one shape.
+        DataError: They are not numbers, infinite, or not of one shape.
     """
     try:
         numbers = np.array(value, np.float64)

@@ -54,7 +54,7 @@ def find_tars(folder: ShardFolder, patterns: Sequence[str]) -> list[Tar]:
             ``*``, ``?`` and ``[``.
 
     Raises:
-        ConfigError: A pattern is no path below the folder, or needs a list of a server's files.
+        ConfigError: A pattern is not a path below the folder, or needs a list of a server's files.
         DataNotFoundError: No file of this machine matches; names the nearest.
     """
     found: dict[str, None] = {}

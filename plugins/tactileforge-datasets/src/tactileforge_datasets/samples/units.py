@@ -67,7 +67,7 @@ def read_samples(path: Path, name: str, layout: SampleLayout) -> SampleTar:
         layout: Layout of the samples.
 
     Raises:
-        DataError: The file is no tar, or has no members.
+        DataError: The file is not a tar, or has no members.
     """
     index, found = read_members(path), SampleTar()
     samples, twice, odd = grouped(index.members)

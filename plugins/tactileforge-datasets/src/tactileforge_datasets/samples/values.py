@@ -34,7 +34,7 @@ class UnitValues:
         self._read: dict[tuple[int, str], Any] = {}
 
     def rows(self, text: str, count: int) -> NDArray[np.float64]:
-        """Numbers of a place, one row a frame: float64 (T, ...); NaN for missing ones."""
+        """Numbers of a place, one row per frame: float64 (T, ...); NaN for missing ones."""
         place, samples = parse_place(text), self.unit.samples
         read = [self._value(place, i) for i in range(len(samples))]
         known = [as_numbers(one, f"{self.where}: {place}") for one in read if one is not None]

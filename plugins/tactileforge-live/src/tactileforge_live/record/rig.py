@@ -116,9 +116,11 @@ class Rig:
                 raise ConfigError(f"{name} is a {what}: choose it with {group}={name}")
             spec(sensor.spec.name)  # raises for an unknown type, whose recordings could not be read
         if force is not None and force.spec.kind != "wrench":
-            raise ConfigError(f"force={force.spec.name} is no wrench sensor: choose it as sensor=")
+            raise ConfigError(
+                f"force={force.spec.name} is not a wrench sensor: choose it as sensor="
+            )
         if camera is not None and camera.spec.kind != "image":
-            raise ConfigError(f"camera={camera.spec.name} is no camera")
+            raise ConfigError(f"camera={camera.spec.name} is not a camera")
         if robot is not None and (robot.spec.kind != "robot" or robot.spec.states < 1):
             raise ConfigError(f"robot={robot.spec.name} is no robot: choose it as sensor=")
         self.devices = [RigSensor(name, sensor) for name, sensor in sensors.items()]

@@ -73,7 +73,7 @@ class EpisodeClips(Clips):
         episodes: Episodes in the order of their names.
 
     Raises:
-        DataError: The recordings are no demonstrations, or do not agree, see `episodes_of` and
+        DataError: The recordings are not demonstrations, or do not agree, see `episodes_of` and
             `check_alike`; or one lacks its reference press.
     """
 

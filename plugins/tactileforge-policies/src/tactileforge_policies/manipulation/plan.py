@@ -49,7 +49,7 @@ class ManipulationOptions:
         train: Overrides of every training.
         cross_sensor: Whether policies are rolled out on the other sensors too.
         other_unit: Further unit of the sensors for rollouts, with different gels; None for none.
-        processes: Number of simulating processes; None for one a core.
+        processes: Number of simulating processes; None for one per core.
     """
 
     tasks: list[str]

@@ -143,5 +143,5 @@ def _check_action(action: NDArray[np.float32], shape: Sequence[int], episode: Ep
         )
     if not np.isfinite(action).all():
         raise TactileForgeError(
-            f"{where}: the action {action.tolist()} is no number; the policy's training diverged"
+            f"{where}: the action {action.tolist()} is not a number; the policy's training diverged"
         )

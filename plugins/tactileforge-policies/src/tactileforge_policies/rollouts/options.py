@@ -78,7 +78,7 @@ class DemonstrationOptions(TaskOptions):
         units: Units of the sensors, one per episode, in turns, so that gels and lights vary; None
             for the unit of ``env``.
         codec: Codec of the pictures: png or webp, without loss, or jpg (quality 95).
-        processes: Number of simulating processes; None for one a core.
+        processes: Number of simulating processes; None for one per core.
     """
 
     out: str
@@ -126,7 +126,7 @@ class RolloutOptions(TaskOptions):
         n: Number of episodes.
         cross_sensor: Whether the policy may have been trained on a different sensor.
         shown: Number of episodes on the page, failures and successes in turn.
-        processes: Number of simulating processes; None for one a core.
+        processes: Number of simulating processes; None for one per core.
         out: Folder of the results; None for runs/rollouts/TASK-SENSOR-POLICY. Stopped rollouts are
             resumed there, and a larger n adds to them.
     """

@@ -35,7 +35,7 @@ class _Sim:
             of rows (docs/simulator.md).
         seed: Seed of the simulation; another seed gives other touches.
         codec: Format of stored pictures: jpg (quality 95), or without loss png or webp.
-        processes: Number of simulating processes; None for one a core.
+        processes: Number of simulating processes; None for one per core.
     """
 
     out: str
