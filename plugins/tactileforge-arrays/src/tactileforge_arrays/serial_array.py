@@ -55,7 +55,8 @@ class SerialArray(StreamSensor):
         span: Change of a value drawn as full colour, one number for all axes or one for each.
         limits: Lowest and highest plausible value; None for a wide range around ``span``.
         rate: Largest change of a drawn value per second, where there is no checksum. A packet with
-            a larger change must be confirmed by the next; None for ``span`` a packet, 0 for no limit.
+            a larger change must be confirmed by the next; None for ``span`` a packet, 0 for no
+            limit.
         baseline: Frames for the value without contact (their median), taken at opening.
         fps: Packets a second.
         baudrate: Bits a second.

@@ -47,7 +47,8 @@ class VideoFrames(Cropped):
     Raises:
         DataNotFoundError: There is no such file.
         DataError: The file is not a video, is truncated, has more pixels than
-            `untrusted.MAX_PIXELS` or more frames than `video_index.MAX_FRAMES`, or the crop lies outside its frames.
+            `untrusted.MAX_PIXELS` or more frames than `video_index.MAX_FRAMES`, or the crop lies
+            outside its frames.
         ConfigError: OpenCV does not decode its codec, and PyAV is not installed.
     """
 
