@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -42,6 +43,8 @@ class AlignHead(nn.Module):
         image_encoder: Tower for camera images, or None (given by the framework).
         temperature: Initial temperature; it is learned, and never falls below 0.01.
     """
+
+    reads: ClassVar[frozenset[str]] = frozenset({"full"})
 
     def __init__(
         self,

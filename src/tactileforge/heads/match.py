@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from torch import Tensor, nn
 from torch.nn import functional as F
@@ -34,6 +35,8 @@ class MatchHead(nn.Module):
         gain: Fixed factor of the scores; products of unit vectors are small, so it sets the speed
             of learning.
     """
+
+    reads: ClassVar[frozenset[str]] = frozenset({"full"})
 
     def __init__(self, encoder: Encoder, gain: float = 10.0) -> None:
         super().__init__()
