@@ -181,8 +181,9 @@ class Head(Protocol):
 
     A head may declare ``columns``, see `Column`, and gets their sizes if its constructor has the
     parameter ``column_sizes``. It may name the views that it reads in ``reads``, ``full`` or
-    ``masked``: where a step reads both, the encoder computes them in one pass. A head with the parameter ``facts`` may list in ``fixed_facts`` the
-    facts of a data set that must be equal in its run and in the run it is initialised from.
+    ``masked``: where a step reads both, the encoder computes them in one pass. A head with the
+    parameter ``facts`` may list in ``fixed_facts`` the facts of a data set that must be equal in
+    its run and in the run it is initialised from.
     """
 
     def __call__(self, views: Views, batch: Batch) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
@@ -50,8 +51,7 @@ class MatchHead(nn.Module):
     def forward(self, views: Views, batch: Batch) -> PairScores:
         """Scores every pair of the batch."""
         cls = F.normalize(views.full.cls, dim=-1)
-        scores = [
-            self.gain * ((cls * part.weight) @ cls.T + part.bias)
-            for part in (self.object, self.action)
-        ]
-        return PairScores(*scores)
+        parts = (self.object, self.action)
+        weight = torch.stack([part.weight for part in parts])
+        bias = torch.stack([part.bias for part in parts])[..., None]
+        return PairScores(*(self.gain * ((cls * weight) @ cls.T + bias)).unbind())

@@ -275,10 +275,8 @@ class TouchModule(L.LightningModule):
             universal: Chance of the universal sensor tokens, 0 to 1.
         """
         terms = self.terms(batch, weights, universal)
-        total = torch.zeros((), device=self.device)
-        for key, term in terms.items():
-            total = total + weights[key] * term.loss.value
-        return total, logs_of(terms)
+        losses = {key: term.loss.value for key, term in terms.items()}
+        return balances.weighted_sum(losses, weights, self.device), logs_of(terms)
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         """Weighted loss of one batch, over all objectives with a weight above 0.
