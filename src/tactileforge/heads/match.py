@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
 
 from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.util.unit import unit
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class MatchHead(nn.Module):
 
     def forward(self, views: Views, batch: Batch) -> PairScores:
         """Scores every pair of the batch."""
-        cls = F.normalize(views.full.cls, dim=-1)
+        cls = unit(views.full.cls)
         parts = (self.object, self.action)
         weight = torch.stack([part.weight for part in parts])
         bias = torch.stack([part.bias for part in parts])[..., None]

@@ -6,12 +6,12 @@ from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
 from tactileforge.heads.align import Aligned
 from tactileforge.util.distributed import gather_rows
 from tactileforge.util.means import Mean
+from tactileforge.util.unit import unit
 
 
 class Align(nn.Module):
@@ -44,7 +44,7 @@ class Align(nn.Module):
             nothing = 0 * (prediction.touch.sum() + prediction.scale)
             return Mean(nothing, torch.zeros_like(nothing)), {}
         vectors = torch.stack([prediction.touch, *(x for _, _, x, _ in given)], dim=1)
-        touch, *others = gather_rows(F.normalize(vectors, dim=-1)).unbind(1)
+        touch, *others = gather_rows(unit(vectors)).unbind(1)
         valid = gather_rows(torch.stack([valid for *_, valid in given], dim=1)).T
         means = info_nce(touch, torch.stack(others), valid, prediction.scale)
         parts = [alpha * mean for (_, alpha, *_), mean in zip(given, means, strict=True)]
