@@ -15,7 +15,7 @@ from tactileforge.testing import batch
 
 SMALL: dict[str, Any] = {"size": "tiny", "depth": 2, "frames": 4, "image_size": 32}
 STEMS: dict[str, Any] = {"stems": 2, "stem_depth": 1, "sensors": {"digit": 1, "gelsight": 0}}
-ENCODERS = {
+ENCODERS: dict[str, tuple[type[Backbone], dict[str, Any]]] = {
     "tactile_vit": (TactileViT, {}),
     "no sensor tokens, a learned key": (TactileViT, {"sensor_tokens": 0, "bias_kv": True}),
     "plain_vit": (PlainViT, {}),
@@ -44,7 +44,7 @@ def values(encoder: Backbone, both: bool) -> tuple[list[torch.Tensor], dict[str,
 def test_one_pass_has_the_numbers_of_two(name: str) -> None:
     torch.manual_seed(0)
     kind, options = ENCODERS[name]
-    encoder = kind(**SMALL, **options)
+    encoder: Any = kind(**SMALL, **options)
     passes: list[int] = []
     encoder.transformer.register_forward_hook(lambda *_: passes.append(1))
     (alone, first), (together, second) = values(encoder, False), values(encoder, True)

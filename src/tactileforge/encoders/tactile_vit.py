@@ -171,7 +171,7 @@ class TactileViT(Backbone):
         class_only: bool = False,
     ) -> Tensor:
         """Last hidden state, before the last norm; see `Backbone.encode`."""
-        first, position = self.position.split([1, len(self.position) - 1])
+        first, position = torch.split(self.position, [1, len(self.position) - 1])
         shown, position = visible_patches(patches, position, kept)
         x = (self.embed(shown.to(position.dtype)) + position).flatten(1, 2)
         x = self.norm_in(torch.cat([*self._head(first, sensor), x], dim=1))
@@ -180,8 +180,8 @@ class TactileViT(Backbone):
 
     def encode_both(self, patches: Tensor, sensor: Tensor, kept: Tensor) -> tuple[Tensor, Tensor]:
         """Both in one pass: only attention is told apart; see `Backbone.encode_both`."""
-        first, position = self.position.split([1, len(self.position) - 1])
-        every = self.embed(patches.to(position.dtype)) + position.unflatten(0, patches.shape[1:3])
+        first, position = torch.split(self.position, [1, len(self.position) - 1])
+        every = self.embed(patches.to(position.dtype)) + position.view(*patches.shape[1:3], -1)
         head = self._head(first, sensor)
         seen = [x.flatten(1, 2) for x in (every, patches_at(every, kept))]
         x = self.norm_in(torch.cat([*head, seen[0], *head, seen[1]], dim=1))

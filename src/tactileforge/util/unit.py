@@ -15,7 +15,7 @@ class _Unit(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:
         length = torch.linalg.vector_norm(x, dim=-1, keepdim=True).clamp_min(_LEAST)
-        unit = x / length
+        unit: Tensor = x / length
         ctx.save_for_backward(unit, length)
         return unit
 
@@ -24,7 +24,8 @@ class _Unit(torch.autograd.Function):
         unit, length = ctx.saved_tensors
         along = (grads[0] * unit).sum(-1, keepdim=True)
         # what points along the vector would change only its length
-        return torch.addcmul(grads[0], unit, along, value=-1) / length
+        across: Tensor = torch.addcmul(grads[0], unit, along, value=-1) / length
+        return across
 
 
 def unit(x: Tensor) -> Tensor:
