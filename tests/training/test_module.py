@@ -41,16 +41,39 @@ def test_the_loss_is_the_weighted_sum(module: TouchModule, batch: Batch) -> None
 def test_at_most_one_pass_a_view(
     module: TouchModule, batch: Batch, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    passes = []
-    encode = module.encoder.encode
-    monkeypatch.setattr(
-        module.encoder, "encode", lambda *a, **k: passes.append(len(a)) or encode(*a, **k)
-    )
+    passes: list[tuple[str, int]] = []
+    for name in ("encode", "encode_both"):
+        old = getattr(module.encoder, name)
+        monkeypatch.setattr(
+            module.encoder,
+            name,
+            lambda *a, old=old, name=name, **k: passes.append((name, len(a))) or old(*a, **k),
+        )
     module.losses(batch, ALL)
-    assert sorted(passes) == [2, 3]  # one full view, one masked
+    assert passes == [("encode_both", 3)]  # in one pass
     passes.clear()
-    module.losses(batch, ALL | {"align": 0.0, "match": 0.0, "force": 0.0})
-    assert passes == [3]  # the full view is not computed
+    masked = ALL | {"align": 0.0, "match": 0.0, "force": 0.0}
+    module.losses(batch, masked)
+    assert passes == [("encode", 3)]  # the full view is not computed
+    passes.clear()
+    module.losses(batch, ALL | {"pixel": 0.0, "diff": 0.0})
+    assert passes == [("encode", 2)]
+    passes.clear()
+    # a measured objective is differentiated alone: its graph holds no other view
+    module.balance.every = 1
+    module.losses(batch, ALL)
+    assert sorted(passes) == [("encode", 2), ("encode", 3)]
+
+
+def test_a_head_that_does_not_say_what_it_reads_has_its_view(
+    module: TouchModule, batch: Batch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    torch.manual_seed(0)
+    said, _ = module.losses(batch, ALL)
+    for head in module.heads.values():
+        monkeypatch.delattr(type(head), "reads")
+    torch.manual_seed(0)
+    torch.testing.assert_close(module.losses(batch, ALL)[0], said)
 
 
 def test_an_objective_of_weight_0_is_not_computed(

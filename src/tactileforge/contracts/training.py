@@ -180,8 +180,10 @@ class Head(Protocol):
     """Maps features to a prediction (a ``torch.nn.Module``); ``head.K`` feeds ``objective.K``.
 
     A head may declare ``columns``, see `Column`, and gets their sizes if its constructor has the
-    parameter ``column_sizes``. A head with the parameter ``facts`` may list in ``fixed_facts`` the
-    facts of a data set that must be equal in its run and in the run it is initialised from.
+    parameter ``column_sizes``. It may name the views that it reads in ``reads``, ``full`` or
+    ``masked``: where a step reads both, the encoder computes them in one pass. A head with the
+    parameter ``facts`` may list in ``fixed_facts`` the facts of a data set that must be equal in
+    its run and in the run it is initialised from.
     """
 
     def __call__(self, views: Views, batch: Batch) -> Any:

@@ -122,6 +122,13 @@ class Backbone(nn.Module):
             float (B, prefix + slots * (K or N), width), or (B, 1, width).
         """
 
+    def encode_both(self, patches: Tensor, sensor: Tensor, kept: Tensor) -> tuple[Tensor, Tensor]:
+        """Last hidden states of all patches and of the visible ones; arguments as of `encode`.
+
+        A network whose layers work on single tokens computes both in one pass.
+        """
+        return self.encode(patches, sensor), self.encode(patches, sensor, kept)
+
     @abstractmethod
     def pool_tokens(self, tokens: Tensor) -> Tensor:
         """The projected class token or its substitute: (B, L, width) to (B, projected)."""
@@ -219,22 +226,35 @@ class TactileViews:
         return self.encoder.patchify(pixels)
 
     @cached_property
+    def kept(self) -> Tensor:
+        """Spatial positions of the masked view, int64 (B, K)."""
+        # in the order of their places, as tokens come without a mask
+        return self.order[:, : self.keep].sort(dim=1).values
+
+    @cached_property
     def full(self) -> Features:
         """Features with every patch visible."""
-        encoder = self.encoder
-        tokens = encoder.encode(self.patches, self.sensor)
-        return Features(tokens, encoder.pool_tokens(tokens), encoder.prefix, encoder.grid)
+        return self._full(self.encoder.encode(self.patches, self.sensor))
 
     @cached_property
     def masked(self) -> MaskedFeatures:
         """Features of visible tubes: ``mask_ratio`` of the positions are hidden in every slot."""
+        return self._masked(self.encoder.encode(self.patches, self.sensor, self.kept))
+
+    def compute_both(self) -> None:
+        """Computes both views, in one pass of the encoder where it can: with half the kernels."""
+        full, masked = self.encoder.encode_both(self.patches, self.sensor, self.kept)
+        self.full, self.masked = self._full(full), self._masked(masked)
+
+    def _full(self, tokens: Tensor) -> Features:
         encoder = self.encoder
-        # in the order of their places, as tokens come without a mask
-        kept = self.order[:, : self.keep].sort(dim=1).values
+        return Features(tokens, encoder.pool_tokens(tokens), encoder.prefix, encoder.grid)
+
+    def _masked(self, hidden: Tensor) -> MaskedFeatures:
+        encoder = self.encoder
         masked = self.order[:, self.keep :].sort(dim=1).values
-        hidden = encoder.encode(self.patches, self.sensor, kept)
         tokens, cls = encoder.project(hidden), encoder.pool_tokens(hidden)
-        return MaskedFeatures(tokens, cls, kept, masked, encoder.prefix, encoder.grid)
+        return MaskedFeatures(tokens, cls, self.kept, masked, encoder.prefix, encoder.grid)
 
     def other(self, batch: Batch, kept: Tensor | None = None) -> TactileViews:
         """Views of another batch by the same encoder; see `contracts.Views.other`."""

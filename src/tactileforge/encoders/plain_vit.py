@@ -201,16 +201,33 @@ class PlainViT(Backbone):
         class_only: bool = False,
     ) -> Tensor:
         """Last hidden state, normed unless the norm follows pooling; see `Backbone.encode`."""
-        x = self._stems(patches, sensor, kept)
-        count = 0
-        if self.registers is not None:
-            count = len(self.registers)
-            x = torch.cat([self.registers.expand(len(x), -1, -1), x], dim=1)
+        x = self._tokens(patches, sensor, kept)
+        count = self._registers
         # the class token, which comes after the registers
         only = slice(count, count + 1)
         x = self.transformer(x, only=only) if class_only else self.transformer(x)[:, count:]
         out: Tensor = self.norm_out(x) if self.norm_tokens else x
         return out
+
+    def encode_both(self, patches: Tensor, sensor: Tensor, kept: Tensor) -> tuple[Tensor, Tensor]:
+        """Both in one pass after the stems; see `Backbone.encode_both`."""
+        parts = [self._tokens(patches, sensor, seen) for seen in (None, kept)]
+        lengths = (parts[0].shape[1], parts[1].shape[1])
+        x = self.transformer(torch.cat(parts, dim=1), lengths=lengths)
+        x = self.norm_out(x) if self.norm_tokens else x
+        full, masked = (part[:, self._registers :] for part in x.split(lengths, dim=1))
+        return full, masked
+
+    @property
+    def _registers(self) -> int:
+        return 0 if self.registers is None else len(self.registers)
+
+    def _tokens(self, patches: Tensor, sensor: Tensor, kept: Tensor | None) -> Tensor:
+        """Registers, if there are any, and the tokens of the stems."""
+        x = self._stems(patches, sensor, kept)
+        if self.registers is None:
+            return x
+        return torch.cat([self.registers.expand(len(x), -1, -1), x], dim=1)
 
     def _stems(self, patches: Tensor, sensor: Tensor, kept: Tensor | None) -> Tensor:
         """Runs each sample through the stem of its sensor."""

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from tactileforge.encoders.backbone import Backbone, rescale_norm, visible_patches
+from tactileforge.encoders.backbone import Backbone, patches_at, rescale_norm, visible_patches
 from tactileforge.encoders.photo_stream import PhotoStream
 from tactileforge.encoders.positions import sincos_grid
 from tactileforge.encoders.preprocess import ANYTOUCH2, CLIP_MEAN, CLIP_STD
@@ -171,13 +171,38 @@ class TactileViT(Backbone):
         class_only: bool = False,
     ) -> Tensor:
         """Last hidden state, before the last norm; see `Backbone.encode`."""
-        shown, position = visible_patches(patches, self.position[1:], kept)
+        first, position = torch.split(self.position, [1, len(self.position) - 1])
+        shown, position = visible_patches(patches, position, kept)
         x = (self.embed(shown.to(position.dtype)) + position).flatten(1, 2)
-        head = [(self.class_token + self.position[0]).expand(len(x), 1, -1)]
+        x = self.norm_in(torch.cat([*self._head(first, sensor), x], dim=1))
+        hidden = self.transformer(x, only=slice(0, 1) if class_only else None)
+        return self._with_photo_stream(hidden, patches, kept, class_only)
+
+    def encode_both(self, patches: Tensor, sensor: Tensor, kept: Tensor) -> tuple[Tensor, Tensor]:
+        """Both in one pass: only attention is told apart; see `Backbone.encode_both`."""
+        first, position = torch.split(self.position, [1, len(self.position) - 1])
+        every = self.embed(patches.to(position.dtype)) + position.view(*patches.shape[1:3], -1)
+        head = self._head(first, sensor)
+        seen = [x.flatten(1, 2) for x in (every, patches_at(every, kept))]
+        x = self.norm_in(torch.cat([*head, seen[0], *head, seen[1]], dim=1))
+        lengths = (self.prefix + seen[0].shape[1], self.prefix + seen[1].shape[1])
+        full, masked = self.transformer(x, lengths=lengths).split(lengths, dim=1)
+        return (
+            self._with_photo_stream(full, patches, None),
+            self._with_photo_stream(masked, patches, kept),
+        )
+
+    def _head(self, first: Tensor, sensor: Tensor) -> list[Tensor]:
+        """Tokens before the patches, (B, 1, width) and (B, sensor tokens, width)."""
+        head = [(self.class_token + first).expand(len(sensor), 1, -1)]
         if self.sensor_table is not None:
             head.append(self.sensor_table[sensor])
-        x = self.norm_in(torch.cat([*head, x], dim=1))
-        hidden: Tensor = self.transformer(x, only=slice(0, 1) if class_only else None)
+        return head
+
+    def _with_photo_stream(
+        self, hidden: Tensor, patches: Tensor, kept: Tensor | None, class_only: bool = False
+    ) -> Tensor:
+        """Adds the channels of the network for photographs, if there is one."""
         if self.photo_stream is None:
             return hidden
         seen = self.photo_stream(patches, kept)

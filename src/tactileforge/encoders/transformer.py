@@ -43,20 +43,38 @@ class Attention(nn.Module):
         self.out = nn.Linear(width, width)
         self.bias_kv = nn.Parameter(torch.zeros(2, width)) if bias_kv else None
 
-    def forward(self, x: Tensor, mask: Tensor | None = None, only: slice | None = None) -> Tensor:
+    def forward(
+        self,
+        x: Tensor,
+        mask: Tensor | None = None,
+        only: slice | None = None,
+        lengths: tuple[int, ...] | None = None,
+    ) -> Tensor:
         """Attends over (B, L, width).
 
         Args:
             x: float (B, L, width).
-            mask: bool (B, 1, 1, L), True for visible keys; or float (1 or B, heads, L, L), added to
-                the scores of a query (third axis) and a key (fourth). None for no mask.
+            mask: bool (B, 1, 1, L), True for visible keys; or float (1 or B, 1 or heads, 1 or L,
+                L), added to the scores of a query (third axis) and a key (fourth). None for no
+                mask.
             only: Consecutive tokens to return, (B, their number, width); None for all.
+            lengths: Lengths of sequences that lie one after another in L and do not see each
+                other, without ``mask`` and ``only``; None for a single one.
         """
-        query, key, value = (
-            self.qkv(x).unflatten(-1, (3, self.heads, -1)).permute(2, 0, 3, 1, 4).unbind(0)
-        )
+        qkv = self.qkv(x).unflatten(-1, (3, self.heads, -1))
+        if lengths is None:
+            read = self._read(qkv, mask, only)
+        else:
+            read = torch.cat([self._read(part) for part in qkv.split(lengths, dim=1)], dim=1)
+        out: Tensor = self.out(read)
+        return out
+
+    def _read(self, qkv: Tensor, mask: Tensor | None = None, only: slice | None = None) -> Tensor:
+        """Values that tokens read, (B, L, width), from (B, L, 3, heads, width / heads)."""
+        # taken apart before axes are swapped: so the gradient is put together in the order of `qkv`
+        query, key, value = (part.transpose(1, 2) for part in qkv.unbind(2))
         if self.bias_kv is not None:
-            extra = self.bias_kv.view(2, 1, self.heads, 1, -1).expand(-1, len(x), -1, -1, -1)
+            extra = self.bias_kv.view(2, 1, self.heads, 1, -1).expand(-1, len(qkv), -1, -1, -1)
             key, value = torch.cat([key, extra[0]], dim=2), torch.cat([value, extra[1]], dim=2)
         # queries alone are cut: the others are still attended to, so nothing changes but the work
         if only is not None:
@@ -67,8 +85,7 @@ class Attention(nn.Module):
         if mask is not None and mask.is_floating_point():
             mask = mask.to(query.dtype)
         x = F.scaled_dot_product_attention(query, key, value, attn_mask=mask)
-        out: Tensor = self.out(x.transpose(1, 2).flatten(2))
-        return out
+        return x.transpose(1, 2).flatten(2)
 
 
 class Block(nn.Module):
@@ -105,9 +122,15 @@ class Block(nn.Module):
             self.scale1 = nn.Parameter(torch.full((width,), layer_scale))
             self.scale2 = nn.Parameter(torch.full((width,), layer_scale))
 
-    def forward(self, x: Tensor, mask: Tensor | None = None, only: slice | None = None) -> Tensor:
-        """Transforms (B, L, width); returns only the tokens of ``only`` if given."""
-        change = self.attention(self.norm1(x), mask, only)
+    def forward(
+        self,
+        x: Tensor,
+        mask: Tensor | None = None,
+        only: slice | None = None,
+        lengths: tuple[int, ...] | None = None,
+    ) -> Tensor:
+        """Transforms (B, L, width); arguments as of `Attention`."""
+        change = self.attention(self.norm1(x), mask, only, lengths)
         x = x if only is None else x[:, only]
         x = x + (change if self.scale1 is None else change * self.scale1)
         change = self.mlp(self.norm2(x))
@@ -138,12 +161,20 @@ class Transformer(nn.Module):
             Block(width, heads, eps, activation, bias_kv, layer_scale) for _ in range(depth)
         )
 
-    def forward(self, x: Tensor, mask: Tensor | None = None, only: slice | None = None) -> Tensor:
-        """Transforms (B, L, width); returns only the tokens of ``only`` if given."""
+    def forward(
+        self,
+        x: Tensor,
+        mask: Tensor | None = None,
+        only: slice | None = None,
+        lengths: tuple[int, ...] | None = None,
+    ) -> Tensor:
+        """Transforms (B, L, width); arguments as of `Attention`."""
+        if mask is not None and mask.dtype == torch.bool:
+            mask = mask.to(x.dtype).log()  # 0 and -inf once, which torch would make in each block
         last = len(self.blocks) - 1
         for number, block in enumerate(self.blocks):
             # every block before the last needs all tokens, as the next one attends to them
-            x = block(x, mask, only if number == last else None)
+            x = block(x, mask, only if number == last else None, lengths)
         return x if only is None or last >= 0 else x[:, only]
 
 
@@ -179,16 +210,12 @@ class AttentivePooler(nn.Module):
 
     def forward(self, tokens: Tensor) -> Tensor:
         """Pools (B, L, width) to (B, queries, width)."""
-        queries = self.queries.expand(len(tokens), -1, -1)
-        query = self.q(queries).unflatten(-1, (self.heads, -1)).transpose(1, 2)
-        key, value = (
-            self.kv(self.norm1(tokens))
-            .unflatten(-1, (2, self.heads, -1))
-            .permute(2, 0, 3, 1, 4)
-            .unbind(0)
-        )
+        query = self.q(self.queries).unflatten(-1, (self.heads, -1)).transpose(1, 2)
+        query = query.expand(len(tokens), -1, -1, -1)
+        pairs = self.kv(self.norm1(tokens)).unflatten(-1, (2, self.heads, -1)).unbind(2)
+        key, value = (part.transpose(1, 2) for part in pairs)
         read = F.scaled_dot_product_attention(query, key, value).transpose(1, 2).flatten(2)
-        x = queries + self.out(read)
+        x = self.queries + self.out(read)
         out: Tensor = x + self.mlp(self.norm2(x))
         return out
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor
 
 from tactileforge.contracts import Batch, Features, Views
+from tactileforge.encoders.backbone import TactileViews
 from tactileforge.errors import TactileForgeError
 
 
@@ -54,7 +56,9 @@ class ComputedViews:
         return self.patches
 
 
-def views_of(encoder: Any, batch: Batch, universal: float = 0.0) -> Views:
+def views_of(
+    encoder: Any, batch: Batch, universal: float = 0.0, reads: AbstractSet[str] = frozenset()
+) -> Views:
     """Views of a batch, from its frames or else from its tokens.
 
     Args:
@@ -62,9 +66,12 @@ def views_of(encoder: Any, batch: Batch, universal: float = 0.0) -> Views:
         batch: Batch, see `tactileforge.contracts`; ``tokens`` are float (B, F, L, width), of F
             touches per sample. A batch without touch has neither frames nor tokens.
         universal: Chance of the universal sensor tokens for a sample, 0 to 1.
+        reads: Views that are known to be read, ``full`` or ``masked``: both are computed at once.
     """
     if "frames" in batch:
         views: Views = encoder.views(batch, universal)
+        if isinstance(views, TactileViews) and reads >= {"full", "masked"}:
+            views.compute_both()
         return views
     if "tokens" not in batch:
         return ComputedViews(None)

@@ -48,10 +48,12 @@ class ImageViT(nn.Module):
         self.position = nn.Parameter(torch.empty(rows * rows, self.width))
         self.transformer = Transformer(self.width, depth or blocks, heads)
         self.norm = nn.LayerNorm(self.width)
-        self.register_buffer("mean", torch.tensor(CLIP_MEAN).view(3, 1, 1), persistent=False)
-        self.register_buffer("std", torch.tensor(CLIP_STD).view(3, 1, 1), persistent=False)
-        self.mean: Tensor
-        self.std: Tensor
+        # (x / 255 - mean) / std as one product and sum
+        mean, std = (torch.tensor(row).view(3, 1, 1) for row in (CLIP_MEAN, CLIP_STD))
+        self.register_buffer("gain", 1 / (255 * std), persistent=False)
+        self.register_buffer("shift", -mean / std, persistent=False)
+        self.gain: Tensor
+        self.shift: Tensor
         self.apply(init_weights)
         nn.init.normal_(self.class_token, std=0.02)
         with torch.no_grad():
@@ -61,9 +63,10 @@ class ImageViT(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """Encodes uint8 (B, 3, h, w) to (B, width)."""
-        x = images.float() / 255
-        x = F.interpolate(x, (self.image_size, self.image_size), mode="bilinear", antialias=True)
-        x = self.embed((x - self.mean) / self.std).flatten(2).transpose(1, 2) + self.position
+        size = (self.image_size, self.image_size)
+        x = F.interpolate(images.float(), size, mode="bilinear", antialias=True)
+        x = torch.addcmul(self.shift, x, self.gain)
+        x = self.embed(x).flatten(2).transpose(1, 2) + self.position
         x = torch.cat([self.class_token.expand(len(x), 1, -1), x], dim=1)
-        out: Tensor = self.norm(self.transformer(x, only=slice(1))[:, 0])
+        out: Tensor = self.norm(self.transformer(x, only=slice(1)).flatten(1))
         return out

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional as F
 
 from tactileforge.contracts import Batch, Encoder, Views
 
@@ -43,6 +45,8 @@ class AlignHead(nn.Module):
         temperature: Initial temperature; it is learned, and never falls below 0.01.
     """
 
+    reads: ClassVar[frozenset[str]] = frozenset({"full"})
+
     def __init__(
         self,
         encoder: Encoder,
@@ -75,7 +79,7 @@ class AlignHead(nn.Module):
             where = {line: i for i, line in enumerate(lines)}
             rows = torch.tensor([where[line] for line in batch["text"]])
             rows = rows.to(touch.device, non_blocking=True)
-            text = self.text_vectors(lines)[rows]
+            text = F.embedding(rows, self.text_vectors(lines))
         if self.image_encoder is not None and self.image_project is not None:
             image = self.image_project(self.image_encoder(batch["image"]))
         text_valid = torch.tensor([line != "" for line in batch["text"]])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import torch
 from torch import Tensor, nn
 
@@ -19,6 +21,8 @@ class ClassifyHead(nn.Module):
     Attributes:
         met: bool (classes,), True for classes seen in training.
     """
+
+    reads: ClassVar[frozenset[str]] = frozenset({"full"})
 
     met: Tensor
 

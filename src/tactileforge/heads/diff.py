@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from torch import nn
 
 from tactileforge.contracts import Batch, Encoder, Views
@@ -20,6 +22,8 @@ class DiffHead(nn.Module):
         relative: Bias of the decoder's attention by offset, see `MaskedDecoder`.
         norm: Whether the decoder has a last norm, see `MaskedDecoder`.
     """
+
+    reads: ClassVar[frozenset[str]] = frozenset({"masked"})
 
     def __init__(
         self,

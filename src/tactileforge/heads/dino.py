@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -65,6 +66,8 @@ class DinoHead(nn.Module):
         momentum: Momentum of the EMA copies at the start; it rises linearly to 1.
         centring: Momentum of the centre, per step.
     """
+
+    reads: ClassVar[frozenset[str]] = frozenset({"masked"})
 
     def __init__(
         self,

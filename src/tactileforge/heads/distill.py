@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -51,6 +51,8 @@ class DistillHead(nn.Module):
             ``maps`` gives features of positions; any other only its vector.
         gain: Amplification of the difference to the frame without contact, in the teacher's input.
     """
+
+    reads: ClassVar[frozenset[str]] = frozenset({"full"})
 
     mean: Tensor
     deviation: Tensor

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
@@ -88,6 +88,8 @@ class ForceHead(nn.Module):
         ConfigError: ``difference`` is set, and the encoder has one temporal slot or the readout is
             ``mean``.
     """
+
+    reads: ClassVar[frozenset[str]] = frozenset({"full"})
 
     def __init__(
         self,

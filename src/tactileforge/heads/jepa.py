@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -41,6 +42,8 @@ class JepaHead(nn.Module):
         momentum: Momentum of the EMA at the start; it rises linearly to 1.
         relative: Bias of the predictor's attention by offset, see `MaskedDecoder`.
     """
+
+    reads: ClassVar[frozenset[str]] = frozenset({"masked"})
 
     def __init__(
         self,

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
+import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
 
 from tactileforge.contracts import Batch, Encoder, Views
+from tactileforge.util.unit import unit
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,8 @@ class MatchHead(nn.Module):
             of learning.
     """
 
+    reads: ClassVar[frozenset[str]] = frozenset({"full"})
+
     def __init__(self, encoder: Encoder, gain: float = 10.0) -> None:
         super().__init__()
         self.gain = gain
@@ -46,9 +50,8 @@ class MatchHead(nn.Module):
 
     def forward(self, views: Views, batch: Batch) -> PairScores:
         """Scores every pair of the batch."""
-        cls = F.normalize(views.full.cls, dim=-1)
-        scores = [
-            self.gain * ((cls * part.weight) @ cls.T + part.bias)
-            for part in (self.object, self.action)
-        ]
-        return PairScores(*scores)
+        cls = unit(views.full.cls)
+        parts = (self.object, self.action)
+        weight = torch.stack([part.weight for part in parts])
+        bias = torch.stack([part.bias for part in parts])[..., None]
+        return PairScores(*(self.gain * ((cls * weight) @ cls.T + bias)).unbind())

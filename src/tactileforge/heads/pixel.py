@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import torch
 from torch import nn
 
@@ -27,6 +29,8 @@ class PixelHead(nn.Module):
             (He et al. 2022, MAE, section 4.1). The brightness of a patch, a cue for force, is then
             not learned; images are drawn with the true mean and deviation.
     """
+
+    reads: ClassVar[frozenset[str]] = frozenset({"masked"})
 
     def __init__(
         self,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
@@ -21,6 +23,8 @@ class SurfaceHead(nn.Module):
     Args:
         encoder: The touch encoder (given by the framework).
     """
+
+    reads: ClassVar[frozenset[str]] = frozenset({"full"})
 
     def __init__(self, encoder: Encoder) -> None:
         super().__init__()

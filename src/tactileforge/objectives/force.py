@@ -13,7 +13,7 @@ from tactileforge.data.batches.force_spread import force_spread
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.heads.force import Forces
 from tactileforge.objectives.r_squared import r_squared
-from tactileforge.util.distributed import masked_mean
+from tactileforge.util.distributed import masked_mean, masked_means
 from tactileforge.util.means import Mean
 
 #: Losses by name, of normalised errors; ``huber`` is linear from 1 on.
@@ -73,16 +73,17 @@ class Force(nn.Module):
         force = batch["force"].nan_to_num() / scale
         of_force = self._errors(prediction.force, force[:, 1:], self.deviation[0])
         of_delta = self._errors(prediction.delta, force.diff(dim=1), self.deviation[1])
-        loss = masked_mean((of_force + self.delta * of_delta).mean(1)[:, first:], valid)
+        errors = torch.add(of_force, of_delta, alpha=self.delta).mean(1)
+        loss = masked_mean(errors[:, first:], valid)
         newton = ((prediction.force.detach() - force[:, 1:]) * scale).abs().mean(1)[:, first:]
-        logs = {
-            f"mae_{axis}_N": masked_mean(newton[:, i], valid[:, i])
-            for i, axis in enumerate(AXES[first:])
-        }
-        return loss, logs
+        names = [f"mae_{axis}_N" for axis in AXES[first:]]
+        return loss, dict(zip(names, masked_means(newton.T, valid.T), strict=True))
 
     def _errors(self, predicted: Tensor, true: Tensor, deviation: Tensor) -> Tensor:
-        return _LOSSES[self.loss](predicted.float() / deviation, true / deviation, reduction="none")
+        predicted = predicted.float()
+        if self.scaled:
+            predicted, true = predicted / deviation, true / deviation
+        return _LOSSES[self.loss](predicted, true, reduction="none")
 
     def sums(self, prediction: Forces, batch: Batch) -> Tensor:
         """Moments of each axis, float64 (7, 3), N; see `contracts.Scored`."""

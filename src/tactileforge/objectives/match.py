@@ -10,7 +10,7 @@ from torch.nn import functional as F
 
 from tactileforge.contracts import Batch
 from tactileforge.heads.match import PairScores
-from tactileforge.util.distributed import masked_mean, rand_rows
+from tactileforge.util.distributed import masked_means, rand_rows
 from tactileforge.util.means import Mean
 
 
@@ -45,28 +45,31 @@ class Match(nn.Module):
         sensor = torch.tensor([names[name] for name in batch["sensor"]])
         sensor = sensor.to(group.device, non_blocking=True)
         other_sensor = sensor[:, None] != sensor
-        of_object = pair_loss(prediction.object, batch["object"], together & other_sensor)
-        of_action = pair_loss(prediction.action, batch["action"], together)
+        of_object, of_action = pair_losses(
+            torch.stack([prediction.object, prediction.action]),
+            torch.stack([batch["object"], batch["action"]]),
+            torch.stack([together & other_sensor, together]),
+        )
         logs = {"object": of_object.detach(), "action": of_action.detach()}
         return self.of_object * of_object + self.of_action * of_action, logs
 
 
-def pair_loss(scores: Tensor, label: Tensor, together: Tensor) -> Mean:
-    """``-log s(positive) - log(1 - s(negative))``, averaged over anchors with both.
+def pair_losses(scores: Tensor, label: Tensor, together: Tensor) -> list[Mean]:
+    """``-log s(positive) - log(1 - s(negative))``, averaged over anchors with both, n times.
 
     Args:
-        scores: float (B, B), logits.
-        label: int64 (B,), objects or actions; -1 for unknown.
-        together: bool (B, B), allowed positive pairs.
+        scores: float (n, B, B), logits.
+        label: int64 (n, B), objects or actions; -1 for unknown.
+        together: bool (n, B, B), allowed positive pairs.
     """
-    known = (label[:, None] >= 0) & (label >= 0)
-    same = label[:, None] == label
-    positive, negative = known & same & together, known & ~same
-    anchors = positive.any(1) & negative.any(1)
+    count, rows = label.shape
+    known = label >= 0
+    known = known[:, :, None] & known[:, None]
+    same = known & (label[:, :, None] == label[:, None])
+    # positive pairs, negative pairs: (n, B, 2, B)
+    allowed = torch.stack([same & together, known ^ same], dim=2)
     # the largest of random numbers over allowed pairs is a uniform draw among them
-    draw = rand_rows(len(label), 2 * len(label), device=scores.device).chunk(2, dim=1)
-    chosen = [
-        scores.gather(1, chance.masked_fill(~mask, -1).argmax(1, keepdim=True))[:, 0]
-        for chance, mask in zip(draw, (positive, negative), strict=True)
-    ]
-    return masked_mean(F.softplus(-chosen[0]) + F.softplus(chosen[1]), anchors)
+    draws = [rand_rows(rows, 2 * rows, device=scores.device) for _ in range(count)]
+    chosen = (torch.stack(draws).view_as(allowed) + allowed).argmax(-1, keepdim=True)
+    picked = torch.stack([-scores, scores], dim=2).gather(-1, chosen)[..., 0]
+    return masked_means(F.softplus(picked).sum(2), allowed.any(3).all(2))

@@ -76,10 +76,9 @@ class FixedWeights(nn.Module):
         return self._weighted(losses, weights)
 
     def _weighted(self, losses: Mapping[str, Tensor], weights: Mapping[str, float]) -> Tensor:
-        total = torch.zeros((), device=self.factor.device)
-        for key, loss in losses.items():
-            total = total + weights[key] * self.factor[self.keys.index(key)] * loss
-        return total
+        if self.moves:
+            losses = {key: self.factor[self.keys.index(key)] * loss for key, loss in losses.items()}
+        return weighted_sum(losses, weights, self.factor.device)
 
     def update(
         self, losses: Tensor, awake: Tensor, weights: Mapping[str, float], step: int
@@ -242,6 +241,17 @@ class Uncertainty(FixedWeights):
         limit = math.log(self.bound)
         moved = moved.clamp(-limit, limit).exp()
         self.factor.copy_(torch.where(awake & (losses > 0), moved, self.factor))
+
+
+def weighted_sum(
+    losses: Mapping[str, Tensor], weights: Mapping[str, float], device: torch.device
+) -> Tensor:
+    """Sum of scalars, each times the weight of its name; 0 of none."""
+    if not losses:
+        return torch.zeros((), device=device)
+    values = torch.stack(list(losses.values()))
+    row = torch.tensor([weights[key] for key in losses], dtype=values.dtype)
+    return (values * row.to(device, non_blocking=True)).sum()
 
 
 def joint_norm(loss: Tensor, parameters: Sequence[Tensor]) -> Tensor:

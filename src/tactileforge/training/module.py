@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -12,7 +12,7 @@ import lightning as L
 import torch
 from torch import Tensor, nn
 
-from tactileforge.contracts import AfterStep, Batch, Prepared, Ramped, Scored
+from tactileforge.contracts import AfterStep, Batch, Prepared, Ramped, Scored, Views
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.encoders.views import views_of
 from tactileforge.errors import ConfigError
@@ -247,8 +247,15 @@ class TouchModule(L.LightningModule):
             weights: Weight of each objective; those absent or 0 are not computed.
             universal: Chance of the universal sensor tokens, 0 to 1.
         """
-        views = views_of(self.encoder, batch, universal)
-        return {key: self._term(key, views, batch) for key in self.objectives if weights.get(key)}
+        awake = [key for key in self.objectives if weights.get(key)]
+        views = self._views(batch, awake, universal)
+        return {key: self._term(key, views, batch) for key in awake}
+
+    def _views(self, batch: Batch, awake: Sequence[str], universal: float) -> Views:
+        reads = {view for key in awake for view in getattr(self.heads[key], "reads", ())}
+        # each measured gradient of one objective would pass through both views
+        measured = self.balance.every and torch.is_grad_enabled()
+        return views_of(self.encoder, batch, universal, set() if measured else reads)
 
     def _term(self, key: str, views: Any, batch: Batch) -> Term:
         with moves.explained(self.heads[key], self.objectives[key]):
@@ -266,10 +273,8 @@ class TouchModule(L.LightningModule):
             universal: Chance of the universal sensor tokens, 0 to 1.
         """
         terms = self.terms(batch, weights, universal)
-        total = torch.zeros((), device=self.device)
-        for key, term in terms.items():
-            total = total + weights[key] * term.loss.value
-        return total, logs_of(terms)
+        losses = {key: term.loss.value for key, term in terms.items()}
+        return balances.weighted_sum(losses, weights, self.device), logs_of(terms)
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         """Weighted loss of one batch, over all objectives with a weight above 0.
@@ -342,10 +347,8 @@ class TouchModule(L.LightningModule):
             paired = [k for k, v in self.objectives.items() if getattr(v, "pairs", False)]
             weights |= dict.fromkeys(paired, 0.0)
         with alone():
-            views = views_of(self.encoder, batch, 0.0)
-            for key in self.objectives:
-                if weights.get(key):
-                    self._add_loss(key, self._term(key, views, batch), batch)
+            for key, term in self.terms(batch, weights).items():
+                self._add_loss(key, term, batch)
 
     def _add_loss(self, key: str, term: Term, batch: Batch) -> None:
         """Adds a batch to the means over the split; clips without a label do not count."""

@@ -142,11 +142,32 @@ def masked_mean(losses: Tensor, valid: Tensor) -> Mean:
         >>> masked_mean(torch.tensor([1.0, 5.0, 3.0]), torch.tensor([True, False, True]))
         Mean(value=tensor(2.), count=tensor(2.))
     """
-    # where, not a product: a loss without label may be NaN, and 0 times NaN is NaN
-    total = torch.where(valid, losses, torch.zeros_like(losses)).sum()
-    count = valid.sum().float()
+    return Mean(*_means(losses, valid, None))
+
+
+def masked_means(losses: Tensor, valid: Tensor) -> list[Mean]:
+    """The `masked_mean` of each row, or other item of the first axis, all in the same kernels.
+
+    Args:
+        losses: float (n, ...).
+        valid: bool, of the same shape.
+
+    Example:
+        >>> import torch
+        >>> masked_means(torch.tensor([[1.0, 5.0], [3.0, 9.0]]), torch.tensor([[True, True]] * 2))
+        [Mean(value=tensor(3.), count=tensor(2.)), Mean(value=tensor(6.), count=tensor(2.))]
+    """
+    values, counts = _means(losses, valid, tuple(range(1, losses.ndim)))
+    return [Mean(*row) for row in zip(values.unbind(), counts.unbind(), strict=True)]
+
+
+def _means(losses: Tensor, valid: Tensor, dims: tuple[int, ...] | None) -> tuple[Tensor, Tensor]:
+    # filled, not a product: a loss without label may be NaN, and 0 times NaN is NaN
+    total = losses.masked_fill(~valid, 0).sum(dims)
+    count = valid.sum(dims, dtype=torch.float32)
     size = world()[1]
     if size > 1:
         dist.all_reduce(count)
+        total = total * size
     # without labels still connected to the graph: DDP waits for a gradient of every rank
-    return Mean(total * size / count.clamp(min=1), count)
+    return total / count.clamp(min=1), count
