@@ -13,6 +13,7 @@ from tactileforge_sim.dataset import Sim
 from torch import nn
 
 from tactileforge.api import train
+from tactileforge.checks.log_doubts import Examination
 from tactileforge.cli._compose import compose
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.clips import Clips
@@ -40,7 +41,7 @@ from tactileforge.report.samples import (
     saliency,
     spread,
 )
-from tactileforge.report.summary import _by_source, result_lines
+from tactileforge.report.summary import _by_source, checks_table, result_lines
 from tactileforge.training.labels import Labels
 from tactileforge.training.module import TouchModule
 from tactileforge.util.files import sealed, unsealed
@@ -153,6 +154,7 @@ def write(tmp_path: Path) -> Write:
         if metrics:
             log(tmp_path, metrics)
         data = TouchData(dataset, 4, (SIZE, SIZE), batch_size=8, match=0, workers=0)
+        data.examiner = Examination()
         data.setup()
         module = TouchModule.from_config(config, data.summary("train").labels)
         report, _ = write_report(tmp_path, module, data, {}, Labels(met))
@@ -274,6 +276,43 @@ def test_the_verdict_on_a_loss(write: Write, last: float, told: str) -> None:
 def test_text_is_escaped(write: Write) -> None:
     page = write(Touches(), "objective=[pixel]")
     assert re.search(r"digit · object \d · val/<\d+>", page.text)
+
+
+def test_findings_of_the_checks_are_on_top(write: Write) -> None:
+    pulled = Touches()
+    given = list(pulled.recordings("train"))
+    for one in given:
+        one.force[:, 2] *= -1
+    pulled.recordings = lambda split: iter(given if split == "train" else [])
+    page = write(pulled, "objective=[pixel]")
+    (row,) = [row for row in page.tables["checks"] if row[0] == "TF202"]
+    assert row[1] == "pulling force in 11 of 12 recordings (train/<11>: down to -11 N along z)"
+    assert row[2].startswith("pressing is positive: does z point out of the gel (sign: [1, 1, -1])")
+    assert next(iter(page.tables)) == "checks"
+
+
+def test_without_findings_there_is_nothing_of_checks(write: Write) -> None:
+    assert "checks" not in write(Sim(scenes=2, val=1, size=SIZE), "objective=[pixel]").tables
+
+
+@pytest.mark.parametrize(
+    ("line", "row"),
+    [
+        (
+            "TF501 3 are copies (a; b and c), so; move one",
+            ["3 are copies (a; b and c), so", "move"],
+        ),
+        ("TF101 steps (a: 2 (usual 1); x); fix; more", ["steps (a: 2 (usual 1); x)", "fix; more"]),
+        (
+            "TF207 all are 0 N: was it connected?",
+            ["all are 0 N: was it connected?", "was the sensor of force"],
+        ),
+    ],
+)
+def test_a_finding_is_parted_into_what_and_fix(line: str, row: list[str]) -> None:
+    (_, (code, what, fix)) = Page(checks_table([line])).tables["checks"]
+    assert [code, what] == [line[:5], row[0]]
+    assert fix.startswith(row[1])
 
 
 # what may be missing

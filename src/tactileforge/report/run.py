@@ -86,6 +86,7 @@ def write_report(
     kept = run_folder.read_versions(folder)
     top = summary.run_facts(folder, config, module, data, steps, seconds, curves, kept)
     held_out = data.val is not None
+    top += summary.checks_table(data.findings)
     top += summary.run_verdict(curves, weights, findings, labels, held_out, lines)
     planned = int(config["trainer"].get("max_steps") or 0)  # -1 and null: by epochs
     parts = [

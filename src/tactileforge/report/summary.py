@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
+from tactileforge.checks import catalogue
 from tactileforge.contracts import AXES
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.pages import page
@@ -75,6 +77,39 @@ def run_facts(
         ),
     }
     return page.facts(about)
+
+
+def checks_table(found: Sequence[str]) -> Markup:
+    """Findings of the checks of the data: code, what was found and the fix; none without any.
+
+    Args:
+        found: Lines ``CODE what; fix``, as `TouchData.findings`; a line without a fix gets that of
+            the check.
+    """
+    if not found:
+        return Markup()
+    fixes = {check.code: check.fix for check in catalogue().values()}
+    rows = []
+    for line in found:
+        code, _, text = line.partition(" ")
+        what, fix = _outside(text)
+        rows.append((code, f"text|{what}", f"text|{fix or fixes.get(code, '')}"))
+    head = ("Check", "text|what was found in the data", "text|what puts it right")
+    note = "The checks of the data, before training; tactileforge data check names each recording."
+    return table("checks", head, rows, note)
+
+
+def _outside(text: str) -> tuple[str, str]:
+    """Parts a line at its first ``; `` that stands in no parentheses."""
+    place = next(
+        (
+            found.start()
+            for found in re.finditer("; ", text)
+            if text.count("(", 0, found.start()) <= text.count(")", 0, found.start())
+        ),
+        len(text),
+    )
+    return text[:place], text[place + 2 :]
 
 
 def run_verdict(

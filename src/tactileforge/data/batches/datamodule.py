@@ -43,7 +43,13 @@ _FEW = 20
 
 
 class Examiner(Protocol):
-    """Looks at the recordings of a set before it is trained on, and warns."""
+    """Looks at the recordings of a set before it is trained on, and warns.
+
+    Attributes:
+        found: A line for each check that found something, ``CODE what; fix``.
+    """
+
+    found: list[str]
 
     def look(self, data: TouchData, train: Sequence[Recording], val: Sequence[Recording]) -> None:
         """Look at training and validation recordings, or samples of them."""
@@ -130,6 +136,11 @@ class TouchData(L.LightningDataModule):
     def skipped(self) -> Skipped:
         """Skipped recordings: unindexed or unreadable ones, with their counts."""
         return {line: (line, 1) for line in self.dataset.skipped} | self._bad
+
+    @property
+    def findings(self) -> list[str]:
+        """A line for each check that found something, ``CODE what; fix``."""
+        return [] if self.examiner is None else self.examiner.found
 
     @property
     def allowed(self) -> int:
