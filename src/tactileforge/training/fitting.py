@@ -11,11 +11,13 @@ from pathlib import Path
 
 import lightning as L
 import torch.distributed as dist
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.runs import folder as run_folder
 from tactileforge.runs.checkpoint_file import read_checkpoint
+from tactileforge.training.callbacks import check_monitored
 from tactileforge.training.checkpoints import Checkpoints
 from tactileforge.training.finite import NotFiniteError
 from tactileforge.training.module import TouchModule
@@ -61,7 +63,8 @@ def fit(
     Raises:
         NotFiniteError: A number is not finite; states the way back.
         TactileForgeError: Another process of the run has died.
-        ConfigError: The checkpoint does not fit the run, or an interval its length.
+        ConfigError: The checkpoint does not fit the run, an interval its length, or a callback
+            monitors what is not logged.
         KeyboardInterrupt: The run was stopped, and saved if a step was done.
     """
     with warnings.catch_warnings():
@@ -73,7 +76,11 @@ def fit(
         except NotFiniteError as error:
             way = _way_back(folder, trainer.precision, trainer.global_step == 0)
             raise NotFiniteError(f"{error}. {way}") from error
+        except MisconfigurationException as error:
+            check_monitored(trainer, error)
+            raise
         except RuntimeError as error:
+            check_monitored(trainer, error)
             if trainer.world_size == 1 or not _is_of_group(error):
                 raise
             first = str(error).splitlines()[0][:120]
