@@ -205,7 +205,7 @@ def _note(run: _Run, why: str, is_news: bool) -> None:
     if run.trainer.is_global_zero and not run.resume:
         data = run.data
         licences = {kind.licence for split in data.sources for kind in data.summary(split)}
-        _keep(run.config, run.folder, sorted(licences), data.summary("train").sensors, why)
+        _keep(run.config, run.folder, sorted(licences), data, why)
 
 
 def _report(run: _Run) -> None:
@@ -257,7 +257,7 @@ def _keep(
     config: Mapping[str, Any],
     folder: Path,
     licences: Sequence[str],
-    sensors: Sequence[str],
+    data: TouchData,
     why: str,
 ) -> None:
     folder.mkdir(parents=True, exist_ok=True)
@@ -272,7 +272,9 @@ def _keep(
         "versions": versions,
         "plugins": plugins,
         "licences": list(licences),  # of the recordings
-        "sensors": list(sensors),  # of the training data
+        "sensors": data.summary("train").sensors,  # of the training data
+        # names of the classes of a head, which keeps their numbers
+        "objects": data.objects if "classify" in config["head"] else [],
         "precision": why,
         "commit": commit(),
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),

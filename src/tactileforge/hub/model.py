@@ -375,13 +375,15 @@ class Model(nn.Module):
         """Classifies clips, or still images, by a linear head on their projected vectors.
 
         Args:
-            frames: Clips as in `encode`. A batch of single images X, (B, H, W, 3), is
+            frames: Clips as in `encode`. A list is a batch: of images (paths, PIL, arrays), also of
+                different sizes, or of clips. An array X of single images, (B, H, W, 3), is
                 ``X[:, None]``: one frame a clip.
             background: Frame without contact, or a word in its place, as in `encode`.
             sensor: Name of the sensor, or one name a clip, as in `encode`.
             head: A head that the benchmark fitted to this model, ``heads/TASK.MODEL.safetensors``;
                 None takes the one of a run trained with the objective ``classify``.
-            names: Objects to choose from, for the head of a run, which keeps no names.
+            names: Objects to choose from, for the head of a run; None takes all that it was trained
+                on.
             **options: ``unknown_sensor``, as in `encode`.
 
         Raises:
@@ -390,12 +392,12 @@ class Model(nn.Module):
             DataError: The file is not a head; see `encode`.
             DataNotFoundError: There is no such file.
         """
-        from tactileforge.hub.classify import classes_of, layer_of
+        from tactileforge.hub.classify import layer_of, read_classes
 
         clips = Clips(frames, background, sensor, **options)
         # the layer first: a wrong head is found before the encoder has done its work
         layer = layer_of(head, names, clips, self)
-        return classes_of(self.clips_reader.tapped("projected", clips), layer)
+        return read_classes(self, clips, layer)
 
     def match_words(
         self,

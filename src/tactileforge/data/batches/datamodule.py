@@ -81,6 +81,8 @@ class TouchData(L.LightningDataModule):
 
     Attributes:
         columns: The columns with their sizes; None without any, and before `setup`.
+        objects: Names of the training objects, sorted: of the whole of small sources, and of a
+            sample of large ones; empty before `setup`.
         observers: Functions called with each batch on the host, and whether it is for training.
         examiner: Looks at the recordings in `setup`; None for none.
     """
@@ -131,6 +133,7 @@ class TouchData(L.LightningDataModule):
         self._bad: Skipped = {}
         self._transfer = Transfer()
         self.examiner: Examiner | None = None
+        self.objects: list[str] = []
 
     @property
     def skipped(self) -> Skipped:
@@ -179,6 +182,7 @@ class TouchData(L.LightningDataModule):
             opened.append(recordings)
             whole += [number] if is_whole else []
         sample = list(chain.from_iterable(opened))
+        self.objects = sorted({one.object for one in sample if one.object is not None})
         # columns are measured before any clip is cut: the cut that follows is given their sizes
         if self._declared:
             self.columns = measure_columns(self._declared, sample)
