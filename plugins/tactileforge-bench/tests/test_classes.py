@@ -313,6 +313,27 @@ def test_images_that_are_absent_are_told_by_keys_of_this_command(
     assert " data." not in said
 
 
+def test_broken_images_are_all_named_together(tmp_path: Path, capsys) -> None:
+    root = folders(tmp_path / "photos", train=4) / "train"
+    images = sorted(root.rglob("*.png"))
+    for path in images[:3]:
+        path.write_bytes(path.read_bytes()[:100])  # the header is whole, the pixels are not
+    for path in images[3:7]:
+        path.write_bytes(b"no image")
+    words = [f"classes.root={root}", "classes.sensor=digit", "model=[pixels]", "workers=0"]
+    words += [f"out={tmp_path}/out", f"cache={tmp_path}/cache"]
+    assert cli.run(["bench", "suite=classes", *words]) == 3
+    said = " ".join(capsys.readouterr().out.split())
+    assert "7 recordings cannot be read, and the benchmark skips none; mend or remove them" in said
+    assert "; and 2 more" in said
+    for path in images[3:7]:
+        path.unlink()
+    assert cli.run(["bench", "suite=classes", *words, f"out={tmp_path}/again"]) == 1
+    said = capsys.readouterr().err
+    assert "3 recordings cannot be read" in said
+    assert all(path.name in said for path in images[:3])
+
+
 def test_a_reason_starts_with_a_capital_and_a_path_stays_as_it_is() -> None:
     assert sentences(NotRun(reason="labels of one class")) == "Labels of one class."
     gone = NotRun(reason="photos: no such folder", fix="Download it from https://a.b.")

@@ -244,11 +244,11 @@ class TouchData(L.LightningDataModule):
             f"objective {key!r} needs {' and '.join(required).replace('|', ' or ')}"
             for key, required in unmet.items()
         )
-        left = f"'objective=[{','.join(key for key in needs if key not in unmet)}]'"
+        left = ",".join(key for key in needs if key not in unmet)
+        fix = f"train with 'objective=[{left}]', or use" if left else "use"
         raise ConfigError(
             f"{problems}, which the data does not have (it has: "
-            f"{', '.join(sorted(provides)) or 'frames only'}): train with {left}, or use data that "
-            "has it"
+            f"{', '.join(sorted(provides)) or 'frames only'}): {fix} data that has it"
         )
 
     def stream(self, rank: int = 0, world: int = 1, accumulate: int = 1) -> Stream:
