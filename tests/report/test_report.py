@@ -343,7 +343,7 @@ def test_without_validation(write: Write) -> None:
 @pytest.mark.slow
 def test_without_force_and_labels(write: Write) -> None:
     page = write(Touches(labels=True), "objective=[pixel,diff]")
-    assert "No objective predicts force." in page.text
+    assert "force" not in [given["id"] for tag, given in page.tags if tag == "section"]
     assert "Not known of these clips: object, action." in page.text
     page = write(Touches(labels=True), "objective=[force]")
     assert "No clip has a force label." in page.text
@@ -439,6 +439,20 @@ def test_a_clip_is_read_once(clips: Clips, monkeypatch: pytest.MonkeyPatch) -> N
     assert reader.embed([5, 0, 7]).clips.tolist() == [0, 5, 7]
     assert reader.forces([7, 2], "x").clips.tolist() == [7, 2]
     assert read == [5, 0, 7, 2]
+
+
+@pytest.mark.slow
+def test_images_of_classes(write: Write) -> None:
+    page = write(Touches(motion=True), "objective=[classify]")
+    names = [given["id"] for tag, given in page.tags if tag == "section"]
+    assert names == ["classes", "frames", "embedding", "losses", "data", "recipe", "next"]
+    head, *rows = page.tables["classes-classify"]
+    assert head[1:] == [row[0] for row in rows] == [f"object {i}" for i in range(6)]
+    assert sum(int(cell) for row in rows for cell in row[1:]) == 12
+    assert "of 12 validation clips are named right, of 6 classes" in page.text
+    alts = {str(given["alt"]) for tag, given in page.tags if tag == "img"}
+    assert {alt for alt in alts if "frame" in alt} == {"Input, frame 1", "Saliency, frame 1"}
+    assert "The validation images, of different sensors" in page.text
 
 
 @pytest.mark.slow

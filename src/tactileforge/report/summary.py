@@ -134,6 +134,7 @@ def run_verdict(
     if findings is not None:
         lines += _rebuilt(findings.explained)
         lines += [line for result in findings.forces for line in _force(result)]
+        lines += [(_mark([x.accuracy > x.guess]), f"{x.line}.") for x in findings.classes]
         lines += _read(findings.scores)
     lines += speed_verdict(curves)
     count = len(skipped)
@@ -244,13 +245,14 @@ def result_lines(
 ) -> list[str]:
     """The result of a run in a few lines for the terminal.
 
-    Force errors beside those of the median guess, and what is explained of hidden pixels; without
-    either, how the losses went.
+    Force errors beside those of the median guess, classes that are named right, and what is
+    explained of hidden pixels; without any, how the losses went.
     """
     lines = []
     if findings is not None:
         for result in findings.forces:
             lines += [_errors(result), *_by_source(result)] if result.readings else []
+        lines += [result.line for result in findings.classes]
         lines += [text.removesuffix(".") for _, text in _rebuilt(findings.explained)]
     if lines:
         return lines
