@@ -1,5 +1,6 @@
 """Lightning as people know it: callbacks, optimizers, the module and data in code of their own."""
 
+import errno
 import math
 
 import lightning as L
@@ -10,7 +11,7 @@ from lightning.pytorch.callbacks import Callback
 from omegaconf import OmegaConf
 
 from tactileforge import api, compose
-from tactileforge.errors import ConfigError, PluginError
+from tactileforge.errors import ConfigError, PluginError, TactileForgeError
 from tactileforge.objectives import Pixel
 from tactileforge.pages.curves import read_metrics
 from tactileforge.plugins import local, registry
@@ -416,3 +417,38 @@ def test_a_part_that_is_not_logged_is_told_at_the_first_validation(given, tmp_pa
         ConfigError, match=r"'val/pixel/r2'; did you mean 'val/pixel'\? Known: .*val/l"
     ):
         api.train(compose("anytouch2", words), tmp_path)
+
+
+class Broken(Callback):
+    """Takes the place of a file of the run at the second step."""
+
+    def __init__(self, full: bool = False) -> None:
+        self.full = full
+
+    def on_train_batch_start(self, trainer, pl_module, batch, batch_idx):
+        if trainer.global_step != 1:
+            return
+        if self.full:
+            raise OSError(errno.ENOSPC, "No space left on device", "a/b")
+        path = trainer.loggers[0].path
+        path.unlink()
+        path.mkdir()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings(OF_LIGHTNING)
+@pytest.mark.parametrize(
+    ("full", "told"),
+    [
+        (False, r"^logger=csv cannot write \(.*Error: .*metrics\.csv.*\)\. Go on from its check"),
+        (True, r"^a/b: the disk is full .*\. Go on from its ch"),
+    ],
+)
+def test_what_cannot_be_written_ends_in_a_saved_run_and_one_line(full, told, tmp_path):
+    from tactileforge.plugins import register
+
+    register("callbacks", "broken", Broken)
+    words = [*WORDS, "callbacks=[broken]", f"callbacks.broken.full={full}"]
+    with pytest.raises(TactileForgeError, match=told):
+        api.train(compose("anytouch2", words), tmp_path)
+    assert read_checkpoint(tmp_path)["global_step"] == (1 if full else 2)
