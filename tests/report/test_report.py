@@ -1,5 +1,7 @@
 import csv
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -811,3 +813,18 @@ def test_the_page_begins_with_run_date_seed_and_data_and_ends_with_what_is_next(
     assert sections[0] == "force"
     assert sections[-1] == "next"
     assert "tactileforge zoo pack" in page.text[page.text.rindex("Next") :]
+
+
+def test_report_says_that_it_works_before_it_imports_torch(tmp_path: Path) -> None:
+    code = """
+import sys
+class Err:
+    def write(self, text): sys.stdout.write(f"{'torch' in sys.modules} {text}")
+    def flush(self): pass
+sys.stderr = Err()
+from tactileforge import cli
+cli.run(["report", "."])
+"""
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.stdout.startswith("False report: reading the run ., its data and weights")

@@ -14,11 +14,13 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint, Timer
 
 from tactileforge.errors import ConfigError, check_names, unknown
+from tactileforge.plugins import registry
 from tactileforge.runs.folder import BEST
-from tactileforge.training import checkpoints
+from tactileforge.training import checkpoints, curriculum
+from tactileforge.training.assemble import check_blocks
 from tactileforge.training.callbacks import TOTAL, TotalLoss, build_callbacks
 from tactileforge.training.loggers import build_loggers
-from tactileforge.training.optim import parse_optim
+from tactileforge.training.optim import check_optim, parse_optim
 from tactileforge.training.parts import check_values
 from tactileforge.training.probe import Probe
 from tactileforge.training.progress import Progress
@@ -47,9 +49,30 @@ _ELSEWHERE = {
     "use_distributed_sampler": "the stream of batches gives each process its rows",
 }
 
+#: Keys of ``trainer``.
+_TRAINER = frozenset({*signature(L.Trainer).parameters, "save_every", "keep_best"})
 #: Smallest value of the trainer's whole-number options, by the start of their names.
 _LEAST = {"max_": -1, "min_": 0, "save_": 1, "log_every": 1, "accumulate": 1, "num_nodes": 1}
 _LEAST |= {"check_val": 1}
+
+
+def check_keys(config: Mapping[str, Any]) -> None:
+    """Checks the keys of the blocks that a run reads itself, but no values.
+
+    Args:
+        config: Finished configuration; values may be missing, or interpolations.
+
+    Raises:
+        ConfigError: Nothing reads a key; names the nearest.
+        PluginError: An encoder, data set or optimiser is not installed.
+    """
+    check_names("key of trainer", config["trainer"], _TRAINER)
+    check_blocks(config["batch"], config.get("augment") or {})
+    check_names("key in curriculum", config["curriculum"], curriculum.KEYS)
+    registry.chosen("encoders", config["encoder"])
+    data = {key: value for key, value in config["data"].items() if key != "max_bad"}
+    registry.chosen("datasets", data)
+    check_optim(config["optim"])
 
 
 def check_options(config: Mapping[str, Any]) -> None:
@@ -64,10 +87,9 @@ def check_options(config: Mapping[str, Any]) -> None:
     parse_optim(config["optim"])
     check_values(config)
     check_started(config["trainer"]["devices"])
-    known = {*signature(L.Trainer).parameters, "save_every", "keep_best"}
     for key in _ELSEWHERE.keys() & config["trainer"].keys():
         raise ConfigError(f"trainer.{key} is set by the run: {_ELSEWHERE[key]}")
-    check_names("key of trainer", config["trainer"], known)
+    check_names("key of trainer", config["trainer"], _TRAINER)
     _timer(config["trainer"].get("max_time"))
     callbacks = build_callbacks(config.get("callbacks"))
     for key, value in config["trainer"].items():
