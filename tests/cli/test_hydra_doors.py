@@ -61,7 +61,7 @@ def test_compose_leaves_the_hydra_of_the_caller_alone(conf):
 
 def test_a_configuration_of_plain_hydra_is_completed(conf, tmp_path):
     (conf / "app.yaml").write_text(APP + "seed: ${mine}\n")
-    words = ["+data=sim", "+data.scenes=3", "objective=[diff]", "scale=demo"]
+    words = ["+data=sim", "data.scenes=3", "objective=[diff]", "scale=demo"]
     with hydra.initialize_config_dir(str(conf), version_base="1.3"):
         config = hydra.compose("app", words)
         train = hydra.compose("train", ["objective=[diff]", "scale=demo"])
@@ -74,7 +74,8 @@ def test_a_configuration_of_plain_hydra_is_completed(conf, tmp_path):
     assert (list(done.objective), list(done.head)) == (["diff"], ["diff"])
     assert (done.data.max_bad, done.augment.rotate, "mine" in done) == (0.01, 0.0, False)
     assert config.mine == 1, "that of the application is as it was"
-    assert tactileforge.compose(train) == tactileforge.compose("anytouch2", words[2:])
+    own = tactileforge.compose("anytouch2", words[2:])
+    assert {key: value for key, value in tactileforge.compose(train).items() if key in own} == own
     with pytest.raises(ConfigError, match=r"seed=2: a configuration is given"):
         tactileforge.compose(config, ["seed=2"])
 
