@@ -414,7 +414,7 @@ def without_start(kind: str, config: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in config.items() if key not in options}
 
 
-def chosen(kind: str, config: Mapping[str, Any]) -> tuple[Any, str, dict[str, Any]]:
+def chosen(kind: str, config: Mapping[str, Any]) -> tuple[type[Any], str, dict[str, Any]]:
     """The plugin of a configuration, its name, and its arguments, which it has.
 
     Args:
