@@ -176,7 +176,7 @@ def layer_of(
 
 
 def read_classes(model: Model, clips: Clips, layer: Layer) -> Classes:
-    """Classes of clips; of each item of a list by itself, which may differ in size."""
+    """Classes of clips; of a list, of each item by itself, of any size."""
     read, given = model.clips_reader.tapped, clips.frames
     if not isinstance(given, list | tuple):
         return classes_of(read("projected", clips, 5), layer)

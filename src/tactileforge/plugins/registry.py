@@ -311,7 +311,7 @@ def load(kind: str, name: str) -> Any:
 
 
 def dotted(name: str) -> str:
-    """Fix for a class of one's own that is named as Python does; "" for another name.
+    """Fix for a class of one's own with a dot before its name; "" for another name.
 
     Example:
         >>> dotted("my_module.Contrast"), dotted("pixel")
@@ -415,7 +415,7 @@ def without_start(kind: str, config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def chosen(kind: str, config: Mapping[str, Any]) -> tuple[type[Any], str, dict[str, Any]]:
-    """The plugin of a configuration, its name, and its arguments, which it has.
+    """The plugin of a configuration, its name, and its checked arguments.
 
     Args:
         kind: One of `KINDS` or `OTHERS`.

@@ -1,4 +1,4 @@
-"""Classes that a head names, against those of the clips."""
+"""Classes named by a head, against those of the clips."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _MATRIX = 12
 
 @dataclass(frozen=True)
 class ClassResult:
-    """Classes named by one head, of the clips of a split whose object was trained on.
+    """Classes named by one head, of clips of the training objects.
 
     Attributes:
         objective: Name of the objective of the head.
@@ -57,12 +57,12 @@ class ClassResult:
 
     @property
     def accuracy(self) -> float:
-        """Share of the clips that are named right."""
+        """Share of the rightly named clips."""
         return float(np.mean([a == b for a, b in zip(self.own, self.said, strict=True)]))
 
     @property
     def guess(self) -> float:
-        """Share that the most frequent class alone would name right."""
+        """Share of the most frequent class."""
         return max(Counter(self.own).values()) / len(self.own)
 
     @property
@@ -76,7 +76,7 @@ class ClassResult:
 
     @property
     def wrong(self) -> list[int]:
-        """Places of the clips that are named wrong, the surest first."""
+        """Places of the wrongly named clips, the surest first."""
         places = [i for i, own in enumerate(self.own) if own != self.said[i]]
         return sorted(places, key=lambda i: (-self.probability[i], i))
 
@@ -117,7 +117,7 @@ def class_results(
 
 
 def classes_section(results: Sequence[ClassResult], clips: Clips) -> Section:
-    """Confusions, and the clips that are named wrong."""
+    """Confusions, and the wrongly named clips."""
     body = Markup()
     for result in results:
         if len(results) > 1:

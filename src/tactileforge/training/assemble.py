@@ -116,7 +116,7 @@ def limit_of(trainer: Mapping[str, Any]) -> float:
 
 
 def check_blocks(batch: Mapping[str, Any], augment: Mapping[str, Any]) -> None:
-    """Raises a ConfigError about a key of ``batch`` or ``augment`` that nothing reads."""
+    """Raises a ConfigError about an unread key of ``batch`` or ``augment``."""
     own = {"size", *signature(TouchData).parameters} - _NOT_BATCH
     check_names("key of batch", batch, own)
     check_names("key of augment", augment, set(signature(Augment).parameters))

@@ -99,7 +99,7 @@ def build_callbacks(config: Mapping[str, Any] | None) -> dict[str, Callback]:
 
 
 def check_monitored(trainer: L.Trainer, error: Exception) -> None:
-    """Raises the error of a callback again, where it monitors what is not logged.
+    """Raises the error of a callback again, if its monitor is not logged.
 
     Raises:
         ConfigError: It does; lists what is logged.

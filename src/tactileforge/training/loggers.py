@@ -23,7 +23,7 @@ MLFLOW_RUN = "mlflow_run.txt"
 
 
 class CannotLogError(OSError):
-    """A logger that failed in a run, which is saved before this is told."""
+    """Failure of a logger in a run; the run is saved first."""
 
 
 @contextmanager

@@ -99,7 +99,7 @@ _BLOCKS = ("encoder", "head", "objective", "data", "batch", "trainer")
 
 
 def check_finished(config: Mapping[str, Any]) -> None:
-    """Raises a ConfigError about a configuration that Hydra alone has composed; says the fix."""
+    """Raises a ConfigError about an unfinished configuration; says the fix."""
     lacks = [key for key in _BLOCKS if not isinstance(config.get(key), Mapping)]
     if not lacks:
         chosen = [key for key, node in config["objective"].items() if node is not None]

@@ -57,7 +57,7 @@ _LEAST |= {"check_val": 1}
 
 
 def check_keys(config: Mapping[str, Any]) -> None:
-    """Checks the keys of the blocks that a run reads itself, but no values.
+    """Checks the keys of a run's own blocks, but no values.
 
     Args:
         config: Finished configuration; values may be missing, or interpolations.

@@ -13,7 +13,7 @@ _LOST = re.compile(r"(^|: )(force|labels): .*left out(?!, since no force)")
 
 
 def lost_labels(doubts: Iterable[str]) -> list[str]:
-    """Doubts of a guess about forces or tables that are left out.
+    """Doubts of a guess about omitted forces or tables.
 
     Example:
         >>> lost_labels(["fps: 30 is assumed", "labels: a.xls is left out: a spreadsheet"])

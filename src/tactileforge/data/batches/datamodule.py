@@ -142,7 +142,7 @@ class TouchData(L.LightningDataModule):
 
     @property
     def findings(self) -> list[str]:
-        """A line for each check that found something, ``CODE what; fix``."""
+        """A line for each check with findings, ``CODE what; fix``."""
         return [] if self.examiner is None else self.examiner.found
 
     @property

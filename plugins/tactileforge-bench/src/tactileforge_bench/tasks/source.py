@@ -73,7 +73,7 @@ class TaskSource:
 
     @property
     def broken(self) -> list[str]:
-        """A line for each recording of which that image, or its background, cannot be read."""
+        """A line for each recording with an unreadable middle image or background."""
         return self._read_once[1]
 
     @cached_property
@@ -96,7 +96,7 @@ class TaskSource:
 
 
 def refuse_broken(lines: Sequence[str]) -> None:
-    """Raises a DataError that names recordings that cannot be read, if there are any."""
+    """Raises a DataError with the unreadable recordings, if there are any."""
     if lines:
         more = len(lines) - _NAMED
         # an absent recording would make numbers of two benches differ
