@@ -20,7 +20,7 @@ from torch import Tensor
 from tactileforge.data.batches.columns import plain_sizes
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.encoders.compiled import compile_blocks
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.pages.drawings import collected_drawings
 from tactileforge.plugins import registry
 from tactileforge.runs import folder as run_folder
@@ -38,7 +38,7 @@ from tactileforge.training.checkpoints import Checkpoints
 from tactileforge.training.coverage import LabelCoverage, SkippedRecordings
 from tactileforge.training.fitting import fit
 from tactileforge.training.initial import check_facts, new_in, start_from, warn_of_dropped
-from tactileforge.training.loggers import log_config, log_report
+from tactileforge.training.loggers import CannotLogError, log_config, log_report
 from tactileforge.training.module import TouchModule
 from tactileforge.training.parts import outline
 from tactileforge.training.precompute import remember_features
@@ -205,7 +205,7 @@ def _note(run: _Run, why: str, is_news: bool) -> None:
     if run.trainer.is_global_zero and not run.resume:
         data = run.data
         licences = {kind.licence for split in data.sources for kind in data.summary(split)}
-        _keep(run.config, run.folder, sorted(licences), data.summary("train").sensors, why)
+        _keep(run.config, run.folder, sorted(licences), data, why)
 
 
 def _report(run: _Run) -> None:
@@ -222,7 +222,10 @@ def _report(run: _Run) -> None:
         report, lines = write_report(
             run.folder, whole, run.data, run.lost.skipped, run.coverage.labels
         )
-    log_report(loggers[1:], report, drawings, run.trainer.global_step)
+    try:
+        log_report(loggers[1:], report, drawings, run.trainer.global_step)
+    except CannotLogError as error:
+        raise TactileForgeError(f"{error}; the run is whole, with its report: {report}") from error
     print("\n".join([f"report: {report}", *lines]))
 
 
@@ -257,7 +260,7 @@ def _keep(
     config: Mapping[str, Any],
     folder: Path,
     licences: Sequence[str],
-    sensors: Sequence[str],
+    data: TouchData,
     why: str,
 ) -> None:
     folder.mkdir(parents=True, exist_ok=True)
@@ -272,7 +275,9 @@ def _keep(
         "versions": versions,
         "plugins": plugins,
         "licences": list(licences),  # of the recordings
-        "sensors": list(sensors),  # of the training data
+        "sensors": data.summary("train").sensors,  # of the training data
+        # names of the classes of a head, which keeps their numbers
+        "objects": data.objects if "classify" in config["head"] else [],
         "precision": why,
         "commit": commit(),
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),

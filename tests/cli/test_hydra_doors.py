@@ -1,5 +1,6 @@
 """Our groups in other people's Hydra, and other people's Hydra beside ours."""
 
+import re
 import subprocess
 import sys
 
@@ -9,6 +10,8 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.version import VersionBase
 
 import tactileforge
+from tactileforge.errors import ConfigError
+from tactileforge.training import build_data
 
 APP = """\
 defaults:
@@ -54,6 +57,51 @@ def test_compose_leaves_the_hydra_of_the_caller_alone(conf):
         assert str(VersionBase.instance().getbase()) == "1.2"
         assert hydra.compose("app").mine == 1
     assert not GlobalHydra.instance().is_initialized()
+
+
+def test_a_configuration_of_plain_hydra_is_completed(conf, tmp_path):
+    (conf / "app.yaml").write_text(APP + "seed: ${mine}\n")
+    words = ["+data=sim", "data.scenes=3", "objective=[diff]", "scale=demo"]
+    with hydra.initialize_config_dir(str(conf), version_base="1.3"):
+        config = hydra.compose("app", words)
+        train = hydra.compose("train", ["objective=[diff]", "scale=demo"])
+    with pytest.raises(
+        ConfigError, match=r"no head\.diff.*config = tactileforge\.compose\(config\)"
+    ):
+        build_data(config)
+    done = tactileforge.compose(config)
+    assert (done.seed, done.encoder.name, done.data.scenes) == (1, "plain_vit", 3)
+    assert (list(done.objective), list(done.head)) == (["diff"], ["diff"])
+    assert (done.data.max_bad, done.augment.rotate, "mine" in done) == (0.01, 0.0, False)
+    assert config.mine == 1, "that of the application is as it was"
+    own = tactileforge.compose("anytouch2", words[2:])
+    assert {key: value for key, value in tactileforge.compose(train).items() if key in own} == own
+    with pytest.raises(ConfigError, match=r"seed=2: a configuration is given"):
+        tactileforge.compose(config, ["seed=2"])
+
+
+@pytest.mark.parametrize(
+    ("word", "told"),
+    [
+        ("+trainer.max_step=1", "unknown key of trainer 'max_step'; did you mean 'max_steps'"),
+        ("+trainer.foo=1", "unknown key of trainer 'foo'"),
+        ("+encoder.siz=tiny", "'siz'; did you mean 'size'"),
+        ("+data.scens=1", "unknown option of dataset 'sim' 'scens'; did you mean 'scenes'"),
+        ("+batch.sise=1", "unknown key of batch 'sise'; did you mean 'size'"),
+        ("+optim.wamup=1", "'wamup'; did you mean 'warmup'"),
+        ("+curriculum.unti=step", "'unti'; did you mean 'unit'"),
+    ],
+)
+def test_a_key_that_nothing_reads_is_told_from_python_too(word, told):
+    with pytest.raises(ConfigError, match=re.escape(told)):
+        tactileforge.compose("anytouch2", [word])
+
+
+def test_words_in_place_of_a_recipe_are_told():
+    with pytest.raises(
+        ConfigError, match=r"give a name, then the words: compose\('mae', \[\.\.\.\]\)"
+    ):
+        tactileforge.compose(["seed=1"])
 
 
 @pytest.mark.slow

@@ -26,6 +26,9 @@ def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (["train", "objective=[a.b.Contrast]"], "A class of yours is a.b:Contrast"),
+        (["train", "encoder=net.Tiny"], "unknown encoder 'net.Tiny'"),
+        (["train", "encoder=net.Tiny"], "A class of yours is net:Tiny"),
         (["report", "nowhere"], "nowhere: no config.yaml there; give the folder of a run"),
         (
             ["train", "callbacks.early_stopping.patience=3"],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -121,12 +122,23 @@ def test_other_forms_of_a_place_are_refused(place: str) -> None:
         tactileforge.load(place)
 
 
-def test_a_hub_that_is_away(server: HubServer, put: bytes) -> None:
+def test_a_hub_that_is_away(
+    server: HubServer,
+    put: bytes,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     first = tactileforge.load("hf:me/touch")
     server.close()
     assert torch.equal(_vector(tactileforge.load("hf:me/touch")), _vector(first)), "from the cache"
-    with pytest.raises(DataNotFoundError, match="cannot be reached"):
+    start = time.monotonic()
+    with pytest.raises(DataNotFoundError, match=r"^hf:me/other: the hub cannot be reached, .*\Z"):
         tactileforge.load("hf:me/other")
+    with pytest.raises(DataNotFoundError, match=r"^hf:me/mine: .* cannot be reached; try again\Z"):
+        first.push_to_hub("me/mine")
+    assert time.monotonic() - start < 5, "the client's own six tries take 23 s"
+    said = capsys.readouterr()
+    assert "etry" not in said.err + said.out + caplog.text
 
 
 def test_a_model_is_pushed_and_loaded_elsewhere(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,16 @@ def test_a_folder_has_a_card(tmp_path: Path) -> None:
     assert "license: mit" in (folder / "README.md").read_text()
     for given in (folder, str(folder)):
         assert tactileforge.load(given).fingerprint == model.fingerprint
+
+
+def test_a_model_without_a_name_has_that_of_its_folder(tmp_path: Path) -> None:
+    model = create("tactile_vit", **SMALL)
+    model.header = replace(model.header, name="")
+    folder = model.save_pretrained(tmp_path / "my touches", licence="MIT")
+    assert "# my touches" in (folder / "README.md").read_text()
+    assert tactileforge.load(folder).header.name == "my touches"
+    tactileforge.load(folder).save_pretrained(tmp_path / "elsewhere")
+    assert tactileforge.load(tmp_path / "elsewhere").header.name == "my touches"
 
 
 def test_the_licence_of_the_base_holds(tmp_path: Path) -> None:
@@ -124,6 +135,18 @@ def test_layers_are_the_outputs_of_blocks() -> None:
     for wrong in ([3], [-4], [], [0.5]):
         with pytest.raises(ConfigError, match="-3 to 2"):
             model.features(clips, REST, "digit", layers=wrong)  # type: ignore[arg-type]
+
+
+def test_a_tap_and_layers_are_one_too_many() -> None:
+    model = create("tactile_vit", **SMALL)
+    clip = _clip(model)
+    with pytest.raises(ConfigError, match=r"^tap='cls' and layers=\[-1\]: .*; give one of the two"):
+        model.features(clip, REST, "digit", tap="cls", layers=[-1])
+    for key, value in (("tap", "cls"), ("layers", [-1])):
+        with pytest.raises(ConfigError, match=rf"takes no {key}=: model\.features\(.*{key}=\.\.\."):
+            model.encode(clip, REST, "digit", **{key: value})
+    tokens = model.features(clip, REST, "digit")
+    assert torch.equal(tokens, model.features(clip, REST, "digit", tap="tokens"))
 
 
 def test_floats_pictures_and_paths_are_taken_as_uint8_are(tmp_path: Path) -> None:

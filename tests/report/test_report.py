@@ -1,5 +1,7 @@
 import csv
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -13,6 +15,7 @@ from tactileforge_sim.dataset import Sim
 from torch import nn
 
 from tactileforge.api import train
+from tactileforge.checks.log_doubts import Examination
 from tactileforge.cli._compose import compose
 from tactileforge.contracts import Recording
 from tactileforge.data.batches.clips import Clips
@@ -40,7 +43,7 @@ from tactileforge.report.samples import (
     saliency,
     spread,
 )
-from tactileforge.report.summary import _by_source, result_lines
+from tactileforge.report.summary import _by_source, checks_table, result_lines
 from tactileforge.training.labels import Labels
 from tactileforge.training.module import TouchModule
 from tactileforge.util.files import sealed, unsealed
@@ -153,6 +156,7 @@ def write(tmp_path: Path) -> Write:
         if metrics:
             log(tmp_path, metrics)
         data = TouchData(dataset, 4, (SIZE, SIZE), batch_size=8, match=0, workers=0)
+        data.examiner = Examination()
         data.setup()
         module = TouchModule.from_config(config, data.summary("train").labels)
         report, _ = write_report(tmp_path, module, data, {}, Labels(met))
@@ -276,6 +280,43 @@ def test_text_is_escaped(write: Write) -> None:
     assert re.search(r"digit · object \d · val/<\d+>", page.text)
 
 
+def test_findings_of_the_checks_are_on_top(write: Write) -> None:
+    pulled = Touches()
+    given = list(pulled.recordings("train"))
+    for one in given:
+        one.force[:, 2] *= -1
+    pulled.recordings = lambda split: iter(given if split == "train" else [])
+    page = write(pulled, "objective=[pixel]")
+    (row,) = [row for row in page.tables["checks"] if row[0] == "TF202"]
+    assert row[1] == "pulling force in 11 of 12 recordings (train/<11>: down to -11 N along z)"
+    assert row[2].startswith("pressing is positive: does z point out of the gel (sign: [1, 1, -1])")
+    assert next(iter(page.tables)) == "checks"
+
+
+def test_without_findings_there_is_nothing_of_checks(write: Write) -> None:
+    assert "checks" not in write(Sim(scenes=2, val=1, size=SIZE), "objective=[pixel]").tables
+
+
+@pytest.mark.parametrize(
+    ("line", "row"),
+    [
+        (
+            "TF501 3 are copies (a; b and c), so; move one",
+            ["3 are copies (a; b and c), so", "move"],
+        ),
+        ("TF101 steps (a: 2 (usual 1); x); fix; more", ["steps (a: 2 (usual 1); x)", "fix; more"]),
+        (
+            "TF207 all are 0 N: was it connected?",
+            ["all are 0 N: was it connected?", "was the sensor of force"],
+        ),
+    ],
+)
+def test_a_finding_is_parted_into_what_and_fix(line: str, row: list[str]) -> None:
+    (_, (code, what, fix)) = Page(checks_table([line])).tables["checks"]
+    assert [code, what] == [line[:5], row[0]]
+    assert fix.startswith(row[1])
+
+
 # what may be missing
 
 
@@ -304,7 +345,7 @@ def test_without_validation(write: Write) -> None:
 @pytest.mark.slow
 def test_without_force_and_labels(write: Write) -> None:
     page = write(Touches(labels=True), "objective=[pixel,diff]")
-    assert "No objective predicts force." in page.text
+    assert "force" not in [given["id"] for tag, given in page.tags if tag == "section"]
     assert "Not known of these clips: object, action." in page.text
     page = write(Touches(labels=True), "objective=[force]")
     assert "No clip has a force label." in page.text
@@ -400,6 +441,20 @@ def test_a_clip_is_read_once(clips: Clips, monkeypatch: pytest.MonkeyPatch) -> N
     assert reader.embed([5, 0, 7]).clips.tolist() == [0, 5, 7]
     assert reader.forces([7, 2], "x").clips.tolist() == [7, 2]
     assert read == [5, 0, 7, 2]
+
+
+@pytest.mark.slow
+def test_images_of_classes(write: Write) -> None:
+    page = write(Touches(motion=True), "objective=[classify]")
+    names = [given["id"] for tag, given in page.tags if tag == "section"]
+    assert names == ["classes", "frames", "embedding", "losses", "data", "recipe", "next"]
+    head, *rows = page.tables["classes-classify"]
+    assert head[1:] == [row[0] for row in rows] == [f"object {i}" for i in range(6)]
+    assert sum(int(cell) for row in rows for cell in row[1:]) == 12
+    assert "of 12 validation clips are named right, of 6 classes" in page.text
+    alts = {str(given["alt"]) for tag, given in page.tags if tag == "img"}
+    assert {alt for alt in alts if "frame" in alt} == {"Input, frame 1", "Saliency, frame 1"}
+    assert "The validation images, of different sensors" in page.text
 
 
 @pytest.mark.slow
@@ -758,3 +813,18 @@ def test_the_page_begins_with_run_date_seed_and_data_and_ends_with_what_is_next(
     assert sections[0] == "force"
     assert sections[-1] == "next"
     assert "tactileforge zoo pack" in page.text[page.text.rindex("Next") :]
+
+
+def test_report_says_that_it_works_before_it_imports_torch(tmp_path: Path) -> None:
+    code = """
+import sys
+class Err:
+    def write(self, text): sys.stdout.write(f"{'torch' in sys.modules} {text}")
+    def flush(self): pass
+sys.stderr = Err()
+from tactileforge import cli
+cli.run(["report", "."])
+"""
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.stdout.startswith("False report: reading the run ., its data and weights")

@@ -1,5 +1,6 @@
 """Lightning as people know it: callbacks, optimizers, the module and data in code of their own."""
 
+import errno
 import math
 
 import lightning as L
@@ -7,16 +8,18 @@ import pytest
 import torch
 from hydra.errors import HydraException
 from lightning.pytorch.callbacks import Callback
+from omegaconf import OmegaConf
 
 from tactileforge import api, compose
-from tactileforge.errors import ConfigError, PluginError
+from tactileforge.errors import ConfigError, PluginError, TactileForgeError
 from tactileforge.objectives import Pixel
 from tactileforge.pages.curves import read_metrics
 from tactileforge.plugins import local, registry
+from tactileforge.runs.checkpoint_file import read_checkpoint
 from tactileforge.runs.folder import LAST
 from tactileforge.training import TouchModule, build_data, callbacks, schedules
 from tactileforge.training.optim import build_optimizer, parse_optim
-from tactileforge.training.trainer import is_time_over
+from tactileforge.training.trainer import check_options, is_time_over
 from tactileforge.verbs import words
 
 WORDS = [
@@ -351,3 +354,102 @@ def test_schedules_rise_and_then_fall(name):
     assert max(range(101), key=curve.__getitem__) <= 10
     assert curve[100] < 0.35
     assert all(0 <= one <= 1 for one in curve)
+
+
+def _plain(given):
+    return OmegaConf.to_container(compose("anytouch2", given), resolve=True)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["trainer.keep_best=val/los"], r"unknown trainer\.keep_best 'val/los'; .*'val/loss'"),
+        (["trainer.keep_best=val/probe_object"], r"Known: val/loss, val/pixel"),
+        (
+            ["callbacks=[early_stopping]", "callbacks.early_stopping.monitor=val_loss"],
+            r"unknown callbacks\.early_stopping\.monitor 'val_loss'; did you mean 'val/loss'\?",
+        ),
+        (
+            ["callbacks=[model_checkpoint]", "callbacks.model_checkpoint.monitor=pixel"],
+            r"unknown callbacks\.model_checkpoint\.monitor 'pixel'; did you mean 'val/pixel'\?",
+        ),
+    ],
+)
+def test_what_no_run_logs_is_not_monitored(given, told):
+    with pytest.raises(ConfigError, match=told):
+        check_options(_plain([*WORDS, *given]))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["trainer.keep_best=val/loss", "optimized_metric=val/loss"],
+        ["trainer.keep_best=val/probe_object", "callbacks=[probe]"],
+        ["callbacks=[early_stopping]", "callbacks.early_stopping.monitor=train/loss"],
+    ],
+)
+def test_what_a_run_logs_may_be_monitored(given):
+    check_options(_plain([*WORDS, *given]))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings(OF_LIGHTNING)
+def test_the_sum_of_the_losses_keeps_the_best(tmp_path):
+    words = [*WORDS, "trainer.val_check_interval=1", "trainer.keep_best=val/loss"]
+    module = api.train(compose("anytouch2", words), tmp_path)
+    kept = read_checkpoint(tmp_path / "checkpoints" / "best.ckpt")["scores"]
+    assert (
+        kept["val/loss"] == kept["val/pixel"] <= float(module.trainer.callback_metrics["val/loss"])
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings(OF_LIGHTNING)
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["trainer.keep_best=val/pixel/r2"],
+        ["callbacks=[early_stopping]", "callbacks.early_stopping.monitor=val/pixel/r2"],
+    ],
+)
+def test_a_part_that_is_not_logged_is_told_at_the_first_validation(given, tmp_path):
+    words = [*WORDS, "trainer.val_check_interval=1", *given]
+    with pytest.raises(
+        ConfigError, match=r"'val/pixel/r2'; did you mean 'val/pixel'\? Known: .*val/l"
+    ):
+        api.train(compose("anytouch2", words), tmp_path)
+
+
+class Broken(Callback):
+    """Takes the place of a file of the run at the second step."""
+
+    def __init__(self, full: bool = False) -> None:
+        self.full = full
+
+    def on_train_batch_start(self, trainer, pl_module, batch, batch_idx):
+        if trainer.global_step != 1:
+            return
+        if self.full:
+            raise OSError(errno.ENOSPC, "No space left on device", "a/b")
+        path = trainer.loggers[0].path
+        path.unlink()
+        path.mkdir()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings(OF_LIGHTNING)
+@pytest.mark.parametrize(
+    ("full", "told"),
+    [
+        (False, r"^logger=csv cannot write \(.*Error: .*metrics\.csv.*\)\. Go on from its check"),
+        (True, r"^a/b: the disk is full .*\. Go on from its ch"),
+    ],
+)
+def test_what_cannot_be_written_ends_in_a_saved_run_and_one_line(full, told, tmp_path):
+    from tactileforge.plugins import register
+
+    register("callbacks", "broken", Broken)
+    words = [*WORDS, "callbacks=[broken]", f"callbacks.broken.full={full}"]
+    with pytest.raises(TactileForgeError, match=told):
+        api.train(compose("anytouch2", words), tmp_path)
+    assert read_checkpoint(tmp_path)["global_step"] == (1 if full else 2)

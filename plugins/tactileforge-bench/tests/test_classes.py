@@ -19,6 +19,7 @@ from tactileforge_bench.tasks.class_folders import class_task
 
 import tactileforge
 from tactileforge import cli
+from tactileforge.data.labels.objects import object_class
 from tactileforge.datasets import Recordings
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError, DataError
@@ -243,18 +244,60 @@ def test_the_head_of_a_run_chooses_among_names(tmp_path: Path) -> None:
     heads = {"classify": {"node": {"name": "classify", "classes": 64}}}
     header = make_header(vit, NODE, licence="MIT", spacing=0.05, heads=heads)
     save_checkpoint(tmp_path / "a.safetensors", vit, header, heads={"classify": head})
+    heads["classify"]["names"] = list(NAMES)
+    header = make_header(vit, NODE, licence="MIT", spacing=0.05, heads=heads)
+    save_checkpoint(tmp_path / "named.safetensors", vit, header, heads={"classify": head})
     model = tactileforge.load(tmp_path / "a.safetensors")
     clip = np.stack([image("ring", 3)] * 4)
     found = model.classify(clip, "none", "digit", names=NAMES)
     vector = model.encode(clip, "none", "digit")
     logits = head.linear(vector)[[object_id(name) % 64 for name in NAMES]]
     assert torch.allclose(found.probability, logits.softmax(0), atol=1e-5)
+    named = tactileforge.load(tmp_path / "named.safetensors").classify(clip, "none", "digit")
+    assert (named.names, named.name) == (NAMES, found.name)
+    assert torch.equal(named.probability, found.probability)
     with pytest.raises(ConfigError, match="names: give"):
         model.classify(clip, "none", "digit")
     with pytest.raises(ConfigError, match="share a class"):
         model.classify(clip, "none", "digit", names=["bar", "bar"])
     with pytest.raises(ConfigError, match="not trained on 'mug'; give names"):
         model.classify(clip, "none", "digit", names=["bar", "mug"])
+
+
+def test_a_list_is_a_batch_of_images_of_any_size(tmp_path: Path) -> None:
+    torch.manual_seed(1)
+    vit = TactileViT("tiny", frames=4, image_size=32).eval()
+    head = ClassifyHead(vit, classes=64)
+    head.met[[object_class(name, 64) for name in NAMES]] = True
+    heads = {"classify": {"node": {"name": "classify", "classes": 64}, "names": list(NAMES)}}
+    header = make_header(vit, NODE, licence="MIT", spacing=0.05, heads=heads)
+    save_checkpoint(tmp_path / "a.safetensors", vit, header, heads={"classify": head})
+    model = tactileforge.load(tmp_path / "a.safetensors")
+    stills = [image("ring", 3), image("bar", 1)[:48], image("ring", 4), image("bar", 2)]
+    Image.fromarray(stills[0]).save(tmp_path / "a.png")
+    given = [tmp_path / "a.png", Image.fromarray(stills[1]), stills[2], torch.tensor(stills[3])]
+    found = model.classify(given, "none", "digit")
+    alone = [model.classify(one, "none", "digit").probability for one in stills]
+    assert torch.allclose(found.probability, torch.stack(alone), atol=1e-5)
+    # a background and a sensor for each
+    of_each = [np.full_like(one, 90) for one in stills]
+    sensors = ["digit", "gelsight", "digit", "gelsight"]
+    found = model.classify(stills, of_each, sensors)
+    alone = [model.classify(*one).probability for one in zip(stills, of_each, sensors, strict=True)]
+    assert torch.allclose(found.probability, torch.stack(alone), atol=1e-5)
+    # clips, as arrays or lists
+    clips = [np.stack([one] * 4) for one in stills]
+    assert torch.allclose(
+        model.classify(clips, of_each, sensors).probability, found.probability, atol=1e-5
+    )
+    with pytest.raises(DataError, match="an empty list; give images"):
+        model.classify([], "none", "digit")
+    for itself in (stills, given, given[0], given[1]):
+        with pytest.raises(ConfigError, match="is the image itself"):
+            model.classify(itself, "first", "digit")
+    model.heads["classify"].met[:] = True
+    with pytest.raises(ConfigError, match="kept 3 of the 64 names that it was trained on"):
+        model.classify(stills, "none", "digit")
 
 
 def test_images_that_are_absent_are_told_by_keys_of_this_command(
@@ -270,6 +313,27 @@ def test_images_that_are_absent_are_told_by_keys_of_this_command(
     said = capsys.readouterr().out
     assert "no file matches" in said
     assert " data." not in said
+
+
+def test_broken_images_are_all_named_together(tmp_path: Path, capsys) -> None:
+    root = folders(tmp_path / "photos", train=4) / "train"
+    images = sorted(root.rglob("*.png"))
+    for path in images[:3]:
+        path.write_bytes(path.read_bytes()[:100])  # the header is whole, the pixels are not
+    for path in images[3:7]:
+        path.write_bytes(b"no image")
+    words = [f"classes.root={root}", "classes.sensor=digit", "model=[pixels]", "workers=0"]
+    words += [f"out={tmp_path}/out", f"cache={tmp_path}/cache"]
+    assert cli.run(["bench", "suite=classes", *words]) == 3
+    said = " ".join(capsys.readouterr().out.split())
+    assert "7 recordings cannot be read, and the benchmark skips none; mend or remove them" in said
+    assert "; and 2 more" in said
+    for path in images[3:7]:
+        path.unlink()
+    assert cli.run(["bench", "suite=classes", *words, f"out={tmp_path}/again"]) == 1
+    said = capsys.readouterr().err
+    assert "3 recordings cannot be read" in said
+    assert all(path.name in said for path in images[:3])
 
 
 def test_a_reason_starts_with_a_capital_and_a_path_stays_as_it_is() -> None:

@@ -1,6 +1,7 @@
 """The command data check: lines, exit codes, JSON, a baseline, and keys that are written."""
 
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -81,3 +82,25 @@ def test_keys_are_written_where_all_agree(folder: Path, capsys: pytest.CaptureFi
     (folder / "tactileforge.yaml").write_text(before)
     assert run(folder, "fix=true", "select=[TF308]") == 1
     assert (folder / "tactileforge.yaml").read_text() == before, "it would break the other"
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("0.csv", "unreadable: labels: 0.csv is left out: byte 9 is not UTF-8"),
+        ("0.xls", "unreadable: labels: 0.xls and 1 more are left out: a spreadsheet"),
+    ],
+)
+def test_forces_that_a_guess_leaves_out_are_a_fault(
+    folder: Path, capsys: pytest.CaptureFixture[str], name: str, told: str
+) -> None:
+    (folder / "tactileforge.yaml").unlink()
+    whole = folder.with_name("whole")
+    shutil.copytree(folder, whole)
+    for number in range(2):
+        (folder / f"{number}.csv").rename(folder / f"{number}{Path(name).suffix}")
+    (folder / name).write_bytes(b"fx,fy,fz\n\xff\xfe\x00")
+    assert cli.run(["data", "check", str(folder), "select=[TF4]"]) == 1
+    assert told in capsys.readouterr().out
+    assert cli.run(["data", "check", str(whole), "select=[TF4]"]) == 0
+    assert "unreadable" not in capsys.readouterr().out

@@ -24,7 +24,7 @@ def log_doubts(
     val: Sequence[Recording],
     spacing: float,
     frames: int,
-) -> Doubts:
+) -> tuple[Doubts, list[str]]:
     """Log doubts about labels and times, and frames too far apart for the clips.
 
     Args:
@@ -35,14 +35,15 @@ def log_doubts(
         frames: Frames of a clip.
 
     Returns:
-        The doubts; `Doubts.of_all` has those about the labels of an objective.
+        The doubts, of which `Doubts.of_all` has those about the labels of an objective, and the
+        lines of the checks that found something.
     """
     doubts = Doubts()
     for recording in chain(train, val):
         doubts.add(recording)
     has_layout = hasattr(type(dataset), "layouts")
-    seen = frame_lines(train, val, has_layout)
-    for line in (*getattr(dataset, "notes", ()), *doubts.of_each(), *seen):
+    found = [*doubts.of_each(), *frame_lines(train, val, has_layout)]
+    for line in (*getattr(dataset, "notes", ()), *found):
         log.warning("data: %s", line)
     span = (frames - 1) * spacing
     # stills are shown as clips on purpose
@@ -68,23 +69,32 @@ def log_doubts(
             *(usual, len(slow), len(periods), spacing),
             *(usual / spacing, 1 / spacing, usual),
         )
-    return doubts
+    return doubts, found
 
 
 class Examination:
-    """Doubts about a set, logged before it is trained on; see `TouchData.examiner`."""
+    """Doubts about a set, logged before it is trained on; see `TouchData.examiner`.
+
+    Attributes:
+        found: A line for each check that found something, ``CODE what; fix``.
+    """
 
     def __init__(self) -> None:
         self._doubts = Doubts()
+        self.found: list[str] = []
 
     def look(self, data: TouchData, train: Sequence[Recording], val: Sequence[Recording]) -> None:
         """Log doubts about recordings."""
-        self._doubts = log_doubts(data.dataset, train, val, data.spacing, data.frames)
+        self._doubts, self.found = log_doubts(data.dataset, train, val, data.spacing, data.frames)
         mirrors = () if data.augment is None else data.augment.moved_sides
-        for line in (*copy_lines(train, val), *caption_lines([*train, *val], mirrors)):
+        lines = [*copy_lines(train, val), *caption_lines([*train, *val], mirrors)]
+        for line in lines:
             log.warning("data: %s", line)
+        self.found += lines
 
     def of_labels(self, labels: AbstractSet[str]) -> None:
         """Log doubts about the set as a whole, for learned labels."""
-        for line in self._doubts.of_all(labels):
+        lines = self._doubts.of_all(labels)
+        for line in lines:
             log.warning(line)
+        self.found += lines

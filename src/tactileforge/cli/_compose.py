@@ -210,22 +210,56 @@ def declare(
     ConfigStore.instance().store(name, made, provider="tactileforge")
 
 
-def compose(recipe: str = "anytouch2", overrides: Sequence[str] = ()) -> DictConfig:
+def compose(
+    recipe: str | Mapping[str, Any] = "anytouch2", overrides: Sequence[str] = ()
+) -> DictConfig:
     """Composes the configuration of a training run, as the command line does.
 
     Args:
-        recipe: Name of a recipe in the zoo.
+        recipe: Name of a recipe in the zoo; or a configuration that an application of yours has
+            composed with Hydra: it is completed by the defaults of ``tactileforge train``, and what
+            is not of training is left out.
         overrides: ``key=value`` strings.
 
     Returns:
         The finished configuration; see `finish`.
 
+    Raises:
+        ConfigError: Nothing reads a key; names the nearest. See also `finish`.
+
     Example:
         >>> compose("anytouch2", ["encoder.size=tiny"]).encoder.size
         'tiny'
     """
+    from tactileforge.training.trainer import check_keys
+
+    if not isinstance(recipe, str | Mapping | DictConfig):
+        raise ConfigError(f"recipe={recipe}: give a name, then the words: compose('mae', [...])")
+    if overrides and not isinstance(recipe, str):
+        raise ConfigError(
+            f"{overrides[0]}: a configuration is given; change it where it is composed"
+        )
     with _package_named():
-        return finish(composed("train", [f"recipe={recipe}", *overrides]), overrides)
+        if isinstance(recipe, str):
+            config = finish(composed("train", [f"recipe={recipe}", *overrides]), overrides)
+        else:
+            config = finish(_completed(recipe))
+    check_keys(OmegaConf.to_container(config))  # type: ignore[arg-type]
+    return config
+
+
+def _completed(config: Mapping[str, Any] | DictConfig) -> DictConfig:
+    """A configuration of another application, with the defaults of training, and without others."""
+    given = config if isinstance(config, DictConfig) else OmegaConf.create(dict(config))
+    own: Any = OmegaConf.to_container(given, resolve=True)
+    base: Any = composed("train", [])
+    OmegaConf.set_struct(base, False)
+    for key in {*base} & {*own}:
+        # of a group the option is the application's; blocks of fixed keys have defaults
+        keeps = key in ("data", "augment") and isinstance(own[key], dict)
+        left = {"max_bad": base.data.max_bad} if key == "data" else base[key]
+        base[key] = OmegaConf.merge(left, own[key]) if keeps else own[key]
+    return base  # type: ignore[no-any-return]
 
 
 def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:

@@ -18,7 +18,7 @@ from tactileforge.cli._options import options, own_places, yaml_groups
 from tactileforge.cli._words import Words
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.plugins.distributions import how_to_get
-from tactileforge.plugins.registry import GROUPS
+from tactileforge.plugins.registry import GROUPS, dotted
 
 #: Longest message of another library that is repeated, characters.
 _LONGEST = 600
@@ -170,7 +170,8 @@ def _missing(error: MissingConfigException, overrides: Sequence[str], own: Seque
                 f"data={value} is a path: videos and images are data=recordings data.root={value}; "
                 f"tactileforge data inspect {value} says what reads anything else"
             )
-    fix = "" if own else "Options of your own need --config-dir DIR"
+    fix = dotted(name) if group in GROUPS else ""
+    fix = fix or ("" if own else "Options of your own need --config-dir DIR")
     return unknown(group, name, options(group, own), fix)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,10 @@ class _Report:
 
 def _report(keys: _Report, _: dict[str, Any]) -> None:
     """Writes the report of a run again; data.root=NEW for moved data."""
+    # before torch is imported, and the data is listed: both may take long
+    if Path(keys.run).is_dir():
+        said = f"report: reading the run {keys.run}, its data and weights"
+        print(said, file=sys.stderr, flush=True)
     from tactileforge.report.run import report_of_run
 
     print(f"report: {report_of_run(Path(keys.run), lambda config: put_in(config, _moved))}")

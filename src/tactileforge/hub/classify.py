@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -17,6 +17,7 @@ from tactileforge.data.labels.objects import object_class
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path
 from tactileforge.hub.clips import Clips
 from tactileforge.hub.forces import fingerprint
+from tactileforge.hub.inputs import as_pixels
 from tactileforge.util import strict
 from tactileforge.util.files import new_part, usual_mode
 from tactileforge.util.pointers import check_pointer
@@ -161,13 +162,44 @@ def layer_of(
 ) -> Layer:
     """The layer that `Model.classify` reads; see there for arguments and errors."""
     clips.refuse_itself()
+    if isinstance(clips.frames, list | tuple):
+        for one in clips.frames:
+            replace(clips, frames=one).refuse_itself()
     if head is None:
-        return packed_layer(model.heads, names, repr(model))
+        kept = model.header.heads.get("classify", {}).get("names", ())
+        return packed_layer(model.heads, names, repr(model), kept)
     if names is not None:
         raise ConfigError("names= is for the head of a run; head= knows the names of its own")
     sensor = clips.sensor
     named = {sensor} if isinstance(sensor, str) else set(sensor or ())
     return fitted_layer(head, model.encoder_hash, repr(model), clips.subtracts, named)
+
+
+def read_classes(model: Model, clips: Clips, layer: Layer) -> Classes:
+    """Classes of clips; of a list, of each item by itself, of any size."""
+    read, given = model.clips_reader.tapped, clips.frames
+    if not isinstance(given, list | tuple):
+        return classes_of(read("projected", clips, 5), layer)
+    if not given:
+        raise DataError("frames: an empty list; give images")
+    items = [as_pixels("frames", one) for one in given]
+    places: dict[tuple[int, ...], list[int]] = {}
+    for place, item in enumerate(items):
+        places.setdefault(tuple(getattr(item, "shape", ())), []).append(place)
+    rows: dict[int, Tensor] = {}
+    for same in places.values():
+        part = as_pixels("frames", [items[place] for place in same])
+        # images are clips of one frame
+        part = part[:, None] if getattr(part, "ndim", 0) == 4 else part
+        background, sensor = (
+            [x[place] for place in same]
+            if isinstance(x, list | tuple) and len(x) == len(items)
+            else x
+            for x in (clips.background, clips.sensor)
+        )
+        told = replace(clips, frames=part, background=background, sensor=sensor)
+        rows.update(zip(same, read("projected", told, 5), strict=True))
+    return classes_of(torch.stack([rows[place] for place in range(len(items))]), layer)
 
 
 def fitted_layer(
@@ -210,13 +242,16 @@ def fitted_layer(
     return fitted.weight, fitted.bias, tuple(fitted.facts.names)
 
 
-def packed_layer(heads: Any, names: Sequence[str] | None, model: str) -> Layer:
+def packed_layer(
+    heads: Any, names: Sequence[str] | None, model: str, kept: Sequence[str] = ()
+) -> Layer:
     """The rows of the head of a run for some objects.
 
     Args:
         heads: Heads of the model, by name.
-        names: Names of the objects, two or more.
+        names: Names of the objects, two or more; None for ``kept``.
         model: Name of the model in errors.
+        kept: Names that the run has kept, of all objects that it was trained on.
 
     Raises:
         ConfigError: There is no such head, or it was not trained on these objects.
@@ -226,9 +261,15 @@ def packed_layer(heads: Any, names: Sequence[str] | None, model: str) -> Layer:
             f"{model} has no head for classes: give head=FILE, which tactileforge bench "
             "suite=classes writes, or pack a run whose objectives include classify"
         )
-    if names is None or len(names) < 2:
-        raise ConfigError("names: give the names of two objects of the training data, or more")
     linear, met = heads["classify"].linear, heads["classify"].met
+    if names is None and len(kept) > 1 and len(kept) < int(met.sum()):
+        raise ConfigError(
+            f"names: the run has kept {len(kept)} of the {int(met.sum())} names that it was "
+            "trained on, as its data is large or was changed; give those to choose from"
+        )
+    names = kept if names is None else names
+    if len(names) < 2:
+        raise ConfigError("names: give the names of two objects of the training data, or more")
     rows = [object_class(name, len(linear.bias)) for name in names]
     if strange := [name for name, row in zip(names, rows, strict=True) if not met[row]]:
         raise ConfigError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeAlias, TypedDict
 
 from tactileforge.errors import ConfigError
@@ -69,7 +70,8 @@ class Clips:
 
     def refuse_itself(self) -> None:
         """Raises a ConfigError if one image would be its own background."""
-        if self.word == "first" and getattr(self.frames, "ndim", 0) == 3:
+        of_file = isinstance(self.frames, str | Path) or hasattr(self.frames, "getbands")
+        if self.word == "first" and (of_file or getattr(self.frames, "ndim", 0) == 3):
             raise ConfigError("background='first' is the image itself: give one without contact")
 
 

@@ -61,9 +61,9 @@ class Header:
         recipe: The resolved recipe; empty for imported weights.
         source: Steps of the run, or the published file and its sha256.
         heads: Heads that are kept with the encoder, by name: plugin and constructor arguments
-            (``node``), the newton that count as 1 for each sensor (``scale``), and of an aligned
-            head its text tower (``text_encoder``), or the size of the vectors and the name of one
-            outside of the file (``text_width``, ``text_name``).
+            (``node``), the newton that count as 1 for each sensor (``scale``), names of the classes
+            (``names``), and of an aligned head its text tower (``text_encoder``), or the size of
+            the vectors and the name of one outside of the file (``text_width``, ``text_name``).
     """
 
     format: int
@@ -198,6 +198,9 @@ def _parse(content: Any) -> Header:
         for sensor, scale in strict.mapping(f"scale of head {key}", head.get("scale", {})).items():
             if not (isinstance(scale, list) and len(scale) == 3 and all(map(_is_positive, scale))):
                 raise ConfigError(f"the header: head {key} has no newtons for {sensor}: {scale!r}")
+        names = head.get("names", [])
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise ConfigError(f"the header: names of head {key} are no list of names: {names!r}")
     # read by the bench, to tell what a model was trained on
     strict.mapping("the header: recipe.data", header.recipe.get("data") or {})
     return header

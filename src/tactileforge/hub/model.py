@@ -184,7 +184,10 @@ class Model(nn.Module):
         return saving.save_model(self, path, **options)
 
     def save_pretrained(self, folder: str | Path, **options: Any) -> Path:
-        """Writes the file and a card to a folder, which ``load(folder)`` reads; see `save`."""
+        """Writes the file and a card to a folder, which ``load(folder)`` reads; see `save`.
+
+        A model without a name gets that of the folder.
+        """
         return saving.save_folder(self, folder, **options)
 
     def push_to_hub(
@@ -242,6 +245,11 @@ class Model(nn.Module):
             DataError: Frames or background are not what the model takes; says both.
             ConfigError: No background, no such sensor or group, or a batch size below 1.
         """
+        if asked := [key for key in ("tap", "layers") if key in options]:
+            raise ConfigError(
+                f"encode gives one vector and takes no {asked[0]}=: model.features(frames, "
+                f"background, sensor, {asked[0]}=...)"
+            )
         if checks:
             self._picture_checks(background, sensor)
         return self.clips_reader.encoded(groups, Clips(frames, background, sensor, **options))
@@ -252,21 +260,29 @@ class Model(nn.Module):
         background: Still = None,
         sensor: Sensors = None,
         *,
-        tap: Tap = "tokens",
+        tap: Tap | None = None,
         layers: int | Sequence[int] | None = None,
         **options: Unpack[Batched],
     ) -> Any:
         """Features of clips at one of the encoder's taps, float32, with B in front for a batch.
 
-        Arguments and errors are those of `encode`; ``tap`` is one of `taps.Tap`. With ``layers``, a
-        list of the outputs of these blocks, (L, width), or (C, H, W) of a convolutional network; -1
-        is the last.
+        Arguments and errors are those of `encode`; ``tap`` is one of `taps.Tap`, ``tokens`` without
+        one. With ``layers`` in its place, a list of the outputs of these blocks, (L, width), or
+        (C, H, W) of a convolutional network; -1 is the last.
+
+        Raises:
+            ConfigError: Both ``tap`` and ``layers`` are given.
         """
+        if tap is not None and layers is not None:
+            raise ConfigError(
+                f"tap={tap!r} and layers={layers!r}: layers= gives the outputs of blocks as they "
+                "are, tap= what the encoder makes of the last; give one of the two"
+            )
         clips = Clips(frames, background, sensor, **options)
         if layers is not None:
             several = [layers] if isinstance(layers, int) else layers
             return self.clips_reader.layered(several, clips)
-        return self.clips_reader.tapped(tap, clips)
+        return self.clips_reader.tapped(tap or "tokens", clips)
 
     def groups(
         self,
@@ -375,13 +391,15 @@ class Model(nn.Module):
         """Classifies clips, or still images, by a linear head on their projected vectors.
 
         Args:
-            frames: Clips as in `encode`. A batch of single images X, (B, H, W, 3), is
+            frames: Clips as in `encode`. A list is a batch: of images (paths, PIL, arrays), also of
+                different sizes, or of clips. An array X of single images, (B, H, W, 3), is
                 ``X[:, None]``: one frame a clip.
             background: Frame without contact, or a word in its place, as in `encode`.
             sensor: Name of the sensor, or one name a clip, as in `encode`.
             head: A head that the benchmark fitted to this model, ``heads/TASK.MODEL.safetensors``;
                 None takes the one of a run trained with the objective ``classify``.
-            names: Objects to choose from, for the head of a run, which keeps no names.
+            names: Objects to choose from, for the head of a run; None takes all that it was trained
+                on.
             **options: ``unknown_sensor``, as in `encode`.
 
         Raises:
@@ -390,12 +408,12 @@ class Model(nn.Module):
             DataError: The file is not a head; see `encode`.
             DataNotFoundError: There is no such file.
         """
-        from tactileforge.hub.classify import classes_of, layer_of
+        from tactileforge.hub.classify import layer_of, read_classes
 
         clips = Clips(frames, background, sensor, **options)
         # the layer first: a wrong head is found before the encoder has done its work
         layer = layer_of(head, names, clips, self)
-        return classes_of(self.clips_reader.tapped("projected", clips), layer)
+        return read_classes(self, clips, layer)
 
     def match_words(
         self,

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import json
 import re
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import getproxies
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.hub.store import WEIGHTS, weights_folder
 from tactileforge.util.files import new_part, sha256
 from tactileforge.util.untrusted import load_json
 
+#: Seconds in which the hub takes a connection.
+_ANSWERS = 5.0
 _NAME = r"[A-Za-z0-9][A-Za-z0-9._-]*"
 _PLACE = re.compile(rf"({_NAME}/{_NAME})(?:@([A-Za-z0-9][A-Za-z0-9._/-]*))?")
 
@@ -72,7 +77,9 @@ def fetch_file(repo: str, file: str, revision: str, *, kind: str = "model") -> P
     hub = client()
     with _errors_named(repo, file, revision):
         try:
-            got = hub.hf_hub_download(repo, file, revision=revision, repo_type=kind)
+            got = hub.hf_hub_download(
+                repo, file, revision=revision, repo_type=kind, local_files_only=_is_away(hub)
+            )
         except getattr(hub.errors, "HTTPError", OSError) as error:
             if isinstance(error, hub.errors.HfHubHTTPError):
                 raise
@@ -87,12 +94,29 @@ def fetch_file(repo: str, file: str, revision: str, *, kind: str = "model") -> P
     return path
 
 
+def _is_away(hub: Any) -> bool:
+    """Whether the hub does not answer: its client would try six times, with a warning each."""
+    if hub.constants.HF_HUB_OFFLINE or getproxies():  # a proxy may reach what this machine cannot
+        return False
+    url = urlsplit(hub.constants.ENDPOINT)
+    port = url.port or (80 if url.scheme == "http" else 443)
+    try:
+        socket.create_connection((str(url.hostname), port), timeout=_ANSWERS).close()
+    except OSError:
+        return True
+    return False
+
+
 def fetch_folder(repo: str, folder: str, revision: str, *, kind: str = "model") -> Path:
     """The ``.pth`` files of a folder of a repository, each checked as by `fetch_file`."""
     hub = client()
     with _errors_named(repo, folder, revision):
         path = hub.snapshot_download(
-            repo, revision=revision, repo_type=kind, allow_patterns=[f"{folder}*.pth"]
+            repo,
+            revision=revision,
+            repo_type=kind,
+            allow_patterns=[f"{folder}*.pth"],
+            local_files_only=_is_away(hub),
         )
     root = Path(path)
     files = sorted((root / folder).rglob("*.pth"))
@@ -139,7 +163,10 @@ def upload(folder: Path, repo: str, *, private: bool, message: str) -> str:
         DataNotFoundError: The hub refused; says what to do.
     """
     name, revision = parse_place(repo.removeprefix("hf:"))
-    api = client().HfApi()
+    hub = client()
+    if _is_away(hub):
+        raise DataNotFoundError(f"hf:{name}: {hub.constants.ENDPOINT} cannot be reached; try again")
+    api = hub.HfApi()
     with _errors_named(name, "", revision):
         api.create_repo(name, private=private, exist_ok=True)
         info = api.upload_folder(

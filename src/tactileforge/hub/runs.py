@@ -23,6 +23,8 @@ from tactileforge.specs.published import spec
 from tactileforge.util.licences import NO_LICENCE
 from tactileforge.util.provenance import commit
 
+#: Most names of classes that a header keeps, of the objects of the training data.
+MOST_NAMES = 2000
 #: Heads that are kept whole: `Model` reads force and surface, and a run that starts from the
 #: weights goes on with all of them. Of the aligned head the text side is kept, see `aligned_head`.
 KEPT_HEADS = ("pixel", "diff", "surface", "force", "classify")
@@ -77,6 +79,9 @@ def read_run(
         if kind == "trained":
             known = built.sensors or kept.get("sensors", ())
             heads, entries = _heads(config, built, checkpoint["state_dict"], run, known)
+            # a header has room for so many; without names, those asked for are given by hand
+            if "classify" in entries and 0 < len(met := kept.get("objects", [])) <= MOST_NAMES:
+                entries["classify"]["names"] = met
     header = files.make_header(
         built,
         config["encoder"],

@@ -40,8 +40,11 @@ def save_folder(model: Model, folder: str | Path, place: str = "FOLDER", **optio
     """Writes weights and card of a model into a folder; see `Model.save_pretrained`."""
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
+    # a model without a name has that of its folder, or of its place on the hub
+    known = options.get("name") or model.header.name
+    options["name"] = known or place.rpartition("/")[2].replace("FOLDER", target.absolute().name)
     save_model(model, target / WEIGHTS, **options)
-    header = described(model, options.get("name", ""), options.get("licence", ""))
+    header = described(model, options["name"], options.get("licence", ""))
     write_text(target / CARD, card_text(model, header, place))
     return target
 

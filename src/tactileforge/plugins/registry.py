@@ -304,6 +304,7 @@ def load(kind: str, name: str) -> Any:
         if fix and kind == "callbacks":
             fix = "Others are lightning.pytorch.callbacks:Class, and your own my_module:Class"
         fix = f"It {got}" if got else fix
+        fix = dotted(name) or fix
         raise PluginError(unknown(kind.removesuffix("s"), name, names(kind), fix))
     if len(entries) > 1:
         claims = " and ".join(_describe(kind, entry) for entry in entries)
@@ -316,6 +317,18 @@ def load(kind: str, name: str) -> Any:
         raise PluginError(
             f"{_describe(kind, entries[0])} cannot be loaded: {why}{hint and f'; {hint}'}"
         ) from error
+
+
+def dotted(name: str) -> str:
+    """Fix for a class of one's own with a dot before its name; "" for another name.
+
+    Example:
+        >>> dotted("my_module.Contrast"), dotted("pixel")
+        ('A class of yours is my_module:Contrast', '')
+    """
+    module, _, own = name.rpartition(".")
+    is_class = own.isidentifier() and own[0].isupper()
+    return f"A class of yours is {module}:{own}" if module and is_class else ""
 
 
 def _given(kind: str, name: str) -> Any:
@@ -410,6 +423,29 @@ def without_start(kind: str, config: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in config.items() if key not in options}
 
 
+def chosen(kind: str, config: Mapping[str, Any]) -> tuple[type[Any], str, dict[str, Any]]:
+    """The plugin of a configuration, its name, and its checked arguments.
+
+    Args:
+        kind: One of `KINDS` or `OTHERS`.
+        config: ``{"name": ..., **arguments}``.
+
+    Raises:
+        PluginError: The plugin is not installed, claimed twice, or broken.
+        ConfigError: The configuration names no plugin, or an argument is unknown.
+    """
+    arguments = strict.mapping(f"the {kind.removesuffix('s')}", config)
+    if "name" not in arguments:
+        raise ConfigError(f"the {kind.removesuffix('s')} names no plugin: its YAML has no name:")
+    name = str(arguments.pop("name"))
+    plugin = get(kind, name)
+    known, what = parameters(plugin), f"{kind.removesuffix('s')} {name!r}"
+    for key in arguments:
+        fix = f"Where a recipe or scale gave it, take it away: ~encoder.{key}"
+        check_names(f"option of {what}", [key], known, fix if kind == "encoders" else "")
+    return plugin, name, arguments
+
+
 def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any) -> Any:
     """Builds a plugin from its configuration: ``name`` and constructor arguments.
 
@@ -429,16 +465,8 @@ def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any
         >>> build("objectives", {"name": "surface"}).head
         'surface'
     """
-    arguments = strict.mapping(f"the {kind.removesuffix('s')}", config)
-    if "name" not in arguments:
-        raise ConfigError(f"the {kind.removesuffix('s')} names no plugin: its YAML has no name:")
-    name = str(arguments.pop("name"))
-    plugin = get(kind, name)
-    known = parameters(plugin)
-    what = f"{kind.removesuffix('s')} {name!r}"
-    for key in arguments:
-        fix = f"Where a recipe or scale gave it, take it away: ~encoder.{key}"
-        check_names(f"option of {what}", [key], known, fix if kind == "encoders" else "")
+    plugin, name, arguments = chosen(kind, config)
+    known, what = parameters(plugin), f"{kind.removesuffix('s')} {name!r}"
     for key, default in known.items():
         if default is Parameter.empty and key not in arguments:
             raise ConfigError(f"{what} needs {key!r}: set {_below(where, key)}=...")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.reading.label_rows import ends_of
 from tactileforge.reading.records import RECORDS, conversion
 from tactileforge.reading.series import series_of
@@ -24,6 +24,7 @@ from tactileforge.reading.table_families import (
     is_for_all,
     recordings,
 )
+from tactileforge.reading.tables import read_cells
 from tactileforge.reading.trial_rows import recordings_of
 from tactileforge.specs.published import spec
 
@@ -55,6 +56,8 @@ _TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
 _PULLING = 3.0
 #: Ratio of durations up to which two clocks have one unit.
 _AS_LONG = 2.5
+#: Tables that are told to be damaged; the others are counted.
+_DAMAGED = 5
 #: Largest plausible step of frames, s.
 _SLOW = 2.0
 
@@ -488,11 +491,14 @@ def _is_sensor(name: str) -> bool:
 def left_out(unread: Iterable[Path], root: Path) -> list[str]:
     """Lines about unread tables and files of labels, one per kind."""
     kinds: dict[str, list[str]] = {}
+    damaged: dict[str, str] = {}
     for path in unread:
-        kinds.setdefault(conversion(path) and path.suffix.lower(), []).append(
-            path.relative_to(root).as_posix()
-        )
-    lines = []
+        name = path.relative_to(root).as_posix()
+        if len(damaged) < _DAMAGED and (why := _damage(path)):
+            damaged[name] = why
+        else:
+            kinds.setdefault(conversion(path) and path.suffix.lower(), []).append(name)
+    lines = [f"labels: {name} is left out: {why}" for name, why in sorted(damaged.items())]
     for kind, names in sorted(kinds.items()):
         first = sorted(names)[0]
         more = f" and {len(names) - 1} more are" if len(names) > 1 else " is"
@@ -504,6 +510,17 @@ def left_out(unread: Iterable[Path], root: Path) -> list[str]:
             "give force: or labels: of the layout, if it has some"
         )
     return lines
+
+
+def _damage(path: Path) -> str:
+    """Reason for which a table cannot be read; "" for one that can, and for other files."""
+    if path.suffix.lower() not in (".csv", ".tsv"):
+        return ""
+    try:
+        read_cells(path, [])
+    except TactileForgeError as error:
+        return str(error).removeprefix(f"{path}: ")
+    return ""
 
 
 def _numbers(family: Family, column: str) -> NDArray[np.float64]:

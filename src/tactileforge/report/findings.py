@@ -10,6 +10,7 @@ from tactileforge.errors import DataError
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.heads.force import Forces
 from tactileforge.report.captions import CaptionResult, nearest_captions
+from tactileforge.report.classes import ClassResult, class_results
 from tactileforge.report.embedding import Embedding, NeighbourScore, embedding_of, neighbours
 from tactileforge.report.forces import ForceResult, force_results
 from tactileforge.report.pictures import Strips, strips_of
@@ -40,6 +41,7 @@ class RunFindings:
         strips: Images of the shown clips.
         explained: Share of the variance of hidden pixels explained by reconstructions, by kind.
         forces: Results of force heads, one for each.
+        classes: Results of heads for classes, one for each.
         embedding: Embedded clips of both splits.
         scores: Scores of nearest neighbours, by kind of label.
         captions: Captions nearest to touches; None where nothing was aligned with text.
@@ -52,6 +54,7 @@ class RunFindings:
     strips: list[Strips]
     explained: dict[str, float]
     forces: list[ForceResult]
+    classes: list[ClassResult]
     embedding: Embedding
     scores: dict[str, NeighbourScore | None]
     captions: CaptionResult | None
@@ -100,6 +103,7 @@ def run_findings(
         ],
         explained=explained(module, clips, spread(clips, min(_REBUILT, count)), list(rebuilt)),
         forces=force_results(readers, forces, count),
+        classes=class_results(module, split, readers[split], data.objects, count),
         embedding=embedding,
         scores={kind: neighbours(embedding, kind) for kind in embedding.labels},
         captions=nearest_captions(

@@ -143,8 +143,6 @@ def forces_section(
         last_step: Last step of the run.
     """
     name, title = "force", "Force"
-    if not results:
-        return Section(name, title, paragraph("No objective predicts force."))
     body = Markup()
     for result in results:
         if len(results) > 1:

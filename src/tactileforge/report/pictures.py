@@ -107,6 +107,8 @@ def strips_of(
     if count == 1:
         return Strips(rows, 1.0, explained)
     true = frames[:, 1:] - frames[:, :1]
+    if not true.any():  # an image, shown as a clip
+        return Strips({name: shown[:1] for name, shown in rows.items()}, 1.0, explained)
     drawn = _canvas(encoder, true) * _spread(encoder)
     # all but the largest half percent fits; a still clip is not amplified to show noise alone
     gain = 0.5 / max(float(drawn.abs().quantile(0.995)), 2 / 255)

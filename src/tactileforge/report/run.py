@@ -13,7 +13,7 @@ from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
 from tactileforge.pages.curves import Curve, read_metrics
 from tactileforge.pages.page import Section, html_page, next_commands
-from tactileforge.report import captions, embedding, forces, sections, summary
+from tactileforge.report import captions, classes, embedding, forces, sections, summary
 from tactileforge.report.findings import RunFindings, run_findings
 from tactileforge.runs import folder as run_folder
 from tactileforge.runs.checkpoint_file import read_checkpoint, read_own
@@ -86,6 +86,7 @@ def write_report(
     kept = run_folder.read_versions(folder)
     top = summary.run_facts(folder, config, module, data, steps, seconds, curves, kept)
     held_out = data.val is not None
+    top += summary.checks_table(data.findings)
     top += summary.run_verdict(curves, weights, findings, labels, held_out, lines)
     planned = int(config["trainer"].get("max_steps") or 0)  # -1 and null: by epochs
     parts = [
@@ -129,14 +130,15 @@ def _of_clips(
     if findings is None:
         return []
     nearest = findings.captions  # None for a run without alignment
-    first = [
-        sections.frames(findings),
-        forces.forces_section(findings.forces, data, curves, steps),
-    ]
-    if findings.forces:  # what matters most of such a run
-        first.reverse()
+    # what matters most of a run comes first
+    first = []
+    if findings.forces:
+        first.append(forces.forces_section(findings.forces, data, curves, steps))
+    if findings.classes:
+        first.append(classes.classes_section(findings.classes, findings.clips))
     return [
         *first,
+        sections.frames(findings),
         embedding.embedding_section(findings.embedding, findings.scores),
         *([captions.captions_section(nearest, findings.strips)] if nearest else []),
     ]

@@ -19,6 +19,7 @@ from tactileforge.data.labels.augment import fill_captions
 from tactileforge.heads.decoder import Reconstruction
 from tactileforge.report.pictures import kind_of, residuals, share
 from tactileforge.training.module import TouchModule
+from tactileforge.util.bars import Bar
 
 #: Number of clips at once.
 _BATCH = 16
@@ -171,12 +172,15 @@ class ClipReader:
         """Runs clips and returns their numbers; an unreadable clip is replaced by another one."""
         missing = [clip for clip in which if clip not in self._asked]
         read: list[int] = []
-        with quiet(self._module):
+        # a few clips are read while others are shown: a line of their own would tell nothing
+        bar = Bar(total=len(missing), desc="report", unit="clip", disable=len(missing) <= _BATCH)
+        with quiet(self._module), bar:
             for batch in batches(self._module, self.clips, missing):
                 self._skipped |= batch["skipped"]
                 numbers = batch["clip"].tolist()  # those that were read, not those asked for
                 self._rows |= zip(numbers, self._rows_of(batch), strict=True)
                 read += numbers
+                bar.update(len(numbers))
         self._asked |= zip(missing, read, strict=True)
         return [self._asked[clip] for clip in which]
 

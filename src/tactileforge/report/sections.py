@@ -132,9 +132,10 @@ def frames(findings: RunFindings) -> Section:
         for clip, strips in zip(findings.shown, findings.strips, strict=True)
     ]
     kinds = list(findings.explained)
+    moves = any(len(strips.rows["Input"]) > 1 for strips in findings.strips)
     text = (
-        f"The {SPLIT_WORDS[findings.split]} clips that move most, of different sensors, objects "
-        "and recordings. "
+        f"The {SPLIT_WORDS[findings.split]} {'clips that move most' if moves else 'images'}, of "
+        "different sensors, objects and recordings. "
         "The background is subtracted: what nothing touches is grey. "
     )
     if not kinds:

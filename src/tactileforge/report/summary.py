@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
+from tactileforge.checks import catalogue
 from tactileforge.contracts import AXES
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.pages import page
@@ -77,6 +79,39 @@ def run_facts(
     return page.facts(about)
 
 
+def checks_table(found: Sequence[str]) -> Markup:
+    """Findings of the checks of the data: code, what was found and the fix; none without any.
+
+    Args:
+        found: Lines ``CODE what; fix``, as `TouchData.findings`; a line without a fix gets that of
+            the check.
+    """
+    if not found:
+        return Markup()
+    fixes = {check.code: check.fix for check in catalogue().values()}
+    rows = []
+    for line in found:
+        code, _, text = line.partition(" ")
+        what, fix = _outside(text)
+        rows.append((code, f"text|{what}", f"text|{fix or fixes.get(code, '')}"))
+    head = ("Check", "text|what was found in the data", "text|what puts it right")
+    note = "The checks of the data, before training; tactileforge data check names each recording."
+    return table("checks", head, rows, note)
+
+
+def _outside(text: str) -> tuple[str, str]:
+    """Parts a line at its first ``; `` that stands in no parentheses."""
+    place = next(
+        (
+            found.start()
+            for found in re.finditer("; ", text)
+            if text.count("(", 0, found.start()) <= text.count(")", 0, found.start())
+        ),
+        len(text),
+    )
+    return text[:place], text[place + 2 :]
+
+
 def run_verdict(
     curves: Mapping[str, Curve],
     weights: Mapping[str, float],
@@ -99,6 +134,7 @@ def run_verdict(
     if findings is not None:
         lines += _rebuilt(findings.explained)
         lines += [line for result in findings.forces for line in _force(result)]
+        lines += [(_mark([x.accuracy > x.guess]), f"{x.line}.") for x in findings.classes]
         lines += _read(findings.scores)
     lines += speed_verdict(curves)
     count = len(skipped)
@@ -209,13 +245,14 @@ def result_lines(
 ) -> list[str]:
     """The result of a run in a few lines for the terminal.
 
-    Force errors beside those of the median guess, and what is explained of hidden pixels; without
-    either, how the losses went.
+    Force errors beside those of the median guess, classes that are named right, and what is
+    explained of hidden pixels; without any, how the losses went.
     """
     lines = []
     if findings is not None:
         for result in findings.forces:
             lines += [_errors(result), *_by_source(result)] if result.readings else []
+        lines += [result.line for result in findings.classes]
         lines += [text.removesuffix(".") for _, text in _rebuilt(findings.explained)]
     if lines:
         return lines

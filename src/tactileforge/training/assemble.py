@@ -15,7 +15,7 @@ from tactileforge.data.labels.augment import Augment, build_augment
 from tactileforge.errors import ConfigError, check_names
 from tactileforge.plugins import registry
 from tactileforge.specs.published import spec
-from tactileforge.training.parts import check_encoder, outline, plain
+from tactileforge.training.parts import check_encoder, check_finished, outline, plain
 
 log = logging.getLogger(__name__)
 
@@ -38,10 +38,11 @@ def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchDat
         alphabetical order, and the resolved configuration lists them.
 
     Raises:
-        ConfigError: An unknown or impossible option of ``batch`` or ``augment``; see also
-            `TouchData.setup`.
+        ConfigError: The configuration is not finished, or has an unknown or impossible option of
+            ``batch`` or ``augment``; see also `TouchData.setup`.
     """
     config = plain(config)
+    check_finished(config)
     _check(config["batch"], config.get("augment") or {})
     node = dict(config["data"])
     max_bad = node.pop("max_bad")
@@ -114,13 +115,15 @@ def limit_of(trainer: Mapping[str, Any]) -> float:
     return float(limit) if isinstance(limit, float) else int(limit)
 
 
-def _check(batch: Mapping[str, Any], augment: Mapping[str, Any]) -> None:
+def check_blocks(batch: Mapping[str, Any], augment: Mapping[str, Any]) -> None:
+    """Raises a ConfigError about an unread key of ``batch`` or ``augment``."""
     own = {"size", *signature(TouchData).parameters} - _NOT_BATCH
-    for where, given, known in (
-        ("batch", batch, own),
-        ("augment", augment, set(signature(Augment).parameters)),
-    ):
-        check_names(f"key of {where}", given, known)
+    check_names("key of batch", batch, own)
+    check_names("key of augment", augment, set(signature(Augment).parameters))
+
+
+def _check(batch: Mapping[str, Any], augment: Mapping[str, Any]) -> None:
+    check_blocks(batch, augment)
     for key, least in _LEAST.items():
         value = batch.get(key, least)
         if not isinstance(value, int) or isinstance(value, bool) or value < least:

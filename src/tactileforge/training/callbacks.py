@@ -11,7 +11,7 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch import callbacks as lightning_callbacks
 from lightning.pytorch.callbacks import Callback
 
-from tactileforge.errors import ConfigError, PluginError
+from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.plugins import registry
 
 #: Name of the sum of the validation losses, for callbacks that monitor a number.
@@ -84,8 +84,8 @@ class TotalLoss(Callback):
             logged[TOTAL] = torch.stack([torch.as_tensor(one).float() for one in losses]).sum()
 
 
-def build_callbacks(config: Mapping[str, Any] | None) -> list[Callback]:
-    """Builds the callbacks of a run.
+def build_callbacks(config: Mapping[str, Any] | None) -> dict[str, Callback]:
+    """Builds the callbacks of a run, by key.
 
     Args:
         config: Options by key, with the ``name`` of the callback.
@@ -95,8 +95,20 @@ def build_callbacks(config: Mapping[str, Any] | None) -> list[Callback]:
         ConfigError: An unknown option, or one that its constructor refuses.
     """
     nodes = {key: dict(node) for key, node in (config or {}).items() if node is not None}
-    built = [_build(key, {"name": key, **node}) for key, node in nodes.items()]
-    return [TotalLoss(), *built] if built else []
+    return {key: _build(key, {"name": key, **node}) for key, node in nodes.items()}
+
+
+def check_monitored(trainer: L.Trainer, error: Exception) -> None:
+    """Raises the error of a callback again, if its monitor is not logged.
+
+    Raises:
+        ConfigError: It does; lists what is logged.
+    """
+    for one in trainer.callbacks:  # type: ignore[attr-defined]
+        monitor = getattr(one, "monitor", None)
+        if monitor and monitor not in trainer.callback_metrics and str(monitor) in str(error):
+            what = f"monitor of {type(one).__name__}"
+            raise ConfigError(unknown(what, monitor, trainer.callback_metrics)) from error
 
 
 def _build(key: str, node: dict[str, Any]) -> Callback:

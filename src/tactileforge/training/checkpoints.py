@@ -17,7 +17,7 @@ import torch
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 
-from tactileforge.errors import TactileForgeError
+from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.runs.checkpoint_file import read_checkpoint, read_own, seal
 from tactileforge.runs.folder import BEST, LAST
 from tactileforge.training.module import log_interval
@@ -199,8 +199,16 @@ class _Best(ModelCheckpoint):
             super().load_state_dict({**state_dict, **known, "dirpath": self.dirpath})
 
     def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Keeps the weights if they are the best so far."""
-        score = trainer.callback_metrics.get(str(self.monitor))
+        """Keeps the weights if they are the best so far.
+
+        Raises:
+            ConfigError: The objective was validated, and the metric is none of its parts.
+        """
+        logged, name = trainer.callback_metrics, str(self.monitor)
+        score = logged.get(name)
+        if score is None and name.rpartition("/")[0] in logged:
+            known = [key for key in logged if key.startswith("val/")]
+            raise ConfigError(unknown("trainer.keep_best", name, known))
         if score is not None and bool(torch.isfinite(score)):
             super().on_validation_end(trainer, pl_module)
 

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from tactileforge.errors import ConfigError, check_names, unknown
 
-_KEYS = ("unit", "objective", "universal", "values")
+KEYS = ("unit", "objective", "universal", "values")
 
 Unit = Literal["fraction", "epoch", "step"]
 
@@ -155,7 +155,7 @@ def from_config(
         ConfigError: An unknown unit or key, a ramp that ends before it starts, a weight below 0, or
             a chance outside 0 to 1.
     """
-    check_names("key in curriculum", config, _KEYS)
+    check_names("key in curriculum", config, KEYS)
     units = {"fraction": total, "epoch": epoch, "step": 1}
     unit = config.get("unit", "fraction")
     if unit not in units:

@@ -11,14 +11,18 @@ from pathlib import Path
 
 import lightning as L
 import torch.distributed as dist
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.runs import folder as run_folder
 from tactileforge.runs.checkpoint_file import read_checkpoint
+from tactileforge.training.callbacks import check_monitored
 from tactileforge.training.checkpoints import Checkpoints
 from tactileforge.training.finite import NotFiniteError
+from tactileforge.training.loggers import CannotLogError
 from tactileforge.training.module import TouchModule
+from tactileforge.util.files import unwritable
 
 #: Errors of torch after the loss of a process of the group; of gloo it raises plain
 #: RuntimeErrors, with nothing but the words of the system.
@@ -60,8 +64,10 @@ def fit(
 
     Raises:
         NotFiniteError: A number is not finite; states the way back.
-        TactileForgeError: Another process of the run has died.
-        ConfigError: The checkpoint does not fit the run, or an interval its length.
+        TactileForgeError: Another process of the run has died, or a logger or the disk cannot be
+            written.
+        ConfigError: The checkpoint does not fit the run, an interval its length, or a callback
+            monitors what is not logged.
         KeyboardInterrupt: The run was stopped, and saved if a step was done.
     """
     with warnings.catch_warnings():
@@ -73,7 +79,14 @@ def fit(
         except NotFiniteError as error:
             way = _way_back(folder, trainer.precision, trainer.global_step == 0)
             raise NotFiniteError(f"{error}. {way}") from error
+        except OSError as error:
+            check_cannot_write(error, folder)
+            raise
+        except MisconfigurationException as error:
+            check_monitored(trainer, error)
+            raise
         except RuntimeError as error:
+            check_monitored(trainer, error)
             if trainer.world_size == 1 or not _is_of_group(error):
                 raise
             first = str(error).splitlines()[0][:120]
@@ -100,6 +113,17 @@ def fit(
 def _is_of_group(error: RuntimeError) -> bool:
     """Whether an error says that another process of the group is gone."""
     return isinstance(error, _OF_GROUP) or _OF_GLOO.search(str(error)) is not None
+
+
+def check_cannot_write(error: OSError, folder: Path) -> None:
+    """Raises an error about a logger or a disk again, with the way on.
+
+    Raises:
+        TactileForgeError: A logger cannot write, or the disk is full or read-only.
+    """
+    why = str(error) if isinstance(error, CannotLogError) else unwritable(error)
+    if why:
+        raise TactileForgeError(f"{why}. {_kept(folder)}") from error
 
 
 def _kept(folder: Path) -> str:

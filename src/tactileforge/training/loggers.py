@@ -22,6 +22,27 @@ from tactileforge.util.untrusted import dump_yaml
 MLFLOW_RUN = "mlflow_run.txt"
 
 
+class CannotLogError(OSError):
+    """Failure of a logger in a run; the run is saved first."""
+
+
+@contextmanager
+def _named(name: str) -> Iterator[None]:
+    """Raises any error of a logger as a `CannotLogError` with its name."""
+    try:
+        yield
+    except Exception as error:  # loggers of other packages raise what they like
+        why = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        raise CannotLogError(f"logger={name} cannot write ({why})") from error
+
+
+def _guarded(logger: Logger, name: str) -> Logger:
+    """The logger, whose errors in a run are told by its name."""
+    for method in ("log_metrics", "save", "after_save_checkpoint", "finalize"):
+        setattr(logger, method, _named(name)(getattr(logger, method)))
+    return logger
+
+
 class MetricsFile(Logger):
     """Writes ``metrics.csv``, one row at each logging.
 
@@ -89,7 +110,7 @@ def build_loggers(
         run: Identity of the run; see `run_folder.identity`.
         step: Optimiser steps taken before; 0 for a new run.
     """
-    loggers: list[Logger] = [MetricsFile(folder, step)]
+    loggers: list[Logger] = [_guarded(MetricsFile(folder, step), "csv")]
     name, project = config["name"], config.get("project", "tactileforge")
     if name == "tensorboard":
         from lightning.pytorch.loggers import TensorBoardLogger
@@ -110,7 +131,7 @@ def build_loggers(
         kept = folder / MLFLOW_RUN
         known = kept.read_text("utf-8").strip() if step and kept.is_file() else None
         loggers.append(MLFlowLogger(project, save_dir=str(folder / "mlflow"), run_id=known))
-    return loggers
+    return [*loggers[:1], *(_guarded(logger, name) for logger in loggers[1:])]
 
 
 @rank_zero_only
@@ -159,20 +180,28 @@ def log_report(
         report: Page of the report.
         drawings: Figures of the report.
         step: Step of the report.
+
+    Raises:
+        CannotLogError: A logger cannot write.
     """
+    for logger in loggers:
+        with _named(type(logger).__name__.removesuffix("Logger").lower()):
+            _log_report(logger, report, drawings, step)
+
+
+def _log_report(logger: Logger, report: Path, drawings: Iterable[Drawing], step: int) -> None:
     from lightning.pytorch.loggers import MLFlowLogger, TensorBoardLogger, WandbLogger
 
-    for logger in loggers:
-        if isinstance(logger, TensorBoardLogger):
-            for drawing in drawings:
-                name = f"report/{drawing.name}"
-                logger.experiment.add_image(name, drawing.pixels, step, dataformats="HWC")
-            logger.experiment.flush()
-        elif isinstance(logger, WandbLogger):
-            for drawing in drawings:
-                logger.log_image(f"report/{drawing.name}", [drawing.pixels])
-        elif isinstance(logger, MLFlowLogger):
-            for drawing in drawings:
-                path = f"report/{drawing.name}.png"
-                logger.experiment.log_image(logger.run_id, drawing.pixels, path)
-            logger.experiment.log_artifact(logger.run_id, str(report))
+    if isinstance(logger, TensorBoardLogger):
+        for drawing in drawings:
+            name = f"report/{drawing.name}"
+            logger.experiment.add_image(name, drawing.pixels, step, dataformats="HWC")
+        logger.experiment.flush()
+    elif isinstance(logger, WandbLogger):
+        for drawing in drawings:
+            logger.log_image(f"report/{drawing.name}", [drawing.pixels])
+    elif isinstance(logger, MLFlowLogger):
+        for drawing in drawings:
+            path = f"report/{drawing.name}.png"
+            logger.experiment.log_image(logger.run_id, drawing.pixels, path)
+        logger.experiment.log_artifact(logger.run_id, str(report))

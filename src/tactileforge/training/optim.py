@@ -53,6 +53,16 @@ class OptimOptions:
 COMMON = {field.name: field.default for field in fields(OptimOptions)}
 
 
+def check_optim(config: Mapping[str, Any]) -> None:
+    """Checks the keys of an optimiser; arguments and errors are those of `parse_optim`."""
+    own = {key: value for key, value in config.items() if key not in COMMON}
+    name = str(own.pop("name", "adamw"))
+    made = registry.get("optimizers", name)
+    if isinstance(made, type) and issubclass(made, torch.optim.Optimizer):  # a local class
+        made = plugin_of(made)
+    check_names(f"option of optimizer {name!r}", own, {*registry.parameters(made), *COMMON})
+
+
 def parse_optim(config: Mapping[str, Any]) -> tuple[OptimizerPlugin, OptimOptions]:
     """Builds the optimiser plugin of a configuration.
 

@@ -94,6 +94,24 @@ def plain(config: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+#: Blocks of a configuration that a run is built of.
+_BLOCKS = ("encoder", "head", "objective", "data", "batch", "trainer")
+
+
+def check_finished(config: Mapping[str, Any]) -> None:
+    """Raises a ConfigError about an unfinished configuration; says the fix."""
+    lacks = [key for key in _BLOCKS if not isinstance(config.get(key), Mapping)]
+    if not lacks:
+        chosen = [key for key, node in config["objective"].items() if node is not None]
+        lacks = [f"head.{key}" for key in chosen if "name" not in (config["head"].get(key) or {})]
+        lacks += ["data.max_bad"] * ("max_bad" not in config["data"])
+    if lacks:
+        raise ConfigError(
+            f"the configuration has no {', '.join(lacks)}: complete it first, "
+            "config = tactileforge.compose(config)"
+        )
+
+
 #: What training reads of an encoder, of `contracts.Encoder`.
 _ENCODER = ("frames", "image_size", "sensors", "width", "projected", "views")
 

@@ -14,12 +14,15 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, ModelCheckpoint, Timer
 
 from tactileforge.errors import ConfigError, check_names, unknown
+from tactileforge.plugins import registry
 from tactileforge.runs.folder import BEST
-from tactileforge.training import checkpoints
-from tactileforge.training.callbacks import build_callbacks
+from tactileforge.training import checkpoints, curriculum
+from tactileforge.training.assemble import check_blocks
+from tactileforge.training.callbacks import TOTAL, TotalLoss, build_callbacks
 from tactileforge.training.loggers import build_loggers
-from tactileforge.training.optim import parse_optim
+from tactileforge.training.optim import check_optim, parse_optim
 from tactileforge.training.parts import check_values
+from tactileforge.training.probe import Probe
 from tactileforge.training.progress import Progress
 from tactileforge.training.speed import Speed
 from tactileforge.training.strategies import check_started, choose_strategy
@@ -46,9 +49,30 @@ _ELSEWHERE = {
     "use_distributed_sampler": "the stream of batches gives each process its rows",
 }
 
+#: Keys of ``trainer``.
+_TRAINER = frozenset({*signature(L.Trainer).parameters, "save_every", "keep_best"})
 #: Smallest value of the trainer's whole-number options, by the start of their names.
 _LEAST = {"max_": -1, "min_": 0, "save_": 1, "log_every": 1, "accumulate": 1, "num_nodes": 1}
 _LEAST |= {"check_val": 1}
+
+
+def check_keys(config: Mapping[str, Any]) -> None:
+    """Checks the keys of a run's own blocks, but no values.
+
+    Args:
+        config: Finished configuration; values may be missing, or interpolations.
+
+    Raises:
+        ConfigError: Nothing reads a key; names the nearest.
+        PluginError: An encoder, data set or optimiser is not installed.
+    """
+    check_names("key of trainer", config["trainer"], _TRAINER)
+    check_blocks(config["batch"], config.get("augment") or {})
+    check_names("key in curriculum", config["curriculum"], curriculum.KEYS)
+    registry.chosen("encoders", config["encoder"])
+    data = {key: value for key, value in config["data"].items() if key != "max_bad"}
+    registry.chosen("datasets", data)
+    check_optim(config["optim"])
 
 
 def check_options(config: Mapping[str, Any]) -> None:
@@ -63,12 +87,11 @@ def check_options(config: Mapping[str, Any]) -> None:
     parse_optim(config["optim"])
     check_values(config)
     check_started(config["trainer"]["devices"])
-    known = {*signature(L.Trainer).parameters, "save_every", "keep_best"}
     for key in _ELSEWHERE.keys() & config["trainer"].keys():
         raise ConfigError(f"trainer.{key} is set by the run: {_ELSEWHERE[key]}")
-    check_names("key of trainer", config["trainer"], known)
+    check_names("key of trainer", config["trainer"], _TRAINER)
     _timer(config["trainer"].get("max_time"))
-    build_callbacks(config.get("callbacks"))
+    callbacks = build_callbacks(config.get("callbacks"))
     for key, value in config["trainer"].items():
         _check_whole(key, value)
     interval = config["trainer"].get("val_check_interval")
@@ -78,10 +101,7 @@ def check_options(config: Mapping[str, Any]) -> None:
             "epoch, up to 1.0; the end is always validated, but for trainer.limit_val_batches=0"
         )
     _check_length(config["trainer"])
-    validated = [f"val/{key}" for key in config["objective"]]
-    trained = [f"train/{key}" for key in (*config["objective"], "loss")]
-    _check_metric("trainer.keep_best", config["trainer"].get("keep_best"), validated)
-    _check_metric("optimized_metric", config.get("optimized_metric"), [*validated, *trained])
+    _check_monitors(config, callbacks)
     name = config["logger"]["name"]
     if name not in _LOGGERS:
         raise ConfigError(f"unknown logger {name!r}: csv, tensorboard, wandb or mlflow")
@@ -146,6 +166,24 @@ def _check_length(options: Mapping[str, Any]) -> None:
         )
 
 
+def _check_monitors(config: Mapping[str, Any], callbacks: Mapping[str, Callback]) -> None:
+    """Refuses to keep, minimise or monitor what no run of this configuration logs."""
+    ours = ("tactileforge.", "lightning.")
+    if not all(type(one).__module__.startswith(ours) for one in callbacks.values()):
+        return  # a callback of the user's own may log any name
+    validated = [TOTAL, *(f"val/{key}" for key in config["objective"])]
+    validated += [f"val/probe_{one.target}" for one in callbacks.values() if isinstance(one, Probe)]
+    trained = [f"train/{key}" for key in (*config["objective"], "loss")]
+    _check_metric("trainer.keep_best", config["trainer"].get("keep_best"), validated)
+    _check_metric("optimized_metric", config.get("optimized_metric"), [*validated, *trained])
+    also = [f"{of}/{key}" for of in ("weight", "gradient") for key in config["objective"]]
+    also += ["universal", "lr", "epoch", "step", "speed/clips_per_s", "speed/waiting"]
+    for key, one in callbacks.items():
+        monitor = getattr(one, "monitor", None)
+        if monitor not in also and "." not in str(monitor):  # a dot: changed by the curriculum
+            _check_metric(f"callbacks.{key}.monitor", monitor, [*validated, *trained])
+
+
 def _check_metric(key: str, metric: Any, known: Sequence[str]) -> None:
     """Refuses a metric not logged by any run.
 
@@ -177,7 +215,7 @@ def build_trainer(
     options = dict(config["trainer"])
     saver = checkpoints.Checkpoints(folder, options.pop("save_every"))
     best = checkpoints.best_checkpoint(folder, options.pop("keep_best", None))
-    kept = [*best, *callbacks, *build_callbacks(config.get("callbacks"))]
+    kept = [*best, *callbacks, *build_callbacks(config.get("callbacks")).values()]
     timer = _timer(options.pop("max_time", None))
     keepers = [one for one in kept if isinstance(one, ModelCheckpoint)]
     for one in keepers:  # Lightning's own place for it is below the first logger's file
@@ -198,6 +236,7 @@ def build_trainer(
             Progress(),
             timer,
             LastValidation(),
+            TotalLoss(),
             *kept,
         ],
         plugins=[checkpoints.AtomicCheckpointIO(config.get("run"))],

@@ -14,7 +14,7 @@ from tactileforge.contracts import Dataset
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.plugins import Bar, build, load_json, write_text
 from tactileforge_inspect.fix import fix_layouts
-from tactileforge_inspect.guess import guess_words
+from tactileforge_inspect.guess import guess_words, lost_labels
 from tactileforge_inspect.scan import has_layout
 
 #: Lines of one code that are printed; JSON has all.
@@ -63,13 +63,24 @@ def _check(keys: _Check, config: dict[str, Any]) -> int:
     findings = [one for one in findings if keys.notes or one.level != "note"]
     known = _known(keys.baseline, findings)
     findings = [one for one in findings if _name(one) not in known]
-    unread = [*dataset.skipped, *run.unreadable]
+    unread = [*dataset.skipped, *run.unreadable, *_lost]
     fixed = fix_layouts(dataset, findings) if keys.fix else {}
     if keys.json:
         print(json.dumps(_plain(total, findings, unread, fixed), indent=2))
     else:
         _print(total, findings, unread, fixed)
     return 1 if findings or unread else 0
+
+
+#: Lines about labels that the guess of a path leaves out.
+_lost: list[str] = []
+
+
+def _prepare(words: list[str]) -> list[str]:
+    doubts: list[str] = []
+    words = guess_words(words, doubts)
+    _lost[:] = lost_labels(doubts)  # not those of an earlier command in this process
+    return words
 
 
 def _both(dataset: Dataset) -> list[tuple[Any, str]]:
@@ -134,7 +145,5 @@ def _print(
 
 
 COMMANDS = {
-    "": Command(
-        run=_check, keys=_Check, groups={"data": "???"}, bare=("path",), prepare=guess_words
-    )
+    "": Command(run=_check, keys=_Check, groups={"data": "???"}, bare=("path",), prepare=_prepare)
 }

@@ -2,12 +2,33 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+
 from tactileforge.cli import hydra_value, unquoted
 from tactileforge.errors import ConfigError, home_path
 
+#: Doubts about forces and tables that are left out, though there are some.
+_LOST = re.compile(r"(^|: )(force|labels): .*left out(?!, since no force)")
 
-def guess_words(words: list[str]) -> list[str]:
-    """Replaces the word of a path by the options of the best guess; later words change these."""
+
+def lost_labels(doubts: Iterable[str]) -> list[str]:
+    """Doubts of a guess about omitted forces or tables.
+
+    Example:
+        >>> lost_labels(["fps: 30 is assumed", "labels: a.xls is left out: a spreadsheet"])
+        ['labels: a.xls is left out: a spreadsheet']
+    """
+    return [line for line in doubts if _LOST.search(line)]
+
+
+def guess_words(words: list[str], doubts: list[str] | None = None) -> list[str]:
+    """Replaces the word of a path by the options of the best guess; later words change these.
+
+    Args:
+        words: Words of the command.
+        doubts: Gets the doubts about the guess.
+    """
     from tactileforge.datasets import recognise
 
     path = next((word.partition("=")[2] for word in words if word.startswith("path=")), None)
@@ -27,5 +48,7 @@ def guess_words(words: list[str]) -> list[str]:
     words = [word for word in words if word != "data.guess=true"]
     for doubt in guess.doubts:
         print(f"  to be checked: {doubt}")
+    if doubts is not None:
+        doubts += guess.doubts
     options = [f"++data.{key}={hydra_value(value)}" for key, value in guess.options.items()]
     return [f"data={name}", *options, *words]

@@ -43,7 +43,13 @@ _FEW = 20
 
 
 class Examiner(Protocol):
-    """Looks at the recordings of a set before it is trained on, and warns."""
+    """Looks at the recordings of a set before it is trained on, and warns.
+
+    Attributes:
+        found: A line for each check that found something, ``CODE what; fix``.
+    """
+
+    found: list[str]
 
     def look(self, data: TouchData, train: Sequence[Recording], val: Sequence[Recording]) -> None:
         """Look at training and validation recordings, or samples of them."""
@@ -75,6 +81,8 @@ class TouchData(L.LightningDataModule):
 
     Attributes:
         columns: The columns with their sizes; None without any, and before `setup`.
+        objects: Names of the training objects, sorted: of the whole of small sources, and of a
+            sample of large ones; empty before `setup`.
         observers: Functions called with each batch on the host, and whether it is for training.
         examiner: Looks at the recordings in `setup`; None for none.
     """
@@ -125,11 +133,17 @@ class TouchData(L.LightningDataModule):
         self._bad: Skipped = {}
         self._transfer = Transfer()
         self.examiner: Examiner | None = None
+        self.objects: list[str] = []
 
     @property
     def skipped(self) -> Skipped:
         """Skipped recordings: unindexed or unreadable ones, with their counts."""
         return {line: (line, 1) for line in self.dataset.skipped} | self._bad
+
+    @property
+    def findings(self) -> list[str]:
+        """A line for each check with findings, ``CODE what; fix``."""
+        return [] if self.examiner is None else self.examiner.found
 
     @property
     def allowed(self) -> int:
@@ -168,6 +182,7 @@ class TouchData(L.LightningDataModule):
             opened.append(recordings)
             whole += [number] if is_whole else []
         sample = list(chain.from_iterable(opened))
+        self.objects = sorted({one.object for one in sample if one.object is not None})
         # columns are measured before any clip is cut: the cut that follows is given their sizes
         if self._declared:
             self.columns = measure_columns(self._declared, sample)
@@ -229,11 +244,11 @@ class TouchData(L.LightningDataModule):
             f"objective {key!r} needs {' and '.join(required).replace('|', ' or ')}"
             for key, required in unmet.items()
         )
-        left = f"'objective=[{','.join(key for key in needs if key not in unmet)}]'"
+        left = ",".join(key for key in needs if key not in unmet)
+        fix = f"train with 'objective=[{left}]', or use" if left else "use"
         raise ConfigError(
             f"{problems}, which the data does not have (it has: "
-            f"{', '.join(sorted(provides)) or 'frames only'}): train with {left}, or use data that "
-            "has it"
+            f"{', '.join(sorted(provides)) or 'frames only'}): {fix} data that has it"
         )
 
     def stream(self, rank: int = 0, world: int = 1, accumulate: int = 1) -> Stream:

@@ -20,7 +20,7 @@ from tactileforge.errors import DataError
 from tactileforge.plugins import Bar, locked, write_text
 from tactileforge_bench.fit import decoded
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
-from tactileforge_bench.tasks.source import TaskSource
+from tactileforge_bench.tasks.source import TaskSource, refuse_broken
 
 #: Changes when the same key would give other features.
 _FORMAT = 2
@@ -211,7 +211,7 @@ def read_batches(
     """Batches of some rows of an index, in order, read by other processes.
 
     Raises:
-        DataError: A clip cannot be read: training replaces it by another, a bench may not.
+        DataError: Clips cannot be read: training replaces them by others, a bench may not.
     """
     # no row, no worker: a pass that was stopped after its last batch has none to read
     processes = Readers(store.workers if len(rows) else 0)
@@ -224,10 +224,13 @@ def read_batches(
         worker_init_fn=start_worker,
         pin_memory=torch.cuda.is_available(),
     )
+    broken: dict[str, str] = {}
     for batch in received(lambda: iter(loader), processes):
-        for line, _ in batch["skipped"].values():
-            raise DataError(f"a clip cannot be read, and the benchmark skips none: {line}")
-        yield batch
+        # after the first of them the others are read to be named together
+        broken |= {key: line for key, (line, _) in batch["skipped"].items()}
+        if not broken:
+            yield batch
+    refuse_broken(list(broken.values()))
 
 
 def readers(

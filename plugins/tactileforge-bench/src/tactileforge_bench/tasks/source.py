@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -17,6 +17,8 @@ from tactileforge.errors import DataError, check_names
 from tactileforge.plugins import registry
 from tactileforge_bench.tasks.suite import ClipSpec
 
+#: Recordings that an error names.
+_NAMED = 5
 #: Height and width of a clip that is never decoded.
 _SMALL = (8, 8)
 
@@ -58,18 +60,50 @@ class TaskSource:
     def __len__(self) -> int:
         return len(self.index)
 
-    @cached_property
+    @property
     def fingerprint(self) -> str:
-        """Hash of the clips: names, indices, times, one image of each recording, its background."""
+        """Hash of the clips: names, indices, times, one image of each recording, its background.
+
+        Raises:
+            DataError: Recordings cannot be read; names the first of them.
+        """
+        digest, broken = self._read_once
+        refuse_broken(broken)
+        return digest
+
+    @property
+    def broken(self) -> list[str]:
+        """A line for each recording with an unreadable middle image or background."""
+        return self._read_once[1]
+
+    @cached_property
+    def _read_once(self) -> tuple[str, list[str]]:
         digest = hashlib.sha256(np.ascontiguousarray(self.index).tobytes())
+        broken = []
         for recording in self.recordings:
             digest.update(f"{recording.key} {recording.sensor} {recording.frames.shape}".encode())
-            # one picture in the middle: all of them would be as long to read as the bench itself
-            digest.update(recording.frames.read([len(recording.frames) // 2]).tobytes())
+            try:
+                # one picture in the middle: all of them would be as long to read as the bench
+                digest.update(recording.frames.read([len(recording.frames) // 2]).tobytes())
+                still = recording.background()
+            except (DataError, OSError) as error:  # all are named together, not one a run
+                broken.append(f"{recording.key}: {error}")
+                continue
             digest.update(recording.times.tobytes())
-            if (still := recording.background()) is not None:
+            if still is not None:
                 digest.update(still.tobytes())
-        return digest.hexdigest()
+        return digest.hexdigest(), broken
+
+
+def refuse_broken(lines: Sequence[str]) -> None:
+    """Raises a DataError with the unreadable recordings, if there are any."""
+    if lines:
+        more = len(lines) - _NAMED
+        # an absent recording would make numbers of two benches differ
+        raise DataError(
+            f"{len(lines)} recordings cannot be read, and the benchmark skips none; mend or remove "
+            f"them: {'; '.join(lines[:_NAMED])}{f'; and {more} more' if more > 0 else ''}"
+        )
 
 
 def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: ClipSpec) -> TaskSource:
@@ -92,12 +126,9 @@ def open_source(data: Mapping[str, Any], sides: tuple[str, ...], clip: ClipSpec)
         opened = list(dataset.recordings(side))
         recordings += opened
         of += [side] * len(opened)
-    # an absent recording would make numbers of two benches differ
     if dataset.skipped:
-        raise DataError(
-            f"{len(dataset.skipped)} recordings cannot be read, and the benchmark skips none; "
-            f"the first: {dataset.skipped[0]}"
-        )
+        others = TaskSource(recordings, of, clip).broken if recordings else []
+        refuse_broken([*dataset.skipped, *others])
     if not recordings:
         raise DataError(f"data {data.get('name') or data.get('preset')}: no recording in {sides}")
     return TaskSource(recordings, of, clip)
