@@ -3,13 +3,11 @@
 import re
 
 import pytest
-import yaml
 
 from tactileforge.cli import dispatch
 from tactileforge.encoders import efficientnet_lite
 from tactileforge.plugins import registry
 from tactileforge.plugins.distributions import is_ours
-from tactileforge.testing import objectives
 
 SHIPPED = sorted(
     (one.kind.removesuffix("s"), one.name)
@@ -37,26 +35,6 @@ SMALL = {
 #: Objectives that need no labels, and what they cannot be asked.
 FREE = ("pixel", "diff", "jepa", "dino", "distill")
 UNLABELLED = {"unlabelled samples change nothing", "labels are counted", "missing key is named"}
-
-
-@pytest.fixture(autouse=True)
-def _small_heads(monkeypatch):
-    """The heads of objectives have their options of `SMALL`, too."""
-    options = {
-        registry.get("heads", name): {
-            key: yaml.safe_load(value) for key, _, value in (word.partition("=") for word in words)
-        }
-        for (kind, name), words in SMALL.items()
-        if kind == "head"
-    }
-    construct = objectives.construct
-    monkeypatch.setattr(
-        objectives,
-        "construct",
-        lambda plugin, given, context: construct(
-            plugin, {**options.get(plugin, {}), **given}, context
-        ),
-    )
 
 
 @pytest.fixture
