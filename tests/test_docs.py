@@ -5,7 +5,7 @@ temporary folder a page, from top to bottom. A block after ``<!-- no-run: reason
 one after ``<!-- made: NAME, NAME; also: WORDS -->`` runs on small files that are made first
 (`made_files`), with the words added to its last command.
 The README's ``tactileforge`` is the installed one, that of other pages is forked (`warm`).
-Trainings of two steps on simulated touch are made smaller than they are on the page (`smaller`).
+Trainings of few steps and simulated touches are made smaller than on the page (`smaller`).
 """
 
 import contextlib
@@ -47,14 +47,29 @@ SIZED = re.compile(r"init=(?!runs/)|recipe=touch|image_encoder=")
 
 
 def smaller(code: str) -> str:
-    """Shrink ``debug=steps`` trainings of free size to 32 pixels and four clips per step."""
-    commands = re.split(r"(?<!\\)\n", code)
-    for number, command in enumerate(commands):
-        if "train " in command and " data=" not in command and "data.size=" not in command:
-            words = "debug=steps data.size=32 batch.size=4"
-            words += "" if SIZED.search(command) else " encoder.image_size=32"
-            commands[number] = command.replace("debug=steps", words)
-    return "\n".join(commands)
+    """Shrink trainings of a few steps, and all that is simulated, to what other pages run on.
+
+    Trainings of free size take 32 pixels. Touches are stored in the folder of all tests.
+    """
+    code = re.sub(r"export TACTILEFORGE_CACHE=\S+\n| TACTILEFORGE_CACHE=\S+", "", code)
+    return "\n".join(_smaller(command) for command in re.split(r"(?<!\\)\n", code))
+
+
+def _smaller(command: str) -> str:
+    trained = bool(re.search(r"\btrain .*(debug=steps|max_steps=)", command, re.S))
+    if " data=" in command.replace(" data=sim ", " ") or "resume=" in command:
+        return command
+    if not trained and " data=sim " not in command:
+        return command
+    words = {"data.scenes": 3, "data.val": 1, "data.size": 32}
+    words |= {"batch.size": 4} if trained else {}
+    if trained and "encoder.image_size=" not in command and not SIZED.search(command):
+        words["encoder.image_size"] = 32
+    for key, value in words.items():
+        command, found = re.subn(rf"(?<= ){key}=\d+", f"{key}={value}", command)
+        if not found:
+            command = re.sub(r"\b(train|data=sim)\b", rf"\1 {key}={value}", command, count=1)
+    return command
 
 
 def run_bash(code: str, folder: Path, *commands: Path) -> None:
@@ -97,12 +112,21 @@ def test_code_blocks_run(
 
 
 def test_trainings_are_made_smaller() -> None:
-    small = "debug=steps data.size=32 batch.size=4"
-    assert smaller("tactileforge train debug=steps \\\n  optim.lr=1\n") == (
-        f"tactileforge train {small} encoder.image_size=32 \\\n  optim.lr=1\n"
+    small = "data.scenes=3 data.val=1"
+    before = "tactileforge train debug=steps data.scenes=6 data.val=2 \\\n  optim.lr=1\n"
+    assert smaller(f"export TACTILEFORGE_CACHE=c\n{before}") == (
+        "tactileforge train encoder.image_size=32 batch.size=4 data.size=32 debug=steps "
+        f"{small} \\\n  optim.lr=1\n"
     )
-    assert smaller("tactileforge train init=imagenet debug=steps").endswith(small)
-    for kept in ("tactileforge train data=shards debug=steps", "echo debug=steps"):
+    pack = "tactileforge data pack data=sim"
+    assert smaller(f"{pack} out=a") == f"{pack} data.size=32 data.val=1 data.scenes=3 out=a"
+    assert "image_size" not in smaller("tactileforge train init=imagenet debug=steps")
+    for kept in (
+        "tactileforge train data=shards debug=steps",
+        "tactileforge train resume=run trainer.max_steps=4",
+        "tactileforge train scale=demo",
+        "echo debug=steps",
+    ):
         assert smaller(kept) == kept
 
 

@@ -1,5 +1,6 @@
 """Imports and the first hour, without the modules of POSIX systems."""
 
+import re
 import subprocess
 import sys
 
@@ -27,7 +28,7 @@ names = [m.name for m in pkgutil.walk_packages(tactileforge.__path__, "tactilefo
 names = [n for n in names if n != "tactileforge.__main__" and ".example" not in n]
 for name in names:
     import_module(name)
-print(len(names))
+print("imported", len(names), flush=True)
 """
 
 HOUR = """
@@ -50,23 +51,28 @@ print("all done")
 """
 
 
-def _run(code, folder):
-    return subprocess.run(
-        [sys.executable, "-c", WITHOUT + code], cwd=folder, capture_output=True, text=True
+@pytest.fixture(scope="module")
+def first_hour(tmp_path_factory):
+    """What one process says of both, and its folder."""
+    folder = tmp_path_factory.mktemp("hour")
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT + IMPORTS + HOUR], cwd=folder, capture_output=True, text=True
     )
+    return done, folder
 
 
 @pytest.mark.slow
-def test_every_module_is_imported(tmp_path):
-    done = _run(IMPORTS, tmp_path)
-    assert done.returncode == 0, done.stderr[-3000:]
-    assert int(done.stdout) > 250
+def test_every_module_is_imported(first_hour):
+    done, _ = first_hour
+    found = re.match(r"imported (\d+)\n", done.stdout)
+    assert found, done.stderr[-3000:]
+    assert int(found[1]) > 250
 
 
 @pytest.mark.slow
-def test_load_encode_pack_inspect_and_train(tmp_path):
-    done = _run(HOUR, tmp_path)
+def test_load_encode_pack_inspect_and_train(first_hour):
+    done, folder = first_hour
     assert done.returncode == 0, (done.stdout + done.stderr)[-3000:]
     assert "all done" in done.stdout
-    assert (tmp_path / "page.html").exists()
-    assert (tmp_path / "run/report.html").exists()
+    assert (folder / "page.html").exists()
+    assert (folder / "run/report.html").exists()

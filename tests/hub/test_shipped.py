@@ -142,7 +142,7 @@ def test_it_reads_forces_and_surfaces_of_touches_it_never_saw(
 ) -> None:
     """Least correlations along x, y and z, and the most of the error of the median force."""
     model = tactileforge.load(name)
-    clips = Clips(unseen, model.frames, 1 / 15, 0.2, (128, 128))
+    clips = Clips(unseen, model.frames, 1 / 15, 0.5, (128, 128))
     rows = [clips[i] for i in range(len(clips))]
     frames, background = (np.stack([row[key] for row in rows]) for key in ("frames", "background"))
     sensors = [row["sensor"] for row in rows]

@@ -27,6 +27,16 @@ def small_context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, 
     }
 
 
+_DECODER = {"width": 32, "depth": 1, "heads": 2}
+#: Options of heads that feed what is checked, by name: whole, they would take most of the time.
+SMALL_HEADS: dict[Any, dict[str, Any]] = {
+    "pixel": _DECODER,
+    "diff": _DECODER,
+    "jepa": _DECODER,
+    "dino": {"prototypes": 64, "hidden": 64, "bottleneck": 16},
+}
+
+
 @dataclass(frozen=True)
 class FrozenViews:
     """Computed views, without gradients, with access to single samples."""

@@ -21,7 +21,7 @@ from tactileforge.testing.batches import (
     with_columns,
     without,
 )
-from tactileforge.testing.modules import finite, small_context, views_of
+from tactileforge.testing.modules import SMALL_HEADS, finite, small_context, views_of
 from tactileforge.testing.nan_causes import cause_of_nan
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, construct, require
 from tactileforge.training.parts import Term, term_of
@@ -52,7 +52,8 @@ class _Parts:
 def _parts(subject: CheckSubject) -> _Parts:
     plugins = _plugins(subject)
     context = small_context() | context_of(plugins)
-    head = construct(_plugins(subject)[0], {}, context)
+    named = subject.head or subject.plugin.head
+    head = construct(_plugins(subject)[0], SMALL_HEADS.get(named, {}), context)
     return _Parts(context["encoder"], head, subject.build(**context))
 
 

@@ -22,7 +22,7 @@ from tactileforge.hub.loading import load
 from tactileforge.plugins import registry
 from tactileforge.plugins.distributions import how_to_get
 from tactileforge.testing.batches import batch
-from tactileforge.testing.modules import require_close, require_equal, small_context
+from tactileforge.testing.modules import SMALL_HEADS, require_close, require_equal, small_context
 from tactileforge.testing.results import Check, CheckSubject, Skip, require
 from tactileforge.training.parts import term_of
 
@@ -89,7 +89,8 @@ class _Run:
         torch.manual_seed(0)
         objective = registry.build("objectives", {"name": name})
         context = {**small_context(image=encoder.image_size[0]), "encoder": encoder}
-        head = registry.build("heads", {"name": objective.head}, **context)
+        node = {"name": objective.head, **SMALL_HEADS.get(objective.head, {})}
+        head = registry.build("heads", node, **context)
         modules = nn.ModuleList([encoder, head, objective])
         trained = [x for x in modules.parameters() if x.requires_grad]
         return cls(encoder, head, objective, torch.optim.AdamW(trained, lr=1e-4))

@@ -18,7 +18,7 @@ from torch.nn import functional as F
 
 from tactileforge.errors import ConfigError
 from tactileforge_export.facts import KEY
-from tactileforge_export.program import INPUTS, Outputs, Run
+from tactileforge_export.program import INPUTS, Outputs, Run, no_stack_traces
 from tactileforge_export.squash import Squash
 
 #: Largest size of an ONNX file, bytes: the limit of protobuf.
@@ -47,14 +47,15 @@ class OnnxFile:
             resize._upsample_bicubic2d_aa.default: _resize("bicubic"),
         }
         try:
-            exported = torch.onnx.export(
-                program,
-                input_names=INPUTS,
-                output_names=self.outputs,
-                dynamo=True,
-                verbose=False,
-                custom_translation_table=table,
-            )
+            with no_stack_traces():
+                exported = torch.onnx.export(
+                    program,
+                    input_names=INPUTS,
+                    output_names=self.outputs,
+                    dynamo=True,
+                    verbose=False,
+                    custom_translation_table=table,
+                )
         except torch.onnx.errors.OnnxExporterError as error:
             raise ConfigError(
                 "ONNX has no graph of the model for frames of any size: give it, size=[H,W]; or "
