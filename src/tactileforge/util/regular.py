@@ -58,6 +58,20 @@ def open_regular(path: Path, root: Path | None = None) -> int:
     return descriptor
 
 
+def check_regular(path: str | Path) -> None:
+    """Refuses a pipe, socket or device: to open one may wait for ever.
+
+    Args:
+        path: A file that a library opens by its name; a folder passes, which no library opens.
+
+    Raises:
+        OSError: It is none, or is not there.
+    """
+    mode = os.stat(path).st_mode
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise OSError("no regular file but a pipe, socket or device")
+
+
 def read_regular(path: Path, most: int, root: Path | None = None) -> bytes:
     """Content of a regular file.
 

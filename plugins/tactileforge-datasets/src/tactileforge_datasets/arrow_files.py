@@ -11,6 +11,7 @@ from typing import Any
 
 from tactileforge.errors import DataError
 from tactileforge.plugins import check_pointer
+from tactileforge.reading import check_regular
 from tactileforge_datasets import parquet
 from tactileforge_datasets.parquet_tables import has_bytes
 
@@ -88,6 +89,7 @@ def _arrow(path: str, process: int) -> Any:
     import pyarrow as arrow
 
     try:
+        check_regular(path)
         file = arrow.memory_map(path)
         try:
             return arrow.ipc.open_stream(file).read_all()

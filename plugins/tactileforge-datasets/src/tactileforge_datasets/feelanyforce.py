@@ -17,6 +17,7 @@ from tactileforge.reading import (
     OfficialSplit,
     PublishedDataset,
     RecordingItem,
+    check_regular,
     read_cells,
     still_background,
 )
@@ -135,6 +136,7 @@ def _wrench(cell: str) -> NDArray[np.float64]:
 
 def _depth(path: Path, shape: tuple[int, int]) -> NDArray[np.float32]:
     try:
+        check_regular(path)
         depth = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         raise DataError(f"{path}: no array of depth ({error}); download it again") from error

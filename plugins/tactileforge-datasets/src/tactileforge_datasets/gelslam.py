@@ -130,6 +130,8 @@ def _tables(root: Path) -> list[Path]:
     """Tables of ball presses, by their columns."""
     found = []
     for path in sorted((*root.glob("catalog.csv"), *root.glob("*/catalog.csv"))):
+        if not path.is_file():
+            continue
         with path.open("rb") as file:
             if file.readline(256).removeprefix(b"\xef\xbb\xbf").startswith(b"experiment_reldir,"):
                 found.append(path)

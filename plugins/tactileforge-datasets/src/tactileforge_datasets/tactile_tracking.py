@@ -11,7 +11,7 @@ import numpy as np
 from tactileforge.contracts import Recording
 from tactileforge.data import VideoFrames
 from tactileforge.errors import DataError
-from tactileforge.reading import PublishedDataset, RecordingItem
+from tactileforge.reading import PublishedDataset, RecordingItem, check_regular
 from tactileforge_datasets.checks import numbers, same_length, word_before_number
 
 _POSES = "true_start_T_currs.npy"
@@ -78,6 +78,7 @@ class TactileTracking(PublishedDataset):
 
 def _poses(path: Path) -> np.ndarray:
     try:
+        check_regular(path)
         poses = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         raise DataError(f"{path}: no array of poses ({error}); download it again") from error
