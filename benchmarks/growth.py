@@ -185,7 +185,7 @@ def sim(
         sensors=list(SENSORS[:sensors]),
         processes=processes,
         action_seconds=motion,
-        indenters=["sphere"],  # memory is that of the largest shape
+        indenters=["small_sphere"],  # memory is that of the largest shape
         val=0,
     )
 
