@@ -9,8 +9,8 @@ The slope is the exponent of the cost in the size: log cost against log size, by
 all sizes (``slope``) and between the two largest (``slope_large``): 0 does not grow, 1 is linear. A
 cost that is a fixed amount and a linear one has a slope below 1 which rises to it.
 
-Run: python growth.py [--only WORDS] [--table] [--profile]; with ``--table`` the table of
-docs/fast.md is made from the result, with ``--profile`` the largest size of each is profiled.
+Run: python growth.py [--only WORDS] [--profile], with ``--profile`` the largest size of each is
+profiled; then result_tables.py writes the table of docs/fast.md.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -47,8 +47,6 @@ ROOT = Path(__file__).parents[1]
 #: Rows and columns of the pictures of all sets.
 ROWS, COLUMNS = 64, 48
 SENSORS = ("digit", "gelsight_mini", "gelsight", "gelslim", "duragel")
-#: Growth of a cost that a table calls faster than linear, and memory that counts as growing, MB.
-LINEAR, GROWS = 1.1, 8.0
 
 Work = Callable[[], object]
 
@@ -200,7 +198,6 @@ class Row:
         sizes: Its numbers.
         work: Makes the work of a size, given a folder for data and one for results; may write data.
         same: Whether the work is the same at each size, so that a slope of 0 is expected.
-        note: Why a slope is above 1, or why memory grows.
     """
 
     axis: str
@@ -208,8 +205,6 @@ class Row:
     sizes: Sequence[int]
     work: Callable[[int, Path, Path], Work]
     same: bool = False
-    note: str = ""
-    found: list[dict[str, float]] = field(default_factory=list)
 
 
 def made(root: Path, make: Callable[..., Path], **keys: int) -> Path:
@@ -233,6 +228,13 @@ def on_classes(key: str, **others: int) -> Callable[..., Work]:
     )
 
 
+def in_classes(images: int) -> Callable[..., Work]:
+    """Work of the bench on as many images in more classes."""
+    return lambda size, root, out: partial(
+        bench, made(root, write_classes, images=images // size, classes=size), out
+    )
+
+
 def with_key(verb: Callable[..., object], key: str, make: Any, **data: int) -> Callable[..., Work]:
     """Work of a verb on one set, with an argument as large as the size says."""
     return lambda size, root, out: partial(verb, made(root, make, **data), out, **{key: size})
@@ -249,13 +251,13 @@ ROWS_OF_TABLE = [
     Row("frames of each of 4 recordings", "pack", LONG, on_set(pack, "frames")),
     Row("frames of each of 4 recordings", "train start", LONG, on_set(train_start, "frames")),
     Row("frames of each of 4 recordings", "bench", LONG, on_set(bench_videos, "frames")),
-    Row("seconds", "sim", (2, 8, 32), simulated("seconds")),
+    Row("seconds", "sim", (1, 3, 9), simulated("seconds")),
     Row("recordings of 20 frames", "inspect", MANY, on_set(inspect, "recordings", frames=20)),
     Row("recordings of 20 frames", "pack", MANY, on_set(pack, "recordings", frames=20)),
     Row(
         "recordings of 20 frames",
         "train start",
-        MANY,
+        (64, 256, 1024),
         on_set(train_start, "recordings", frames=20),
     ),
     Row("images of each of 4 classes", "bench", MANY, on_classes("images")),
@@ -280,7 +282,8 @@ ROWS_OF_TABLE = [
         on_set(train_start, "classes", frames=10, recordings=128),
         True,
     ),
-    Row("classes of 8 images", "bench", THINGS, on_classes("classes")),
+    Row("classes of 128 images in all", "bench", THINGS, in_classes(128)),
+    Row("classes of 4 images each", "bench", THINGS, on_classes("classes", images=4)),
     Row(
         "epochs",
         "train",
@@ -301,7 +304,7 @@ ROWS_OF_TABLE = [
         FEW,
         on_set(train_start, "sensors", recordings=16),
     ),
-    Row("sensors", "sim", FEW, simulated("sensors", seconds=4.0)),
+    Row("sensors", "sim", FEW, simulated("sensors", seconds=2.0)),
     Row("processes", "pack", FEW, with_key(pack, "processes", write_set, recordings=64), True),
     Row(
         "processes",
@@ -317,7 +320,7 @@ ROWS_OF_TABLE = [
         with_key(bench, "workers", write_classes, images=16, classes=4),
         True,
     ),
-    Row("processes", "sim", FEW, simulated("processes", seconds=16.0), True),
+    Row("processes", "sim", FEW, simulated("processes", seconds=4.0), True),
 ]
 
 
@@ -390,7 +393,7 @@ def measure(row: Row, root: Path, rounds: int, profile: bool = False) -> dict[st
                     print((Path(place) / "profile.txt").read_text()[:14000])
         for key, values in found.items():
             values.append(round(statistics.median(one[key] for one in times), 3))
-    cpu, memory = found["cpu_s"], found["mb"]
+    cpu = found["cpu_s"]
     return {
         "grows": row.axis,
         "verb": row.verb,
@@ -398,9 +401,7 @@ def measure(row: Row, root: Path, rounds: int, profile: bool = False) -> dict[st
         **found,
         "slope": round(slope(row.sizes, cpu), 2),
         "slope_large": round(slope(row.sizes[-2:], cpu[-2:]), 2),
-        "mb_more": round(memory[-1] - memory[0], 1),
         "same_work": row.same,
-        "note": row.note,
     }
 
 
@@ -419,37 +420,13 @@ def warm(root: Path) -> None:
         sim(place)
 
 
-def table(result: Mapping[str, Any]) -> str:
-    """The table of docs/fast.md."""
-    lines = [
-        "| more | verb | sizes | CPU s | slope, at the large end | memory, MB more |",
-        "|---|---|---|---|---|---|",
-    ]
-    for row in result["rows"]:
-        joined = [
-            ", ".join(str(one) for one in row["sizes"]),
-            ", ".join(f"{one:.2g}" if one < 10 else f"{one:.0f}" for one in row["cpu_s"]),
-            f"{row['slope']:.2f}, {row['slope_large']:.2f}",
-            ", ".join(f"{one:.0f}" for one in row["mb"]),
-        ]
-        lines.append("| " + " | ".join([row["grows"], row["verb"], *joined]) + " |")
-    notes = [
-        f"- {row['verb']}, {row['grows']}: {row['note']}" for row in result["rows"] if row["note"]
-    ]
-    return "\n".join([*lines, "", *notes])
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", help="words of the rows, such as inspect,frames")
     parser.add_argument("--rounds", type=int, default=1)
-    parser.add_argument("--table", action="store_true")
     parser.add_argument("--profile", action="store_true")
     given = parser.parse_args()
     path = RESULTS / "growth.json"
-    if given.table:
-        print(table(json.loads(path.read_text())))
-        return
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     held = json.loads(path.read_text())["rows"] if path.exists() else []
@@ -462,7 +439,12 @@ def main() -> None:
             if all(word in f"{row.axis}, {row.verb}" for word in given.only.split(",")):
                 found = measure(row, Path(folder), given.rounds, given.profile)
                 rows[row.axis, row.verb] = found
-                print({key: value for key, value in found.items() if key != "note"}, flush=True)
+                keep(path, rows)
+                print(found, flush=True)
+
+
+def keep(path: Path, rows: Mapping[tuple[str, str], dict[str, Any]]) -> None:
+    """Writes the rows that are measured, in the order of the table."""
     order = [rows[row.axis, row.verb] for row in ROWS_OF_TABLE if (row.axis, row.verb) in rows]
     what = "CPU s and MB of a process against what there is more of; slopes are exponents"
     write(path, {"what": what, "rows": order})

@@ -4,7 +4,7 @@
 ``--only zarr,HDF5`` and ``--count 50`` take a part of them, ``--show`` prints each that is silent.
 With ``--instead`` each kind of file of each format is replaced in turn by random bytes of three
 sizes, its first half, nothing, a folder and a pipe: ``results/reader_instead.json``, of which
-``--table`` makes the table of docs/reliability.md. A mutant is one of
+result_tables.py makes the table of docs/reliability.md. A mutant is one of
 
 - named: an error of the project, or a file in ``skipped`` or a new note;
 - equal: read as the whole file is;
@@ -307,7 +307,8 @@ def _published(name: str) -> Kind:
             _fixture(tests.root, root)
 
     def read(root: Path) -> tuple[str, list[str]]:
-        return _all(registry.get("datasets", name)(str(root), split="all", val=0), root)
+        keys = {"sensor": "gelsight_mini"} if name == "sparsh_slip" else {}
+        return _all(registry.get("datasets", name)(str(root), split="all", val=0, **keys), root)
 
     return Kind(make, read)
 
@@ -601,6 +602,8 @@ def mutate(rng: np.random.Generator, root: Path) -> str:
     return f"{path.relative_to(root)}: {said}"
 
 
+#: Files of an ending that are tried until one is read.
+_TRIED = 4
 #: What takes the place of a file, and how.
 INSTEAD = (
     "nothing", "16 random bytes", "1,000 random bytes", "100,000 random bytes", "its first half",
@@ -631,8 +634,14 @@ def instead(name: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
     with tempfile.TemporaryDirectory() as held:
         good, whole = _good(kind, name, Path(held))
         files = sorted(one for one in good.rglob("*") if one.is_file() and one.name[0] != ".")
-        # the last of each ending: the first is often the background
-        for path in {(one.suffix or one.name): one for one in files}.values():
+        # the last of each ending that is read: the first is often the background
+        for ending in dict.fromkeys(one.suffix or one.name for one in files):
+            same = [one for one in files if (one.suffix or one.name) == ending]
+            path = next(
+                (one for one in same[: -_TRIED - 1 : -1] if _is_read(kind, one, whole)), None
+            )
+            if path is None:
+                continue
             for number, what in enumerate(INSTEAD):
                 root = Path(held) / f"m{number}"
                 shutil.copytree(good, root, symlinks=True)
@@ -640,6 +649,19 @@ def instead(name: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
                 out = read_apart(kind, root, PIPE if what == "a pipe" else WALL)
                 yield f"{path.relative_to(good)}: {what}", outcome(out, whole), out
                 shutil.rmtree(root)
+
+
+def _is_read(kind: Kind, path: Path, whole: dict[str, Any]) -> bool:
+    """Whether a folder is read otherwise where a file of it is empty."""
+    good = path.parent
+    raw = path.read_bytes()
+    while good.name != "good":
+        good = good.parent
+    path.write_bytes(b"")
+    try:
+        return outcome(read_apart(kind, good), whole) != "equal"
+    finally:
+        path.write_bytes(raw)
 
 
 def _good(kind: Kind, name: str, held: Path) -> tuple[Path, dict[str, Any]]:
@@ -656,18 +678,6 @@ def _good(kind: Kind, name: str, held: Path) -> tuple[Path, dict[str, Any]]:
     if whole["state"] != "read":
         raise SystemExit(f"{name}: the whole file is not read: {whole}")
     return good, whole
-
-
-def table(found: dict[str, Any]) -> str:
-    """The table of docs/reliability.md of what took the place of files."""
-    lines = [
-        "| reader of | files replaced | said | the same | silent | traceback | hang | memory |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for name, row in found.items():
-        cells = [name, ", ".join(row["files"]), *(str(row[one]) for one in OUTCOMES)]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
 
 
 def _is_text(path: Path) -> bool:
@@ -782,26 +792,21 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--show", action="store_true")
     parser.add_argument("--instead", action="store_true")
-    parser.add_argument("--table", action="store_true")
     given = parser.parse_args()
-    is_instead = given.instead or given.table
-    path = RESULTS / ("reader_instead.json" if is_instead else "reader_mutants.json")
+    path = RESULTS / ("reader_instead.json" if given.instead else "reader_mutants.json")
     held = json.loads(path.read_text()) if path.exists() else {}
-    if given.table:
-        print(table(held), end="")
-        return
     for name in [n for n in KINDS if any(word in n for word in given.only.split(","))]:
         counts: Counter[str] = Counter()
         files: dict[str, None] = {}
         for how, what, out in (
-            instead(name) if is_instead else mutants(name, given.count, given.seed)
+            instead(name) if given.instead else mutants(name, given.count, given.seed)
         ):
             counts[what] += 1
             files[_ending(how)] = None
             if what in ("traceback", "hang", "memory") or (given.show and what == "silent"):
                 print(f"{name}: {what}: {how} ({out['mb']:.0f} MB)\n{out['error']}", flush=True)
         row: dict[str, Any] = {"mutants": sum(counts.values()), "checksum": KINDS[name].checksum}
-        row |= {"files": list(files)} if is_instead else {}
+        row |= {"files": list(files)} if given.instead else {}
         held[name] = row | {one: counts[one] for one in OUTCOMES}
         print(name, held[name], flush=True)
         order = {one: held[one] for one in KINDS if one in held}
