@@ -603,7 +603,7 @@ def mutate(rng: np.random.Generator, root: Path) -> str:
 
 
 #: Files of an ending that are tried until one is read.
-_TRIED = 4
+_TRIED = 8
 #: What takes the place of a file, and how.
 INSTEAD = (
     "nothing", "16 random bytes", "1,000 random bytes", "100,000 random bytes", "its first half",
@@ -636,10 +636,9 @@ def instead(name: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
         files = sorted(one for one in good.rglob("*") if one.is_file() and one.name[0] != ".")
         # the last of each ending that is read: the first is often the background
         for ending in dict.fromkeys(one.suffix or one.name for one in files):
-            same = [one for one in files if (one.suffix or one.name) == ending]
-            path = next(
-                (one for one in same[: -_TRIED - 1 : -1] if _is_read(kind, one, whole)), None
-            )
+            same = [one for one in files if (one.suffix or one.name) == ending][::-1]
+            tried = same[:: max(1, len(same) // _TRIED)]
+            path = next((one for one in tried if _is_read(kind, one, whole)), None)
             if path is None:
                 continue
             for number, what in enumerate(INSTEAD):

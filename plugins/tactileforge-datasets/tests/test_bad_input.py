@@ -40,7 +40,7 @@ def read_all(name: str, root: Path, **options):
         return [], data.skipped
 
 
-@pytest.mark.parametrize("damage", ["empty", "half", "noise", "pipe"])
+@pytest.mark.parametrize("damage", ["empty", "half", "noise", "pipe", "folder"])
 @pytest.mark.parametrize("name", MADE)
 def test_a_damaged_file_is_skipped_and_named_and_the_rest_is_read(name, damage, make) -> None:
     root = make(name)
@@ -48,9 +48,9 @@ def test_a_damaged_file_is_skipped_and_named_and_the_rest_is_read(name, damage, 
     path = root / FILES[name]
     content = path.read_bytes()
     damaged = {"empty": b"", "half": content[: len(content) // 2], "noise": os.urandom(500)}
-    if damage == "pipe":
+    if damage in ("pipe", "folder"):
         path.unlink()
-        os.mkfifo(path)
+        (os.mkfifo if damage == "pipe" else os.mkdir)(path)
     else:
         path.write_bytes(damaged[damage])
     recordings, said = read_all(name, root)

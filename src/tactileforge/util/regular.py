@@ -72,6 +72,18 @@ def check_regular(path: str | Path) -> None:
         raise OSError("no regular file but a pipe, socket or device")
 
 
+def is_there(path: Path) -> bool:
+    """Whether something has the name of an optional file.
+
+    A folder, a pipe or a link to nothing in its place is opened, and named as no file: only what
+    is absent may be left out without a word.
+
+    Args:
+        path: The file.
+    """
+    return os.path.lexists(path)
+
+
 def read_regular(path: Path, most: int, root: Path | None = None) -> bytes:
     """Content of a regular file.
 

@@ -33,6 +33,7 @@ def read_schema(path: Path) -> Any:
     from pyarrow import parquet as files
 
     try:
+        check_regular(path)
         return files.read_schema(path)
     except (OSError, ValueError, arrow.ArrowException) as error:
         raise _damaged(path, error) from error

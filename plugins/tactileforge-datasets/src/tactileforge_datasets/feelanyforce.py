@@ -18,6 +18,7 @@ from tactileforge.reading import (
     PublishedDataset,
     RecordingItem,
     check_regular,
+    is_there,
     read_cells,
     still_background,
 )
@@ -76,12 +77,12 @@ class FeelAnyForce(PublishedDataset):
 
     def _items(self) -> Iterator[RecordingItem]:
         tables = [(side, self.root / f"TacForce_{side}_set.csv") for side in _SIDES]
-        if not any(path.is_file() for _, path in tables):
+        if not any(is_there(path) for _, path in tables):
             raise self._missing(f"no table {tables[0][1]}")
         rows = [
             (side, where, cells)
             for side, path in tables
-            if path.is_file()
+            if is_there(path)
             for where, cells in read_cells(path, ["tactile", "depth", "FT"])
             if any(cells.values())
         ]
