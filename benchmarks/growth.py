@@ -183,7 +183,6 @@ def sim(
         sensors=list(SENSORS[:sensors]),
         processes=processes,
         action_seconds=motion,
-        indenters=["small_sphere"],  # memory is that of the largest shape
         val=0,
     )
 
@@ -251,13 +250,13 @@ ROWS_OF_TABLE = [
     Row("frames of each of 4 recordings", "pack", LONG, on_set(pack, "frames")),
     Row("frames of each of 4 recordings", "train start", LONG, on_set(train_start, "frames")),
     Row("frames of each of 4 recordings", "bench", LONG, on_set(bench_videos, "frames")),
-    Row("seconds", "sim", (1, 3, 9), simulated("seconds")),
+    Row("seconds", "sim", (2, 8, 32), simulated("seconds")),
     Row("recordings of 20 frames", "inspect", MANY, on_set(inspect, "recordings", frames=20)),
     Row("recordings of 20 frames", "pack", MANY, on_set(pack, "recordings", frames=20)),
     Row(
         "recordings of 20 frames",
         "train start",
-        (64, 256, 1024),
+        MANY,
         on_set(train_start, "recordings", frames=20),
     ),
     Row("images of each of 4 classes", "bench", MANY, on_classes("images")),
@@ -283,7 +282,7 @@ ROWS_OF_TABLE = [
         True,
     ),
     Row("classes of 128 images in all", "bench", THINGS, in_classes(128)),
-    Row("classes of 4 images each", "bench", THINGS, on_classes("classes", images=4)),
+    Row("classes of 8 images", "bench", THINGS, on_classes("classes")),
     Row(
         "epochs",
         "train",
@@ -304,7 +303,7 @@ ROWS_OF_TABLE = [
         FEW,
         on_set(train_start, "sensors", recordings=16),
     ),
-    Row("sensors", "sim", FEW, simulated("sensors", seconds=2.0)),
+    Row("sensors", "sim", FEW, simulated("sensors", seconds=4.0)),
     Row("processes", "pack", FEW, with_key(pack, "processes", write_set, recordings=64), True),
     Row(
         "processes",
