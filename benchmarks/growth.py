@@ -404,19 +404,23 @@ def measure(row: Row, root: Path, rounds: int, profile: bool = False) -> dict[st
     }
 
 
-def warm(root: Path) -> None:
-    """Runs each verb in this process, once: imports and first allocations are not measured."""
+def warm(root: Path, verbs: set[str]) -> None:
+    """Runs verbs in this process, once: imports and first allocations are not measured."""
     place = root / "warm"
     place.mkdir()
     os.environ["TACTILEFORGE_CACHE"] = str(place / "cache")
     data, classes = made(root, write_set), made(root, write_classes)
+    works: dict[str, Work] = {
+        "inspect": partial(inspect, data, place),
+        "pack": partial(pack, data, place),
+        "train start": partial(train_start, data, place),
+        "bench": partial(bench, classes, place, 2),
+        "train": partial(train, data, place),
+        "sim": partial(sim, place),
+    }
     with (place / "log.txt").open("w") as file, contextlib.redirect_stdout(file):
-        inspect(data, place)
-        pack(data, place)
-        train_start(data, place)
-        bench(classes, place, 2)
-        train(data, place)
-        sim(place)
+        for verb in verbs:
+            works[verb]()
 
 
 def main() -> None:
@@ -430,16 +434,17 @@ def main() -> None:
     cv2.setNumThreads(1)
     held = json.loads(path.read_text())["rows"] if path.exists() else []
     rows = {(row["grows"], row["verb"]): row for row in held}
+    words = given.only.split(",")
+    chosen = [one for one in ROWS_OF_TABLE if all(w in f"{one.axis}, {one.verb}" for w in words)]
     begun = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        warm(Path(folder))
+        warm(Path(folder), {row.verb for row in chosen})
         print(f"warm: {time.process_time() - begun:.1f} s", flush=True)
-        for row in ROWS_OF_TABLE:
-            if all(word in f"{row.axis}, {row.verb}" for word in given.only.split(",")):
-                found = measure(row, Path(folder), given.rounds, given.profile)
-                rows[row.axis, row.verb] = found
-                keep(path, rows)
-                print(found, flush=True)
+        for row in chosen:
+            found = measure(row, Path(folder), given.rounds, given.profile)
+            rows[row.axis, row.verb] = found
+            keep(path, rows)
+            print(found, flush=True)
 
 
 def keep(path: Path, rows: Mapping[tuple[str, str], dict[str, Any]]) -> None:

@@ -24,6 +24,10 @@ NOTES: dict[tuple[str, str], str] = {
     "on each are in memory at once.",
     ("images of each of 4 classes", "bench"): "features are in a mapped file, whose pages count "
     "here; the probe reads them.",
+    ("epochs of the probe", "bench"): "`linear` is fitted until it has converged, whatever the "
+    "number of epochs.",
+    ("recordings of 20 frames", "inspect"): "pictures of 400 recordings at most are looked at, "
+    "and compared in pairs; of the others labels only.",
     ("classes of 8 images", "bench"): "L-BFGS keeps 100 directions of a layer that has a row a "
     "class and a column an axis of the images, so that work is classes x images.",
 }
