@@ -1,8 +1,10 @@
 """Damaged files for every reader: each mutant in a process of its own, with limits.
 
 ``python benchmarks/reader_mutants.py`` reads 2,000 and writes ``results/reader_mutants.json``;
-``--only zarr`` and ``--count 50`` take a part of them, ``--show`` prints each that is not whole.
-A mutant is one of
+``--only zarr,HDF5`` and ``--count 50`` take a part of them, ``--show`` prints each that is silent.
+With ``--instead`` each kind of file of each format is replaced in turn by random bytes of three
+sizes, its first half, nothing, a folder and a pipe: ``results/reader_instead.json``, of which
+result_tables.py makes the table of docs/reliability.md. A mutant is one of
 
 - named: an error of the project, or a file in ``skipped`` or a new note;
 - equal: read as the whole file is;
@@ -15,6 +17,8 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import importlib.util
+import inspect
 import json
 import os
 import pickle
@@ -35,31 +39,49 @@ from typing import Any
 
 import cv2
 import numpy as np
+import torch
+from _pytest.outcomes import Skipped
 from common import RESULTS, memory_mb
 from PIL import Image
 from rosbags import rosbag2
+from safetensors.torch import save_file
 
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.datasets.shards import Shards
 from tactileforge.errors import TactileForgeError
+from tactileforge.hub.classify import CLASS_FORMAT, ClassFacts, ClassHead, read_class_head
+from tactileforge.hub.header import read_header
+from tactileforge.plugins import registry
+from tactileforge.reading.pickles import load_pickle
 
 ROOT = Path(__file__).parents[1]
 PLUGINS = ("episodes", "rosbags", "lerobot")
-PLACES = ["tests/helpers", "tests/packing", "tests/chaos"]
+PLACES = ["tests/helpers", "tests/packing", "tests/chaos", "plugins/tactileforge-datasets/tests"]
 PLACES += ["plugins/tactileforge-policies/tests/helpers"]
 PLACES += [f"plugins/tactileforge-{name}/tests" for name in PLUGINS]
 sys.path += [str(ROOT / place) for place in PLACES]
 
+import dataset_fixtures  # type: ignore[import-not-found]  # noqa: E402
 import lerobot_sets  # type: ignore[import-not-found]  # noqa: E402
 import made_bags  # type: ignore[import-not-found]  # noqa: E402
 import made_episodes  # type: ignore[import-not-found]  # noqa: E402
+import made_samples  # type: ignore[import-not-found]  # noqa: E402
+import made_sets  # type: ignore[import-not-found]  # noqa: E402
+import shared_fixtures  # type: ignore[import-not-found]  # noqa: E402
 from bent import bent  # type: ignore[import-not-found]  # noqa: E402
+from tactileforge_datasets.webdataset import WebDataset  # noqa: E402
+from tactileforge_depth.reader import read_optics  # noqa: E402
 from tactileforge_episodes.dataset import Episodes  # noqa: E402
+from tactileforge_labels.marks import read_marks  # noqa: E402
 from tactileforge_lerobot.dataset import LeRobot  # noqa: E402
+from tactileforge_published.files import read_tensors  # noqa: E402
 from tactileforge_rosbags.dataset import Rosbags  # noqa: E402
+from tactileforge_sim.geometry.mesh_files import load_mesh, load_points  # noqa: E402
 
 #: Limits of a mutant: CPU s, wall s, MB more than the whole file takes.
 CPU, WALL, MORE = 5.0, 30.0, 500.0
+#: Wall time of a set with a pipe, which is waited for without CPU time, s.
+PIPE = 10.0
 OUTCOMES = ("named", "equal", "silent", "traceback", "hang", "memory")
 
 
@@ -249,7 +271,150 @@ def _chaos(name: str) -> Kind:
     return Kind(make, lambda root: _one(lambda p: repr(kept[0](p)), "file", root), True)
 
 
-_MCTAC = {"mctac": "digit"}
+def _module(path: str) -> Any:
+    """A module of tests, under a name of its own."""
+    name = path.replace("/", "_").removesuffix(".py")
+    if name not in sys.modules:
+        found = importlib.util.spec_from_file_location(name, ROOT / path)
+        assert found
+        assert found.loader
+        sys.modules[name] = importlib.util.module_from_spec(found)
+        found.loader.exec_module(sys.modules[name])
+    return sys.modules[name]
+
+
+def _fixture(function: Any, root: Path) -> Any:
+    """What a fixture of the tests gives, in a folder."""
+    plain = inspect.unwrap(function)
+    given: dict[str, Any] = {}
+    for name in inspect.signature(plain).parameters:
+        place = dataset_fixtures if hasattr(dataset_fixtures, name) else shared_fixtures
+        given[name] = root if name == "tmp_path" else _fixture(getattr(place, name), root)
+    return plain(**given)
+
+
+def _published(name: str) -> Kind:
+    """A published data set, as its tests make it."""
+
+    def make(root: Path) -> None:
+        if name in made_sets.MADE:
+            made_sets.MADE[name](root)
+        elif name == "sparsh_force":
+            tests = _module("plugins/tactileforge-datasets/tests/test_sparsh_force.py")
+            _fixture(tests.batch, root)("sphere/batch_1")
+        else:
+            tests = _module(f"plugins/tactileforge-datasets/tests/test_{name}.py")
+            _fixture(tests.root, root)
+
+    def read(root: Path) -> tuple[str, list[str]]:
+        keys = {"sensor": "gelsight_mini"} if name == "sparsh_slip" else {}
+        return _all(registry.get("datasets", name)(str(root), split="all", val=0, **keys), root)
+
+    return Kind(make, read)
+
+
+def _image_tables(root: Path) -> None:
+    tests = _module("plugins/tactileforge-datasets/tests/test_image_tables.py")
+    rows = tests.rows("image", "fx", "fy", "fz", "object", "episode_index", "timestamp")
+    tests.parquet.write_table(tests.arrow.Table.from_pylist(rows), root / "train.parquet")
+
+
+def _table(name: str) -> Kind:
+    """A table of forces beside pictures, as another program writes it."""
+    tests = _module("tests/datasets/test_tables_as_written.py")
+
+    def make(root: Path) -> None:
+        for trial in "ab":
+            (root / trial).mkdir()
+            for k, frame in enumerate(_gel(1, tests.COUNT)):
+                Image.fromarray(frame).save(root / trial / f"{k:03d}.png")
+            tests.TABLES[name](root / trial)
+
+    return Kind(make, _guessed)
+
+
+def _guessed(root: Path) -> tuple[str, list[str]]:
+    from tactileforge.datasets import recognise
+
+    found = recognise(root)
+    if not found:
+        raise TactileForgeError("not recognised")
+    name, guess = found[0]
+    options = dict(guess.options)
+    data = registry.build("datasets", {"name": name, **options, "val": 0})
+    total, said = _all(data, root)
+    return total, [*said, *(doubt.replace(str(root), "") for doubt in guess.doubts)]
+
+
+def _mat(write: str) -> Kind:
+    tests = _module("plugins/tactileforge-episodes/tests/test_mat.py")
+
+    def make(root: Path) -> None:
+        for trial in range(3):
+            getattr(tests, write)(root / f"trial_{trial}.mat", tests.arrays(trial))
+
+    return Kind(make, _guessed)
+
+
+def _single(
+    name: str, write: Callable[[Path], Any], read: Callable[[Path], Any], checksum: bool = False
+) -> Kind:
+    """A format of one file, and its reader."""
+
+    def value(root: Path) -> tuple[str, list[str]]:
+        found = read(root / name)
+        return hashlib.sha256(repr(found).encode()).hexdigest(), []
+
+    return Kind(lambda root: write(root / name), value, checksum)
+
+
+def _model(path: Path) -> None:
+    made: Path = _module("tests/chaos/test_chaos.py")._model(path.parent)
+    made.replace(path)
+
+
+def _class_head(path: Path) -> None:
+    facts = ClassFacts(
+        format=CLASS_FORMAT, task="t", names=["cup", "key"], encoder="0" * 64, background=True,
+        sensors=["digit"], penalty=0.1, metrics={"accuracy": 0.5},
+    )  # fmt: skip
+    ClassHead(facts, torch.zeros(2, 8), torch.zeros(2)).save(path)
+
+
+def _weights(path: Path) -> None:
+    tensors = {"blocks.0.weight": torch.ones(8, 8), "norm.bias": torch.zeros(8)}
+    if path.suffix == ".pth":
+        torch.save({"state_dict": tensors}, path)
+    else:
+        save_file(tensors, path)
+
+
+def _optics(path: Path) -> None:
+    shutil.copy(
+        ROOT / "plugins/tactileforge-depth/src/tactileforge_depth/calibration/digit.json", path
+    )
+
+
+def _marks(path: Path) -> None:
+    rows = [f"{i},{i / 20},{int(i > 3)},{int(i > 5)},0" for i in range(8)]
+    path.write_text("\n".join(["frame,time,contact,slip,bad", *rows]) + "\n")
+
+
+def _pickled(path: Path) -> None:
+    path.write_bytes(pickle.dumps({"a": [1, (2.5, "x")], "b": np.zeros(9)}))
+
+
+def _ball(path: Path) -> None:
+    numbers = np.arange(150, dtype="<f4").tobytes()
+    path.write_bytes(bytes(80) + (12).to_bytes(4, "little") + numbers)
+
+
+#: Published data sets whose tests make a small one.
+PUBLISHED = [
+    *made_sets.MADE, "cloth", "feel", "objectfolder_real", "octopi", "sparsh_force", "sparsh_pose",
+    "sparsh_slip", "ssvtp", "tacquad", "touch_and_go", "touch_slide", "touchd_force", "touchd_mani",
+    "touchd_sim", "tvl", "visgel", "ycb_slide",
+]  # fmt: skip
 KINDS: dict[str, Kind] = {
     "zarr 2": _episodes("open_x_tactile"),
     "zarr 3": Kind(
@@ -293,8 +458,33 @@ KINDS: dict[str, Kind] = {
     ),
     "npy, CSV": Kind(_stack, lambda root: _all(Recordings(str(root), val=0), root)),
     "checkpoint": _chaos("checkpoint"),
-    "model": _chaos("model"),
+    "model": _single("m.safetensors", _model, read_header, True),
     "calibration": _chaos("calibration"),
+    **{
+        name: _episodes(name)
+        for name in made_episodes.FORMATS
+        if name not in ("open_x_tactile", "vitamin_b", "univtac", "robomimic", "htt")
+    },
+    **{name: _published(name) for name in PUBLISHED},
+    "mat 5": _mat("mat_5"),
+    "mat 7.3": _mat("mat_73"),
+    "image_tables": Kind(_image_tables, _guessed),
+    "tars of samples": Kind(
+        partial(made_samples.made_set, tars=2, clips=2),
+        lambda root: _all(WebDataset(str(root), made_samples.FRAMES, val=0), root),
+    ),
+    **{
+        f"forces in {name}": _table(name)
+        for name in ("savetxt", "json", "npz", "mat", "mat 7.3", "xlsx", "parquet", "feather")
+    },
+    "class head": _single("head.safetensors", _class_head, read_class_head),
+    "published weights, pt": _single("weights.pth", _weights, read_tensors),
+    "published weights, safetensors": _single("weights.safetensors", _weights, read_tensors),
+    "optics": _single("optics.json", _optics, read_optics),
+    "marks of label": _single("marks.csv", _marks, lambda path: read_marks(path, 8)),
+    "pickle": _single("values.pkl", _pickled, load_pickle),
+    "points": _single("cloud.npy", lambda path: np.save(path, np.zeros((20, 3))), load_points),
+    "mesh": _single("ball.stl", _ball, lambda path: load_mesh(path, None)),
 }
 
 
@@ -412,6 +602,83 @@ def mutate(rng: np.random.Generator, root: Path) -> str:
     return f"{path.relative_to(root)}: {said}"
 
 
+#: Files of an ending that are tried until one is read.
+_TRIED = 8
+#: What takes the place of a file, and how.
+INSTEAD = (
+    "nothing", "16 random bytes", "1,000 random bytes", "100,000 random bytes", "its first half",
+    "a folder", "a pipe",
+)  # fmt: skip
+
+
+def put_instead(path: Path, what: str) -> None:
+    """Puts one of `INSTEAD` in the place of a file."""
+    raw = path.read_bytes()
+    path.unlink()
+    if what == "a folder":
+        path.mkdir()
+    elif what == "a pipe":
+        os.mkfifo(path)
+    elif what == "its first half":
+        path.write_bytes(raw[: len(raw) // 2])
+    elif what == "nothing":
+        path.write_bytes(b"")
+    else:
+        count = int(what.split()[0].replace(",", ""))
+        path.write_bytes(np.random.default_rng(count).bytes(count))
+
+
+def instead(name: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Replaces a file of each ending of a format in turn; yields as `mutants` does."""
+    kind = KINDS[name]
+    with tempfile.TemporaryDirectory() as held:
+        good, whole = _good(kind, name, Path(held))
+        files = sorted(one for one in good.rglob("*") if one.is_file() and one.name[0] != ".")
+        # the last of each ending that is read: the first is often the background
+        for ending in dict.fromkeys(one.suffix or one.name for one in files):
+            same = [one for one in files if (one.suffix or one.name) == ending][::-1]
+            tried = same[:: max(1, len(same) // _TRIED)]
+            path = next((one for one in tried if _is_read(kind, one, whole)), None)
+            if path is None:
+                continue
+            for number, what in enumerate(INSTEAD):
+                root = Path(held) / f"m{number}"
+                shutil.copytree(good, root, symlinks=True)
+                put_instead(root / path.relative_to(good), what)
+                out = read_apart(kind, root, PIPE if what == "a pipe" else WALL)
+                yield f"{path.relative_to(good)}: {what}", outcome(out, whole), out
+                shutil.rmtree(root)
+
+
+def _is_read(kind: Kind, path: Path, whole: dict[str, Any]) -> bool:
+    """Whether a folder is read otherwise where a file of it is empty."""
+    good = path.parent
+    raw = path.read_bytes()
+    while good.name != "good":
+        good = good.parent
+    path.write_bytes(b"")
+    try:
+        return outcome(read_apart(kind, good), whole) != "equal"
+    finally:
+        path.write_bytes(raw)
+
+
+def _good(kind: Kind, name: str, held: Path) -> tuple[Path, dict[str, Any]]:
+    """A whole folder of a format, and what is read of it."""
+    good = held / "good"
+    good.mkdir()
+    try:
+        kind.make(good)
+    except Skipped as error:
+        raise SystemExit(f"{name}: {error}") from error
+    kind.read(good)  # imports
+    lerobot_sets.parquet_files.forget()
+    whole = read_apart(kind, good)
+    if whole["state"] != "read":
+        raise SystemExit(f"{name}: the whole file is not read: {whole}")
+    return good, whole
+
+
 def _is_text(path: Path) -> bool:
     try:
         return path.stat().st_size < 10**6 and "\x00" not in path.read_text("utf-8")
@@ -423,7 +690,7 @@ def _peak() -> float:
     return memory_mb("VmHWM")
 
 
-def read_apart(kind: Kind, root: Path, ceiling: float = 0.0) -> dict[str, Any]:
+def read_apart(kind: Kind, root: Path, wall: float = WALL) -> dict[str, Any]:
     """Reads a folder in a process of its own.
 
     Returns:
@@ -474,7 +741,7 @@ def read_apart(kind: Kind, root: Path, ceiling: float = 0.0) -> dict[str, Any]:
             cpu = (int(used[11]) + int(used[12])) / tick
         except OSError:
             cpu = 0.0
-        if cpu > CPU or time.monotonic() - begun > WALL:
+        if cpu > CPU or time.monotonic() - begun > wall:
             state = "hang"
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
@@ -506,14 +773,7 @@ def mutants(name: str, count: int, seed: int) -> Iterator[tuple[str, str, dict[s
     kind = KINDS[name]
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
     with tempfile.TemporaryDirectory() as held:
-        good = Path(held) / "good"
-        good.mkdir()
-        kind.make(good)
-        kind.read(good)  # imports
-        lerobot_sets.parquet_files.forget()
-        whole = read_apart(kind, good)
-        if whole["state"] != "read":
-            raise SystemExit(f"{name}: the whole file is not read: {whole}")
+        good, whole = _good(kind, name, Path(held))
         for number in range(count):
             root = Path(held) / f"m{number}"
             shutil.copytree(good, root, symlinks=True)
@@ -530,19 +790,32 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=2000 // len(KINDS) + 1)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--show", action="store_true")
+    parser.add_argument("--instead", action="store_true")
     given = parser.parse_args()
-    path = RESULTS / "reader_mutants.json"
+    path = RESULTS / ("reader_instead.json" if given.instead else "reader_mutants.json")
     held = json.loads(path.read_text()) if path.exists() else {}
-    for name in [name for name in KINDS if given.only in name]:
+    for name in [n for n in KINDS if any(word in n for word in given.only.split(","))]:
         counts: Counter[str] = Counter()
-        for how, what, out in mutants(name, given.count, given.seed):
+        files: dict[str, None] = {}
+        for how, what, out in (
+            instead(name) if given.instead else mutants(name, given.count, given.seed)
+        ):
             counts[what] += 1
+            files[_ending(how)] = None
             if what in ("traceback", "hang", "memory") or (given.show and what == "silent"):
                 print(f"{name}: {what}: {how} ({out['mb']:.0f} MB)\n{out['error']}", flush=True)
-        row = {"mutants": given.count, "checksum": KINDS[name].checksum}
+        row: dict[str, Any] = {"mutants": sum(counts.values()), "checksum": KINDS[name].checksum}
+        row |= {"files": list(files)} if given.instead else {}
         held[name] = row | {one: counts[one] for one in OUTCOMES}
         print(name, held[name], flush=True)
-        path.write_text(json.dumps(held, indent=1) + "\n")
+        order = {one: held[one] for one in KINDS if one in held}
+        path.write_text(json.dumps(order, indent=1) + "\n")
+
+
+def _ending(how: str) -> str:
+    """Ending of a file, or its name where it has none, of the text of a mutant."""
+    path = Path(how.partition(": ")[0])
+    return path.suffix or path.name
 
 
 if __name__ == "__main__":

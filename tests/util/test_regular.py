@@ -2,10 +2,17 @@
 
 import os
 import socket
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
+from tactileforge.data.frames.film_streams import count_streams
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.frames.stacks import load_array
 from tactileforge.errors import DataError
+from tactileforge.reading.pickles import load_pickle, load_pickled_array
+from tactileforge.reading.sheets import read_sheet
 from tactileforge.util.regular import open_regular, read_regular, stays_inside
 
 
@@ -56,3 +63,25 @@ def test_more_than_the_limit_is_refused(tmp_path):
     assert read_regular(tmp_path / "file", 5) == b"12345"
     with pytest.raises(DataError, match="more than 4 bytes"):
         read_regular(tmp_path / "file", 4)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("a.png", lambda path: ImageFrames([str(path)]).shape),
+        ("a.npy", load_array),
+        ("a.npy", load_pickled_array),
+        ("a.pkl", load_pickle),
+        ("a.npz", read_sheet),
+    ],
+)
+def test_no_reader_waits_for_a_pipe(
+    name: str, read: Callable[[Path], object], tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    os.mkfifo(path)
+    with pytest.raises(DataError, match=rf"{path}: .*no regular file but a pipe") as said:
+        read(path)
+    assert "\n" not in str(said.value)
+    assert count_streams(path) == 1, "its decoder names it"

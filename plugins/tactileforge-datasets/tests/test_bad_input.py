@@ -40,7 +40,7 @@ def read_all(name: str, root: Path, **options):
         return [], data.skipped
 
 
-@pytest.mark.parametrize("damage", ["empty", "half", "noise"])
+@pytest.mark.parametrize("damage", ["empty", "half", "noise", "pipe", "folder"])
 @pytest.mark.parametrize("name", MADE)
 def test_a_damaged_file_is_skipped_and_named_and_the_rest_is_read(name, damage, make) -> None:
     root = make(name)
@@ -48,7 +48,11 @@ def test_a_damaged_file_is_skipped_and_named_and_the_rest_is_read(name, damage, 
     path = root / FILES[name]
     content = path.read_bytes()
     damaged = {"empty": b"", "half": content[: len(content) // 2], "noise": os.urandom(500)}
-    path.write_bytes(damaged[damage])
+    if damage in ("pipe", "folder"):
+        path.unlink()
+        (os.mkfifo if damage == "pipe" else os.mkdir)(path)
+    else:
+        path.write_bytes(damaged[damage])
     recordings, said = read_all(name, root)
     good = set()
     for one in recordings:

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -227,3 +228,9 @@ def test_damage_is_named(spoil: Callable[[Path], None], words: str, tmp_path: Pa
     data = ImageTables(str(tmp_path), touch=["image"], sensor="digit")
     with pytest.raises(DataError, match=words):
         [one.frames.read([0]) for one in data.recordings("train")]
+
+
+def test_a_pipe_in_the_place_of_a_table_is_named_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "train.parquet")
+    with pytest.raises(DataError, match=r"train\.parquet: .*no regular file but a pipe"):
+        ImageTables.recognise(tmp_path)

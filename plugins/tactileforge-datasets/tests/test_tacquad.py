@@ -78,3 +78,18 @@ def test_a_share_of_the_items_is_held_out(root: Path, write: Make, make_images: 
 
 def test_conformance(root: Path, conforms: Make) -> None:
     conforms(TacQuad, root=str(root), val=0.0)
+
+
+def test_an_index_that_is_no_table_is_not_left_out(root: Path) -> None:
+    index = root / "contact_outdoor.csv"
+    index.write_bytes(b"")
+    with pytest.raises(DataError, match=r"contact_outdoor\.csv: empty"):
+        list(TacQuad(str(root)).recordings("train"))
+    index.unlink()
+    index.mkdir()
+    with pytest.raises(DataError, match=r"contact_outdoor\.csv: cannot be read"):
+        list(TacQuad(str(root)).recordings("train"))
+    index.rmdir()
+    index.symlink_to("elsewhere.csv")
+    with pytest.raises(DataError, match=r"contact_outdoor\.csv: cannot be read"):
+        list(TacQuad(str(root)).recordings("train"))

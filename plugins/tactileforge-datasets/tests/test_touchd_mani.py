@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from tactileforge_datasets.touchd_mani import TouchdMani
 
+from tactileforge.errors import DataError
+
 Make = Callable[..., Any]
 EPISODE = {
     "task": "insert a usb plug",
@@ -59,3 +61,13 @@ def test_a_bad_episode_is_named(root: Path, write: Make, change: dict[str, Any],
 
 def test_conformance(root: Path, conforms: Make) -> None:
     conforms(TouchdMani, root=str(root), val=0.0)
+
+
+def test_a_folder_in_the_place_of_an_episode_is_named(root: Path) -> None:
+    path = next(root.rglob("episode.json"))
+    path.unlink()
+    path.mkdir()
+    data = TouchdMani(str(root), val=0)
+    with pytest.raises(DataError):
+        list(data.recordings("train"))
+    assert "episode.json: cannot be read (Is a directory)" in data.skipped[0]

@@ -58,6 +58,8 @@ from tactileforge.reading.vocabulary import StreamKeys as StreamKeys
 from tactileforge.reading.vocabulary import check_origin as check_origin
 from tactileforge.reading.vocabulary import check_stream as check_stream
 from tactileforge.util.licences import check_data_licence as check_data_licence
+from tactileforge.util.regular import check_regular as check_regular
+from tactileforge.util.regular import is_there as is_there
 from tactileforge.util.regular import open_regular as open_regular
 from tactileforge.util.regular import read_regular as read_regular
 from tactileforge.util.regular import regular_text as regular_text

@@ -19,6 +19,7 @@ import numpy as np
 from tactileforge.data.frames.encoded import Blob
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.util.pointers import check_pointer
+from tactileforge.util.regular import check_regular
 
 
 def load_pickle(path: str | Path) -> Any:
@@ -70,6 +71,7 @@ def _run(path: str | Path, start: Callable[[BinaryIO], None]) -> Any:
     """Content of the pickle in a file, after ``start`` has read the bytes before it."""
     machine = _Machine(str(path))
     try:
+        check_regular(path)
         with open(path, "rb") as file:
             start(file)
             for opcode, argument, position in pickletools.genops(file):

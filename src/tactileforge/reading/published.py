@@ -26,6 +26,7 @@ from tactileforge.reading.notes import add_once
 from tactileforge.reading.official import ALL_FOR_TRAINING, OfficialSplit
 from tactileforge.reading.splits import is_held_out
 from tactileforge.specs.published import spec
+from tactileforge.util.regular import is_there
 
 _IMAGES = frozenset({".bmp", ".jpeg", ".jpg", ".png"})
 
@@ -309,7 +310,7 @@ def still_background(path: Path, frames: Frames) -> ImageFrames | None:
         >>> still_background(Path("no.png"), ArrayFrames(np.zeros((1, 8, 8, 3), np.uint8))) is None
         True
     """
-    if not path.is_file():
+    if not is_there(path):
         return None
     background = ImageFrames([path])
     fix = "give a background of the same size, or remove it"

@@ -19,6 +19,7 @@ from tactileforge.errors import DataError
 from tactileforge.plugins import names
 from tactileforge.reading.files import read_text
 from tactileforge.reading.order import name_keys
+from tactileforge.util.regular import check_regular
 from tactileforge.util.untrusted import load_json, load_yaml
 
 #: Endings of tables that are read here.
@@ -82,6 +83,7 @@ def conversion(path: Path) -> str:
 
 def _starts_with(path: Path, start: bytes) -> bool:
     try:
+        check_regular(path)
         with path.open("rb") as file:
             return file.read(len(start)) == start
     except OSError:

@@ -22,6 +22,7 @@ from tactileforge.plugins import load
 from tactileforge.reading.container import MOST_BYTES, check_unpacked
 from tactileforge.reading.records import CELLS
 from tactileforge.reading.text_tables import table_of
+from tactileforge.util.regular import check_regular
 
 #: Largest number of rows of a table.
 _ROWS = 5_000_000
@@ -37,6 +38,7 @@ def read_sheet(path: Path) -> list[tuple[str, dict[str, str]]]:
         DataError: The file is damaged, holds objects of Python, or no table.
     """
     try:
+        check_regular(path)
         read = _READERS.get(path.suffix.lower()) or load("tables", path.suffix.lower()[1:])
         return read(path)
     except DataError:

@@ -58,6 +58,32 @@ def open_regular(path: Path, root: Path | None = None) -> int:
     return descriptor
 
 
+def check_regular(path: str | Path) -> None:
+    """Refuses a pipe, socket or device: to open one may wait for ever.
+
+    Args:
+        path: A file that a library opens by its name; a folder passes, which no library opens.
+
+    Raises:
+        OSError: It is none, or is not there.
+    """
+    mode = os.stat(path).st_mode
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise OSError("no regular file but a pipe, socket or device")
+
+
+def is_there(path: Path) -> bool:
+    """Whether something has the name of an optional file.
+
+    A folder, a pipe or a link to nothing in its place is opened, and named as no file: only what
+    is absent may be left out without a word.
+
+    Args:
+        path: The file.
+    """
+    return os.path.lexists(path)
+
+
 def read_regular(path: Path, most: int, root: Path | None = None) -> bytes:
     """Content of a regular file.
 

@@ -14,6 +14,7 @@ from typing import IO, TYPE_CHECKING, Any
 import yaml
 
 from tactileforge.util.pointers import pointer_words
+from tactileforge.util.regular import check_regular
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -129,12 +130,14 @@ def open_picture(file: str | Path | IO[bytes]) -> Image.Image:
     """Opens an image with Pillow; its size must be within limits.
 
     Raises:
-        OSError: The file cannot be read.
+        OSError: The file cannot be read, or is a pipe or device.
         SyntaxError: The header of the image is damaged.
         ValueError: The image has more than `MAX_PIXELS` pixels, or the file is damaged.
     """
     from PIL import Image
 
+    if isinstance(file, str | Path):
+        check_regular(file)
     try:
         opened = Image.open(file)
     # a warning arrives here where warnings are errors, as in tests

@@ -11,6 +11,7 @@ from typing import Any
 
 from tactileforge.errors import DataError
 from tactileforge.plugins import check_pointer
+from tactileforge.reading import check_regular
 from tactileforge_datasets import parquet
 from tactileforge_datasets.parquet_tables import has_bytes
 
@@ -32,6 +33,7 @@ def read_schema(path: Path) -> Any:
     from pyarrow import parquet as files
 
     try:
+        check_regular(path)
         return files.read_schema(path)
     except (OSError, ValueError, arrow.ArrowException) as error:
         raise _damaged(path, error) from error
@@ -88,6 +90,7 @@ def _arrow(path: str, process: int) -> Any:
     import pyarrow as arrow
 
     try:
+        check_regular(path)
         file = arrow.memory_map(path)
         try:
             return arrow.ipc.open_stream(file).read_all()

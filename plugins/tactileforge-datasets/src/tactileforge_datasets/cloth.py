@@ -16,7 +16,7 @@ from tactileforge.reading import (
     PublishedDataset,
     RecordingItem,
     frame_times,
-    regular_text,
+    read_text,
 )
 from tactileforge_datasets.official_splits import ANYTOUCH2_CLOTH, CLOTH_OFFICIAL
 
@@ -115,7 +115,7 @@ class Cloth(PublishedDataset):
         if not path.is_file():
             raise self._missing(f"no file {path}")
         try:
-            content = load_json(regular_text(path))
+            content = load_json(read_text(path))
             return {_plain(key): value for key, value in content.items()}
         except (AttributeError, ValueError) as error:
             raise DataError(f"{path}: not a JSON object: {error}; download it again") from error

@@ -10,7 +10,7 @@ import numpy as np
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data import ImageFrames
 from tactileforge.errors import DataError
-from tactileforge.reading import PublishedDataset, RecordingItem, read_rows
+from tactileforge.reading import PublishedDataset, RecordingItem, is_there, read_rows
 
 #: The first is before the gripper closes, and so without contact.
 _MOMENTS = ("before", "during", "after")
@@ -76,6 +76,6 @@ class Feel(PublishedDataset):
             times=np.arange(3.0),
             no_contact=FrameSubset(frames, [0]),
             object=name,
-            image=ImageFrames(views) if all(view.is_file() for view in views) else None,
+            image=ImageFrames(views) if all(is_there(view) for view in views) else None,
             labels={"is_gripping": success, "finger": place[-1]},
         )

@@ -17,6 +17,8 @@ from tactileforge.reading import (
     OfficialSplit,
     PublishedDataset,
     RecordingItem,
+    check_regular,
+    is_there,
     read_cells,
     still_background,
 )
@@ -75,12 +77,12 @@ class FeelAnyForce(PublishedDataset):
 
     def _items(self) -> Iterator[RecordingItem]:
         tables = [(side, self.root / f"TacForce_{side}_set.csv") for side in _SIDES]
-        if not any(path.is_file() for _, path in tables):
+        if not any(is_there(path) for _, path in tables):
             raise self._missing(f"no table {tables[0][1]}")
         rows = [
             (side, where, cells)
             for side, path in tables
-            if path.is_file()
+            if is_there(path)
             for where, cells in read_cells(path, ["tactile", "depth", "FT"])
             if any(cells.values())
         ]
@@ -135,6 +137,7 @@ def _wrench(cell: str) -> NDArray[np.float64]:
 
 def _depth(path: Path, shape: tuple[int, int]) -> NDArray[np.float32]:
     try:
+        check_regular(path)
         depth = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         raise DataError(f"{path}: no array of depth ({error}); download it again") from error

@@ -16,7 +16,14 @@ from tactileforge.contracts import Guess, Recording
 from tactileforge.data import Blob, EncodedFrames
 from tactileforge.errors import DataError
 from tactileforge.plugins import check_pointer, load_json
-from tactileforge.reading import OfficialSplit, PublishedDataset, RecordingItem, add_once, matches
+from tactileforge.reading import (
+    OfficialSplit,
+    PublishedDataset,
+    RecordingItem,
+    add_once,
+    check_regular,
+    matches,
+)
 from tactileforge_datasets.checks import POSE, numbers, pose_track
 
 _OFFICIAL = OfficialSplit(
@@ -125,6 +132,7 @@ class FoTa(PublishedDataset):
         """Name and parts, by ending, of each sample of a tar; those before a damage are given."""
         found: dict[str, dict[str, Blob]] = {}
         try:
+            check_regular(path)
             with tarfile.open(path, "r:") as tar:
                 end = 0
                 for member in tar:

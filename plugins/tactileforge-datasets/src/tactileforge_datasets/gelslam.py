@@ -16,6 +16,7 @@ from tactileforge.plugins import load_yaml
 from tactileforge.reading import (
     PublishedDataset,
     RecordingItem,
+    is_there,
     read_cells,
     regular_text,
     still_background,
@@ -114,7 +115,7 @@ class GelSlam(PublishedDataset):
                 f"{where}: {cells[_DIAMETER]!r} is not a diameter in mm; correct it"
             ) from None
         backgrounds = (folder / "background.png", *sorted(folder.glob("*/background.png")))
-        chosen = next((path for path in backgrounds if path.is_file()), backgrounds[0])
+        chosen = next((path for path in backgrounds if is_there(path)), backgrounds[0])
         return self._recording(
             key,
             sensor="gelsight_mini",
@@ -130,6 +131,8 @@ def _tables(root: Path) -> list[Path]:
     """Tables of ball presses, by their columns."""
     found = []
     for path in sorted((*root.glob("catalog.csv"), *root.glob("*/catalog.csv"))):
+        if not path.is_file():
+            continue
         with path.open("rb") as file:
             if file.readline(256).removeprefix(b"\xef\xbb\xbf").startswith(b"experiment_reldir,"):
                 found.append(path)
@@ -138,7 +141,7 @@ def _tables(root: Path) -> list[Path]:
 
 def _scale(path: Path) -> float:
     """Millimetres a pixel of a film's description; 0 without one."""
-    if not path.is_file():
+    if not is_there(path):
         return 0.0
     try:
         said = load_yaml(regular_text(path))

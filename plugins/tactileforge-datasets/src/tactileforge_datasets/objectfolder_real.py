@@ -15,6 +15,7 @@ from tactileforge.reading import (
     PublishedDataset,
     RecordingItem,
     frame_times,
+    is_there,
     matches,
     read_rows,
 )
@@ -88,7 +89,7 @@ def _views(tactile: Path) -> dict[Path, dict[int, Path]]:
     """The camera image of each listed touch, by folder and number."""
     pairs: dict[Path, dict[int, Path]] = defaultdict(dict)
     index = tactile.parent / "contact_text_obj.csv"
-    for i, row in enumerate(read_rows(index) if index.is_file() else (), start=1):
+    for i, row in enumerate(read_rows(index) if is_there(index) else (), start=1):
         if not row:
             continue
         if len(row) < 2:
@@ -96,6 +97,6 @@ def _views(tactile: Path) -> dict[Path, dict[int, Path]]:
                 f"{index}, line {i}: {row} is not a touch, a view and a number; download it again"
             )
         touch, view = tactile / row[0], tactile / row[1]
-        if touch.stem.isdecimal() and view.is_file():
+        if touch.stem.isdecimal() and is_there(view):
             pairs[touch.parent][int(touch.stem)] = view
     return pairs

@@ -12,7 +12,13 @@ from typing import Any
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data import VideoFrames, video_times, without_companions
 from tactileforge.errors import DataError
-from tactileforge.reading import ALL_FOR_TRAINING, PublishedDataset, RecordingItem, regular_text
+from tactileforge.reading import (
+    ALL_FOR_TRAINING,
+    PublishedDataset,
+    RecordingItem,
+    is_there,
+    read_text,
+)
 from tactileforge_datasets.official_splits import OCTOPI_OFFICIAL
 
 _PREFIX = "physiclear_"
@@ -92,12 +98,12 @@ def _place(path: Path) -> tuple[str, int]:
 def _constants(root: Path) -> dict[str, Any]:
     """The literals of Octopi's constants, by name; {} without the file."""
     places = (root / "utils", root / "src" / "utils", root.parent / "utils", root)
-    path = next((p / "constants.py" for p in places if (p / "constants.py").is_file()), None)
+    path = next((p / "constants.py" for p in places if is_there(p / "constants.py")), None)
     if path is None:
         return {}
     # Parsed, not imported: nothing of the checkout is executed.
     try:
-        body = ast.parse(regular_text(path)).body
+        body = ast.parse(read_text(path)).body
     except (MemoryError, RecursionError, SyntaxError, ValueError) as error:
         raise DataError(
             f"{path}: not the constants of Octopi: {type(error).__name__} {error}; download it"

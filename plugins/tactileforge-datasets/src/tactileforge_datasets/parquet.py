@@ -13,6 +13,7 @@ import numpy as np
 
 from tactileforge.errors import DataError, unknown
 from tactileforge.plugins import check_pointer
+from tactileforge.reading import check_regular
 
 #: Files that stay open in a process.
 _OPEN = 4
@@ -145,6 +146,7 @@ def _cursor(path: str, column: str, process: int) -> _Cursor:
 def _open(path: Path) -> Any:
     from pyarrow import parquet
 
+    check_regular(path)
     return parquet.ParquetFile(path)
 
 

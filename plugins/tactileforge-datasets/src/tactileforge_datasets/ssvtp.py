@@ -16,6 +16,7 @@ from tactileforge.reading import (
     NumberedImages,
     PublishedDataset,
     RecordingItem,
+    is_there,
     read_rows,
     read_text,
 )
@@ -56,7 +57,7 @@ class Ssvtp(PublishedDataset):
     def _items(self) -> Iterator[RecordingItem]:
         touch = self._folder("images_tac", "ssvtp/images_tac", "tvl_dataset/ssvtp/images_tac")
         index = touch.parent / "test.csv"
-        listed = read_rows(index) if index.is_file() else []
+        listed = read_rows(index) if is_there(index) else []
         # by number: the list names the photographs, which have names of their own
         names = [re.search(r"image_(\d+)_rgb", row[0]) for row in listed if row]
         tests = {int(match[1]) for match in names if match}
@@ -68,7 +69,7 @@ class Ssvtp(PublishedDataset):
 
     def _open(self, key: str, path: Path, view: Path | None) -> Recording:
         caption = path.parents[1] / "text" / f"labels_{key}.txt"
-        text = read_text(caption).strip() if caption.is_file() else ""
+        text = read_text(caption).strip() if is_there(caption) else ""
         return self._recording(
             key,
             sensor="digit",

@@ -15,6 +15,7 @@ from tactileforge.reading import (
     RecordingItem,
     frame_rate,
     frame_times,
+    is_there,
     read_rows,
 )
 
@@ -67,7 +68,7 @@ class TacQuad(PublishedDataset):
         any_found = False
         for area in ("indoor", "outdoor"):
             index = root / f"contact_{area}.csv"
-            if not index.is_file():
+            if not is_there(index):
                 continue
             any_found = True
             for i, (name, ranges) in enumerate(_read(index)):
@@ -117,7 +118,10 @@ class TacQuad(PublishedDataset):
 
 def _read(index: Path) -> Iterator[tuple[str, list[tuple[int, int]]]]:
     """Item, and first and last frame of the contact for each sensor, of each row."""
-    for i, row in enumerate(read_rows(index), start=1):
+    rows = read_rows(index)
+    if not rows:
+        raise DataError(f"{index}: empty; download it again")
+    for i, row in enumerate(rows, start=1):
         if len(row) < 7 or not all(cell.strip().isdecimal() for cell in row[1:7]):
             raise DataError(
                 f"{index}, line {i}: {row} is not an item and six numbers; download it again"

@@ -11,7 +11,7 @@ import numpy as np
 from tactileforge.contracts import Recording
 from tactileforge.data import VideoFrames
 from tactileforge.errors import DataError
-from tactileforge.reading import PublishedDataset, RecordingItem
+from tactileforge.reading import PublishedDataset, RecordingItem, check_regular, is_there
 from tactileforge_datasets.checks import numbers, same_length, word_before_number
 
 _POSES = "true_start_T_currs.npy"
@@ -71,13 +71,14 @@ class TactileTracking(PublishedDataset):
             times=frames.times,
             no_contact=None,
             object=name,
-            image=VideoFrames(webcam) if webcam.is_file() else None,
+            image=VideoFrames(webcam) if is_there(webcam) else None,
             tracks={"pose": poses.astype(np.float32)},
         )
 
 
 def _poses(path: Path) -> np.ndarray:
     try:
+        check_regular(path)
         poses = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         raise DataError(f"{path}: no array of poses ({error}); download it again") from error

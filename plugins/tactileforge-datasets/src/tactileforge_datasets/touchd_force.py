@@ -20,7 +20,7 @@ from tactileforge.reading import (
     add_once,
     frame_rate,
     frame_times,
-    regular_text,
+    read_text,
     still_background,
 )
 from tactileforge_datasets.official_splits import TOUCHD_BENCH, TOUCHD_PRETRAIN
@@ -93,7 +93,7 @@ class TouchdForce(PublishedDataset):
         if not index.is_file():
             raise self._missing(f"no index {index}")
         try:
-            sessions = load_json(regular_text(index)).items()
+            sessions = load_json(read_text(index)).items()
         except (AttributeError, ValueError) as error:
             raise DataError(f"{index}: not an index of sessions: {error}; download it") from error
         for session, tables in sorted(sessions):

@@ -19,7 +19,7 @@ from tactileforge.reading import (
     frame_rate,
     frame_times,
     matches,
-    regular_text,
+    read_text,
     still_background,
 )
 
@@ -97,7 +97,7 @@ class TouchdMani(PublishedDataset):
 def _read(path: Path) -> dict[str, Any]:
     """A validated episode: fields of the right types, and known sensors."""
     try:
-        episode = load_json(regular_text(path))
+        episode = load_json(read_text(path))
     except ValueError as error:
         raise DataError(f"{path}: not JSON: {error}; correct it") from error
     kinds: dict[str, Any] = {"fingers": dict, "task": str, "object": str, "fps": int | float}

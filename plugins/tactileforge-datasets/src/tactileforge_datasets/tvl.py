@@ -18,9 +18,10 @@ from tactileforge.reading import (
     PublishedDataset,
     RecordingItem,
     frame_times,
+    is_there,
     label_runs,
     read_rows,
-    regular_text,
+    read_text,
     still_background,
 )
 from tactileforge_datasets.official_splits import TVL_OFFICIAL
@@ -108,7 +109,7 @@ class Tvl(PublishedDataset):
         rows = []
         for side in ("train", "test"):
             path = part / f"{side}.csv"
-            if path.is_file():
+            if is_there(path):
                 for i, cells in enumerate(read_rows(path)[1:], start=2):
                     if len(cells) != 4:
                         raise DataError(
@@ -123,7 +124,7 @@ class Tvl(PublishedDataset):
         if not path.is_file():
             raise self._missing(f"neither {path.with_name('train.csv')} nor {path}")
         try:
-            lists = load_json(regular_text(path))
+            lists = load_json(read_text(path))
             touches = lists["tactile"]
             nothing = [""] * len(touches)
             backgrounds = lists.get("background") or nothing
@@ -139,7 +140,7 @@ class Tvl(PublishedDataset):
         numbers = [row.number for row in rows]
         frames = ImageFrames([part / row.touch for row in rows])
         views = [part / row.vision for row in rows]
-        image = ImageFrames(views) if all(path.is_file() for path in views) else None
+        image = ImageFrames(views) if all(is_there(path) for path in views) else None
         # The first release swapped the folders: the smaller image is the touch.
         if image and image.shape[0] * image.shape[1] < frames.shape[0] * frames.shape[1]:
             frames, image = image, frames

@@ -16,7 +16,7 @@ from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data import EncodedFrames, LazyImages
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.plugins import load_json
-from tactileforge.reading import PublishedDataset, RecordingItem
+from tactileforge.reading import PublishedDataset, RecordingItem, check_regular
 from tactileforge.sensors import TaxelLayout
 from tactileforge_datasets.checks import numbers, pressing_sign, rising
 
@@ -154,6 +154,7 @@ def _read(path: Path, shape: tuple[int, int, int], drop: int) -> _Rows:
     """Numbers of a file, after its header and some rows."""
     columns: list[list[object]] = [[], [], [], [], []]
     try:
+        check_regular(path)
         with path.open(encoding="utf-8", newline="") as file:
             lines = csv.reader(file)
             next(lines, None)

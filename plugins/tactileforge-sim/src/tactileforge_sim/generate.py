@@ -175,13 +175,12 @@ def write_seconds(
         raise ConfigError(f"sim: seconds={seconds} and val={val}; give > 0, and 0 or more, below 1")
     process_count(1, processes)  # an impossible number is told before anything is written
     numbers: list[int] = []
-    total = 0.0
+    total, held_out = 0.0, 0
     while total < seconds:
-        train = len([n for n in numbers if n < FIRST_VAL])
-        held_out = len(numbers) - train
         # Validation scenes are spread over the numbers, so their share holds at any length.
         to_val = held_out < val * (len(numbers) + 1) - 0.5
-        numbers.append(FIRST_VAL + held_out if to_val else train)
+        numbers.append(FIRST_VAL + held_out if to_val else len(numbers) - held_out)
+        held_out += to_val
         total += config.scene(numbers[-1]).path.seconds
     # Claimed before anything is written, and indexed last: an index lists whole shards only.
     claim_folder(folder / "sim.json", asdict(config), "touches")
@@ -194,7 +193,6 @@ def write_seconds(
         for split, train in (("train", True), ("val", False))
     }
     Index("sim", splits, made=json.loads(json.dumps(asdict(config)))).save(folder)
-    held_out = sum(n >= FIRST_VAL for n in numbers)
     return len(numbers) - held_out, held_out
 
 

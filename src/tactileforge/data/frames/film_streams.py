@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from tactileforge.data.frames.mp4_edits import boxes
+from tactileforge.util.regular import check_regular
 
 #: Header of an AVI's stream of video (AVISTREAMHEADER): strh, its size, and the kind of stream.
 _AVI = re.compile(rb"strh.{4}vids", re.DOTALL)
@@ -26,6 +27,7 @@ def count_streams(path: str | Path) -> int:
         path: The file; only headers are read.
     """
     try:
+        check_regular(path)
         with Path(path).open("rb") as file:
             head = file.read(12)
             end = file.seek(0, os.SEEK_END)

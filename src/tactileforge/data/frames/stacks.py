@@ -15,6 +15,7 @@ from tactileforge.data.frames.pictures import check_depth, page_pixels, pages, u
 from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
 from tactileforge.data.frames.video import VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.util.regular import check_regular
 from tactileforge.util.untrusted import MAX_PIXELS, open_picture
 
 if TYPE_CHECKING:
@@ -120,6 +121,7 @@ def load_array(path: str | Path) -> NDArray[Any]:
         DataError: The file is damaged, cut off, or holds objects of Python.
     """
     try:
+        check_regular(path)
         array: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     except FileNotFoundError:
         raise DataNotFoundError(f"{path}: no such file; correct the path") from None

@@ -12,6 +12,7 @@ from pathlib import Path
 from tactileforge.data import TAR_BLOCK, Blob
 from tactileforge.errors import DataError
 from tactileforge.plugins import check_pointer
+from tactileforge.reading import check_regular
 
 #: Starts of compressed files, and the programs that unpack them.
 _PACKED = {b"\x1f\x8b": "gunzip", b"BZh": "bunzip2", b"\xfd7zXZ": "unxz", b"(\xb5/\xfd": "unzstd"}
@@ -44,6 +45,7 @@ def read_members(path: Path) -> TarIndex:
         DataError: The file is compressed, no tar, empty, or cannot be read.
     """
     try:
+        check_regular(path)
         stat = path.stat()
         return _indexed(str(path), (stat.st_ino, stat.st_size, stat.st_mtime_ns))
     except OSError as error:
