@@ -47,7 +47,7 @@ SIZED = re.compile(r"init=(?!runs/)|recipe=touch|image_encoder=")
 
 
 def smaller(code: str) -> str:
-    """Shrink trainings of a few steps, and all that is simulated, to what other pages run on.
+    """Shrink trainings of a few steps, and simulated touch, to the sizes of other pages.
 
     Trainings of free size take 32 pixels. Touches are stored in the folder of all tests.
     """

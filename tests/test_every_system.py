@@ -53,7 +53,7 @@ print("all done")
 
 @pytest.fixture(scope="module")
 def first_hour(tmp_path_factory):
-    """What one process says of both, and its folder."""
+    """Answers of one process about both, and its folder."""
     folder = tmp_path_factory.mktemp("hour")
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT + IMPORTS + HOUR], cwd=folder, capture_output=True, text=True

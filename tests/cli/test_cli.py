@@ -96,7 +96,6 @@ def test_resume_of_nothing_says_what_to_give(
 @pytest.mark.parametrize(
     ("layout", "message"),
     [
-        (None, "layouts"),
         ("{images: '*.png', each: touch, sensor: digitt, background: none}", "'digit'"),
         ("{images: '*.png', each: touch, sensor: digit}", "background"),
         ("{images: '*.jpg', each: touch, sensor: digit, background: none}", "*.jpg"),
@@ -107,7 +106,7 @@ def test_resume_of_nothing_says_what_to_give(
     ],
 )
 def test_layouts_at_fault_are_named(
-    layout: str | None,
+    layout: str,
     message: str,
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
@@ -118,8 +117,7 @@ def test_layouts_at_fault_are_named(
 
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("a.png", np.zeros((32, 32, 3), np.uint8))
-    if layout:
-        Path("tactileforge.yaml").write_text(f"layouts: {{mine: {layout}}}\n")
+    Path("tactileforge.yaml").write_text(f"layouts: {{mine: {layout}}}\n")
     words = ["scale=demo", "debug=steps", "data=recordings", f"data.root={tmp_path}"]
     assert message in error_of(capsys, "train", *words, "objective=[pixel]")
 

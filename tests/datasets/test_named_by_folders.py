@@ -1,4 +1,4 @@
-"""Videos in a folder for each trial, and tables for all that name the folders: no key typed."""
+"""Videos in a folder for each trial, with tables of the folders' names: no key typed."""
 
 from pathlib import Path
 

@@ -353,7 +353,7 @@ def test_without_a_layout_the_error_shows_one_that_works(
     tmp_path: Path, make_video: MakeFile
 ) -> None:
     make_video("a.mp4.avi")
-    data = Recordings(str(tmp_path))
+    data = Recordings(str(tmp_path), guess=False)
     assert data.provides == frozenset()
     with pytest.raises(DataNotFoundError, match=r"tactileforge\.yaml: no such file") as caught:
         list(data.recordings("train"))

@@ -26,7 +26,7 @@ ENCODERS: dict[str, tuple[type[Backbone], dict[str, Any]]] = {
 
 
 def values(encoder: Backbone, both: bool) -> tuple[list[torch.Tensor], dict[str, torch.Tensor]]:
-    """What heads read of both views, and the gradients of the encoder's weights."""
+    """Readings of both views by heads, and the gradients of the encoder's weights."""
     torch.manual_seed(3)
     made = batch(4, frames=4, image=32) | {"sensor": ["digit", "gelsight"] * 2}
     torch.manual_seed(4)

@@ -124,9 +124,14 @@ class Recordings(Drawn):
             raise ConfigError(f"{self.root}: every layout is null; leave one in data.layouts")
         return kept
 
+    @property
+    def guessed(self) -> Mapping[str, Any]:
+        """The guessed options; {} where a layout is given, or no guess fits."""
+        found = self._guess
+        return {"layouts": found.options["layouts"]} if found else {}
+
     @cached_property
-    def guessed(self) -> Guess | None:
-        """The guess by which the data is read; None where a layout is given, or none fits."""
+    def _guess(self) -> Guess | None:
         has_own = self._given or _layout_file(self.root).is_file()
         return None if has_own or not self.guess else guess_layout(self.root)
 
@@ -142,13 +147,9 @@ class Recordings(Drawn):
     def notes(self) -> list[str]:
         """Doubts about the recordings read so far, one line per kind."""
         doubts = {name: of.doubt for name, of in self._split_up.items()}
-        lines = (
-            [f"guessed, to be checked: {doubt}" for doubt in self.guessed.doubts]
-            if self.guessed
-            else []
-        )
+        told = self._guess.doubts if self._guess else ()
         return [
-            *lines,
+            *(f"guessed, to be checked: {doubt}" for doubt in told),
             *self._noted.lines(),
             *(f"{name}: {one}" for name, one in doubts.items() if one),
         ]
@@ -344,11 +345,11 @@ def _layout_file(root: Path) -> Path:
     return path
 
 
-def _shipped(root: Path, guessed: Guess | None) -> dict[str, DatasetLayout]:
+def _shipped(root: Path, guessed: Mapping[str, Any]) -> dict[str, DatasetLayout]:
     """The layouts of the data's `LAYOUT_FILE`, by name, or the guessed ones."""
     path = _layout_file(root)
     if guessed:
-        return {layout.name: layout for layout in _parse_all(guessed.options["layouts"])}
+        return {layout.name: layout for layout in _parse_all(guessed["layouts"])}
     if not path.is_file():
         raise DataNotFoundError(
             f"{path}: no such file, and no layouts are given. Copy those that "
