@@ -8,7 +8,7 @@ import pytest
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.errors import DataNotFoundError
+from tactileforge.errors import DataError, DataNotFoundError
 
 TRIALS, COUNT = 5, 20
 OBJECTS = ["mug", "bolt", "key", "mug", "bolt"]
@@ -118,3 +118,31 @@ def test_a_folder_without_a_layout_is_read_by_the_guess_and_says_so(tmp_path: Pa
     data = Recordings(str(tmp_path))
     assert {one.sensor for one in data.recordings("train")} == {"digit"}
     assert not data.notes
+
+
+def test_numbers_stand_for_names_that_count(tmp_path: Path) -> None:
+    """Labels by number, and forces in arrays that are named as the videos are."""
+    (tmp_path / "forces").mkdir()
+    for trial in range(TRIALS):
+        video(tmp_path / f"videos/{trial:04d}.mp4", 30 + 20 * trial)
+        force = np.zeros((COUNT, 3))
+        force[:, 2] = trial + np.arange(COUNT) / 100
+        np.save(tmp_path / f"forces/{trial:04d}.npy", force)
+    rows = [f"{trial},{OBJECTS[trial]}" for trial in reversed(range(TRIALS))]
+    (tmp_path / "labels.csv").write_text("\n".join(["id,material", *rows]) + "\n")
+    found = read(tmp_path)
+    for trial in range(TRIALS):
+        one = found[f"videos/{trial:04d}.mp4"]
+        assert one.object == OBJECTS[trial]
+        check_forces(one, trial)
+
+
+def test_a_number_of_no_recording_is_an_error(tmp_path: Path) -> None:
+    for trial in range(TRIALS):
+        video(tmp_path / f"{trial:04d}.mp4", 30 + 20 * trial)
+    (tmp_path / "labels.csv").write_text("id,object\n0,mug\n7,key\n")
+    layout = {"videos": "*.mp4", "sensor": "digit", "background": "none"}
+    labels = {"labels": {"file": "labels.csv", "key": "id"}, "object": "{object}"}
+    data = Recordings(str(tmp_path), {"a": layout | labels})
+    with pytest.raises(DataError, match="'7' names no file"):
+        list(data.recordings("train"))

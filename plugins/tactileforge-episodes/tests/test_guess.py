@@ -642,3 +642,26 @@ def test_the_words_of_an_error_work_as_typed(tmp_path, capsys):
         out = tmp_path / "page.html"
         assert cli.run(["data", "inspect", *typed[:2], last, f"out={out}"]) == 0, last
         assert "3 recordings" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["object", "material", "object_name"])
+def test_the_object_of_an_attribute_and_one_of_few_is_held_out(name, tmp_path):
+    objects = ["mug", "bolt", "key"]
+    with h5py.File(tmp_path / "lab.h5", "w") as file:
+        for i, said in enumerate(objects):
+            group = file.create_group(f"trial_{i}")
+            group["tactile"] = pictures(12, 24, 32, 3, seed=i)
+            group.attrs[name] = said
+    sides = {split: read(tmp_path, split, val=0.01)[0] for split in ("train", "val")}
+    assert {split: len(found) for split, found in sides.items()} == {"train": 2, "val": 1}
+    whole = sides["train"] | sides["val"]
+    assert [one.object for _, one in sorted(whole.items())] == objects
+    assert len(read(tmp_path, "val", val=0)[0]) == 0
+
+
+def test_the_object_of_an_array_of_texts(tmp_path):
+    with h5py.File(tmp_path / "lab.h5", "w") as file:
+        file["tactile"] = pictures(12, 24, 32, 3)
+        file["object"] = "mug"
+    (one,) = read(tmp_path)[0].values()
+    assert one.object == "mug"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.reading.label_rows import ends_of
+from tactileforge.reading.order import ends_of
 from tactileforge.reading.records import RECORDS, conversion
 from tactileforge.reading.series import series_of
 from tactileforge.reading.table_families import (
@@ -287,9 +287,20 @@ def _pulls(family: Family, column: str) -> bool:
 def _force_columns(family: Family) -> list[str | None]:
     if not family.is_numbered:
         return [family.column(_FORCES[axis]) for axis in "xyz"]
-    if not _FORCE_STEM.fullmatch(family.files[0].stem.lower()):
+    if not _is_called(_FORCE_STEM, family):
         return [None] * 3
     return _numbered_forces(family)
+
+
+def _is_called(pattern: re.Pattern[str], family: Family) -> bool:
+    """Whether a table without names of columns says what it holds: by its name, or its folder's.
+
+    The folder counts where files are named by recordings (``forces/0001.npy``).
+    """
+    path = family.files[0]
+    own = pattern.fullmatch(path.stem.lower())
+    is_of_one = family.template.rpartition("/")[2] == f"{{stem}}{path.suffix}"
+    return bool(own or (is_of_one and pattern.fullmatch(path.parent.name.lower())))
 
 
 def _numbered_forces(family: Family) -> list[str | None]:

@@ -11,7 +11,8 @@ from posixpath import normpath
 
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.files import names_below
-from tactileforge.reading.label_rows import ends_of, is_absolute, moved_path
+from tactileforge.reading.label_rows import is_absolute, moved_path
+from tactileforge.reading.order import ends_of
 from tactileforge.reading.records import RECORDS
 from tactileforge.reading.tables import Row, read_cells
 

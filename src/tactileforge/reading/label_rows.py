@@ -15,9 +15,10 @@ from tactileforge.data.labels.missing import stated
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.reading.files import names_below
 from tactileforge.reading.layout import DatasetLayout
-from tactileforge.reading.order import name_prefix
+from tactileforge.reading.order import ends_of, name_prefix
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.templates import template_columns, template_parts
+from tactileforge.reading.trial_rows import recordings_of
 
 #: Largest number of names compared with an unknown one for a suggestion.
 _COMPARED = 2000
@@ -162,6 +163,14 @@ def match_labels(
         if found in mine:
             raise DataError(f"{row.where}: {found!r} has a row already ({mine[found].where})")
         mine[found] = replace(row, words={**row.words, **_names(found, layout)})
+    # numbers in place of names, as a table counts its trials
+    told = recordings_of([written for written, _ in missed], [*files]) if missed else {}
+    for written, row in missed:
+        for name in told.get(written, ()):
+            of_touch.setdefault(name, {})[name] = replace(
+                row, words={**row.words, **_names(name, layout)}
+            )
+    missed = [(written, row) for written, row in missed if written not in told]
     for name, (_, row) in of_folder.items():
         if (touch := images.get(name, name)) not in of_touch:
             of_touch[touch] = {name: replace(row, words={**row.words, **_names(name, layout)})}
@@ -336,17 +345,6 @@ def moved_path(path: str, names: Mapping[str, str], folder: Path) -> str | None:
     ends = (end.removeprefix(own) for end in ends_of(path) if "/" in end)
     found = (names[end] for end in ends if end in names)
     return next(found, None)
-
-
-def ends_of(path: str) -> list[str]:
-    """Ends of a path from each of its folders on, without the whole.
-
-    Example:
-        >>> ends_of("images/mug/0.png")
-        ['mug/0.png', '0.png']
-    """
-    parts = path.split("/")
-    return ["/".join(parts[i:]) for i in range(1, len(parts))] or [path]
 
 
 def _forward(path: str) -> str:

@@ -171,3 +171,14 @@ def order_doubt(paths: Sequence[Path]) -> str:
         f"two orders are possible: {paths[0].stem!r} is read first, but {other}; give order: "
         "'f{number}', with the text before the number that counts, or a column"
     )
+
+
+def ends_of(path: str) -> list[str]:
+    """Ends of a path from each of its folders on, without the whole.
+
+    Example:
+        >>> ends_of("images/mug/0.png")
+        ['mug/0.png', '0.png']
+    """
+    parts = path.split("/")
+    return ["/".join(parts[i:]) for i in range(1, len(parts))] or [path]

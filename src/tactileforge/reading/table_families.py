@@ -28,6 +28,8 @@ RECORDING = re.compile(
     r"(?:episode|trial|sequence|seq|recording|take|video|touch|clip|grasp|press)"
     r"(?:_?(?:id|index|idx|number|no|name))?"
 )
+#: Headers of numbers of rows.
+_ID = re.compile(r"id|idx|index|number|no|nr")
 #: Names of several sensors of one touch.
 SIDES = frozenset((*SIDE_WORDS, "up", "down", "first", "second", "a", "b"))
 
@@ -136,7 +138,7 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
             continue
         family.key = family.key or _key(family.rows, names)
         if not family.key and len(family.rows) > 1 and len(family.files) == 1:
-            family.key = _key(family.rows, folders, are_rows=True)
+            family.key = _key(family.rows, folders, are_rows=True) or _number(family.rows, units)
         if len(family.files) == 1 and family.key and "*" not in family.template:
             family.template = family.files[0].relative_to(units.root).as_posix()
         family.apart = _apart(family, units)
@@ -268,6 +270,21 @@ def _apart(family: Family, units: Units) -> str | None:
             and {*cells} <= told.keys()
         )
         if told and is_named and are_all and len(cells) > len({*cells}):
+            return title
+    return None
+
+
+def _number(rows: Cells, units: Units) -> str | None:
+    """Column with the number of another recording in each row; None without one."""
+    names = ["/".join(parts) for parts in units.files]
+    for title in rows[0]:
+        cells = [row[title] for row in rows]
+        is_named = RECORDING.fullmatch(title.strip().lower()) or _ID.fullmatch(title.lower())
+        if (
+            is_named
+            and len({*cells}) == len(cells)
+            and {*cells} <= recordings_of(cells, names).keys()
+        ):
             return title
     return None
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import PurePosixPath
 
-from tactileforge.reading.label_rows import ends_of
+from tactileforge.reading.order import ends_of
 from tactileforge.reading.series import SIDES
 
 _NUMBERED = re.compile(r".*?(\d+)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,7 +19,7 @@ from tactileforge.errors import (
     home_path,
     unknown,
 )
-from tactileforge.reading import add_once, as_texts, is_held_out
+from tactileforge.reading import add_once, as_texts, held_out_names, is_held_out
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 #: Files looked at for the labels of the data set, and for the signs of its forces.
 _FIRST = 16
+#: Most units of a set of which one is held out, however small its share.
+_SMALL = 30
 _LABELS = ("force", "action", "object", "text", "image")
 
 
@@ -254,14 +257,33 @@ class Episodes:
         return measure_signs(self.root, self.keys, said, _FIRST, self._notes)
 
     def _split(self, file: EpisodeFile, number: int) -> str:
-        from tactileforge_episodes.names import fill, placeholders
+        from tactileforge_episodes.names import placeholders
 
         template = self.keys.hold_out if self.hold_out is None else self.hold_out
         check_names("placeholder of data.hold_out", placeholders(template), file.values)
         if file.split is not None and self.hold_out is None:
             return file.split
-        unit = fill(template, file.values) if template else file.key(number)
-        return "val" if is_held_out(unit, self.val) else "train"
+        unit = self._unit(file, number)
+        return "val" if unit in self._held or is_held_out(unit, self.val) else "train"
+
+    def _unit(self, file: EpisodeFile, number: int) -> str:
+        from tactileforge_episodes.names import fill
+
+        template = self.keys.hold_out if self.hold_out is None else self.hold_out
+        return fill(template, file.values) if template else file.key(number)
+
+    @cached_property
+    def _held(self) -> frozenset[str]:
+        """Held-out units of a set of a few, at least one of three; empty for larger sets."""
+        units: set[str] = set()
+        for file in self._files(None):
+            if file.split is not None and self.hold_out is None:
+                return frozenset()
+            with suppress(DataError):  # `recordings` names it
+                units |= {self._unit(file, number) for number in range(len(file.episodes))}
+            if len(units) > _SMALL:
+                return frozenset()
+        return held_out_names(units, self.val)
 
     @property
     def held_out(self) -> list[str]:

@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,19 @@ _BODY = _ROBOT - {"cmd", "command", "action"} | {"hand", "pose", "robot0"}
 _NO_STATES = {"vel", "velocity", "qvel", "effort", "acc", "object", "sim", "next"} | _ACTIONS
 #: Words of what a planner or generator of demonstrations aims at.
 _NO_STATES |= {"datagen", "target", "goal", "desired", "planned"}
-_TEXTS = {"instruction", "instructions", "language", "lang", "text", "caption", "prompt"}
+#: Words of arrays of texts, and attributes of groups, by what they say of an episode.
+_WORDS = (
+    (
+        "text",
+        {"instruction", "instructions", "language", "lang", "text", "caption", "prompt"},
+        ("language_instruction", "instruction", "caption", "prompt", "text"),
+    ),
+    (
+        "object",
+        {"object", "class", "label", "material", "item"},
+        ("object", "object_name", "label", "class", "material", "item"),
+    ),
+)
 #: Words of a finger, and their short forms.
 _SIDES = {"l": "left", "r": "right", "lf": "left", "rf": "right"} | {
     word: word for word in ("left", "right", "thumb", "index", "middle", "ring", "pinky", "little")
@@ -438,18 +451,35 @@ class MapGuess:
         return found
 
     def _text(self) -> dict[str, Any]:
+        """Keys of the caption and of the object."""
+        found = {}
+        for what, words, attributes in _WORDS:
+            if read := self._said(words, attributes):
+                found[what] = read
+        if "object" in found:
+            self.doubts.append(f"object: {found['object'].get('attr') or found['object']['array']}")
+        return found if "text" in found else found | self._problem()
+
+    def _said(self, words: AbstractSet[str], attributes: Sequence[str]) -> dict[str, Any]:
+        """Where a text of an episode is read: an array of texts, or an attribute; {} for none."""
         for key, look in self.looks.items():
             is_text = look.facts.dtype.kind in "SUO" and key not in self.pictures
-            if is_text and look.has(_TEXTS) and look.facts.shape in ((), (1,), (self.rows,)):
+            if is_text and look.has(words) and look.facts.shape in ((), (1,), (self.rows,)):
                 self._used.add(key)
-                return {"text": {"array": f"{key}?"}}
-        top = self._group.split("/")[0]
-        for key in dict.fromkeys((self._group, top, "", "data")):
-            for name in ("language_instruction", "instruction", "caption", "prompt", "text"):
+                return {"array": f"{key}?"}
+        for key in self._groups():
+            for name in attributes:
                 if isinstance(self._attribute(key, name), str):
-                    return {
-                        "text": {"array": "" if key == self._group else f"/{key}", "attr": name}
-                    }
+                    return {"array": "" if key == self._group else f"/{key}", "attr": name}
+        return {}
+
+    def _groups(self) -> Iterable[str]:
+        """Groups that may have attributes of an episode or of all."""
+        return dict.fromkeys((self._group, self._group.split("/")[0], "", "data"))
+
+    def _problem(self) -> dict[str, Any]:
+        """Keys of the caption in the JSON of a simulator's problem; {} for none."""
+        for key in self._groups():
             try:
                 about = load_json(str(self._attribute(key, "problem_info") or "{}"))
             except ValueError:
