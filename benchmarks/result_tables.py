@@ -8,11 +8,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import TextWrapper
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"
 END = "<!-- end -->"
+#: Items in lines as those of the pages are.
+_FILLED = TextWrapper(110, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 #: Exponent at the large end, and growth of memory from the smallest to the largest size, MB, above
 #: which a row has a note.
 LINEAR, GROWS = 1.1, 10.0
@@ -59,7 +62,8 @@ def growth_table(result: Mapping[str, Any]) -> str:
         for row in result["rows"]
         if (note := NOTES.get((row["grows"], row["verb"])))
     ]
-    return "\n".join([*lines, *([""] if notes else []), *notes]) + "\n"
+    filled = [line for note in notes for line in _FILLED.wrap(note)]
+    return "\n".join([*lines, *([""] if notes else []), *filled]) + "\n"
 
 
 def instead_table(found: Mapping[str, Any]) -> str:

@@ -25,6 +25,4 @@ def test_no_reader_fails_in_another_way_than_by_name() -> None:
     found = json.loads((result_tables.RESULTS / "reader_instead.json").read_text("utf-8"))
     assert len(found) > 60
     for name, row in found.items():
-        if name == "image_tables":  # measured before its mend, which has a test of its own
-            continue
         assert (row["traceback"], row["hang"], row["memory"]) == (0, 0, 0), name
