@@ -114,7 +114,7 @@ def train(*overrides: Any, folder: str | PathLike[str] | None = None, **keys: An
         KeyboardInterrupt: The run was stopped and saved.
     """
     from tactileforge.api import train as trained
-    from tactileforge.cli._compose import composed, finish, plain
+    from tactileforge.cli._compose import compose, composed, finish, plain
     from tactileforge.cli._slips import told
     from tactileforge.cli.train import resumed
 
@@ -125,6 +125,8 @@ def train(*overrides: Any, folder: str | PathLike[str] | None = None, **keys: An
             plain(overrides[0]) if isinstance(overrides[0], DictConfig) else dict(overrides[0])
         )
         recipe = "anytouch2"
+        if "seed" not in config:  # of plain Hydra
+            config = plain(compose(config))
         if config.get("resume") and config.get("run") is None:
             raise ConfigError(
                 "a run goes on with its own configuration, not a composed one: "

@@ -11,7 +11,7 @@ from tactileforge.cli._command import Command
 from tactileforge.cli._moved_data import put_in, taken_out
 from tactileforge.cli._quote import quoted, unquoted
 from tactileforge.errors import ConfigError, command
-from tactileforge.plugins.local import is_local
+from tactileforge.plugins.local import check_given, names_in
 from tactileforge.training.run_length import LENGTHS, MACHINE
 
 
@@ -78,6 +78,7 @@ def resumed(config: dict[str, Any], typed: Sequence[str]) -> dict[str, Any]:
         typed: ``key=value`` words of the user.
     """
     run = _of_run(config["resume"])
+    check_given(run, str(config["resume"]))
     put_in(run, _moved)
     given = {word.lstrip("+").partition("=")[0] for word in typed}
     for path in given.intersection(_ANEW):
@@ -88,16 +89,7 @@ def resumed(config: dict[str, Any], typed: Sequence[str]) -> dict[str, Any]:
 
 def _onward(config: dict[str, Any], folder: Path) -> str:
     """Command that resumes a run, with the user's own classes in it."""
-    return command("train", f"resume={folder}", *(f"code={n}" for n in _own_names(config)))
-
-
-def _own_names(node: Any) -> list[str]:
-    """Names of the user's own classes in a configuration: resuming has to type them again."""
-    if not isinstance(node, dict):
-        return []
-    inner = [name for value in node.values() for name in _own_names(value)]
-    own = [node[key] for key in ("name", "schedule", "curve") if is_local(node.get(key))]
-    return list(dict.fromkeys([*own, *inner]))
+    return command("train", f"resume={folder}", *(f"code={n}" for n in names_in(config)))
 
 
 def _check_encoder(init: str) -> None:

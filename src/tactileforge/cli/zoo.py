@@ -207,6 +207,13 @@ def _pack(keys: _Pack, _: dict[str, Any]) -> None:
     path = pack_run(Path(given.pop("run").removeprefix("run:")), **given)
     print(f"{path}: {path.stat().st_size / 1e6:.1f} MB, sha256 {sha256(path)}")
     print(f"load it: tactileforge.load({json.dumps(f'file:{path}', ensure_ascii=False)})")
+    header = read_header(path)
+    chosen = [key for key in header.recipe.get("head", {}) if key in header.recipe["objective"]]
+    if left := sorted({*chosen} - header.heads.keys()):
+        print(
+            f"not in the file: head {', '.join(left)}, which no function of a model reads; the run "
+            "keeps it, for resume= and init="
+        )
 
 
 def _packed(keys: _Pack) -> Path | str | None:

@@ -8,9 +8,10 @@ nothing and knows what was typed or given in this process.
 from __future__ import annotations
 
 import re
+import shlex
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from hashlib import sha256
 from importlib import import_module
@@ -112,6 +113,44 @@ def find(name: str) -> Any:
     if len(same) != 1:
         raise KeyError(name)
     return next(iter(same.values()))
+
+
+def names_in(node: Any) -> list[str]:
+    """Names of the user's own classes and functions in a configuration, each once."""
+    if not isinstance(node, Mapping):
+        return []
+    inner = [name for value in node.values() for name in names_in(value)]
+    own = [node[key] for key in ("name", "schedule", "curve") if is_local(node.get(key))]
+    return list(dict.fromkeys([*own, *inner]))
+
+
+def check_given(config: Mapping[str, Any], what: str) -> None:
+    """Checks that all of the user's own that a file's configuration names was typed or given.
+
+    Args:
+        config: The configuration.
+        what: The file or run, for the error.
+
+    Raises:
+        PluginError: Something was not; names all that is missing, as words to type.
+    """
+    missing = [name for name in names_in(config) if not _is_given(name)]
+    if missing:
+        listed = ",".join(missing)
+        word = shlex.quote(f"code=[{listed}]" if len(missing) > 1 else f"code={listed}")
+        raise PluginError(
+            f"{what} was made with {' and '.join(missing)}, of somebody's own, and what a file "
+            f"names is never imported: give it, {word} on the command line if it is yours, or in "
+            "Python tactileforge.register or classes="
+        )
+
+
+def _is_given(name: str) -> bool:
+    try:
+        find(name)
+    except KeyError:
+        return False
+    return True
 
 
 def _given() -> Iterator[tuple[str, Any]]:

@@ -340,7 +340,7 @@ def _given(kind: str, name: str) -> Any:
         pass
     own = name.rpartition(":")[2]
     raise PluginError(
-        f"{what} {name!r} is a class of somebody's own, and what a file names is never imported: "
+        f"{what} {name!r} is of somebody's own, and what a file names is never imported: "
         f"give it, code={name} on the command line if it is yours, or in Python "
         f"classes={{{name!r}: {own}}}"
     )

@@ -114,6 +114,8 @@ def check_finished(config: Mapping[str, Any]) -> None:
 
 #: What training reads of an encoder, of `contracts.Encoder`.
 _ENCODER = ("frames", "image_size", "sensors", "width", "projected", "views")
+#: Types of numbers of an encoder that heads read.
+_TYPES = {key: int for key in ("frames", "width", "tube", "prefix")}
 
 
 def check_encoder(encoder: Any, name: str) -> None:
@@ -127,7 +129,16 @@ def check_encoder(encoder: Any, name: str) -> None:
         raise ConfigError(f"encoder={name} encodes {modality}, not touch")
     if missing := [key for key in _ENCODER if not hasattr(encoder, key)]:
         raise ConfigError(
-            f"encoder={name} has no {', no '.join(missing)}: see Encoder of tactileforge.contracts"
+            f"encoder={name} has no {', no '.join(missing)}: derive it from Backbone of "
+            "tactileforge.encoders, or from ConvBackbone for a network of maps, which have these "
+            "(docs/plugins/encoder.md; tactileforge plugins new encoder NAME)"
+        )
+    wrong = [key for key, kind in _TYPES.items() if not isinstance(getattr(encoder, key, 0), kind)]
+    if wrong:
+        found = type(getattr(encoder, wrong[0])).__name__
+        raise ConfigError(
+            f"encoder={name}: {wrong[0]} is of type {found}, and a name that the framework reads "
+            f"({', '.join(_TYPES)}): call yours something else"
         )
 
 
