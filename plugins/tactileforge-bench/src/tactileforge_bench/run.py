@@ -254,7 +254,7 @@ class Bench:
             ],
             "seeds": self.options.seeds,
             "selection": self.options.selection,
-            "predictions": 3,  # with probabilities and pictures; groups are weighed by shrinkage
+            "predictions": 2,  # with probabilities and pictures of what is wrong
         }
         if not choice.kind.fitted:
             # only zero-shot probes read the heads: for others, new heads change no cell

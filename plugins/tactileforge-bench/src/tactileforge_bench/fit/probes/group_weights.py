@@ -14,11 +14,6 @@ from tactileforge_bench.fit.probes.ridge_regression import standardise
 
 #: Steps along each edge of the simplex of weights.
 STEPS = 4
-#: Standard errors below which a lead of the joined groups is taken for chance, see
-#: `shrunk_weights`.
-CHANCE = 1.25
-#: Folds at most over which that lead is measured.
-_FOLDS = 10
 
 
 class Kernels(NamedTuple):
@@ -75,51 +70,3 @@ def weight_grid(groups: int) -> list[tuple[float, ...]]:
     """
     steps = product(range(STEPS + 1), repeat=groups)
     return [tuple(count / STEPS for count in row) for row in steps if sum(row) == STEPS]
-
-
-def shrunk_weights(errors: Tensor, grid: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
-    """Weights of the groups, as far from the first group alone as what they win is no chance.
-
-    The weights of `level_weights` are drawn toward the first group by the share
-    ``(CHANCE * standard error / lead)**2`` of the lead that they have over it, and reach it where
-    that is 1 or there is no lead. The lead is over units that had no say in these weights: they
-    are chosen anew without each fold of units, since the best of many candidates looks better than
-    it is where it was chosen. So groups that do not help cost next to nothing.
-    Source: shrinkage by the positive part, James and Stein (1961) and Baranchik (1964); the rule
-    and its size were chosen on suite=real (docs/reports/findings.md).
-
-    Args:
-        errors: float64 (candidates, units), errors on each unit that is left out.
-        grid: Candidate weights, with the first group alone.
-    """
-    units = errors.shape[1]
-    alone = (1.0, *[0.0] * (len(grid[0]) - 1))
-    lead = errors[grid.index(alone)].clone()
-    for fold in range(min(units, _FOLDS)):
-        out = torch.arange(units) % _FOLDS == fold
-        lead[out] -= errors[level_weights(errors[:, ~out], grid), out]
-    total, chance = float(lead.sum()), CHANCE * float(lead.std(correction=1)) * units**0.5
-    if not total > chance:
-        return alone
-    share = (chance / total) ** 2
-    joined = grid[level_weights(errors, grid)]
-    return tuple(share * a + (1 - share) * b for a, b in zip(alone, joined, strict=True))
-
-
-def level_weights(errors: Tensor, grid: Sequence[tuple[float, ...]]) -> int:
-    """Place of the candidate with most of the first group that is level with the best one.
-
-    Level is within one standard error of the paired difference over the units; of several the
-    best is taken. Of a single unit there is no such error, and the best candidate is taken.
-    Source: the rule of one standard error, Breiman, Friedman, Olshen and Stone (1984), chapter 3.
-
-    Args:
-        errors: float64 (candidates, units), see `shrunk_weights`.
-        grid: Candidate weights.
-    """
-    totals = errors.sum(1)
-    behind = errors - errors[totals.argmin()]
-    units = errors.shape[1]
-    chance = behind.std(1, correction=1) * units**0.5 if units > 1 else torch.zeros_like(totals)
-    level = [place for place, far in enumerate((behind.sum(1) <= chance).tolist()) if far]
-    return max(level, key=lambda place: (grid[place][0], -float(totals[place])))

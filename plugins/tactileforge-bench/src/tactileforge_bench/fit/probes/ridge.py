@@ -11,12 +11,7 @@ from torch.nn import functional as F
 
 from tactileforge_bench.fit.probes import ridge_regression
 from tactileforge_bench.fit.probes.base import Probe, Values, class_scores
-from tactileforge_bench.fit.probes.group_weights import (
-    Kernels,
-    group_kernels,
-    shrunk_weights,
-    weight_grid,
-)
+from tactileforge_bench.fit.probes.group_weights import Kernels, group_kernels, weight_grid
 from tactileforge_bench.tasks.targets import TargetPart
 
 
@@ -28,9 +23,9 @@ class Ridge(Probe):
     accuracy. Classes are regressed on as columns that are 1 / share where they are meant and 0
     elsewhere, so that each class counts the same; the largest wins.
 
-    Of features in several groups (the reading ``groups``) the kernels are added, with weights
-    chosen by the same predictions: see `choose_weights`. A group that a task does not need can
-    have weight 0; equal weights are no default.
+    Of features in several groups (the reading ``groups``) the kernels are added, with weights on a
+    grid of the simplex, chosen by the same predictions: see `choose_weights`. A group that a task
+    does not need can have weight 0; equal weights are no default.
     Source: a sum of kernels, as in Bach, Lanckriet and Jordan (2004), its weights by
     cross-validation.
 
@@ -97,10 +92,18 @@ class Ridge(Probe):
 def choose_weights(
     part: TargetPart, kernels: Kernels, truth: Tensor, groups: Sequence[Tensor]
 ) -> tuple[float, ...]:
-    """Weights of the groups of features by leave-group-out predictions; see `shrunk_weights`.
+    """Weights of the groups of features by leave-group-out predictions.
 
-    The compared error is the sum, over the columns of the regression, of the squared error in
+    Of the weights that predict as well as the best ones, within one standard error of the
+    difference, those with the most of the first group (what a model was trained for); of several
+    the ones that predict best. Features that only say more on the training side, such as the light
+    of its sensor, so need a lead that is no chance. Which rule was chosen on suite=real
+    (docs/reports/gate.md, groups of features).
+
+    The compared value is the sum, over the columns of the regression, of the squared error in
     shares of the variance, each at its best penalty; of classes all columns have one penalty.
+    Source: the rule of one standard error, Breiman, Friedman, Olshen and Stone (1984), chapter 3;
+    here of paired differences over what is left out together.
 
     Args:
         part: Part of the target.
@@ -122,7 +125,12 @@ def choose_weights(
         best = squares.mean(1).argmin(0)
         own = squares[best, :, torch.arange(len(best))].sum(0)
         rows.append(torch.stack([own[places].sum() for places in groups]))
-    return shrunk_weights(torch.stack(rows), grid)
+    errors = torch.stack(rows)
+    totals = errors.sum(1)
+    behind = errors - errors[totals.argmin()]
+    chance = behind.std(1, correction=1) * len(groups) ** 0.5
+    level = [place for place, far in enumerate((behind.sum(1) <= chance).tolist()) if far]
+    return grid[max(level, key=lambda place: (grid[place][0], -float(totals[place])))]
 
 
 def places_of(groups: Sequence[str]) -> list[Tensor]:
