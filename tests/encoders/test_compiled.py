@@ -79,7 +79,7 @@ def test_a_compiled_step_is_the_same_step() -> None:
             error = (grads[name].grad - parameter.grad).abs().max()
             assert error <= GRADIENT * parameter.grad.abs().max() + 1e-7, name
     graphs = counters["stats"]["unique_graphs"]
-    assert graphs > 3  # a block of the encoder, and two kinds of the decoder
+    assert graphs >= 3  # a block of the encoder, and two kinds of the decoder
     with torch.no_grad():
         compiled.eval().losses(batch, dict.fromkeys(compiled.objectives, 1.0))
     assert counters["stats"]["unique_graphs"] > graphs  # kernels without gradients

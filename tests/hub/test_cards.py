@@ -112,7 +112,7 @@ WEIGHT: dict[str, Any] = {
     ("changed", "message"),
     [
         ({"licens": "MIT"}, "did you mean 'licence'"),
-        ({"licence": "mit"}, "card thing: licence: 'mit' is no SPDX .* did you mean 'MIT'"),
+        ({"licence": "mit"}, "card thing: licence: 'mit' is not an SPDX .* did you mean 'MIT'"),
         ({"weights": [WEIGHT | {"licence": "Apache"}]}, "weights 'base': licence: 'Apache' is no"),
         ({"title": 3}, "title is 3, which is not of type str"),
         ({"sensors": ["digit", 1]}, r"sensors is \['digit', 1\]"),

@@ -786,7 +786,7 @@ def test_a_mixture_tells_own_forces_from_simulated_ones() -> None:
 
 
 def test_the_last_lines_say_the_result() -> None:
-    found = SimpleNamespace(forces=[force_of_sources()], explained={"frames": 0.52})
+    found = SimpleNamespace(forces=[force_of_sources()], explained={"frames": 0.52}, classes=[])
     first, *_, last = result_lines(found, {}, {"force": 1.0})
     assert re.match(
         r"Force error on 40 validation clips: x 0\.40, y 0\.40, z 0\.40 N; always guessing the "

@@ -227,7 +227,9 @@ class Plain(torch.nn.Module):
 def test_a_network_that_is_no_encoder_says_what_it_lacks(tmp_path):
     own = [word for word in WORDS if not word.startswith("encoder.")]
     config = compose("anytouch2", [*own, f"encoder={__name__}:Plain"])
-    with pytest.raises(ConfigError, match=r"Plain has no frames, no image_size, .*: see Encoder"):
+    with pytest.raises(
+        ConfigError, match=r"Plain has no frames, no image_size, .*: derive it from Backbone"
+    ):
         api.train(config, tmp_path)
 
 

@@ -201,8 +201,8 @@ class Doubts:
         if "object" in labels and self._alike is not None:
             one, other = self._alike
             out.append(
-                f"{CODES['spelled_alike']} objects {one!r} and {other!r} differ in their spelling "
-                "alone, and count as two: spell them alike, if they are one"
+                f"{CODES['spelled_alike']} objects {one!r} and {other!r} differ only in their "
+                "spelling, and count as two: spell them alike, if they are one"
             )
         for label, names in self._objects.items():
             if label in labels and len(names) == 1 and self._named[label] > 1:

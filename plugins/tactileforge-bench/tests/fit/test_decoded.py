@@ -93,9 +93,9 @@ def test_the_next_encoder_decodes_nothing(tmp_path: Path) -> None:
     of, store = source(), FeatureStore(tmp_path / "features", workers=0, batch=4)
     places = np.arange(len(of))
     hog = extract_features(store, baseline_encoder("hog"), of, places, ["pooled"])["pooled", PLAIN]
-    of.fingerprint  # noqa: B018  # reads a picture of each recording, once
+    seen = of._read_once  # a picture of each recording, once
     broken = TaskSource(of.recordings, of.sides, of.clip)
-    broken.__dict__["fingerprint"] = of.fingerprint
+    broken.__dict__["_read_once"] = seen
     for batch in broken.recordings:
         object.__setattr__(batch, "frames", Broken())
     statistics = extract_features(store, baseline_encoder("statistics"), broken, places, ["pooled"])
