@@ -102,7 +102,8 @@ def train(*overrides: Any, folder: str | PathLike[str] | None = None, **keys: An
 
     Args:
         overrides: ``key=value`` words as on the command line; or one finished configuration: of
-            `tactileforge.compose`, or a run's own with ``resume`` set to its folder.
+            `tactileforge.compose`, one of an application of yours with Hydra, which is completed as
+            there, or a run's own with ``resume`` set to its folder.
         folder: Folder of the run; None for ``runs/RECIPE/TIME``.
         keys: The same as keywords. A mapping holds keys of a group (``optim={"lr": 1e-3}``), with
             ``name`` the option of the group as well; a list chooses several; a class of yours is
@@ -114,7 +115,7 @@ def train(*overrides: Any, folder: str | PathLike[str] | None = None, **keys: An
         KeyboardInterrupt: The run was stopped and saved.
     """
     from tactileforge.api import train as trained
-    from tactileforge.cli._compose import compose, composed, finish, plain
+    from tactileforge.cli._compose import complete, composed, finish, plain
     from tactileforge.cli._slips import told
     from tactileforge.cli.train import resumed
 
@@ -125,8 +126,7 @@ def train(*overrides: Any, folder: str | PathLike[str] | None = None, **keys: An
             plain(overrides[0]) if isinstance(overrides[0], DictConfig) else dict(overrides[0])
         )
         recipe = "anytouch2"
-        if "seed" not in config:  # of plain Hydra
-            config = plain(compose(config))
+        config = config if config.get("resume") else complete(config)
         if config.get("resume") and config.get("run") is None:
             raise ConfigError(
                 "a run goes on with its own configuration, not a composed one: "

@@ -76,6 +76,9 @@ def test_a_configuration_of_plain_hydra_is_completed(conf, tmp_path):
     assert config.mine == 1, "that of the application is as it was"
     own = tactileforge.compose("anytouch2", words[2:])
     assert {key: value for key, value in tactileforge.compose(train).items() if key in own} == own
+    from tactileforge.training.parts import is_finished
+
+    assert (is_finished(config), is_finished(done)) == (False, True), "train completes it too"
     with pytest.raises(ConfigError, match=r"seed=2: a configuration is given"):
         tactileforge.compose(config, ["seed=2"])
 

@@ -109,3 +109,16 @@ def test_find_imports_nothing(here: Path) -> None:
     local.keep("other:Tiny", object)
     with pytest.raises(KeyError):  # two classes of that name: neither is taken
         local.find("elsewhere/own_net.py:Tiny")
+
+
+def test_all_that_is_missing_is_named_at_once():
+    config = {
+        "encoder": {"name": "pixel"},
+        "optim": {"name": "./absent.py:Mine", "schedule": "absent_too:rate"},
+        "objective": {"mine": {"name": "absent_three:Loss"}},
+    }
+    with pytest.raises(PluginError) as error:
+        local.check_given(config, "runs/a")
+    listed = "'code=[./absent.py:Mine,absent_too:rate,absent_three:Loss]'"
+    assert listed in str(error.value)
+    local.check_given({"encoder": {"name": "pixel"}}, "runs/a")

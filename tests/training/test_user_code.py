@@ -11,6 +11,8 @@ from lightning.pytorch.callbacks import Callback
 from omegaconf import OmegaConf
 
 from tactileforge import api, compose
+from tactileforge.encoders import ConvBackbone
+from tactileforge.encoders.tactile_cnn import DIFFERENCE
 from tactileforge.errors import ConfigError, PluginError, TactileForgeError
 from tactileforge.objectives import Pixel
 from tactileforge.pages.curves import read_metrics
@@ -19,6 +21,7 @@ from tactileforge.runs.checkpoint_file import read_checkpoint
 from tactileforge.runs.folder import LAST
 from tactileforge.training import TouchModule, build_data, callbacks, schedules
 from tactileforge.training.optim import build_optimizer, parse_optim
+from tactileforge.training.parts import check_encoder
 from tactileforge.training.trainer import check_options, is_time_over
 from tactileforge.verbs import words
 
@@ -231,6 +234,24 @@ def test_a_network_that_is_no_encoder_says_what_it_lacks(tmp_path):
         ConfigError, match=r"Plain has no frames, no image_size, .*: derive it from Backbone"
     ):
         api.train(config, tmp_path)
+
+
+class Taken(ConvBackbone):
+    def __init__(self, frames=2, image_size=32, sensors=None, mask_ratio=0.75, spacing=0.1):
+        super().__init__(8, frames, image_size, 8, sensors, mask_ratio, spacing, DIFFERENCE)
+        self.projected, self.project = 8, torch.nn.Linear(8, 8)
+        self.tube = torch.nn.Linear(2, 2)
+
+    def map(self, pictures):
+        return pictures.mean(1, keepdim=True).expand(-1, 8, -1, -1)[..., ::8, ::8]
+
+
+def test_a_name_that_the_framework_reads_is_not_free():
+    encoder = Taken()
+    with pytest.raises(ConfigError, match="tube is of type Linear, and a name that"):
+        check_encoder(encoder, "mine:Taken")
+    encoder.tube = 1
+    check_encoder(encoder, "mine:Taken")
 
 
 @pytest.mark.slow

@@ -248,6 +248,13 @@ def compose(
     return config
 
 
+def complete(config: dict[str, Any]) -> dict[str, Any]:
+    """A finished configuration as it is; one of another application with Hydra as of `compose`."""
+    from tactileforge.training.parts import is_finished
+
+    return config if is_finished(config) else plain(compose(config))
+
+
 def _completed(config: Mapping[str, Any] | DictConfig) -> DictConfig:
     """A configuration of another application, with the defaults of training, and without others."""
     given = config if isinstance(config, DictConfig) else OmegaConf.create(dict(config))

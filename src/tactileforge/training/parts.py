@@ -98,6 +98,15 @@ def plain(config: Mapping[str, Any]) -> dict[str, Any]:
 _BLOCKS = ("encoder", "head", "objective", "data", "batch", "trainer")
 
 
+def is_finished(config: Mapping[str, Any]) -> bool:
+    """Whether a configuration has all that a run is built of."""
+    try:
+        check_finished(config)
+    except ConfigError:
+        return False
+    return "seed" in config
+
+
 def check_finished(config: Mapping[str, Any]) -> None:
     """Raises a ConfigError about an unfinished configuration; says the fix."""
     lacks = [key for key in _BLOCKS if not isinstance(config.get(key), Mapping)]
