@@ -250,6 +250,7 @@ def test_a_name_that_the_framework_reads_is_not_free():
     encoder = Taken()
     with pytest.raises(ConfigError, match="tube is of type Linear, and a name that"):
         check_encoder(encoder, "mine:Taken")
+    del encoder.tube
     encoder.tube = 1
     check_encoder(encoder, "mine:Taken")
 
