@@ -24,6 +24,7 @@ def attach(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]],
         ``__getattr__``, ``__dir__`` and ``__all__`` of the package.
 
     Example:
+        >>> import tactileforge.packing
         >>> _, _, names = attach("tactileforge.packing")
         >>> names
         ['Filter', 'PackOptions', 'pack', 'summary']
