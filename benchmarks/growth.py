@@ -1,4 +1,4 @@
-"""How cost grows with work: CPU time and memory of five verbs against what there is more of.
+"""Growth of cost: CPU time and memory of five verbs against the amount of work.
 
 Each measurement is a process of its own, forked from this one once all has been imported and each
 verb has run on a small set, so that starting Python is not counted. CPU time is that of the process
@@ -109,7 +109,7 @@ def write_classes(root: Path, images: int = 8, classes: int = 4) -> Path:
 
 
 def aged(root: Path) -> Path:
-    """Files as if written long ago: caches keep nothing about a file that has just changed."""
+    """Dates files back, since caches keep nothing about recently changed ones."""
     for path in root.rglob("*"):
         os.utime(path, (10**9, 10**9))
     return root
@@ -189,7 +189,7 @@ def sim(
 
 @dataclass
 class Row:
-    """A verb against one thing that there is more of.
+    """A verb against the amount of one thing.
 
     Attributes:
         axis: What there is more of.
@@ -324,7 +324,7 @@ ROWS_OF_TABLE = [
 
 
 def cpu_s() -> float:
-    """CPU time of this process and of those that it has started and that have ended, s."""
+    """CPU time of this process and its ended children, s."""
     own, others = map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return own.ru_utime + own.ru_stime + others.ru_utime + others.ru_stime
 
@@ -448,7 +448,7 @@ def main() -> None:
 
 
 def keep(path: Path, rows: Mapping[tuple[str, str], dict[str, Any]]) -> None:
-    """Writes the rows that are measured, in the order of the table."""
+    """Writes the measured rows, in the order of the table."""
     order = [rows[row.axis, row.verb] for row in ROWS_OF_TABLE if (row.axis, row.verb) in rows]
     what = "CPU s and MB of a process against what there is more of; slopes are exponents"
     write(path, {"what": what, "rows": order})

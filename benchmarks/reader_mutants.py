@@ -651,7 +651,7 @@ def instead(name: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
 
 
 def _is_read(kind: Kind, path: Path, whole: dict[str, Any]) -> bool:
-    """Whether a folder is read otherwise where a file of it is empty."""
+    """Whether an empty file changes the reading of a folder."""
     good = path.parent
     raw = path.read_bytes()
     while good.name != "good":
@@ -664,7 +664,7 @@ def _is_read(kind: Kind, path: Path, whole: dict[str, Any]) -> bool:
 
 
 def _good(kind: Kind, name: str, held: Path) -> tuple[Path, dict[str, Any]]:
-    """A whole folder of a format, and what is read of it."""
+    """A whole folder of a format, and its readings."""
     good = held / "good"
     good.mkdir()
     try:
@@ -813,7 +813,7 @@ def main() -> None:
 
 
 def _ending(how: str) -> str:
-    """Ending of a file, or its name where it has none, of the text of a mutant."""
+    """Ending, or name without one, of a file in the text of a mutant."""
     path = Path(how.partition(": ")[0])
     return path.suffix or path.name
 

@@ -42,7 +42,7 @@ def needs_note(row: Mapping[str, Any]) -> bool:
 
 
 def growth_table(result: Mapping[str, Any]) -> str:
-    """Cost against what there is more of, with the notes of the rows that have one."""
+    """Cost against the amount of work, with notes on rows."""
     lines = [
         "| more | verb | sizes | CPU s | slope, at the large end | memory, MB |",
         "|---|---|---|---|---|---|",
@@ -67,7 +67,7 @@ def growth_table(result: Mapping[str, Any]) -> str:
 
 
 def instead_table(found: Mapping[str, Any]) -> str:
-    """What became of a set in which a file was replaced, by reader."""
+    """Outcomes for sets with a replaced file, by reader."""
     lines = [
         "| reader of | files replaced | times | said | same | silent | traceback, hang, 500 MB |",
         "|---|---|---|---|---|---|---|",

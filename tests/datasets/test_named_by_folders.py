@@ -121,7 +121,7 @@ def test_a_folder_without_a_layout_is_read_by_the_guess_and_says_so(tmp_path: Pa
 
 
 def test_numbers_stand_for_names_that_count(tmp_path: Path) -> None:
-    """Labels by number, and forces in arrays that are named as the videos are."""
+    """Labels by number, and forces in arrays with the names of the videos."""
     (tmp_path / "forces").mkdir()
     for trial in range(TRIALS):
         video(tmp_path / f"videos/{trial:04d}.mp4", 30 + 20 * trial)

@@ -80,7 +80,7 @@ def _undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.fixture(autouse=True, scope="session")
 def _untraced() -> Iterator[None]:
-    """Graphs are traced without the line of code of each node, a fifth of the time."""
+    """Graphs are traced without a line of code per node, in a fifth of the time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(torch.fx.config, "do_not_emit_stack_traces", True, raising=False)
         yield

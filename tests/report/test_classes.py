@@ -1,4 +1,4 @@
-"""Classes that a head names, against a head whose answers are known."""
+"""Classes named by a head, against a head of known answers."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +17,7 @@ NAMES = ["bar", "disc", "ring"]
 
 
 class Reader:
-    """Clips of one frame with a vector each, along the axis of the class that is to be named."""
+    """Clips of one frame, each with a vector along the axis of the class to name."""
 
     def __init__(self, own: list[str | None], said: list[str]) -> None:
         self._vectors = 3 * np.eye(3, dtype=np.float32)[[NAMES.index(name) for name in said]]

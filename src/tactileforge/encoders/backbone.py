@@ -242,7 +242,7 @@ class TactileViews:
         return self._masked(self.encoder.encode(self.patches, self.sensor, self.kept))
 
     def compute_both(self) -> None:
-        """Computes both views, in one pass of the encoder where it can: with half the kernels."""
+        """Computes both views, in one pass of the encoder if possible, with half the kernels."""
         full, masked = self.encoder.encode_both(self.patches, self.sensor, self.kept)
         self.full, self.masked = self._full(full), self._masked(masked)
 

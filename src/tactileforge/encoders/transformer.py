@@ -70,7 +70,7 @@ class Attention(nn.Module):
         return out
 
     def _read(self, qkv: Tensor, mask: Tensor | None = None, only: slice | None = None) -> Tensor:
-        """Values that tokens read, (B, L, width), from (B, L, 3, heads, width / heads)."""
+        """Attended values, (B, L, width), from (B, L, 3, heads, width / heads)."""
         # taken apart before axes are swapped: so the gradient is put together in the order of `qkv`
         query, key, value = (part.transpose(1, 2) for part in qkv.unbind(2))
         if self.bias_kv is not None:

@@ -125,7 +125,7 @@ def names_in(node: Any) -> list[str]:
 
 
 def check_given(config: Mapping[str, Any], what: str) -> None:
-    """Checks that all of the user's own that a file's configuration names was typed or given.
+    """Checks the user's own names in a file's configuration: all have to be typed or given.
 
     Args:
         config: The configuration.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.reading.order import ends_of
+from tactileforge.reading.order import by_ends
 from tactileforge.reading.records import RECORDS, conversion
 from tactileforge.reading.series import series_of
 from tactileforge.reading.table_families import (
@@ -151,17 +151,14 @@ def guess_apart(
     return {}, []
 
 
-def _series_by_name(units: Units) -> dict[str, str]:
-    """The series of each image, by its path or the end of its path; "" where several have it."""
-    out: dict[str, str] = {}
-    for unit, paths in units.files.items():
-        for series, images in series_of(paths).items():
-            name = "/".join((*unit, series))
-            for path in images:
-                whole = path.relative_to(units.root).as_posix()
-                for end in {whole, *ends_of(whole)}:
-                    out[end] = name if out.get(end, name) == name else ""
-    return out
+def _series_by_name(units: Units) -> dict[str, str | None]:
+    """The series of each image, by its path or the end of its path; None where several have it."""
+    return by_ends(
+        (path.relative_to(units.root).as_posix(), "/".join((*unit, series)))
+        for unit, paths in units.files.items()
+        for series, images in series_of(paths).items()
+        for path in images
+    )
 
 
 def guess_times(
@@ -293,7 +290,7 @@ def _force_columns(family: Family) -> list[str | None]:
 
 
 def _is_called(pattern: re.Pattern[str], family: Family) -> bool:
-    """Whether a table without names of columns says what it holds: by its name, or its folder's.
+    """Whether the name of a table, or of its folder, tells its content.
 
     The folder counts where files are named by recordings (``forces/0001.npy``).
     """
@@ -441,7 +438,7 @@ def guess_labels(
 def _other_columns(
     found: Sequence[Family], doubts: list[str]
 ) -> tuple[dict[str, Any], list[Family]]:
-    """Keys of a table of the recordings' names whose columns say nothing that is known."""
+    """Keys of a table by recording with only unknown columns."""
     for family in found:
         known = {family.key, _time_column(family), *_force_columns(family)}
         columns = [name for name in family.rows[0] if name not in known]
@@ -524,7 +521,7 @@ def left_out(unread: Iterable[Path], root: Path) -> list[str]:
 
 
 def _damage(path: Path) -> str:
-    """Reason for which a table cannot be read; "" for one that can, and for other files."""
+    """Reason against reading a table; "" for a readable one, and for other files."""
     if path.suffix.lower() not in (".csv", ".tsv"):
         return ""
     try:

@@ -8,14 +8,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from posixpath import normpath
 
 from tactileforge.data.labels.missing import stated
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.reading.files import names_below
 from tactileforge.reading.layout import DatasetLayout
-from tactileforge.reading.order import ends_of, name_prefix
+from tactileforge.reading.order import by_ends, ends_of, name_prefix
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.templates import template_columns, template_parts
 from tactileforge.reading.trial_rows import recordings_of
@@ -292,21 +292,16 @@ class _Names:
 
     def inside(self, written: str) -> list[str]:
         """The touches in the folder named by a row, by its path or the end of it; [] for none."""
-        place = self._folders_by_name.get(_composed(self.plain(written)).rstrip("/"))
-        return [name for key, name in self._exact.items() if key.startswith(f"{place}/")]
+        return self._by_folder.get(_composed(self.plain(written)).rstrip("/")) or []
 
     @cached_property
-    def _folders_by_name(self) -> dict[str, str | None]:
-        """Folders of touches by their paths and the ends of these; None where several have it."""
-        folders: set[str] = set()
-        for path in {plain.rpartition("/")[0] for plain in self._exact}:
-            parts = path.split("/") if path else []
-            folders |= {"/".join(parts[:i]) for i in range(1, len(parts) + 1)}
-        found: dict[str, str | None] = {}
-        for path in folders:
-            for end in {path, *ends_of(path)}:
-                found[end] = path if found.get(end, path) == path else None
-        return found | {path: path for path in folders}
+    def _by_folder(self) -> dict[str, list[str] | None]:
+        """Touches of folders, by their paths and the ends of these; None where several have it."""
+        folders: dict[str, list[str]] = {}
+        for plain, name in self._exact.items():
+            for folder in PurePosixPath(plain).parents[:-1]:
+                folders.setdefault(folder.as_posix(), []).append(name)
+        return by_ends(folders.items()) | folders
 
     def any_below(self, folder: str) -> bool:
         """Whether a touch lies in a folder."""

@@ -6,14 +6,14 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import PurePosixPath
 
-from tactileforge.reading.order import ends_of
+from tactileforge.reading.order import by_ends
 from tactileforge.reading.series import SIDES
 
 _NUMBERED = re.compile(r".*?(\d+)")
 
 
 def recordings_of(cells: Iterable[str], names: Sequence[str]) -> Mapping[str, Sequence[str]]:
-    """The recordings that each cell names; cells that name none, or another each, are left out.
+    """Recordings by the cells of a column; unknown and ambiguous cells are left out.
 
     A cell is the path of a recording, the end of it or its name, with or without the ending, or
     that of a folder with one recording, or with those of several sensors (``left``, ``right``);
@@ -33,7 +33,8 @@ def recordings_of(cells: Iterable[str], names: Sequence[str]) -> Mapping[str, Se
     """
     written = [*dict.fromkeys(cells)]
     titles = {name: [name] for name in names}, _folders(names)
-    named = _by_ends(titles[0], has_ending=True), _by_ends(titles[1])
+    bare = ((str(PurePosixPath(name).with_suffix("")), [name]) for name in names if name != ".")
+    named = by_ends([*titles[0].items(), *bare]), by_ends(titles[1].items())
     told = {
         cell: found
         for cell in written
@@ -51,19 +52,6 @@ def recordings_of(cells: Iterable[str], names: Sequence[str]) -> Mapping[str, Se
         if told := {cell: numbers[int(cell)] for cell in written if numbers.get(int(cell))}:
             return told
     return {}
-
-
-def _by_ends(titles: Mapping[str, list[str]], has_ending: bool = False) -> dict[str, list[str]]:
-    """Values by each end of a path, [] where several paths have it."""
-    found: dict[str, list[str]] = {}
-    for title, members in titles.items():
-        spellings = {title, *ends_of(title)}
-        if has_ending and title != ".":
-            bare = str(PurePosixPath(title).with_suffix(""))
-            spellings |= {bare, *ends_of(bare)}
-        for spelling in spellings:
-            found[spelling] = [] if found.get(spelling, members) != members else members
-    return found
 
 
 def _folders(names: Iterable[str]) -> dict[str, list[str]]:

@@ -100,7 +100,7 @@ def checks_table(found: Sequence[str]) -> Markup:
 
 
 def _outside(text: str) -> tuple[str, str]:
-    """Parts a line at its first ``; `` that stands in no parentheses."""
+    """Parts a line at its first ``; `` outside of parentheses."""
     place = next(
         (
             found.start()

@@ -37,7 +37,7 @@ def _named(name: str) -> Iterator[None]:
 
 
 def _guarded(logger: Logger, name: str) -> Logger:
-    """The logger, whose errors in a run are told by its name."""
+    """The logger, with its name in its errors."""
     for method in ("log_metrics", "save", "after_save_checkpoint", "finalize"):
         setattr(logger, method, _named(name)(getattr(logger, method)))
     return logger

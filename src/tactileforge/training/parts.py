@@ -99,7 +99,7 @@ _BLOCKS = ("encoder", "head", "objective", "data", "batch", "trainer")
 
 
 def is_finished(config: Mapping[str, Any]) -> bool:
-    """Whether a configuration has all that a run is built of."""
+    """Whether a configuration is complete for a run."""
     try:
         check_finished(config)
     except ConfigError:

@@ -167,7 +167,7 @@ def _check_length(options: Mapping[str, Any]) -> None:
 
 
 def _check_monitors(config: Mapping[str, Any], callbacks: Mapping[str, Callback]) -> None:
-    """Refuses to keep, minimise or monitor what no run of this configuration logs."""
+    """Refuses to keep, minimise or monitor an unlogged number."""
     ours = ("tactileforge.", "lightning.")
     if not all(type(one).__module__.startswith(ours) for one in callbacks.values()):
         return  # a callback of the user's own may log any name

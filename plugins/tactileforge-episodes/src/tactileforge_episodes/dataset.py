@@ -259,8 +259,7 @@ class Episodes:
     def _split(self, file: EpisodeFile, number: int) -> str:
         from tactileforge_episodes.names import placeholders
 
-        template = self.keys.hold_out if self.hold_out is None else self.hold_out
-        check_names("placeholder of data.hold_out", placeholders(template), file.values)
+        check_names("placeholder of data.hold_out", placeholders(self._template), file.values)
         if file.split is not None and self.hold_out is None:
             return file.split
         unit = self._unit(file, number)
@@ -269,8 +268,12 @@ class Episodes:
     def _unit(self, file: EpisodeFile, number: int) -> str:
         from tactileforge_episodes.names import fill
 
-        template = self.keys.hold_out if self.hold_out is None else self.hold_out
-        return fill(template, file.values) if template else file.key(number)
+        return fill(self._template, file.values) if self._template else file.key(number)
+
+    @property
+    def _template(self) -> str:
+        """Template of the unit that is held out as one; "" for an episode."""
+        return self.keys.hold_out if self.hold_out is None else self.hold_out
 
     @cached_property
     def _held(self) -> frozenset[str]:
@@ -281,15 +284,15 @@ class Episodes:
                 return frozenset()
             with suppress(DataError):  # `recordings` names it
                 units |= {self._unit(file, number) for number in range(len(file.episodes))}
-            if len(units) > _SMALL:
+            # a share is held out as it is: no further file is opened to know
+            if len(units) > _SMALL or any(is_held_out(unit, self.val) for unit in units):
                 return frozenset()
         return held_out_names(units, self.val)
 
     @property
     def held_out(self) -> list[str]:
         """The held-out unit."""
-        template = self.keys.hold_out if self.hold_out is None else self.hold_out
-        unit = template or "episode"
+        unit = self._template or "episode"
         return [f"by {unit}, with all its sensors and cameras"] if self.val else []
 
     def plot(self, recording: Recording) -> Figure:

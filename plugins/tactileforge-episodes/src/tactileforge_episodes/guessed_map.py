@@ -474,7 +474,7 @@ class MapGuess:
         return {}
 
     def _groups(self) -> Iterable[str]:
-        """Groups that may have attributes of an episode or of all."""
+        """Groups with possible attributes of an episode or of all."""
         return dict.fromkeys((self._group, self._group.split("/")[0], "", "data"))
 
     def _problem(self) -> dict[str, Any]:

@@ -63,7 +63,7 @@ def gate_tasks(results: Results) -> list[ResultTask]:
 
 
 def left_out(results: Results) -> dict[str, str]:
-    """Main metrics of the tasks that the gate cannot judge, by name; see `gate_tasks`."""
+    """Main metrics of tasks outside the gate, by name; see `gate_tasks`."""
     return {task.name: task.main for task in results.tasks if task.main not in METRICS}
 
 
