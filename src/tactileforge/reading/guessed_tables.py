@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.reading.order import by_ends
 from tactileforge.reading.records import RECORDS, conversion
 from tactileforge.reading.series import series_of
 from tactileforge.reading.table_families import (
@@ -26,6 +25,7 @@ from tactileforge.reading.table_families import (
 )
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.trial_rows import recordings_of
+from tactileforge.reading.written_names import by_ends
 from tactileforge.specs.published import spec
 
 #: Name of what stands before a value of a message (``field.wrench.force.x``), or of a file.

@@ -11,10 +11,9 @@ from posixpath import normpath
 
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.files import names_below
-from tactileforge.reading.label_rows import is_absolute, moved_path
-from tactileforge.reading.order import ends_of
 from tactileforge.reading.records import RECORDS
 from tactileforge.reading.tables import Row, read_cells
+from tactileforge.reading.written_names import ends_of, is_absolute, moved_path
 
 #: Largest number of names that a slip is compared with.
 _COMPARED = 2000

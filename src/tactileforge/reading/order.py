@@ -1,4 +1,4 @@
-"""Names of files: their order by numbers, and the ends of their paths."""
+"""The order of files by the numbers in their names."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 from tactileforge.errors import DataError
-
-T = TypeVar("T")
 
 #: Text and number, alternating, of a name.
 Natural: TypeAlias = list[tuple[str, float]]
@@ -173,32 +171,3 @@ def order_doubt(paths: Sequence[Path]) -> str:
         f"two orders are possible: {paths[0].stem!r} is read first, but {other}; give order: "
         "'f{number}', with the text before the number that counts, or a column"
     )
-
-
-def ends_of(path: str) -> list[str]:
-    """Ends of a path from each of its folders on, without the whole.
-
-    Example:
-        >>> ends_of("images/mug/0.png")
-        ['mug/0.png', '0.png']
-    """
-    parts = path.split("/")
-    return ["/".join(parts[i:]) for i in range(1, len(parts))] or [path]
-
-
-def by_ends(values: Iterable[tuple[str, T]]) -> dict[str, T | None]:
-    """Values by their paths and all ends of these; None for an end of several values.
-
-    Args:
-        values: Paths with their values.
-
-    Example:
-        >>> found = by_ends([("left/mug", 1), ("right/mug", 2), ("right/bolt", 3)])
-        >>> found["mug"], found["bolt"], found["left/mug"]
-        (None, 3, 1)
-    """
-    found: dict[str, T | None] = {}
-    for path, value in values:
-        for end in {path, *ends_of(path)}:
-            found[end] = value if found.get(end, value) == value else None
-    return found

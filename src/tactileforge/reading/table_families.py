@@ -11,12 +11,12 @@ from typing import TypeAlias
 
 from tactileforge.data.labels.missing import stated
 from tactileforge.errors import TactileForgeError
-from tactileforge.reading.label_rows import ENDING
 from tactileforge.reading.order import name_prefix
 from tactileforge.reading.records import FILE_COLUMN, RECORDS
 from tactileforge.reading.series import SIDE_WORDS
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.trial_rows import recordings_of
+from tactileforge.reading.written_names import ENDING
 
 Cells: TypeAlias = Sequence[Mapping[str, str]]
 Parts: TypeAlias = tuple[str, ...]

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import PurePosixPath
 
-from tactileforge.reading.order import by_ends
 from tactileforge.reading.series import SIDES
+from tactileforge.reading.written_names import by_ends
 
 _NUMBERED = re.compile(r".*?(\d+)")
 
