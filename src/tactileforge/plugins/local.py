@@ -11,7 +11,7 @@ import re
 import shlex
 import sys
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from importlib import import_module
@@ -136,13 +136,23 @@ def check_given(config: Mapping[str, Any], what: str) -> None:
     """
     missing = [name for name in names_in(config) if not _is_given(name)]
     if missing:
-        listed = ",".join(missing)
-        word = shlex.quote(f"code=[{listed}]" if len(missing) > 1 else f"code={listed}")
-        raise PluginError(
-            f"{what} was made with {' and '.join(missing)}, of somebody's own, and what a file "
-            f"names is never imported: give it, {word} on the command line if it is yours, or in "
-            "Python tactileforge.register or classes="
-        )
+        raise not_given(f"{what} was made with {' and '.join(missing)},", missing)
+
+
+def not_given(what: str, names: Sequence[str]) -> PluginError:
+    """Error on names of somebody's own in a file, with the words that give them.
+
+    Args:
+        what: Begin of a sentence about them.
+        names: The names.
+    """
+    listed = ",".join(names)
+    word = shlex.quote(f"code=[{listed}]") if len(names) > 1 else f"code={listed}"
+    classes = ", ".join(f"{name!r}: {name.rpartition(':')[2]}" for name in names)
+    return PluginError(
+        f"{what} of somebody's own, and what a file names is never imported: give it, {word} on "
+        f"the command line if it is yours, or in Python classes={{{classes}}}"
+    )
 
 
 def _is_given(name: str) -> bool:

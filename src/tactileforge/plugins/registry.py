@@ -333,17 +333,10 @@ def dotted(name: str) -> str:
 
 def _given(kind: str, name: str) -> Any:
     """A class of the user's own that was typed or given in this process; imports nothing."""
-    what = kind.removesuffix("s")
     try:
         return local.find(name)
     except KeyError:
-        pass
-    own = name.rpartition(":")[2]
-    raise PluginError(
-        f"{what} {name!r} is of somebody's own, and what a file names is never imported: "
-        f"give it, code={name} on the command line if it is yours, or in Python "
-        f"classes={{{name!r}: {own}}}"
-    )
+        raise local.not_given(f"{kind.removesuffix('s')} {name!r} is", [name]) from None
 
 
 def parameters(plugin: type[Any]) -> dict[str, Any]:
