@@ -192,6 +192,12 @@ class Kept:
             self.__init__()  # type: ignore[misc]
         facts = file.facts(key)
         size = _block_rows(facts) if ahead else max(1, facts.block)
+        if isinstance(rows, range) and len(rows) and rows.step > 0:
+            first, last = rows[0], rows[-1]
+            start = first // size * size
+            if first >= 0 and last < min(start + size, facts.rows):
+                block = self._block(file, key, start, min(start + size, facts.rows))
+                return block[first - start : last - start + 1 : rows.step].copy()
         numbers = np.asarray(rows, np.int64)
         if len(numbers) and not 0 <= numbers.min() <= numbers.max() < facts.rows:
             raise DataError(f"{file.name}, {key}: {facts.rows} rows, not row {numbers.max()}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import posixpath
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from math import prod
 from typing import Any
@@ -52,6 +53,7 @@ class Grid:
             start = f"c{mark}" if default else ""
         return cls(place, tuple(about["shape"]), tuple(chunks), start, mark)
 
+    @cached_property
     def _rests(self) -> list[str]:
         """Ends of the names of the chunks of one row of them, behind its number."""
         counts = [-(-size // step) for size, step in zip(self.shape, self.chunks, strict=True)]
@@ -75,7 +77,7 @@ class Grid:
             return [] if members.has(posixpath.join(self.folder, name)) else [0]
         if not all(self.shape):
             return []
-        step, rests = self.chunks[0], self._rests()
+        step, rests = self.chunks[0], self._rests
         flat = members.files(self.folder) if self.mark != "/" else None
         out: list[int] = []
         for row in range(start // step, -(-stop // step)):
@@ -93,5 +95,6 @@ class Grid:
         Args:
             members: Files of the group.
         """
-        folders, files = members.children(self.folder)
-        return bool(folders) or any(name[0] != "." and name != "zarr.json" for name in files)
+        if any(name[0] != "." and name != "zarr.json" for name in members.files(self.folder)):
+            return True
+        return bool(members.children(self.folder)[0])

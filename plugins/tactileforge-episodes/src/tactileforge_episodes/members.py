@@ -111,8 +111,6 @@ class FolderMembers:
         """Bytes of a file; see `Members.read`."""
         try:
             with os.fdopen(open_regular(self.path / name, self.path), "rb") as file:
-                if stop is None and os.fstat(file.fileno()).st_size > _LARGEST + abs(start):
-                    raise DataError(f"{self.path / name}: {_TOO_LARGE}")
                 return _part(file, start, stop, f"{self.path / name}")
         except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
             return None
@@ -318,12 +316,12 @@ def _is_file(entry: os.DirEntry[str]) -> bool:
 
 
 def _part(file: IO[bytes] | Slice, start: int, stop: int | None, where: str) -> bytes:
-    if start:
-        file.seek(start, os.SEEK_END if start < 0 else os.SEEK_SET)
-    content = file.read(_LARGEST + 1 if stop is None else stop - start)
-    if stop is None and len(content) > _LARGEST:
+    # the size is asked first: a buffer of the limit's size takes ten times as long as the chunk
+    end = file.seek(0, os.SEEK_END)
+    begin = file.seek(start, os.SEEK_END if start < 0 else os.SEEK_SET)
+    if stop is None and end - begin > _LARGEST:
         raise DataError(f"{where}: {_TOO_LARGE}")
-    return bytes(content)
+    return bytes(file.read(max(0, (end if stop is None else min(stop, end)) - begin)))
 
 
 def _tree(names: Iterable[str]) -> dict[str, tuple[list[str], list[str]]]:

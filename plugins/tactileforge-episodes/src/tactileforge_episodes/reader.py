@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -50,6 +51,7 @@ class EpisodeFile:
         self.arrays, self.name, self.keys, self.split = arrays, name, keys, split
         self.values, self.reading = dict(values), reading
         self._note: Callable[[str], object] = lambda _: None
+        self._gaps: dict[ArrayRef, tuple[list[int], bool]] = {}
 
     @cached_property
     def touches(self) -> list[Touch]:
@@ -311,13 +313,16 @@ class EpisodeFile:
 
     def _lost(self, ref: ArrayRef, rows: range, then: str) -> list[int]:
         """Rows of values whose chunk is not stored, which are noted."""
-        lost = ref.lost(rows.start, rows.stop)
+        if ref not in self._gaps:  # of all episodes at once: each has few of the array's rows
+            self._gaps[ref] = ref.lost(0, ref.facts.rows), ref.is_void
+        gaps, is_void = self._gaps[ref]
+        lost = gaps[bisect_left(gaps, rows.start) : bisect_left(gaps, rows.stop)]
         if lost:
             self._note(
                 f"{ref}: {len(lost)} of {len(rows)} rows, from row {lost[0]} on, lie in a missing "
                 f"chunk, {then}; download it again, or write it with write_empty_chunks=True"
             )
-        elif ref.is_void:
+        elif is_void:
             self._note(
                 f"{ref}: none of its chunks is there, so all values are the fill value; download "
                 "it again if they should not be"
