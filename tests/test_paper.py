@@ -6,6 +6,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from tactileforge import compose
+from tactileforge.packing import Filter
 
 CARD = Path(__file__).parents[1] / "zoo" / "recipe" / "anytouch2.md"
 #: Key of the configuration, and the paper's value (arXiv 2602.09617, appendix "Implementation
@@ -48,6 +49,9 @@ LISTED = {
     "batch.match": ("a fixed proportion", 0.25, "A quarter of each batch"),
     "batch.spacing": ("2/30 s; four in a row of a Mini at 18 Hz", 0.0667, "18 Hz"),
     "optim.weight_decay": ("not said", 0.05, "weight decay 0.05"),
+    "batch.size": ("64, on four cards", 64, "`batch.size` is of one process"),
+    "augment.horizontal": ("not said", 0.5, "Flips with probability 0.5 each"),
+    "optim.clip": ("not said", 1.0, "gradients are clipped at 1"),
 }
 
 
@@ -68,3 +72,9 @@ def test_what_differs_or_is_not_said_is_on_the_card(config, key: str) -> None:
     _, ours, words = LISTED[key]
     assert OmegaConf.select(OmegaConf.create(config), key) == ours
     assert words in " ".join(CARD.read_text("utf-8").split())
+
+
+def test_a_set_is_packed_whole_and_the_card_says_so() -> None:
+    assert Filter() == Filter(every=None, laplacian=None)
+    card = " ".join(CARD.read_text("utf-8").split())
+    assert "`pack.filter.laplacian` and `pack.filter.every`" in card
