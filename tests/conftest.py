@@ -11,6 +11,7 @@ def pytest_configure(config: pytest.Config) -> None:
     for number, handler in defaults.items():
         if signal.getsignal(number) is signal.SIG_IGN:  # `nohup` and shells in the background
             signal.signal(number, handler)
+    os.environ.pop("PYTEST_ADDOPTS", None)  # were of this run, not of those that tests start
     if config.getoption("numprocesses", default=None):
         os.environ["OMP_NUM_THREADS"] = "1"  # they are started with these variables
 

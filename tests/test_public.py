@@ -1,6 +1,7 @@
 """Public packages: their names, who uses them, and hints for packages made before a move."""
 
 import ast
+import inspect
 import re
 import subprocess
 import sys
@@ -266,6 +267,34 @@ def reference():
         if title == "tactileforge.testing":
             parts += ["::: tactileforge.testing.emulators\n"]
     return "\n".join(parts)
+
+
+def _is_there(name: str) -> bool:
+    """Whether a dotted name is a module, or a name or annotated field in one."""
+    parts = name.split(".")
+    for count in range(len(parts), 0, -1):
+        try:
+            found = import_module(".".join(parts[:count]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[count:]:
+            if part in inspect.get_annotations(found if inspect.isclass(found) else type(found)):
+                return True
+            if not hasattr(found, part):
+                return False
+            found = getattr(found, part)
+        return True
+    return False
+
+
+@pytest.mark.slow
+def test_names_of_the_glossary_are_there():
+    lines = (ROOT / "docs/glossary.md").read_text("utf-8").splitlines()
+    cells = [line.split("|")[3] for line in lines if line.count("|") > 4]
+    names = [name for cell in cells for name in re.findall(r"`([a-zA-Z_0-9]+(?:\.\w+)+)`", cell)]
+    assert len(names) > 40
+    missing = [name for name in names if not (_is_there(f"tactileforge.{name}") or _is_there(name))]
+    assert missing == []
 
 
 def test_every_public_name_is_in_the_reference():

@@ -158,5 +158,5 @@ def _scale(path: Path) -> float:
             0.0,
         )
     if not isinstance(scale, int | float) or scale < 0:
-        raise DataError(f"{path}: ppmm is {scale!r}, where mm a pixel belong; correct it")
+        raise DataError(f"{path}: ppmm is {scale!r}; expected mm per pixel")
     return float(scale)

@@ -98,5 +98,5 @@ class SerialRobot(PacketSensor):
         values = self.numbers(payload) * self.scale
         least, most = self.limits
         if not ((values >= least) & (values <= most)).all():  # also true for NaN
-            raise ValueError("a value that cannot be")
+            raise ValueError("a value outside the limits")
         return NO_PICTURE, values.astype(np.float32)
