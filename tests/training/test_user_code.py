@@ -121,7 +121,8 @@ def test_a_run_is_saved_before_the_error_of_a_callback(tmp_path):
         (["optim=sgd", "+optim.momentun=.9"], "momentum"),
         (["optim=sgd", "optim.lr=-1"], "learning rate"),
         (["optim.schedule=cosin"], "cosine"),
-        (["optim.layer_decay=2"], "layer_decay"),
+        (["optim.layer_decay=2"], "optim.layer_decay=2.0: give above 0"),
+        (["optim.rates={encoder: 0}"], "optim.rates.encoder=0.0: give a factor"),
         (["+trainer.enable_checkpointing=false"], "save_every"),
         (["+trainer.callbacks=[x]"], "callbacks="),
         (["+trainer.logger=false"], "logger="),
@@ -369,6 +370,18 @@ def test_layer_decay_gives_each_block_its_rate():
     optimizer = made["optimizer"]
     rate = {id(p): group["initial_lr"] for group in optimizer.param_groups for p in group["params"]}
     assert [rate[id(p)] for _, p in named] == [0.125, 0.25, 0.5, 1.0, 1.0]
+
+
+def test_rates_are_those_of_the_longest_name_that_fits():
+    names = ["encoder.a.weight", "encoder.b.weight", "heads.force.weight", "heads.forces.weight"]
+    named = [(name, torch.nn.Parameter(torch.ones(2, 2))) for name in names]
+    rates = {"encoder": 0.1, "encoder.b": 0.5, "heads.force": 2.0}
+    config = {"name": "sgd", "lr": 1.0, "warmup": 0, "rates": rates}
+    optimizer = build_optimizer(named, config, 10)["optimizer"]
+    rate = {id(p): group["initial_lr"] for group in optimizer.param_groups for p in group["params"]}
+    assert [rate[id(p)] for _, p in named] == pytest.approx([0.1, 0.5, 2.0, 1.0])
+    with pytest.raises(ConfigError, match=r"optim\.rates.*'head.*heads\.force"):
+        build_optimizer(named, {**config, "rates": {"head.force": 2.0}}, 10)
 
 
 @pytest.mark.parametrize("name", ["polynomial", "exponential", "step", "inverse_sqrt", "one_cycle"])

@@ -31,12 +31,15 @@ class OptimOptions:
         clip: Largest norm of the gradient; None for no clipping.
         layer_decay: Factor of the learning rate of a block of the encoder for each block above it,
             as in fine-tuning after MAE (He et al., 2022: .65 to .75); 1 for one rate.
+        rates: Factors of the learning rate by the beginning of parameters' names, the longest one
+            that fits: ``{encoder: 0.1, heads.force: 2}``; others keep the rate. None for one rate.
     """
 
     warmup: float = 0.025
     schedule: str = "linear"
     clip: float | None = 1.0
     layer_decay: float = 1.0
+    rates: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.warmup <= 1:
@@ -45,6 +48,9 @@ class OptimOptions:
             raise ConfigError(f"optim.clip={self.clip}: give a norm above 0, or null to clip none")
         if not 0 < self.layer_decay <= 1:
             raise ConfigError(f"optim.layer_decay={self.layer_decay}: give above 0, up to 1")
+        for name, factor in (self.rates or {}).items():
+            if not 0 < factor < math.inf:
+                raise ConfigError(f"optim.rates.{name}={factor}: give a factor above 0")
         own = local.is_local(self.schedule)
         if not own and self.schedule not in registry.names("schedules"):
             raise ConfigError(unknown("optim.schedule", self.schedule, registry.names("schedules")))
@@ -108,7 +114,9 @@ def build_optimizer(
     learned = [(name, one) for name, one in parameters if one.requires_grad]
     optimizer = plugin.build(learned, fused)
     if options.layer_decay < 1:
-        _decay_by_layer(optimizer, learned, options.layer_decay)
+        _scale_rates(optimizer, _by_layer(learned, options.layer_decay))
+    if options.rates:
+        _scale_rates(optimizer, _by_name(learned, options.rates))
     warm = max(1, round(options.warmup * total))
     factor: Schedule = registry.load("schedules", options.schedule)
     schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda step: factor(step, warm, total))
@@ -119,10 +127,10 @@ def build_optimizer(
 _BLOCK = re.compile(r"^encoder\..*?\b(?:blocks|layers|stages|features)\.(\d+)\.")
 
 
-def _decay_by_layer(
-    optimizer: torch.optim.Optimizer, learned: Sequence[tuple[str, nn.Parameter]], decay: float
-) -> None:
-    """Splits the parameter groups by block; what is below the blocks has the smallest rate."""
+def _by_layer(
+    learned: Sequence[tuple[str, nn.Parameter]], decay: float
+) -> dict[nn.Parameter, float]:
+    """Factors by block of the encoder; what is below the blocks has the smallest one."""
     blocks = {name: _BLOCK.match(name) for name, _ in learned}
     depth = 1 + max((int(match[1]) for match in blocks.values() if match), default=-1)
     factors = {}
@@ -132,6 +140,31 @@ def _decay_by_layer(
         # norms and projections behind the blocks keep the whole rate
         above = 0 if is_encoder and not match and re.search(r"\b(norm|proj|pool)", name) else above
         factors[parameter] = decay**above
+    return factors
+
+
+def _by_name(
+    learned: Sequence[tuple[str, nn.Parameter]], rates: Mapping[str, float]
+) -> dict[nn.Parameter, float]:
+    """Factors by the longest beginning of a parameter's name.
+
+    Raises:
+        ConfigError: No parameter that learns has such a name.
+    """
+    factors, used = dict[nn.Parameter, float](), set[str]()
+    for name, parameter in learned:
+        fitting = [one for one in rates if name == one or name.startswith(f"{one}.")]
+        longest = max(fitting, key=len, default=None)
+        used.update(fitting)
+        factors[parameter] = 1.0 if longest is None else rates[longest]
+    for unused in rates.keys() - used:
+        parts = {".".join(name.split(".")[:count]) for name, _ in learned for count in (1, 2)}
+        raise ConfigError(unknown("optim.rates", unused, sorted(parts)))
+    return factors
+
+
+def _scale_rates(optimizer: torch.optim.Optimizer, factors: Mapping[nn.Parameter, float]) -> None:
+    """Splits the parameter groups by the factors of their rates."""
     groups = []
     for group in optimizer.param_groups:
         for factor in sorted({factors[one] for one in group["params"]}, reverse=True):
