@@ -201,3 +201,18 @@ def test_training_on_shards_reads_three_fifths_of_the_core(tmp_path: Path) -> No
     assert "api.py" in rooms
     assert not rooms & CLOSED
     assert read < 0.6 * whole
+
+
+def test_the_parts_of_the_command_line_are_counted():
+    """The table of docs/design.md has every part, with its lines to a tenth."""
+    text = (ROOT / "docs/design.md").read_text("utf-8").split("part by part\n")[1].split("\n\n")[1]
+    counted = {}
+    for line in text.splitlines()[2:]:
+        _, parts, lines, *_ = line.split("|")
+        counted[frozenset(re.findall(r"`(\w+)`", parts))] = int(lines)
+    folder = ROOT / "src/tactileforge/cli"
+    found = {path.stem for path in folder.glob("_[a-z]*.py")}
+    assert set().union(*counted) == found
+    for parts, lines in counted.items():
+        now = sum(len((folder / f"{part}.py").read_text("utf-8").splitlines()) for part in parts)
+        assert now == pytest.approx(lines, rel=0.1), parts
