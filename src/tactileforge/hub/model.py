@@ -25,6 +25,7 @@ from tactileforge.hub.picture_checks import PictureChecks
 from tactileforge.hub.sensor_rows import Policy
 from tactileforge.hub.taps import Tap
 from tactileforge.hub.video import Times, Video, cut_clips, open_video, stacked, still_of
+from tactileforge.plugins import local
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.streaming.contact import ContactOptions, SlipOptions
 from tactileforge.sensors.streaming.inputs import ForceUnit
@@ -146,10 +147,15 @@ class Model(nn.Module):
 
     @property
     def fingerprint(self) -> str:
-        """Hash of its weights, 16 hexadecimal digits; ties a calibration to its model."""
+        """Hash of its weights, 16 hexadecimal digits; ties a calibration to its model.
+
+        Heads by classes of the user's own do not count: the file is read without them too.
+        """
         if self._fingerprint:
             return self._fingerprint
-        return forces.fingerprint([self.encoder, *(self.heads[key] for key in sorted(self.heads))])
+        own = {key for key, one in self.header.heads.items() if local.is_local(one["node"]["name"])}
+        heads = [self.heads[key] for key in sorted(self.heads) if key not in own]
+        return forces.fingerprint([self.encoder, *heads])
 
     @property
     def encoder_hash(self) -> str:
@@ -165,6 +171,31 @@ class Model(nn.Module):
         """Hashes of the weights of ``encoder`` and of each ``head.NAME``."""
         parts = {"encoder": self.encoder, **{f"head.{key}": x for key, x in self.heads.items()}}
         return {key: forces.fingerprint([part]) for key, part in parts.items()}
+
+    def add_head(self, name: str, head: str | type[nn.Module] = "", /, **options: Any) -> nn.Module:
+        """Puts a new head beside the encoder, in ``heads``: `read_head` reads it, `save` keeps it.
+
+        It can be trained, and in evaluation mode. Of a class of your own the file has the weights
+        and the name, so ``load(path, classes={"my_module:Grasp": Grasp})`` has the head again;
+        without the class the rest is loaded.
+
+        Args:
+            name: Name of the head.
+            head: A class, made as ``head(encoder, **options)``, or the name of one: installed,
+                registered, or ``my_module:Grasp``; "" for the installed one called `name`.
+            **options: Arguments of its constructor: plain data, which the file keeps.
+
+        Raises:
+            ConfigError: The name is taken, or the class takes no such options.
+            PluginError: There is no such class, or it is no head.
+
+        Example:
+            >>> import tactileforge
+            >>> model = tactileforge.create("tactile_vit", size="tiny")
+            >>> model.add_head("classify", classes=3).linear.out_features
+            3
+        """
+        return saving.add_head(self, name, head, options)
 
     def save(self, path: str | Path, **options: Any) -> Path:
         """Writes the model as it is now to one file, which ``load(path)`` reads.
