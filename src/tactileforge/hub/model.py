@@ -20,7 +20,7 @@ from tactileforge.hub.clips import Batched, Clips, Sensors, Still, Unknown, chec
 from tactileforge.hub.force_reader import ForceReader
 from tactileforge.hub.forces import ModelReadings
 from tactileforge.hub.header import Header
-from tactileforge.hub.inputs import Images, squash_images
+from tactileforge.hub.inputs import Images, as_pixels, read_still, squash_images
 from tactileforge.hub.picture_checks import PictureChecks
 from tactileforge.hub.sensor_rows import Policy
 from tactileforge.hub.taps import Tap
@@ -252,11 +252,12 @@ class Model(nn.Module):
 
         Args:
             frames: uint8, RGB, oldest first, of any size: one clip (T, H, W, 3) or (T, 3, H, W), or
-                a batch with B in front. numpy or torch. One image, (H, W, 3), (3, H, W) or a batch
-                with one frame a clip, is shown in all T places, as the authors do.
+                a batch with B in front. numpy or torch; floats from 0 to 1, PIL images and paths of
+                images are taken too, and lists of these stacked. One image, (H, W, 3), (3, H, W) or
+                a batch with one frame a clip, is shown in all T places, as the authors do.
             background: A frame without contact of the same recording, of the frames' size: one,
-                or one per clip. ``"first"`` takes the first frame of each clip, ``"none"``
-                subtracts nothing. May be left out only where the model uses none.
+                or one per clip, in any of these forms. ``"first"`` takes the first frame of each
+                clip, ``"none"`` subtracts nothing. May be left out only where the model uses none.
             sensor: Name of the sensor, or one name a clip; ``"universal"`` takes the universal
                 tokens. May be left out where the model knows one sensor, or none.
             groups: Names of groups, or ``all``, that are put side by side, each times a fixed
@@ -281,9 +282,10 @@ class Model(nn.Module):
                 f"encode gives one vector and takes no {asked[0]}=: model.features(frames, "
                 f"background, sensor, {asked[0]}=...)"
             )
+        clips = Clips(frames, background, sensor, **options)
         if checks:
-            self._picture_checks(background, sensor)
-        return self.clips_reader.encoded(groups, Clips(frames, background, sensor, **options))
+            self._picture_checks(clips.background, sensor)
+        return self.clips_reader.encoded(groups, clips)
 
     def features(
         self,
@@ -382,9 +384,10 @@ class Model(nn.Module):
                 with what is given, or the calibration is of another model; see `encode`.
             DataError: Frames or background are not what the model takes.
         """
+        clips = Clips(frames, background, sensor)
         if checks:
-            self._picture_checks(background, sensor)
-        return head_reader.force_of(self, Clips(frames, background, sensor), calibration, unit)
+            self._picture_checks(clips.background, sensor)
+        return head_reader.force_of(self, clips, calibration, unit)
 
     def force_unit(
         self, calibration: Calibration | str | Path | None = None, unit: str | None = None
@@ -638,7 +641,7 @@ class Model(nn.Module):
         self,
         sensor: str | None = None,
         *,
-        background: NDArray[np.uint8] | Literal["first"] | Background | None = None,
+        background: Images | Literal["first"] | Background | None = None,
         contact: ContactOptions | None = None,
         slip: SlipOptions | None = None,
         embedding: bool = True,
@@ -653,9 +656,9 @@ class Model(nn.Module):
 
         Args:
             sensor: Name of the sensor; None where the model knows one, or none.
-            background: The frame without contact, uint8 (H, W, 3); ``first``, the first frame,
-                unchecked; or how it is taken: None and `Background` take the median of the first
-                ``seconds``, in which nothing may touch.
+            background: The frame without contact, an image as in `encode`; ``first``, the first
+                frame, unchecked; or how it is taken: None and `Background` take the median of the
+                first ``seconds``, in which nothing may touch.
             contact: Thresholds of contact; see `ContactOptions`.
             slip: Thresholds of slip; see `SlipOptions`.
             embedding: Whether predictions carry the model's vector.
@@ -668,10 +671,14 @@ class Model(nn.Module):
                 unit does not go with it.
         """
         opened = forces.opened_calibration(calibration)
+        still = read_still(background)
+        if still is not None and not isinstance(still, str | Background):
+            still = as_pixels("background", still)
+            still = np.asarray(still.cpu() if isinstance(still, Tensor) else still)
         stream = TouchStream(
             self,
             sensor,
-            background=background,
+            background=still,
             contact=contact,
             slip=slip,
             embedding=embedding,
