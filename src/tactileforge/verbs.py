@@ -25,7 +25,7 @@ from tactileforge.cli._verbs import commands
 from tactileforge.cli._words import Words
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.pages.shown import Shown
-from tactileforge.plugins import local
+from tactileforge.plugins import local, registry
 
 if TYPE_CHECKING:
     from tactileforge.hub.model import Model
@@ -108,7 +108,8 @@ def train(*overrides: Any, folder: str | PathLike[str] | None = None, **keys: An
         keys: The same as keywords. A mapping holds keys of a group (``optim={"lr": 1e-3}``), with
             ``name`` the option of the group as well; a list chooses several; a class of yours is
             named by its module, and a finished module or callback (an instance) is used as it is; a
-            run or path is its folder.
+            run or path is its folder. ``classes`` are classes of your own for a run or file that
+            names them, as in `tactileforge.load`: ``{"my_module:Contrast": Contrast}``.
 
     Raises:
         TactileForgeError: Configuration or data are invalid; says the fix.
@@ -133,7 +134,7 @@ def train(*overrides: Any, folder: str | PathLike[str] | None = None, **keys: An
                 f"train(resume={str(config['resume'])!r}), with trainer.max_steps= for more steps"
             )
     else:
-        command, typed = commands("train")[""], words(overrides, keys)
+        command, typed = commands("train")[""], _typed(overrides, keys)
         given = [*typed]
         typed = [word for word in command.prepare(typed) if not _OF_HYDRA.match(word)]
         with told("train", command, Words(overrides=given)):
@@ -204,7 +205,7 @@ def _shown(verb: str, action: str, overrides: Sequence[Any], keys: Mapping[str, 
     typed = [
         command.also.get(word.partition("=")[0], word.partition("=")[0])
         + "".join(word.partition("=")[1:])
-        for word in words(overrides, keys)
+        for word in _typed(overrides, keys)
     ]
     typed = command.prepare(typed)
     with told(name, command, Words(overrides=typed)):
@@ -215,6 +216,19 @@ def _shown(verb: str, action: str, overrides: Sequence[Any], keys: Mapping[str, 
             f"{name}: its package gives no result to Python: install a newer one"
         )
     return made
+
+
+def _typed(overrides: Sequence[Any], keys: Mapping[str, Any]) -> list[str]:
+    """Words of a verb, once the classes of the user's own among them are given."""
+    from tactileforge.cli._run import taken_code
+
+    keys = dict(keys)
+    # bench has options classes.root and the like; a name of one's own has a colon
+    classes = keys.get("classes")
+    if isinstance(classes, Mapping) and any(":" in str(name) for name in classes):
+        for name, given in keys.pop("classes").items():
+            registry.give(name, given)
+    return taken_code(words(overrides, keys))[1]
 
 
 def words(overrides: Sequence[Any], keys: Mapping[str, Any]) -> list[str]:

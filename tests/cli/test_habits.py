@@ -350,6 +350,23 @@ def test_the_page_of_keys_is_that_of_the_code(capsys: pytest.CaptureFixture[str]
     assert said(capsys, "plugins", "keys", "markdown=true") == page.read_text("utf-8")
 
 
+def test_the_page_has_the_usual_optimizer_and_what_all_of_them_have(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "keys.md").read_text("utf-8")
+    usual = page.partition("### optim=adamw\n")[2].partition("\n### ")[0]
+    own = page.partition("### optim=sgd\n")[2].partition("\n### ")[0]
+    shared = ("warmup", "schedule", "clip", "layer_decay")
+    for key in ("lr", "betas", *shared):
+        assert f"\n  {key}: " in usual, key
+    assert "one_cycle" in usual
+    assert "Each has `warmup`, `schedule`, `clip`, `layer_decay` too, as `adamw`." in page
+    assert "\nmomentum: 0" in own
+    out = said(capsys, "train", "optim=sgd", "--help").partition("\noptim:  # sgd\n")[2]
+    for key in ("momentum", *shared):
+        assert f"\n  {key}: " in out, key
+
+
 def test_every_key_of_the_page_has_a_meaning() -> None:
     """Of verbs, of groups and of each installed plugin; a heading of keys needs none."""
     lines = (Path(__file__).parents[2] / "docs" / "keys.md").read_text("utf-8").splitlines()

@@ -14,6 +14,7 @@ import yaml
 from tactileforge.cli import dispatch
 from tactileforge.cli.plugins import _paths
 from tactileforge.errors import ConfigError, PluginError, SensorError
+from tactileforge.plugins import registry
 
 main = partial(dispatch, "plugins")
 
@@ -92,6 +93,93 @@ def test_check_takes_every_kind_that_has_the_name(capsys):
     assert lines[:2] == ["sensor replay", "encoder clip"]
 
 
+PARTS = (
+    TOYS
+    + """
+import torch
+from torch import nn
+from tactileforge.encoders import TactileViT
+class Sign(torch.optim.Optimizer):
+    def __init__(self, params, lr: float = 1e-3): super().__init__(params, {"lr": lr})
+    @torch.no_grad()
+    def step(self, closure=None):
+        for group in self.param_groups:
+            for one in group["params"]:
+                if one.grad is not None: one -= group["lr"] * one.grad.sign()
+class Read(nn.Module):
+    def __init__(self, encoder, width: int = 8):
+        super().__init__()
+        self.layer = nn.Linear(encoder.projected, width)
+    def forward(self, views, batch): return self.layer(views.full.cls)
+class Small(nn.Module):
+    head, needs = Read, frozenset()
+    def forward(self, prediction, batch): return prediction.square().mean(), {}
+class Net(TactileViT): pass
+class Odd: pass
+def rate(step, warm, total): return 1.0
+"""
+)
+
+
+def own_module(folder, monkeypatch, words, said):
+    """Writes the classes above as a module, of a name of its own in this process."""
+    name = f"own_{folder.name}"
+    monkeypatch.chdir(folder)
+    Path(f"{name}.py").write_text(PARTS)
+    return [word.replace("OWN", name) for word in words], said.replace("OWN", name)
+
+
+@pytest.mark.parametrize(
+    ("words", "first", "last"),
+    [
+        (["OWN:Good"], "sensor OWN:Good", "6 ran, 1 failed, "),
+        (["OWN:Good", "gain=3.5"], "sensor OWN:Good", "2 ran, 9 failed, "),
+        (["./OWN.py:Sign"], "optimizer ./OWN.py:Sign", "8 ran, 0 failed, "),
+        (["OWN:Read", "width=4"], "head OWN:Read", "8 ran, 0 failed, "),
+        (["OWN:Small"], "objective OWN:Small", "9 ran, 0 failed, "),
+        (["OWN:Net", "kind=head"], "head OWN:Net", ", 4 failed, "),
+    ],
+)
+def test_check_takes_a_class_of_ones_own(words, first, last, tmp_path, monkeypatch, capsys):
+    words, first = own_module(tmp_path, monkeypatch, words, first)
+    assert main(["check", *words]) == int(", 0 failed, " not in last)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == first
+    assert last in lines[-1]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["OWN:Odd"], "nothing tells which kind of plugin Odd is: give kind=, one of sensor"),
+        (["OWN:rate"], "nothing tells which kind of plugin function is"),
+        (["OWN:Odd", "kind=dataset"], r"OWN:Odd has no recordings, no provides"),
+        (["OWN:Smal"], r"OWN has no 'Smal'.*'Small'"),
+        (["OWN.Small"], "A class of yours is OWN:Small"),
+    ],
+)
+def test_check_of_what_is_no_plugin_is_one_line(words, message, tmp_path, monkeypatch):
+    words, message = own_module(tmp_path, monkeypatch, words, message)
+    with pytest.raises(PluginError, match=message):
+        main(["check", *words])
+
+
+def test_the_kind_of_a_class_is_known():
+
+    from tactileforge.checks import Check
+    from tactileforge.encoders import TactileViT
+    from tactileforge.heads import PixelHead
+    from tactileforge.testing import kind_of
+
+    class Own(Check):
+        pass
+
+    Replay = registry.get("sensors", "replay")
+    assert [kind_of(one) for one in (Own, TactileViT, PixelHead, Replay)] == [
+        *("checks", "encoders", "heads", "sensors")
+    ]
+
+
 def test_check_of_attached_sensors_opens_each_device(installed, capsys):
     """Two devices are attached, and the second cannot be opened."""
     source = """
@@ -162,6 +250,30 @@ def test_words_that_do_not_fit(argv, error, message, tmp_path, monkeypatch):
     with pytest.raises(error, match=message):
         main(argv)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "words", [["objective", "shiny"], ["objective", "shiny", "from=OWN:Small"]]
+)
+@pytest.mark.parametrize("licence", [None, "MIT", "LicenseRef-lab"])
+def test_new_says_how_to_publish_and_takes_a_licence(words, licence, tmp_path, monkeypatch):
+    words, _ = own_module(tmp_path, monkeypatch, words, "")
+    assert main(["new", *words, *([f"licence={licence}"] if licence else [])]) == 0
+    folder = tmp_path / "tactileforge-shiny"
+    project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
+    assert project.get("license") == licence
+    assert project["dependencies"][0] == "tactileforge>=0.1,<0.2"
+    section = (folder / "README.md").read_text().partition("## Publish it\n")[2]
+    assert "python -m build\ntwine upload dist/*\n" in section
+    assert "`pip install tactileforge-shiny`" in section
+    assert ("It has no licence yet" in section) == (licence is None)
+    assert (f"Its licence is {licence}" in section) == (licence is not None)
+
+
+def test_new_refuses_a_licence_that_is_none(tmp_path):
+    with pytest.raises(ConfigError, match=r"licence.*'MTI'"):
+        main(["new", "sensor", "shiny", "licence=MTI", f"out={tmp_path}"])
+    assert not any(tmp_path.iterdir())
 
 
 def test_new_refuses_to_overwrite(tmp_path):

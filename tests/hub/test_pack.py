@@ -15,7 +15,7 @@ from tactileforge.api import train
 from tactileforge.cli import dispatch
 from tactileforge.cli._compose import compose
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
-from tactileforge.hub import pack, runs
+from tactileforge.hub import files, pack, runs
 from tactileforge.hub.header import read_header
 from tactileforge.runs.checkpoint_file import find_checkpoint, read_checkpoint, seal
 from tactileforge.runs.folder import BEST
@@ -177,7 +177,7 @@ def test_folders_of_the_machine_stay_there(run: Path, tmp_path: Path) -> None:
 def test_only_absolute_paths_are_cut() -> None:
     config = {"a": ["/x/y", "~ada/y", "C:\\x\\y"], "b": "x/y", "c": "s3://x/y", "d": 1}
     kept = {"a": ["y", "y", "y"], "b": "x/y", "c": "s3://x/y", "d": 1}
-    assert runs._without_folders(config) == kept
+    assert files.without_folders(config) == kept
 
 
 def test_what_is_no_run(run: Path, tmp_path: Path) -> None:

@@ -167,6 +167,66 @@ def test_floats_pictures_and_paths_are_taken_as_uint8_are(tmp_path: Path) -> Non
             model.encode(missing, REST, "digit")
 
 
+def test_the_background_is_read_from_a_path_wherever_one_is_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    cv2.imwrite("rest.png", REST[..., ::-1])
+    model = create("tactile_vit", num_classes=64, **SMALL)
+    model.heads["classify"].met.fill_(True)  # type: ignore[union-attr,operator]
+    clips = np.stack([_clip(model) for _ in range(3)])
+    reads = {
+        "encode": model.encode,
+        "features": model.features,
+        "groups": lambda *given: model.groups(*given)["difference"],
+        "forward": lambda *given: model(*given).detach(),
+        "read_head": lambda *given: model.read_head("classify", *given),
+        "readings": lambda *given: model.readings(*given).vector,
+        "classify": lambda *given: model.classify(*given, names=["a", "b"]).probability,
+    }
+    for name, read in reads.items():
+        wanted = read(clips, REST, "digit")
+        for rest in ("rest.png", Path("rest.png"), str(tmp_path / "rest.png"), ["rest.png"] * 3):
+            assert torch.equal(read(clips, rest, "digit"), wanted), (name, rest)
+    video, times = np.concatenate([*clips]), np.arange(6) / 30
+    ends = [
+        model.encode_video(video, background=rest, sensor="digit", times=times, hop=0.1)[1]
+        for rest in (REST, "rest.png")
+    ]
+    assert torch.equal(*map(torch.as_tensor, ends))
+    streams = [
+        model.stream("digit", background=rest)
+        for rest in (REST, "rest.png", Path("rest.png"), Image.fromarray(REST), REST / 255)
+    ]
+    streams.append(model.stream("digit", background=torch.from_numpy(REST)))
+    for stream in streams:
+        assert np.array_equal(stream.background, REST)
+
+
+@pytest.mark.parametrize(
+    ("background", "message"),
+    [
+        (
+            "fisrt",
+            r"^background='fisrt': no such word or file; did you mean 'first'\? Give a frame",
+        ),
+        ("no.png", "background: no.png: no such file; correct the path"),
+        (Path("rest"), "background: rest: no such file; correct the path"),
+        (".", r"background: \.: a folder; give its images, as sorted\("),
+        (None, "no background: give a frame without contact"),
+    ],
+)
+def test_a_background_that_is_none_is_one_line(background, message, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    model = create("tactile_vit", **SMALL)
+    for read in (model.encode, model.features):
+        with pytest.raises((ConfigError, DataError), match=message):
+            read(_clip(model), background, "digit")
+    if background is not None:
+        with pytest.raises((ConfigError, DataError), match=message):
+            model.stream("digit", background=background)
+
+
 def test_lists_tell_what_can_be_loaded() -> None:
     assert "anytouch2.tiny" in list_models(available="shipped", reads="force", sensor="digit")
     assert "touch.tiny" not in list_models(reads="force")

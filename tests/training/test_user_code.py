@@ -2,6 +2,7 @@
 
 import errno
 import math
+import re
 
 import lightning as L
 import pytest
@@ -11,6 +12,7 @@ from lightning.pytorch.callbacks import Callback
 from omegaconf import OmegaConf
 
 from tactileforge import api, compose
+from tactileforge.cli._explain import explain
 from tactileforge.encoders import ConvBackbone
 from tactileforge.encoders.tactile_cnn import DIFFERENCE
 from tactileforge.errors import ConfigError, PluginError, TactileForgeError
@@ -170,6 +172,32 @@ def test_an_optimizer_of_ones_own_has_its_options_without_the_parameters(word):
     made.build([("weight", weight)], False).step()
     wanted = torch.tensor([[1.0, -1.0], [1.0, -1.0]]) if "Steps" in word else weight.grad
     torch.testing.assert_close(weight.detach(), -1e-3 * wanted)
+
+
+def test_the_learning_rate_of_a_recipe_is_not_for_another_optimizer():
+    own = f"optim={__name__}:Steps"
+    rate = {
+        tuple(more): compose("mae", ["scale=finetune", *more])["optim"]["lr"]
+        for more in ([], ["optim=adamw"], [own], [own, "optim.lr=0.2"], ["optim=sgd"])
+    }
+    assert [*rate.values()] == [5e-4, 5e-4, 1e-3, 0.2, 1e-3]
+    # without a default of its own it has the recipe's; what is common to all stays
+    optim = compose("mae", [f"optim={__name__}:Wants", "optim.warmup=0.5"])["optim"]
+    assert (optim["lr"], optim["momentum"], optim["warmup"]) == (1e-4, 0.5, 0.5)
+    assert optim["schedule"] == compose("mae", [])["optim"]["schedule"]
+    text = explain("train", "optim.lr", ["recipe=mae", own])
+    assert text.startswith("optim.lr = 0.001\n")
+    assert re.search(rf"\n  recipe/mae.yaml +0.0001\n  {own}, its own default  0.001\n", text)
+    text = explain("train", "optim.lr", ["recipe=mae", own, "optim.lr=0.2"])
+    assert re.search(r"^optim.lr = 0.2\n(.|\n)*  command line +0.2\n", text)
+    assert "own default" not in text
+
+
+class Wants(Steps):
+    """One whose learning rate has to be given."""
+
+    def __init__(self, params, lr: float, momentum: float = 0.5) -> None:
+        super().__init__(params, lr, momentum)
 
 
 def test_a_target_in_yaml_leaves_out_what_the_recipe_gave_another_class(tmp_path):

@@ -32,6 +32,8 @@ from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
 
 from tactileforge.cli import _known
 from tactileforge.cli._options import MULTI
+from tactileforge.cli._quote import unquoted
+from tactileforge.cli._words import free_heads
 from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.plugins import local, registry
 from tactileforge.plugins.distributions import conf_packages, how_to_get
@@ -241,6 +243,7 @@ def compose(
         )
     with _package_named():
         if isinstance(recipe, str):
+            overrides = free_heads(overrides)
             config = finish(composed("train", [f"recipe={recipe}", *overrides]), overrides)
         else:
             config = finish(_completed(recipe))
@@ -479,9 +482,39 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
     }
     config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
     _leave_out(config.encoder, typed)
+    _, own = defaults_of_optimizer(typed)
+    for key, value in own.items():
+        if config.optim.get(key) != value:
+            log.info("optim.%s=%s, the optimizer's own; the recipe's is for another", key, value)
+            config.optim[key] = value
     OmegaConf.set_struct(config, True)
     _known.check_plugins(config)
     return config
+
+
+def defaults_of_optimizer(typed: Sequence[str]) -> tuple[str, dict[str, Any]]:
+    """The optimizer that was typed, and what its class has for options that were not typed.
+
+    A recipe's learning rate is for the recipe's optimizer: another one that is chosen beside it has
+    its own, where its class has one.
+
+    Args:
+        typed: Overrides, ``key=value``.
+
+    Returns:
+        The name, "" without one, and the options by name.
+    """
+    words = {key.lstrip("+"): value for key, _, value in (word.partition("=") for word in typed)}
+    name = unquoted(words.get("optim", ""))
+    if name in ("", "adamw", "null"):
+        return "", {}
+    from tactileforge.training.optim import COMMON  # imports torch
+
+    return name, {
+        key: value
+        for key, value in node_of("optim", name).items()
+        if key not in {*COMMON, "name"} and value != MISSING and f"optim.{key}" not in words
+    }
 
 
 def _name_networks(config: DictConfig, typed: Sequence[str]) -> None:

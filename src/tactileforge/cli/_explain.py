@@ -9,7 +9,13 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from tactileforge.cli._compose import SearchPath, check_presets, composed, initialized
+from tactileforge.cli._compose import (
+    SearchPath,
+    check_presets,
+    composed,
+    defaults_of_optimizer,
+    initialized,
+)
 from tactileforge.cli._options import own_places
 from tactileforge.errors import ConfigError, unknown
 
@@ -33,6 +39,11 @@ def explain(name: str, key: str, overrides: Sequence[str], flags: Sequence[str] 
         check_presets(config)
         pairs = [word.partition("=")[::2] for word in overrides]
         typed = [("command line", value) for word, value in pairs if word.lstrip("+") == key]
+        optimizer, own = defaults_of_optimizer(overrides if "optim" in config else ())
+        for option, value in own.items():
+            OmegaConf.update(config, f"optim.{option}", value)
+            if f"optim.{option}" == key:
+                typed += [(f"optim={optimizer}, its own default", _shown(value))]
         rows = [*_files(name, key, overrides), *typed]  # typed words are merged after all files
     finally:
         SearchPath.also = []

@@ -77,17 +77,23 @@ def keys_page() -> str:
                 lines += [f"### {f'{verb} {action}'.strip()}", "", *_block(rows)]
     lines += ["## Training", "", "`tactileforge train` has these in groups.", ""]
     lines += _block(_after_defaults("train"))
-    for group in _WHOLE:
-        option = next(iter(options(group)))
+    for group, option in yaml_groups("train").items():
+        if group not in _WHOLE:
+            continue
         lines += [f"### {group}={option}", "", *_block("\n".join(option_keys(group, option)))]
     for kind in (*registry.KINDS, "callbacks"):
         group = next((key for key, value in registry.GROUPS.items() if value == kind), "")
-        if not group or kind == "optimizers":
-            continue  # these are listed above, with the keys shared by all optimisers
+        if not group:
+            continue
         place = f"{group}.NAME" if group in MULTI else group
-        lines += [f"## {kind.capitalize()}", "", f"`{group}=NAME`, and `{place}.KEY=`.", ""]
+        also = f", and `{place}.KEY=`."
+        if group == "optim":
+            also += f" Each has {', '.join(f'`{key}`' for key in _shared(group))} too, as `adamw`."
+        lines += [f"## {kind.capitalize()}", "", f"`{group}=NAME`{also}", ""]
         for plugin in ours:
-            if plugin.kind == kind and (rows := "\n".join(plugin_keys(group, plugin.name, ""))):
+            if plugin.kind != kind or (group == "optim" and plugin.name in yaml_options(group)):
+                continue  # with a YAML: listed above
+            if rows := "\n".join(plugin_keys(group, plugin.name, "", shared=False)):
                 lines += [f"### {group}={plugin.name}", "", *_block(rows)]
     return "\n".join(lines).rstrip() + "\n"
 
@@ -111,8 +117,27 @@ def _block(rows: str) -> list[str]:
     return ["```yaml", rows.strip("\n"), "```", ""]
 
 
-def plugin_keys(group: str, name: str, indent: str = "  ") -> list[str]:
-    """Keys of a plugin as YAML, each with its meaning and default."""
+def _shared(group: str) -> dict[str, list[str]]:
+    """Keys of every optimizer, with their lines: those of the YAML that its own class has not."""
+    if group != "optim":
+        return {}
+    own, rows, lines = registry.options("optimizers", "adamw"), {}, []
+    for line in yaml_text("optim/adamw").splitlines()[1:]:
+        lines.append(line)
+        if not line.startswith("#"):
+            rows[line.partition(":")[0]], lines = lines, []
+    return {key: said for key, said in rows.items() if key not in {*own, "name"}}
+
+
+def plugin_keys(group: str, name: str, indent: str = "  ", shared: bool = True) -> list[str]:
+    """Keys of a plugin as YAML, each with its meaning and default.
+
+    Args:
+        group: Its group.
+        name: Its name.
+        indent: Begin of each line.
+        shared: Whether keys that every optimizer has are listed, too.
+    """
     kind = registry.GROUPS[group]
     said = registry.meanings(kind, name)
     if group == "callbacks":  # Lightning's own say more, in its documentation
@@ -123,6 +148,8 @@ def plugin_keys(group: str, name: str, indent: str = "  ") -> list[str]:
     for key, default in registry.options(kind, name).items():
         value = strict.TO_GIVE if default is Parameter.empty else strict.written(default)
         lines += [*strict.comment(said.get(key, ""), indent), f"{indent}{key}: {value}"]
+    for rows in _shared(group).values() if shared else ():
+        lines += [f"{indent}{row}" for row in rows]
     return lines
 
 

@@ -67,6 +67,40 @@ def test_conformance(kind):
 """
 
 
+_PUBLISHING = """
+## Publish it
+
+{licence}
+
+```bash
+pip install build twine
+python -m build
+twine upload dist/*
+```
+
+`name` in `pyproject.toml` is what others type, `pip install {folder}`: it has to be free on the
+index. A release has a `version` of its own, and can be uploaded once. `dependencies` say which
+versions of tactileforge it was tested with: raise the upper end once its tests pass on the next.
+"""
+_NO_LICENCE = """\
+It has no licence yet, and nobody else may use it without. Choose one, write it below
+`requires-python` in `pyproject.toml` by its SPDX identifier, as `license = "MIT"`, and put its text
+beside that file as `LICENSE`."""
+_LICENCE = """\
+Its licence is {licence}, by `pyproject.toml`: put the text of it beside that file as `LICENSE`."""
+
+
+def publishing(folder: str, licence: str | None) -> str:
+    """Section of a README on publishing.
+
+    Args:
+        folder: Name of the package.
+        licence: SPDX identifier; None for none yet.
+    """
+    said = _LICENCE.format(licence=licence) if licence else _NO_LICENCE
+    return _PUBLISHING.format(folder=folder, licence=said)
+
+
 def package_of(kind: str, name: str, source: str) -> tuple[str, dict[str, str]]:
     """Files of a package with the class, its source unchanged.
 

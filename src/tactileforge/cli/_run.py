@@ -28,7 +28,7 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
         TactileForgeError: Something is wrong; says the fix.
     """
     words = _words.read(argv)
-    _give(words)
+    words.code, words.overrides = taken_code(words.overrides)
     if words.help:
         from tactileforge.cli._help import text
 
@@ -64,17 +64,23 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
     return _status(command.start(config))
 
 
-def _give(words: Words) -> None:
-    """Imports what ``code=`` names: classes of the user's own for a run or file that names them."""
-    words.code = [word for word in words.overrides if word.startswith("code=")]
-    words.overrides = [word for word in words.overrides if word not in words.code]
-    if not words.code:
-        return
-    from tactileforge.plugins import local, registry
+def taken_code(overrides: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Imports what ``code=`` names: classes of the user's own for a run or file that names them.
 
-    for word in words.code:
-        for name in split(unquoted(word.partition("=")[2]).strip("[]")):
-            registry.give(name.strip(), local.resolve(name.strip(), "code"))
+    Args:
+        overrides: Words as typed.
+
+    Returns:
+        The ``code=`` words, and the other words.
+    """
+    code = [word for word in overrides if word.startswith("code=")]
+    if code:
+        from tactileforge.plugins import local, registry
+
+        for word in code:
+            for name in split(unquoted(word.partition("=")[2]).strip("[]")):
+                registry.give(name.strip(), local.resolve(name.strip(), "code"))
+    return code, [word for word in overrides if word not in code]
 
 
 def _light(command: Command, words: Words, given: dict[str, Any]) -> Result:

@@ -177,3 +177,15 @@ def _value(key: str, text: str, hint: Any) -> Any:
         raise ConfigError(f"{key}={text}: not a value ({' '.join(str(error).split())})") from error
     except ValueError:
         return text
+
+
+def free_heads(overrides: Sequence[str]) -> list[str]:
+    """Overrides with ``++`` before options of heads, which a recipe need not name.
+
+    `finish` gives them to the head of the objective.
+
+    Example:
+        >>> free_heads(["seed=1", "head.contrast.width=32"])
+        ['seed=1', '++head.contrast.width=32']
+    """
+    return [f"++{word}" if re.match(r"head\.\w+\.", word) else word for word in overrides]

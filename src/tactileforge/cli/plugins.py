@@ -16,8 +16,9 @@ from typing import Any
 from tactileforge.cli import _options, _verbs
 from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError, PluginError, SensorError, check_names, command, unknown
-from tactileforge.plugins import registry
+from tactileforge.plugins import local, registry
 from tactileforge.util.files import disk_errors_named, new_part, write_text
+from tactileforge.util.licences import check_licence
 
 #: Kinds of plugins as they are typed, in the singular.
 _KINDS = [kind.removesuffix("s") for kind in (*registry.KINDS, *registry.MODULES)]
@@ -39,9 +40,10 @@ class _Check:
     """Keys of ``plugins check``.
 
     Attributes:
-        names: Plugins; none for all.
+        names: Plugins, installed or classes of your own (./file.py:Class, my_module:Class); none
+            for all installed ones.
         kind: Kind of plugins to check: sensor, dataset, encoder, head, objective, optimizer, check
-            or verb; None for all kinds.
+            or verb; None for all kinds, and that which a class of your own is.
         attached: Whether to check each attached sensor.
         options: Options of the one named plugin; other keys are collected here.
     """
@@ -81,14 +83,19 @@ class _New:
         source: Class of your own that the package is made of (``from=my_module:Contrast``); None
             for an example to start from.
         out: Folder to write it in.
+        licence: SPDX identifier of its licence, such as MIT; None states none, which is yours to do
+            before others use it.
     """
 
     kind: str
     name: str | None = None
     source: str | None = None
     out: str = "."
+    licence: str | None = None
 
     def __post_init__(self) -> None:
+        if self.licence is not None:
+            check_licence("licence", self.licence)
         if self.kind not in _FILES:
             also = "A head comes with its objective"
             raise ConfigError(unknown("kind", self.kind, _FILES, also))
@@ -115,18 +122,23 @@ def _list(keys: _List, _: dict[str, Any]) -> None:
 
 def _check(keys: _Check, _: dict[str, Any]) -> int:
     """Runs the conformance suite on all plugins or on the named ones."""
-    from tactileforge.testing import check
+    from tactileforge.testing import check, kind_of
 
     kinds = (*registry.KINDS, *registry.MODULES)
     installed = [(kind, name) for kind in kinds for name in registry.names(kind)]
     within = [plugin for plugin in installed if keys.kind in (None, plugin[0].removesuffix("s"))]
     known = {name for _, name in within}
+    own = []
     for wanted in keys.names:
-        if wanted not in known:
-            fix = "See them: tactileforge plugins list"
+        if local.is_local(wanted):
+            kind = f"{keys.kind}s" if keys.kind else kind_of(local.resolve(wanted), wanted)
+            registry.adopt(kind, wanted)
+            own.append((kind, wanted))
+        elif wanted not in known:
+            fix = registry.dotted(wanted) or "See them: tactileforge plugins list"
             text = unknown(keys.kind or "plugin", wanted, known, fix)
             raise PluginError(_unchecked(wanted) or text)
-    plugins = [plugin for plugin in within if not keys.names or plugin[1] in keys.names]
+    plugins = [plugin for plugin in within if not keys.names or plugin[1] in keys.names] + own
     options, attached = keys.options, keys.attached
     if options and len(plugins) != 1:
         raise ConfigError(
@@ -245,8 +257,11 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
     folder = out / package.replace("_", "-")
     if folder.exists():
         raise ConfigError(f"{folder} exists: choose another name, or --out another folder")
+    files_of_it = made or _example(kind, name, package, folder.name)
+    files_of_it["pyproject.toml"] = _licensed(files_of_it["pyproject.toml"], keys.licence)
+    files_of_it["README.md"] += _own_package.publishing(folder.name, keys.licence)
     with disk_errors_named(folder), new_part(folder) as part:
-        for path, text in (made or _example(kind, name, package, folder.name)).items():
+        for path, text in files_of_it.items():
             write_text(part / path, text)
         part.replace(folder)
     install = shlex.join(["pip", "install", "-e", str(folder)])
@@ -281,6 +296,13 @@ def _example(kind: str, name: str, package: str, title: str) -> dict[str, str]:
         renamed(path): renamed(_sections_of(kind, source.joinpath(path).read_text("utf-8")))
         for path in _paths(kind)
     }
+
+
+def _licensed(project: str, licence: str | None) -> str:
+    """A pyproject.toml with this licence, or with none."""
+    without = re.sub(r"^license = .*\n", "", project, flags=re.MULTILINE)
+    line = f'\nlicense = "{licence}"\ndependencies = ['
+    return without.replace("\ndependencies = [", line, 1) if licence else without
 
 
 def _names_of(kind: str) -> Collection[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 from tactileforge.cli._command import Command
 from tactileforge.cli._moved_data import put_in, taken_out
 from tactileforge.cli._quote import quoted, unquoted
+from tactileforge.cli._words import free_heads
 from tactileforge.errors import ConfigError, command
 from tactileforge.plugins.local import check_given, names_in
 from tactileforge.training.run_length import LENGTHS, MACHINE
@@ -132,11 +132,10 @@ _moved: dict[str, str] = {}
 def _prepare(overrides: list[str]) -> list[str]:
     """Keeps a resumed run in its folder and lets it change only its length and machine.
 
-    An option of a head may be given even if the recipe does not name the head: `compose.finish`
-    moves it to the head of the objective.
+    An option of a head may be given even if the recipe does not name the head.
     """
     _moved.clear()  # those of an earlier command in this process
-    overrides = [f"++{w}" if re.match(r"head\.\w+\.", w) else w for w in overrides]
+    overrides = free_heads(overrides)
     given = [word.partition("=")[2] for word in overrides if word.startswith("resume=")]
     folders = [unquoted(word).replace("\\=", "=") for word in given]
     if not folders or folders[-1] in ("", "null"):

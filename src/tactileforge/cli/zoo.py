@@ -14,6 +14,7 @@ from tactileforge.hub import cards, store
 from tactileforge.hub.header import read_header
 from tactileforge.hub.table import describe_clip, measured_rows, zoo_page
 from tactileforge.pages.text_tables import align_columns
+from tactileforge.plugins import local
 from tactileforge.runs.folder import split_best
 from tactileforge.util.files import sha256
 from tactileforge.util.licences import NO_LICENCE
@@ -153,7 +154,7 @@ def _show_file(path: Path) -> None:
         ("sensors", ", ".join(sorted(header.sensors)) or "none"),
         ("data", str(header.data.get("name", "not stated"))),
         ("clip", f"{frames} frames{apart}, {height} x {width}"),
-        ("heads", ", ".join(sorted(header.heads)) or "none"),
+        ("heads", ", ".join(header.titles_of_heads) or "none"),
         ("size", f"{path.stat().st_size / 1e6:.1f} MB, {header.dtype}"),
         ("source", ", ".join(f"{key} {value}" for key, value in header.source.items())),
         ("versions", ", ".join(f"{key} {value}" for key, value in header.versions.items())),
@@ -208,7 +209,13 @@ def _pack(keys: _Pack, _: dict[str, Any]) -> None:
     print(f"{path}: {path.stat().st_size / 1e6:.1f} MB, sha256 {sha256(path)}")
     print(f"load it: tactileforge.load({json.dumps(f'file:{path}', ensure_ascii=False)})")
     header = read_header(path)
-    chosen = [key for key in header.recipe.get("head", {}) if key in header.recipe["objective"]]
+    # a head of the user's own whose class was not given has its own warning
+    chosen = [
+        key
+        for key, node in header.recipe.get("head", {}).items()
+        if key in header.recipe["objective"]
+        and (header.source["encoder"] == "slow" or not local.is_local(node["name"]))
+    ]
     if left := sorted({*chosen} - header.heads.keys()):
         print(
             f"not in the file: head {', '.join(left)}, which no function of a model reads; the run "

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from os import PathLike
 from typing import Any, TypeAlias, TypedDict
 
 from tactileforge.errors import ConfigError
-from tactileforge.hub.inputs import Images
+from tactileforge.hub.inputs import Images, read_still
 from tactileforge.hub.sensor_rows import Policy
 
 #: A frame without contact, a word in its place, or nothing.
@@ -46,7 +46,8 @@ class Clips:
             batch with B in front. numpy or torch. One image, (H, W, 3), (3, H, W) or a batch with
             one frame a clip, is shown in all T places.
         background: A frame without contact of the same recording, of the frames' size: one, or one
-            a clip. ``"first"`` takes the first frame of each clip, ``"none"`` subtracts nothing.
+            a clip. ``"first"`` takes the first frame of each clip, ``"none"`` subtracts nothing. Of
+            a path the image is read.
         sensor: Name of the sensor, or one name a clip; ``"universal"`` takes the universal tokens.
         unknown_sensor: ``error``, or ``universal`` to take the universal tokens, and warn.
         batch_size: Clips that are computed at once.
@@ -57,6 +58,9 @@ class Clips:
     sensor: Sensors = None
     unknown_sensor: Policy = "error"
     batch_size: int = 32
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "background", read_still(self.background))
 
     @property
     def word(self) -> str:
@@ -70,7 +74,7 @@ class Clips:
 
     def refuse_itself(self) -> None:
         """Raises a ConfigError if one image would be its own background."""
-        of_file = isinstance(self.frames, str | Path) or hasattr(self.frames, "getbands")
+        of_file = isinstance(self.frames, str | PathLike) or hasattr(self.frames, "getbands")
         if self.word == "first" and (of_file or getattr(self.frames, "ndim", 0) == 3):
             raise ConfigError("background='first' is the image itself: give one without contact")
 

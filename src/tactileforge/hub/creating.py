@@ -7,19 +7,27 @@ from typing import TYPE_CHECKING, Any
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub.loading import load
 from tactileforge.hub.store import is_available
+from tactileforge.plugins import local
 from tactileforge.util.licences import NO_LICENCE
 
 if TYPE_CHECKING:
+    from torch import nn
+
     from tactileforge.hub.model import Model
 
 
 def create(
-    name: str, *, pretrained: bool = False, num_classes: int | None = None, **options: Any
+    name: str | type[nn.Module],
+    *,
+    pretrained: bool = False,
+    num_classes: int | None = None,
+    **options: Any,
 ) -> Model:
     """Builds a model by name: its architecture with random weights, or the pre-trained ones.
 
     Args:
-        name: ``NAME.TAG`` or ``NAME`` of the zoo, or an encoder's plugin, such as ``tactile_vit``.
+        name: ``NAME.TAG`` or ``NAME`` of the zoo, an encoder's plugin, such as ``tactile_vit``, or
+            an encoder of your own: the class, or ``my_module:Tiny``.
         pretrained: Whether weights are loaded; see `load`. An encoder with an option of this name,
             such as ``timm``, fetches its own.
         num_classes: Outputs of a new linear head, ``model.heads["classify"]``, on the projected
@@ -39,12 +47,15 @@ def create(
     # a bool is an int
     if num_classes is not None and (type(num_classes) is not int or num_classes < 1):
         raise ConfigError(f"num_classes={num_classes!r}: give a whole number, 1 or more")
+    name = name if isinstance(name, str) else local.name_of(name)
     if pretrained and _fetches(name):
         model = _untrained(name, {**options, "pretrained": True})
     else:
         model = load(name, **options) if pretrained else _untrained(name, options)
     if num_classes is not None:
-        _add_classes(model, num_classes)
+        if "classify" in model.heads:  # of the pre-trained model, for other classes
+            del model.heads["classify"]
+        model.add_head("classify", classes=num_classes)
     return model.requires_grad_(True)
 
 
@@ -52,12 +63,14 @@ def _fetches(name: str) -> bool:
     """Whether an encoder takes ``pretrained`` itself."""
     from tactileforge.plugins import registry
 
+    if local.is_local(name):
+        return "pretrained" in registry.parameters(registry.adopt("encoders", name))
     return name in registry.names("encoders") and "pretrained" in registry.options("encoders", name)
 
 
 def _untrained(name: str, options: dict[str, Any]) -> Model:
     """The architecture of a name, with random weights."""
-    from tactileforge.hub.files import make_header
+    from tactileforge.hub.files import make_header, without_folders
     from tactileforge.hub.model import Model
     from tactileforge.plugins import registry
 
@@ -72,7 +85,7 @@ def _untrained(name: str, options: dict[str, Any]) -> Model:
         spacing=(spacing or 1 / 30) if frames > 1 else 0.0,
         name=title,
         # not imported: its vector is the summary, as of a model trained here
-        recipe={"encoder": node},
+        recipe={"encoder": without_folders(node)},
         source={"weights": "pretrained" if options.get("pretrained") else "random"},
     )
     return Model(encoder, header)
@@ -94,19 +107,9 @@ def _architecture(name: str) -> tuple[dict[str, Any], float, str]:
             f"{word}: its architecture is in its file, which is not here yet: "
             f'tactileforge.load("{word}", accept="{weight.licence}"), then create it'
         )
-    if word not in registry.names("encoders"):
+    if local.is_local(word):
+        registry.adopt("encoders", word)
+    elif word not in registry.names("encoders"):
         known = {*cards.card_names(), *registry.names("encoders")}
         raise ConfigError(unknown("model or encoder", word, known))
     return {"name": word}, 0.0, ""
-
-
-def _add_classes(model: Model, count: int) -> None:
-    """Puts a new head for classes beside the encoder."""
-    from dataclasses import replace
-
-    from tactileforge.plugins import registry
-
-    node = {"name": "classify", "classes": count}
-    model.heads["classify"] = registry.build("heads", node, encoder=model.encoder).to(model.device)
-    model.heads["classify"].eval()
-    model.header = replace(model.header, heads={**model.header.heads, "classify": {"node": node}})

@@ -20,6 +20,8 @@ from tactileforge.plugins.distributions import install_command, package_of
 _PLACES = frozenset({"path", "root", "file", "folder", "url", "repo", "port"})
 #: Arguments that count modules, each of which has a tensor at least.
 _STACKS = frozenset({"depth", "stem_depth", "stems"})
+#: What is wrong with a class of the user's own that `own_head` refuses.
+NO_FIT = "no class of a head of this name that is made of the encoder alone"
 #: Largest number among the arguments of a model.
 _LARGEST = 8192
 
@@ -60,14 +62,17 @@ def check_nodes(path: Path, header: Header) -> None:
             if "text_encoder" in row
         ),
     ]:
+        check_arguments(path, node)
         for key, value in node.items():
-            _check_argument(path, f"{node['name']}.{key}", value)
             # a larger number could only be damage or malice, and would build for ever
             if key in _STACKS and isinstance(value, int) and value > tensors:
                 raise DataError(
                     f"{path}: {node['name']}.{key} is {value}, and the file has {tensors} tensors; "
                     "fetch it again"
                 )
+        own = local.is_local(node["name"])
+        if own and kind == "heads" and not local.is_given(node["name"]):
+            continue  # left out, see `own_head`
         plugin = registry.get(kind, node["name"])
         if "constructing does no io" in getattr(plugin, "expected_failures", {}):
             raise DataError(
@@ -76,7 +81,40 @@ def check_nodes(path: Path, header: Header) -> None:
             )
 
 
-def _check_argument(path: Path, where: str, value: Any) -> None:
+def own_head(key: str, name: str) -> bool:
+    """Whether a head by a class of the user's own was given, and can be kept in a file.
+
+    It is made of the encoder alone. Beside a head of that name that `Model` reads, it is one too.
+
+    Args:
+        key: Name of the head.
+        name: Name of its class, such as ``my_module:TwoCrops``.
+    """
+    if not local.is_given(name):
+        return False
+    plugin = registry.get("heads", name)
+    usual = registry.get("heads", key) if key in registry.names("heads") else object
+    fits = isinstance(plugin, type) and issubclass(plugin, usual)
+    return fits and registry.context(plugin) <= {"encoder"}
+
+
+def check_arguments(where: str | Path, node: Mapping[str, Any]) -> None:
+    """Checks the arguments of a part of a model for files, addresses and numbers without end.
+
+    Args:
+        where: The file or the part, for errors.
+        node: ``{"name": ..., **arguments}``.
+
+    Raises:
+        DataError: There is one.
+    """
+    # a name of somebody's own is looked up among what was given, and never imported
+    free = ("name",) if local.is_local(node["name"]) else ()
+    for key in node.keys() - {*free}:
+        _check_argument(where, f"{node['name']}.{key}", node[key])
+
+
+def _check_argument(path: str | Path, where: str, value: Any) -> None:
     if isinstance(value, Mapping | list):
         inner = value.items() if isinstance(value, Mapping) else enumerate(value)
         for key, item in inner:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, Literal
 
 import numpy as np
@@ -14,11 +15,18 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from tactileforge.errors import ConfigError, DataError
-from tactileforge.hub.file_checks import build, check_nodes, check_plugin, towers_of
+from tactileforge.hub.file_checks import (
+    NO_FIT,
+    build,
+    check_nodes,
+    check_plugin,
+    own_head,
+    towers_of,
+)
 from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 from tactileforge.hub.size_limit import Allowance
-from tactileforge.plugins import registry
+from tactileforge.plugins import local, registry
 from tactileforge.util.files import disk_errors_named, new_part, sync, usual_mode
 
 DTYPES = {"float32": torch.float32, "float16": torch.float16}
@@ -41,6 +49,7 @@ def make_header(
     plugin = next(
         (p for p in registry.list_plugins() if (p.kind, p.name) == ("encoders", node["name"])), None
     )
+    node = {**node, "name": without_folders(node["name"])}
     return Header(
         **{"name": "", "dtype": "float32", **known},
         format=FORMAT,
@@ -52,6 +61,20 @@ def make_header(
         spacing=float(spacing),
         licence=licence,
     )
+
+
+def without_folders(value: Any) -> Any:
+    """Strips folders from absolute paths: they are private and meaningless elsewhere."""
+    if isinstance(value, Mapping):
+        return {str(key): without_folders(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [without_folders(item) for item in value]
+    if isinstance(value, str):
+        # a model may be packed on another system than it was trained on
+        for kind in (PurePosixPath, PureWindowsPath):
+            if kind(value).is_absolute() or value.startswith("~"):
+                return kind(value).name
+    return value
 
 
 def describe_input(encoder: Any) -> dict[str, Any]:
@@ -187,6 +210,10 @@ def _open_heads(
     """Builds the heads of the header, fills in their weights and freezes them."""
     heads: dict[str, nn.Module] = {}
     for name, entry in header.heads.items():
+        own = entry["node"]["name"]
+        if local.is_local(own) and not own_head(name, own):
+            warn_of_left(path, name, own)
+            continue
         prefix = _of_head(name)
         with torch.random.fork_rng(devices=[]), Allowance(path):
             towers = towers_of(path, entry)
@@ -195,6 +222,13 @@ def _open_heads(
         fill_weights(head, own, f"{path}, head {name}")
         heads[name] = head.requires_grad_(False).eval()
     return heads
+
+
+def warn_of_left(path: Path, name: str, own: str) -> None:
+    """Warns of a head whose class was not given: the model is loaded without it."""
+    what = f"{path}: head {name} is left out: {own} is"
+    why = f"{what} {NO_FIT}"
+    warnings.warn(why if local.is_given(own) else str(local.not_given(what, [own])), stacklevel=4)
 
 
 def _is_finite(values: Tensor) -> bool:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeGuard
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
+from tactileforge.plugins import local
 from tactileforge.util import strict
 from tactileforge.util.pointers import check_pointer
 from tactileforge.util.untrusted import load_json
@@ -82,6 +83,14 @@ class Header:
     recipe: dict[str, Any] = field(default_factory=dict)
     source: dict[str, Any] = field(default_factory=dict)
     heads: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def titles_of_heads(self) -> list[str]:
+        """Names of the heads, sorted; with its class, where that is of somebody's own."""
+        return [
+            f"{key} ({name})" if local.is_local(name := entry["node"]["name"]) else key
+            for key, entry in sorted(self.heads.items())
+        ]
 
     def metadata(self, has_place: bool = False) -> dict[str, str]:
         """The metadata of the safetensors file.

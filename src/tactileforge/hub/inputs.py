@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -13,7 +14,7 @@ from torch import Tensor
 from tactileforge.contracts import NEUTRAL_BACKGROUND
 from tactileforge.data.batches.clips import resize_frame
 from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
-from tactileforge.errors import ConfigError, DataError
+from tactileforge.errors import ConfigError, DataError, home_path, nearest_name
 from tactileforge.sensors.swapped_colours import warn_of_swapped
 from tactileforge.util.pointers import check_pointer
 
@@ -56,7 +57,8 @@ def prepare_clips(
         ConfigError: No background, or an unknown word for it.
     """
     frames, single = _repeat_stills(as_pixels("frames", frames), count)
-    if isinstance(background, Path) or (background is not None and not isinstance(background, str)):
+    background = read_still(background)
+    if background is not None and not isinstance(background, str):
         background = as_pixels("background", background)
         return ClipInputs(*check_clip(frames, background, count), single)
     clips, neutral = check_clip(frames, None, count)
@@ -64,11 +66,34 @@ def prepare_clips(
         return ClipInputs(clips, clips[:, 0], single)
     if background == "none" or (background is None and not needed):
         return ClipInputs(clips, neutral, single)
-    what = "no background" if background is None else f"background={background!r}"
     raise ConfigError(
-        f"{what}: give a frame without contact of the same recording; background='first' takes "
-        "the first frame of each clip, background='none' subtracts nothing"
+        "no background: give a frame without contact of the same recording; background='first' "
+        "takes the first frame of each clip, background='none' subtracts nothing"
     )
+
+
+#: Words in place of a background.
+_WORDS = ("first", "none")
+
+
+def read_still(background: Any) -> Any:
+    """A background; of a path the image, and all else unchanged.
+
+    Raises:
+        ConfigError: A text that is neither a word for a background nor a path.
+        DataError: No such file, or no image.
+    """
+    if not isinstance(background, str | PathLike) or background in _WORDS:
+        return background
+    path = home_path(fspath(background))
+    if isinstance(background, str) and not path.suffix and not path.exists():
+        near = nearest_name(background, _WORDS)
+        raise ConfigError(
+            f"background={background!r}: no such word or file{near} Give a frame without contact "
+            "of the same recording, or its path; background='first' takes the first frame of each "
+            "clip, background='none' subtracts nothing"
+        )
+    return _read("background", path)
 
 
 def as_pixels(what: str, images: Any) -> Any:
@@ -81,8 +106,8 @@ def as_pixels(what: str, images: Any) -> Any:
     Raises:
         DataError: No such file, no image, or floats beyond 0 to 1.
     """
-    if isinstance(images, str | Path):
-        return _read(what, Path(images))
+    if isinstance(images, str | PathLike):
+        return _read(what, home_path(fspath(images)))
     if isinstance(images, list | tuple):
         if not images:
             raise DataError(f"{what}: an empty list; give images")
@@ -101,6 +126,11 @@ def as_pixels(what: str, images: Any) -> Any:
 def _read(what: str, path: Path) -> NDArray[np.uint8]:
     import cv2
 
+    if path.is_dir():
+        raise DataError(
+            f"{what}: {path}: a folder; give its images, as sorted(pathlib.Path({str(path)!r})"
+            '.glob("*.png"))'
+        )
     if not path.is_file():
         raise DataError(f"{what}: {path}: no such file; correct the path")
     image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)

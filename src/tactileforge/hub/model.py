@@ -20,11 +20,12 @@ from tactileforge.hub.clips import Batched, Clips, Sensors, Still, Unknown, chec
 from tactileforge.hub.force_reader import ForceReader
 from tactileforge.hub.forces import ModelReadings
 from tactileforge.hub.header import Header
-from tactileforge.hub.inputs import Images, squash_images
+from tactileforge.hub.inputs import Images, as_pixels, read_still, squash_images
 from tactileforge.hub.picture_checks import PictureChecks
 from tactileforge.hub.sensor_rows import Policy
 from tactileforge.hub.taps import Tap
 from tactileforge.hub.video import Times, Video, cut_clips, open_video, stacked, still_of
+from tactileforge.plugins import local
 from tactileforge.sensors.background import Background
 from tactileforge.sensors.streaming.contact import ContactOptions, SlipOptions
 from tactileforge.sensors.streaming.inputs import ForceUnit
@@ -146,10 +147,15 @@ class Model(nn.Module):
 
     @property
     def fingerprint(self) -> str:
-        """Hash of its weights, 16 hexadecimal digits; ties a calibration to its model."""
+        """Hash of its weights, 16 hexadecimal digits; ties a calibration to its model.
+
+        Heads by classes of the user's own do not count: the file is read without them too.
+        """
         if self._fingerprint:
             return self._fingerprint
-        return forces.fingerprint([self.encoder, *(self.heads[key] for key in sorted(self.heads))])
+        own = {key for key, one in self.header.heads.items() if local.is_local(one["node"]["name"])}
+        heads = [self.heads[key] for key in sorted(self.heads) if key not in own]
+        return forces.fingerprint([self.encoder, *heads])
 
     @property
     def encoder_hash(self) -> str:
@@ -165,6 +171,31 @@ class Model(nn.Module):
         """Hashes of the weights of ``encoder`` and of each ``head.NAME``."""
         parts = {"encoder": self.encoder, **{f"head.{key}": x for key, x in self.heads.items()}}
         return {key: forces.fingerprint([part]) for key, part in parts.items()}
+
+    def add_head(self, name: str, head: str | type[nn.Module] = "", /, **options: Any) -> nn.Module:
+        """Puts a new head beside the encoder, in ``heads``: `read_head` reads it, `save` keeps it.
+
+        It can be trained, and in evaluation mode. Of a class of your own the file has the weights
+        and the name, so ``load(path, classes={"my_module:Grasp": Grasp})`` has the head again;
+        without the class the rest is loaded.
+
+        Args:
+            name: Name of the head.
+            head: A class, made as ``head(encoder, **options)``, or the name of one: installed,
+                registered, or ``my_module:Grasp``; "" for the installed one called `name`.
+            **options: Arguments of its constructor: plain data, which the file keeps.
+
+        Raises:
+            ConfigError: The name is taken, or the class takes no such options.
+            PluginError: There is no such class, or it is no head.
+
+        Example:
+            >>> import tactileforge
+            >>> model = tactileforge.create("tactile_vit", size="tiny")
+            >>> model.add_head("classify", classes=3).linear.out_features
+            3
+        """
+        return saving.add_head(self, name, head, options)
 
     def save(self, path: str | Path, **options: Any) -> Path:
         """Writes the model as it is now to one file, which ``load(path)`` reads.
@@ -221,11 +252,12 @@ class Model(nn.Module):
 
         Args:
             frames: uint8, RGB, oldest first, of any size: one clip (T, H, W, 3) or (T, 3, H, W), or
-                a batch with B in front. numpy or torch. One image, (H, W, 3), (3, H, W) or a batch
-                with one frame a clip, is shown in all T places, as the authors do.
+                a batch with B in front. numpy or torch; floats from 0 to 1, PIL images and paths of
+                images are taken too, and lists of these stacked. One image, (H, W, 3), (3, H, W) or
+                a batch with one frame a clip, is shown in all T places, as the authors do.
             background: A frame without contact of the same recording, of the frames' size: one,
-                or one per clip. ``"first"`` takes the first frame of each clip, ``"none"``
-                subtracts nothing. May be left out only where the model uses none.
+                or one per clip, in any of these forms. ``"first"`` takes the first frame of each
+                clip, ``"none"`` subtracts nothing. May be left out only where the model uses none.
             sensor: Name of the sensor, or one name a clip; ``"universal"`` takes the universal
                 tokens. May be left out where the model knows one sensor, or none.
             groups: Names of groups, or ``all``, that are put side by side, each times a fixed
@@ -250,9 +282,10 @@ class Model(nn.Module):
                 f"encode gives one vector and takes no {asked[0]}=: model.features(frames, "
                 f"background, sensor, {asked[0]}=...)"
             )
+        clips = Clips(frames, background, sensor, **options)
         if checks:
-            self._picture_checks(background, sensor)
-        return self.clips_reader.encoded(groups, Clips(frames, background, sensor, **options))
+            self._picture_checks(clips.background, sensor)
+        return self.clips_reader.encoded(groups, clips)
 
     def features(
         self,
@@ -351,9 +384,10 @@ class Model(nn.Module):
                 with what is given, or the calibration is of another model; see `encode`.
             DataError: Frames or background are not what the model takes.
         """
+        clips = Clips(frames, background, sensor)
         if checks:
-            self._picture_checks(background, sensor)
-        return head_reader.force_of(self, Clips(frames, background, sensor), calibration, unit)
+            self._picture_checks(clips.background, sensor)
+        return head_reader.force_of(self, clips, calibration, unit)
 
     def force_unit(
         self, calibration: Calibration | str | Path | None = None, unit: str | None = None
@@ -607,7 +641,7 @@ class Model(nn.Module):
         self,
         sensor: str | None = None,
         *,
-        background: NDArray[np.uint8] | Literal["first"] | Background | None = None,
+        background: Images | Literal["first"] | Background | None = None,
         contact: ContactOptions | None = None,
         slip: SlipOptions | None = None,
         embedding: bool = True,
@@ -622,9 +656,9 @@ class Model(nn.Module):
 
         Args:
             sensor: Name of the sensor; None where the model knows one, or none.
-            background: The frame without contact, uint8 (H, W, 3); ``first``, the first frame,
-                unchecked; or how it is taken: None and `Background` take the median of the first
-                ``seconds``, in which nothing may touch.
+            background: The frame without contact, an image as in `encode`; ``first``, the first
+                frame, unchecked; or how it is taken: None and `Background` take the median of the
+                first ``seconds``, in which nothing may touch.
             contact: Thresholds of contact; see `ContactOptions`.
             slip: Thresholds of slip; see `SlipOptions`.
             embedding: Whether predictions carry the model's vector.
@@ -637,10 +671,14 @@ class Model(nn.Module):
                 unit does not go with it.
         """
         opened = forces.opened_calibration(calibration)
+        still = read_still(background)
+        if still is not None and not isinstance(still, str | Background):
+            still = as_pixels("background", still)
+            still = np.asarray(still.cpu() if isinstance(still, Tensor) else still)
         stream = TouchStream(
             self,
             sensor,
-            background=background,
+            background=still,
             contact=contact,
             slip=slip,
             embedding=embedding,

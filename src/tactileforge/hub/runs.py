@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path
 from typing import Any, Literal
 
 import torch
@@ -13,9 +13,10 @@ from torch import Tensor, nn
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.hub import files
 from tactileforge.hub.aligned import ALIGN, aligned_head
+from tactileforge.hub.file_checks import own_head
 from tactileforge.hub.header import Header
 from tactileforge.hub.positions import changed_options, rebuild_encoder
-from tactileforge.plugins import registry
+from tactileforge.plugins import local, registry
 from tactileforge.runs import folder as run_folder
 from tactileforge.runs.checkpoint_file import find_checkpoint, read_own
 from tactileforge.runs.folder import split_best
@@ -92,7 +93,7 @@ def read_run(
         commit=kept.get("commit") or commit(),
         versions=kept.get("versions", {}),
         data={"name": config["data"]["name"], "licences": kept.get("licences", [])},
-        recipe=_without_folders(config),
+        recipe=files.without_folders(config),
         source={"steps": checkpoint["global_step"], "encoder": kind},
         heads=entries,
     )
@@ -133,10 +134,15 @@ def _heads(
     """The trained heads of a run to keep, and their entries of the header, by name."""
     heads: dict[str, nn.Module] = {}
     entries: dict[str, dict[str, Any]] = {}
-    for name in (*KEPT_HEADS, ALIGN):
-        node = config.get("head", {}).get(name)
+    for name, node in sorted(config.get("head", {}).items(), key=lambda one: _order(one[0])):
+        if not node:
+            continue
+        if local.is_local(node["name"]) and name in config.get("objective", {}):
+            if not own_head(name, node["name"]):
+                files.warn_of_left(run, name, node["name"])
+                continue
         # another plugin under this name is not what `Model` reads
-        if not node or node["name"] != name:
+        elif node["name"] != name or name not in (*KEPT_HEADS, ALIGN):
             continue
         own = _below(f"heads.{name}.", state)
         if name == ALIGN:
@@ -145,11 +151,17 @@ def _heads(
             heads[name], entries[name], own = found
         else:
             heads[name] = registry.build("heads", node, encoder=encoder)
-            entries[name] = {"node": node}
+            entries[name] = {"node": {**node, "name": files.without_folders(node["name"])}}
             if name == "force":
                 entries[name]["scale"] = _scales(sensors)
         files.fill_weights(heads[name], own, f"{run}, head {name}")
     return heads, entries
+
+
+def _order(name: str) -> tuple[int, str]:
+    """Place of a head in a file: first those that come with the package."""
+    known = (*KEPT_HEADS, ALIGN)
+    return (known.index(name) if name in known else len(known), name)
 
 
 def _scales(sensors: Iterable[str]) -> dict[str, list[float]]:
@@ -185,20 +197,6 @@ def _choose(
 def _below(prefix: str, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Subset of a state under a prefix, with the prefix removed."""
     return {key.removeprefix(prefix): x for key, x in state.items() if key.startswith(prefix)}
-
-
-def _without_folders(value: Any) -> Any:
-    """Strips folders from absolute paths: they are private and meaningless elsewhere."""
-    if isinstance(value, Mapping):
-        return {str(key): _without_folders(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_without_folders(item) for item in value]
-    if isinstance(value, str):
-        # a model may be packed on another system than it was trained on
-        for kind in (PurePosixPath, PureWindowsPath):
-            if kind(value).is_absolute() or value.startswith("~"):
-                return kind(value).name
-    return value
 
 
 def _config(run: Path) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,13 +12,17 @@ from typing import TYPE_CHECKING, Any, Literal
 import yaml
 
 from tactileforge.errors import ConfigError
-from tactileforge.hub.files import save_checkpoint
+from tactileforge.hub.file_checks import NO_FIT, check_arguments, own_head
+from tactileforge.hub.files import save_checkpoint, without_folders
 from tactileforge.hub.header import Header
 from tactileforge.hub.store import CARD, WEIGHTS
+from tactileforge.plugins import local, registry
 from tactileforge.util.files import write_text
 from tactileforge.util.licences import NO_LICENCE, check_licence
 
 if TYPE_CHECKING:
+    from torch import nn
+
     from tactileforge.hub.model import Model
 
 
@@ -49,6 +54,31 @@ def save_folder(model: Model, folder: str | Path, place: str = "FOLDER", **optio
     return target
 
 
+def add_head(
+    model: Model, name: str, head: str | type[nn.Module], options: Mapping[str, Any]
+) -> nn.Module:
+    """Puts a new head beside the encoder of a model; see `Model.add_head`."""
+    if name in model.heads:
+        raise ConfigError(f"the model has a head {name!r}: take another name, or del model.heads")
+    if not name.isidentifier():
+        raise ConfigError(f"{name!r} is no name of a head: use letters, digits and underscores")
+    word = (head or name) if isinstance(head, str) else local.name_of(head)
+    if local.is_local(word):
+        registry.adopt("heads", word)
+    elif not any((one.kind, one.name) == ("heads", word) for one in registry.list_plugins()):
+        word = local.name_of(registry.get("heads", word))  # registered in this process alone
+    if local.is_local(word) and not own_head(name, word):
+        raise ConfigError(f"head {name!r}: {word} is {NO_FIT}")
+    node = {"name": word, **options}
+    check_arguments(f"head {name!r}", node)
+    built: nn.Module = registry.build("heads", node, encoder=model.encoder).to(model.device).eval()
+    model.heads[name] = built
+    kept = {**node, "name": without_folders(word)}
+    heads = {**model.header.heads, name: {"node": kept}}
+    model.header = replace(model.header, heads=heads)
+    return built
+
+
 def push(
     model: Model, repo: str, *, private: bool = False, message: str = "", **options: Any
 ) -> str:
@@ -74,7 +104,8 @@ def described(model: Model, name: str = "", licence: str = "") -> Header:
     old = model.header
     if strange := sorted(set(model.heads) - set(old.heads)):
         raise ConfigError(
-            f"head {strange[0]} is not one of the model's file, which names the plugin of each"
+            f"head {strange[0]} is not one of the model's file, which names the class of each: put "
+            f"it in by model.add_head({strange[0]!r}, Class, option=...), which keeps these"
         )
     if licence:
         check_licence("licence", licence)
@@ -83,7 +114,9 @@ def described(model: Model, name: str = "", licence: str = "") -> Header:
             f"licence={licence}: its weights come from weights under {old.licence}, which holds "
             "for these too; leave licence out"
         )
-    header = replace(old, name=name or old.name, licence=licence or old.licence)
+    # one whose class was not given is not here
+    heads = {key: entry for key, entry in old.heads.items() if key in model.heads}
+    header = replace(old, name=name or old.name, licence=licence or old.licence, heads=heads)
     now = model.part_hashes()
     changed = sorted(key for key, value in now.items() if model.loaded.get(key) != value)
     if not changed:
@@ -115,7 +148,7 @@ def card_text(model: Model, header: Header, place: str) -> str:
         "clip": f"{model.frames} frames, {header.spacing:.3g} s apart",
         "sensors": ", ".join(header.sensors) or "any",
         "data": header.data.get("name", "") or "not stated",
-        "heads": ", ".join(model.heads) or "none",
+        "heads": ", ".join(header.titles_of_heads) or "none",
         "licence": header.licence,
         "fingerprint": model.fingerprint,
     }

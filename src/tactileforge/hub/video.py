@@ -17,6 +17,7 @@ from tactileforge.data.frames.lazy import ArrayFrames, VideoFrames
 from tactileforge.data.frames.stacks import open_film
 from tactileforge.data.frames.video_clock import video_times
 from tactileforge.errors import ConfigError, DataError
+from tactileforge.hub.inputs import read_still
 from tactileforge.sensors.streaming.buffer import warn_of_slow_frames
 
 Times = NDArray[np.float64]
@@ -36,10 +37,13 @@ def open_video(video: Video) -> Frames:
 
 
 def still_of(video: Frames, background: Any) -> Any:
-    """The background of a video: its first frame for ``first``, which would be each clip's own."""
+    """The background of a video: its first frame for ``first``, which would be each clip's own.
+
+    A path is read once, not with each batch.
+    """
     if isinstance(background, str) and background == "first":
         return video.read([0])[0]
-    return background
+    return read_still(background)
 
 
 def stacked(

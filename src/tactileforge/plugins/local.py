@@ -17,7 +17,6 @@ from hashlib import sha256
 from importlib import import_module
 from importlib.machinery import PathFinder
 from importlib.util import module_from_spec, spec_from_file_location
-from inspect import isroutine
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -77,8 +76,8 @@ def resolve(name: str, where: str = "") -> Any:
     """
     place = f"{where}={name}" if where else name
     known = _known.get(name)
-    if known is not None and not isinstance(known, type) and not isroutine(known):
-        return known  # a finished instance
+    if known is not None and "<locals>" in getattr(known, "__qualname__", "<locals>"):
+        return known  # a finished instance, or made in a function: no module has it
     match = _LOCAL.fullmatch(name)
     if not match:
         file = name.partition(".py")[0] + ".py" if ".py" in name else name.partition(":")[0]
@@ -134,7 +133,7 @@ def check_given(config: Mapping[str, Any], what: str) -> None:
     Raises:
         PluginError: Something was not; names all that is missing, as words to type.
     """
-    missing = [name for name in names_in(config) if not _is_given(name)]
+    missing = [name for name in names_in(config) if not is_given(name)]
     if missing:
         raise not_given(f"{what} was made with {' and '.join(missing)},", missing)
 
@@ -147,7 +146,7 @@ def not_given(what: str, names: Sequence[str]) -> PluginError:
         names: The names.
     """
     listed = ",".join(names)
-    word = shlex.quote(f"code=[{listed}]") if len(names) > 1 else f"code={listed}"
+    word = shlex.quote(f"code=[{listed}]" if len(names) > 1 else f"code={listed}")
     classes = ", ".join(f"{name!r}: {name.rpartition(':')[2]}" for name in names)
     return PluginError(
         f"{what} of somebody's own, and what a file names is never imported: give it, {word} on "
@@ -155,7 +154,8 @@ def not_given(what: str, names: Sequence[str]) -> PluginError:
     )
 
 
-def _is_given(name: str) -> bool:
+def is_given(name: str) -> bool:
+    """Whether `find` knows a name: it was typed or given in this process."""
     try:
         find(name)
     except KeyError:

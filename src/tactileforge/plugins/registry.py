@@ -333,10 +333,13 @@ def dotted(name: str) -> str:
 
 def _given(kind: str, name: str) -> Any:
     """A class of the user's own that was typed or given in this process; imports nothing."""
+    what = f"{kind.removesuffix('s')} {name!r}"
     try:
-        return local.find(name)
+        found = local.find(name)
     except KeyError:
-        raise local.not_given(f"{kind.removesuffix('s')} {name!r} is", [name]) from None
+        raise local.not_given(f"{what} is", [name]) from None
+    _check_contract(kind, found, what)
+    return found
 
 
 def parameters(plugin: type[Any]) -> dict[str, Any]:

@@ -21,13 +21,15 @@ from typing import Any
 import torch
 
 from tactileforge.errors import PluginError, unknown
-from tactileforge.plugins import registry
+from tactileforge.plugins import local, registry
 from tactileforge.testing import general
 from tactileforge.testing.batches import batch
+from tactileforge.testing.kinds import kind_of
 from tactileforge.testing.results import Check, CheckResult, CheckSubject, run_check
+from tactileforge.training.torch_optimizers import plugin_of
 from tactileforge.util.threads import one_thread
 
-__all__ = ["CheckResult", "batch", "check", "check_container"]
+__all__ = ["CheckResult", "batch", "check", "check_container", "kind_of"]
 
 
 def check(
@@ -38,8 +40,8 @@ def check(
     Args:
         kind: ``sensor``, ``dataset``, ``encoder``, ``head``, ``objective``, ``optimizer``,
             ``check`` or ``verb``, or its plural.
-        plugin: An installed name, or a class; for sensors and data sets also an instance; for
-            verbs a module.
+        plugin: An installed name, or a class, also by its name ``my_module:Class``; for sensors
+            and data sets also an instance; for verbs a module.
         head: Class of the head that feeds an objective; None for the installed head named by the
             objective.
         options: Constructor arguments.
@@ -60,6 +62,8 @@ def check(
     if kind not in checked:
         known = [known.removesuffix("s") for known in checked]
         raise PluginError(unknown("kind of plugin", kind.removesuffix("s"), known))
+    if isinstance(plugin, str) and local.is_local(plugin):
+        plugin = registry.adopt(kind, plugin)
     if isinstance(plugin, str) and plugin in registry.names(kind):
         try:
             registry.load(kind, plugin)
@@ -101,6 +105,8 @@ def _subject(
             "options, not an instance"
         )
     cls = type(plugin) if instance is not None else plugin
+    if kind == "optimizers" and issubclass(cls, torch.optim.Optimizer):
+        cls = plugin_of(cls)  # as training does with it
     target = f"{cls.__module__}:{cls.__qualname__}"
     installed = (p.name for p in registry.list_plugins() if (p.kind, p.target) == (kind, target))
     return CheckSubject(kind, cls, next(installed, ""), options, instance, head)

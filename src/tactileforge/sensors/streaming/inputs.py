@@ -117,12 +117,14 @@ def background_options(background: Image | str | Background | None) -> Backgroun
     """Options for taking a background, if it is not an image.
 
     Raises:
-        ConfigError: The word is not ``first``.
+        ConfigError: The word is not ``first``, or it is something else.
     """
-    if isinstance(background, str):
-        if background != "first":
-            raise ConfigError(f"background={background!r}: give an image, 'first', or a Background")
+    if isinstance(background, str) and background == "first":
         return Background(seconds=0.0)
+    if not (background is None or isinstance(background, np.ndarray | Background)):
+        raise ConfigError(
+            f"background={background!r}: give an image (uint8 array), 'first', or a Background"
+        )
     return background if isinstance(background, Background) else Background()
 
 
