@@ -47,6 +47,7 @@ from tactileforge.reading.splits import check_share as check_share
 from tactileforge.reading.splits import check_split as check_split
 from tactileforge.reading.splits import held_out_names as held_out_names
 from tactileforge.reading.splits import is_held_out as is_held_out
+from tactileforge.reading.splits import one_of_few as one_of_few
 from tactileforge.reading.tables import number_or_text as number_or_text
 from tactileforge.reading.tables import read_cells as read_cells
 from tactileforge.reading.trials import trial_of as trial_of

@@ -24,7 +24,7 @@ from tactileforge.reading.drawn import Drawn
 from tactileforge.reading.layout_keys import MEDIAN_FRAMES
 from tactileforge.reading.notes import add_once
 from tactileforge.reading.official import ALL_FOR_TRAINING, OfficialSplit
-from tactileforge.reading.splits import is_held_out
+from tactileforge.reading.splits import is_held_out, one_of_few
 from tactileforge.specs.published import spec
 from tactileforge.util.regular import is_there
 
@@ -155,8 +155,18 @@ class PublishedDataset(Drawn, ABC):
         side = self.chosen.side(item.facts)
         if side != "train" or self.chosen.val:
             return side
-        # by name and group: a share is the same one on each machine, whatever files are there
-        return "val" if is_held_out(f"{self.name}/{item.group or item.key}", self.val) else side
+        # by name and group: but for a few, a share is the same one whatever files are there
+        unit = self._unit(item)
+        return "val" if unit in self._held or is_held_out(unit, self.val) else side
+
+    def _unit(self, item: RecordingItem) -> str:
+        return f"{self.name}/{item.group or item.key}"
+
+    @cached_property
+    def _held(self) -> frozenset[str]:
+        """The unit held out of few; see `splits.one_of_few`."""
+        own = (item for item in self._items() if self.chosen.side(item.facts) == "train")
+        return one_of_few(map(self._unit, own), self.val)
 
     def _missing(self, what: str) -> DataNotFoundError:
         return DataNotFoundError(

@@ -19,7 +19,7 @@ from tactileforge.errors import (
     home_path,
     unknown,
 )
-from tactileforge.reading import add_once, as_texts, held_out_names, is_held_out
+from tactileforge.reading import add_once, as_texts, is_held_out, one_of_few
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -287,7 +287,7 @@ class Episodes:
             # a share is held out as it is: no further file is opened to know
             if len(units) > _SMALL or any(is_held_out(unit, self.val) for unit in units):
                 return frozenset()
-        return held_out_names(units, self.val)
+        return one_of_few(units, self.val)
 
     @property
     def held_out(self) -> list[str]:
