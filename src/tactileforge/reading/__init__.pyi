@@ -9,6 +9,7 @@ from tactileforge.reading.container import check_size as check_size
 from tactileforge.reading.container import check_unpacked as check_unpacked
 from tactileforge.reading.drawn import Drawn as Drawn
 from tactileforge.reading.figure import plot_recording as plot_recording
+from tactileforge.reading.files import kind_of as kind_of
 from tactileforge.reading.files import matching_files as matching_files
 from tactileforge.reading.files import read_rows as read_rows
 from tactileforge.reading.files import read_text as read_text

@@ -72,6 +72,7 @@ class PublishedDataset(Drawn, ABC):
         certainty: Score of such a guess: .5 for names that other data may have, 1 for its own.
         doubts: What a user of it has to check, one line each.
         skipped: One line for each unreadable recording.
+        notes: One line for each table or scale that is there and says nothing.
 
     Raises:
         ConfigError: An unknown split, or a share outside 0..1.
@@ -101,6 +102,7 @@ class PublishedDataset(Drawn, ABC):
         self.chosen = named[split]
         self.val = val
         self.skipped: list[str] = []
+        self.notes: list[str] = []
 
     @abstractmethod
     def _items(self) -> Iterator[RecordingItem]:

@@ -16,6 +16,7 @@ from tactileforge.reading import (
     NumberedImages,
     PublishedDataset,
     RecordingItem,
+    add_once,
     is_there,
     read_rows,
     read_text,
@@ -70,6 +71,8 @@ class Ssvtp(PublishedDataset):
     def _open(self, key: str, path: Path, view: Path | None) -> Recording:
         caption = path.parents[1] / "text" / f"labels_{key}.txt"
         text = read_text(caption).strip() if is_there(caption) else ""
+        if not text and is_there(caption):
+            add_once(self.notes, f"{caption}: no caption is in it")
         return self._recording(
             key,
             sensor="digit",

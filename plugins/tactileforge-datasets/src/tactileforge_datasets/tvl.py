@@ -110,7 +110,10 @@ class Tvl(PublishedDataset):
         for side in ("train", "test"):
             path = part / f"{side}.csv"
             if is_there(path):
-                for i, cells in enumerate(read_rows(path)[1:], start=2):
+                lines = read_rows(path)
+                if not lines:
+                    raise DataError(f"{path}: empty; download it again")
+                for i, cells in enumerate(lines[1:], start=2):
                     if len(cells) != 4:
                         raise DataError(
                             f"{path}, line {i}: {len(cells)} cells, where vision, tactile, "

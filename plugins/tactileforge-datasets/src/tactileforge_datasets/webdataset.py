@@ -172,9 +172,11 @@ class WebDataset(Drawn):
         if split == "val" and not self.val_tars and not self.val:
             return []
         # a pattern of all tars may take in those of validation
-        val = find_tars(self.folder, self.val_tars)
+        val = find_tars(self.folder, self.val_tars, self._odd)
         held_out = {tar.file for tar in val}
-        tars = [tar for tar in find_tars(self.folder, self.tars) if tar.file not in held_out]
+        tars = [
+            tar for tar in find_tars(self.folder, self.tars, self._odd) if tar.file not in held_out
+        ]
         if split == "val" and self.val_tars:
             tars = val
         if not tars:
@@ -237,6 +239,9 @@ class WebDataset(Drawn):
                 f"{self.root}: not one recording can be opened; the first of {len(self.skipped)} "
                 f"problems: {self.skipped[0]}"
             )
+
+    def _odd(self, line: str) -> None:
+        add_once(self.skipped, line)
 
     def _note(self, line: str, count: int) -> None:
         add_once(self.skipped, line)

@@ -94,4 +94,6 @@ class Grid:
             members: Files of the group.
         """
         folders, files = members.children(self.folder)
-        return bool(folders) or any(name[0] != "." and name != "zarr.json" for name in files)
+        if self.mark == "/" and folders:
+            return True
+        return any(name[0] != "." and name != "zarr.json" for name in files)
