@@ -147,18 +147,20 @@ class ImageRows:
 
     def _ends(self, image: Path) -> list[str]:
         """Ends of its path from folders below that of the layout on."""
-        inside = image.is_relative_to(self.folder)
-        return ends_of((image.relative_to(self.folder) if inside else image).as_posix())
+        return ends_of(image.as_posix().removeprefix(_start(self.folder)))
 
     def _spellings(self, image: Path, table: Path, is_shared: bool) -> list[str]:
-        names = [
-            image.relative_to(base).as_posix()
-            for base in (self.folder, table.parent)
-            if image.is_relative_to(base)
-        ]
-        names.append(image.absolute().as_posix())
+        path = image.as_posix()
+        bases = dict.fromkeys(map(_start, (self.folder, table.parent)))
+        names = [path.removeprefix(base) for base in bases if path.startswith(base)]
+        names.append(path if image.is_absolute() else image.absolute().as_posix())
         names += [end for end in self._ends(image) if not is_shared or end in self._alone]
         return [*names, *(name.removesuffix(image.suffix) for name in names)]
+
+
+def _start(folder: Path) -> str:
+    """What the paths of a folder's files begin with."""
+    return "" if folder == Path() else f"{folder.as_posix()}/"
 
 
 def names_images(path: Path) -> bool:

@@ -18,6 +18,7 @@ from tactileforge.data.frames.companions import is_companion
 from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.frames.picture_index import PictureIndex
 from tactileforge.data.labels.missing import stated
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
 from tactileforge.reading.drawn import Drawn
@@ -124,16 +125,19 @@ class PublishedDataset(Drawn, ABC):
         if split not in ("train", "val", "test"):
             raise ConfigError(unknown("side of a split", split, ("train", "val", "test")))
         opened = False
-        for item in self._items():
-            if self._side(item) != split:
-                continue
-            try:
-                recording = item.open()
-            except DataError as error:
-                add_once(self.skipped, error)
-                continue
-            opened = True
-            yield recording
+        try:
+            for item in self._items():
+                if self._side(item) != split:
+                    continue
+                try:
+                    recording = item.open()
+                except DataError as error:
+                    add_once(self.skipped, error)
+                    continue
+                opened = True
+                yield recording
+        finally:
+            self._index.save()
         # Validation may be empty; training and test may not.
         if opened or split == "val":
             return
@@ -169,6 +173,19 @@ class PublishedDataset(Drawn, ABC):
         """The unit held out of few; see `splits.one_of_few`."""
         own = (item for item in self._items() if self.chosen.side(item.facts) == "train")
         return one_of_few(map(self._unit, own), self.val)
+
+    @cached_property
+    def _index(self) -> PictureIndex:
+        """Headers of the images, of this start and of earlier ones."""
+        return PictureIndex(self.root)
+
+    def _pictures(self, paths: Sequence[Path]) -> ImageFrames:
+        """Images as frames, whose headers are read once for all starts.
+
+        Raises:
+            DataError: One is damaged, or they differ in size.
+        """
+        return ImageFrames(paths, index=self._index)
 
     def _missing(self, what: str) -> DataNotFoundError:
         return DataNotFoundError(
@@ -261,15 +278,18 @@ class NumberedImages:
                 paths[int(re.findall(r"\d+", path.stem)[-1])] = path
         return dict(sorted(paths.items()))
 
-    def frames(self) -> ImageFrames:
+    def frames(self, index: PictureIndex | None = None) -> ImageFrames:
         """Frames of all images, by ascending number.
+
+        Args:
+            index: Headers of earlier starts; None reads them.
 
         Raises:
             DataError: There are no images, or one is damaged.
         """
         if not self.files:
             raise DataError(f"{self.folder}: no image; download it again")
-        return ImageFrames(list(self.files.values()))
+        return ImageFrames(list(self.files.values()), index=index)
 
     def nearest(self, numbers: Sequence[int]) -> Frames | None:
         """The images nearest to some numbers; None without any image."""

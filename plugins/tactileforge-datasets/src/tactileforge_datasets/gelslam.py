@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data import ImageFrames, VideoFrames
+from tactileforge.data import VideoFrames
 from tactileforge.errors import DataError
 from tactileforge.plugins import load_yaml
 from tactileforge.reading import (
@@ -115,7 +115,7 @@ class GelSlam(PublishedDataset):
             for place in near
             for still in (place / "gelsight.png", place.with_name(f"{place.name}.png"))
         ]
-        frames = ImageFrames([next((path for path in stills if path.is_file()), stills[0])])
+        frames = self._pictures([next((path for path in stills if path.is_file()), stills[0])])
         try:
             diameter = float(cells[_DIAMETER])
         except ValueError:

@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data import ImageFrames
 from tactileforge.errors import DataError
 from tactileforge.reading import (
     NumberedImages,
@@ -72,7 +71,7 @@ class ObjectFolderReal(PublishedDataset):
 
     def _open(self, key: str, name: str, folder: Path, views: Mapping[int, Path]) -> Recording:
         touch = NumberedImages(folder, r"\d+")
-        frames = touch.frames()
+        frames = touch.frames(self._index)
         numbers = list(touch.files)
         times = frame_times(numbers, self.fps)
         rows = [row for row, number in enumerate(numbers) if number in views]
@@ -83,7 +82,7 @@ class ObjectFolderReal(PublishedDataset):
             times=times,
             no_contact=FrameSubset(frames, [0]),
             object=f"objectfolder_{name}",
-            image=ImageFrames([views[numbers[row]] for row in rows]) if rows else None,
+            image=self._pictures([views[numbers[row]] for row in rows]) if rows else None,
             image_times=times[rows] if rows else None,
         )
 

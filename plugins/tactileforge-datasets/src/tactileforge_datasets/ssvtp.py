@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.contracts import Recording
-from tactileforge.data import ImageFrames
 from tactileforge.reading import (
     ALL_FOR_TRAINING,
     NumberedImages,
@@ -76,9 +75,9 @@ class Ssvtp(PublishedDataset):
         return self._recording(
             key,
             sensor="digit",
-            frames=ImageFrames([path]),
+            frames=self._pictures([path]),
             times=np.zeros(1),
             no_contact=None,
             text=text.partition("\n")[0].strip() or None,
-            image=ImageFrames([view]) if view else None,
+            image=self._pictures([view]) if view else None,
         )
