@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tactileforge.checks.log_doubts import log_doubts
+from tactileforge.checks.made import made_touch
 from tactileforge.checks.pixels import check_pixels
 from tactileforge.checks.sample import sample_of
-from tactileforge.checks.untared import untared
+from tactileforge.checks.untared import drifted, untared
 from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 
@@ -55,6 +56,53 @@ def test_what_is_tared_is_not_told() -> None:
     assert late.force is not None
     late.force[:8] = np.nan
     assert untared(late) is None
+
+
+def twice(added: np.ndarray, depth: np.ndarray | None = None) -> Recording:
+    """Rest, a touch and rest, or none; with a force that is added."""
+    one = made_touch(depth=depth)
+    assert one.force is not None
+    return replace(one, force=(one.force + added).astype(np.float32))
+
+
+RISE = np.linspace(0, 1.5, 90)[:, None]
+
+
+@pytest.mark.parametrize(
+    ("added", "words"),
+    [
+        (RISE * (0, 0, 1), "z is "),
+        (RISE * (0, 0, -1), "z is "),
+        (RISE * (-1, 0, 0.1), "x is "),
+        (np.where(np.arange(90) > 45, 1.2, 0)[:, None] * (0, 1, 0), "y is "),
+    ],
+)
+@pytest.mark.parametrize("depth", [None, np.zeros(90)])
+def test_a_zero_that_drifts_is_told(
+    added: np.ndarray, words: str, depth: np.ndarray | None
+) -> None:
+    touch = twice(added, depth)
+    found = drifted(touch, sample_of(touch))
+    assert found is not None
+    assert found.words.startswith(words)
+    axis = "xyz".index(words[0])
+    first, last = (float(word.split(" N")[0].split()[-1]) for word in found.words.split("rest")[:2])
+    assert abs(first - added[:20, axis].mean()) < 0.3
+    assert abs(last - added[-20:, axis].mean()) < 0.3
+
+
+def test_a_zero_that_stays_is_not_told() -> None:
+    for added in (np.zeros((90, 3)), np.full((90, 3), 2.0), RISE * 0.1):
+        assert drifted(twice(added), sample_of(twice(added))) is None
+    deep = np.linspace(0, 1, 90)  # pressed deeper and deeper, and no rest at the end
+    touch = twice(np.zeros(3), deep)
+    assert drifted(touch, sample_of(touch)) is None
+    away = twice(RISE * 1000)
+    assert drifted(away, sample_of(away)) is None, "of another unit"
+    late = twice(RISE)
+    assert late.force is not None
+    late.force[50:] = np.nan
+    assert drifted(late, sample_of(late)) is None, "no force at rest is there late"
 
 
 def test_training_says_it(caplog: pytest.LogCaptureFixture) -> None:

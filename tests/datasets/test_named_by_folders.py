@@ -106,6 +106,10 @@ def test_a_folder_without_a_layout_is_read_by_the_guess_and_says_so(tmp_path: Pa
     assert {one.sensor for one in found} == {"gelsight_mini"}
     assert len(found) == TRIALS
     assert any(line.startswith("guessed, to be checked: sensor:") for line in data.notes)
+    how = f"tactileforge data inspect {tmp_path} shows each guess"
+    (line,) = [line for line in data.notes if how in line]
+    assert f"{TRIALS} recordings were found, 1 of them held out" in line
+    assert f"to keep as {tmp_path / 'tactileforge.yaml'}" in line
     with pytest.raises(DataNotFoundError, match="no layouts are given"):
         list(Recordings(str(tmp_path), guess=False).recordings("train"))
     (tmp_path / "tactileforge.yml").write_text("layouts: {}\n")

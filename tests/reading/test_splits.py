@@ -163,22 +163,32 @@ def test_takes_are_held_out_with_all_their_sensors() -> None:
     for take in range(100):
         for device in ("left", "right"):
             one = recorded(take, device, "cup")
-            in_train = list(held_out(one, 0.3, "take", "train"))
-            in_val = list(held_out(one, 0.3, "take", "val"))
+            in_train = list(held_out([one], 0.3, "take", "train"))
+            in_val = list(held_out([one], 0.3, "take", "val"))
             assert len(in_train) + len(in_val) == 1
             sides.setdefault(take, set()).add(bool(in_val))
     assert all(len(of) == 1 for of in sides.values())
     assert 20 <= sum(True in of for of in sides.values()) <= 40
 
 
+def test_one_of_few_takes_is_held_out_with_its_sensors() -> None:
+    few = [recorded(take, side, "cup") for take in range(3) for side in ("left", "right")]
+    assert not any(is_held_out(take_of(one), 0.01) for one in few)
+    val, train = ([*held_out(few, 0.01, "take", side)] for side in ("val", "train"))
+    assert len(val) == 2 == len({one.labels["device"] for one in val})
+    assert len({take_of(one) for one in val}) == 1
+    assert len(train) == 4
+    assert not [*held_out(few, 0, "take", "val")]
+
+
 def test_objects_and_times_are_held_out() -> None:
     takes = [recorded(take, "left", f"object_{take % 10}") for take in range(40)]
-    val = [one for take in takes for one in held_out(take, 0.3, "object", "val")]
-    train = [one for take in takes for one in held_out(take, 0.3, "object", "train")]
+    val = [*held_out(takes, 0.3, "object", "val")]
+    train = [*held_out(takes, 0.3, "object", "train")]
     assert len(val) + len(train) == 40
     assert val
     assert not {one.object for one in val} & {one.object for one in train}
-    parts = list(held_out(takes[0], 0.2, "time", "val"))
+    parts = list(held_out(takes[:1], 0.2, "time", "val"))
     assert sum(len(part.frames) for part in parts) == 12
     tile = replace(takes[0], key="a/b.mp4#left[0:12]", labels={})
     assert take_of(tile) == "a/b.mp4"

@@ -112,6 +112,8 @@ def test_parquet_with_episodes(tmp_path: Path) -> None:
     assert [len(one.frames) for one in found] == [COUNT] * TRIALS
     np.testing.assert_allclose(found[0].times, np.arange(COUNT) / 20)
     assert data.held_out == ["by recording (episode_index), with all its sensors and cameras"]
+    # of few, one is held out, whatever the share is
+    assert [len([*data.recordings(side)]) for side in ("train", "val")] == [TRIALS - 1, 1]
     results = check("dataset", data)
     assert {one.status for one in results} <= {"ran", "skipped"}, results
 

@@ -76,6 +76,17 @@ def test_a_share_of_the_items_is_held_out(root: Path, write: Make, make_images: 
     assert len(sides["train"] | sides["val"]) == 3
 
 
+def test_of_few_items_one_is_held_out(root: Path) -> None:
+    share = 0.001
+    assert not any(one.object is None for one in TacQuad(str(root), val=0).recordings("train"))
+    sides = {
+        side: {recording.object for recording in TacQuad(str(root), val=share).recordings(side)}
+        for side in ("train", "val")
+    }
+    assert (len(sides["train"]), len(sides["val"])) == (2, 1)
+    assert not sides["train"] & sides["val"]
+
+
 def test_conformance(root: Path, conforms: Make) -> None:
     conforms(TacQuad, root=str(root), val=0.0)
 

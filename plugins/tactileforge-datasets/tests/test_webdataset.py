@@ -105,6 +105,18 @@ def test_clips_are_held_out_by_object_and_units_of_choice(tmp_path: Path) -> Non
     assert sides(layout, val=0)[1] == set()
 
 
+def test_of_few_objects_of_several_tars_one_is_held_out(tmp_path: Path) -> None:
+    for name in "abc":
+        samples = [(f"{name}/{clip}", {"jpg": picture(9)}) for clip in range(2)]
+        write_tar(tmp_path / f"{name}.tar", samples)
+    layout = {**STILL, "samples": "{object}/{clip}"}
+    for val, few in ((0.01, {"c"}), (0.0, set[str]())):
+        data = WebDataset(str(tmp_path), layout, val=val)
+        assert {one.key.split("/")[1] for one in data.recordings("val")} == few
+        objects = {one.key.split("/")[1] for one in data.recordings("train")}
+        assert objects == {*"abc"} - few
+
+
 def test_batches_are_functions_of_their_number(tmp_path: Path) -> None:
     """A window of two tars of six: shuffled within, moved on, and the same from any step on."""
     made_set(tmp_path, tars=6, clips=2)

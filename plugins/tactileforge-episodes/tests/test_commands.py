@@ -123,6 +123,8 @@ def test_the_format_is_recognised_where_none_is_named(tmp_path):
     data = composed(["data=episodes", f"data.root={tmp_path}", "data.val=0"])
     assert len(list(data.recordings("train"))) == 6
     assert "recognised as Open X-Tactile (OXT), zarr" in data.notes[0]
+    assert "3 episodes were found, 0 of them held out; data.preset says another" in data.notes[0]
+    assert f"tactileforge data inspect {tmp_path}" in data.notes[0]
 
 
 def test_the_plugin_conforms():

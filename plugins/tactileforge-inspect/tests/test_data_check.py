@@ -42,9 +42,11 @@ def test_lines_codes_and_the_exit(folder: Path, capsys: pytest.CaptureFixture[st
     out = capsys.readouterr().out
     assert "mine/0: TF202 down to -" in out
     assert out.count("TF308 mirrored, left and right exchanged (mirror: x") == 2
-    assert out.splitlines()[-1] == "2 recordings checked: 3 findings in 2 places"
+    assert (
+        out.splitlines()[-1] == "2 recordings checked, 0 of them held out: 3 findings in 2 places"
+    )
     assert run(folder, "select=[TF2]", "ignore=[pulling_force]") == 0
-    assert capsys.readouterr().out == "2 recordings checked: nothing found\n"
+    assert capsys.readouterr().out == "2 recordings checked, 0 of them held out: nothing found\n"
     assert run(folder, "frames=false") == 1
     assert "TF308" not in capsys.readouterr().out
     assert run(folder, "select=[TF999]") == 1
@@ -104,3 +106,14 @@ def test_forces_that_a_guess_leaves_out_are_a_fault(
     assert told in capsys.readouterr().out
     assert cli.run(["data", "check", str(whole), "select=[TF4]"]) == 0
     assert "unreadable" not in capsys.readouterr().out
+
+
+def test_a_guess_of_a_path_says_how_to_correct_it(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "tactileforge.yaml").unlink()
+    cli.run(["data", "check", str(folder), "frames=false"])
+    how = "correct one by its key (data.layouts.guessed.sensor=NAME), or in tactileforge.yaml"
+    assert how in capsys.readouterr().out
+    cli.run(["data", "check", str(folder), "frames=false", "data.layouts.guessed.sensor=digi"])
+    assert "unknown sensor 'digi'" in capsys.readouterr().err

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from browser import BROWSER, Browser
 from tactileforge_labels.label import COMMANDS
-from tactileforge_labels.marks import Marks, parse_marks, read_marks, write_marks
+from tactileforge_labels.marks import Marks, no_marks, parse_marks, read_marks, write_marks
 from tactileforge_labels.propose import SlipMotion, imprint, propose
 from tactileforge_labels.server import LabelAnswers
 from tactileforge_labels.session import ConflictError, LabelSession, csv_path
@@ -490,3 +490,14 @@ def test_a_file_that_comes_goes_or_breaks_meanwhile_is_a_conflict(session, chang
             session.write(0, {**MARKED, "revision": revision + 1})
     else:
         assert session.write(0, {**MARKED, "revision": revision + 1})["labeled"] > 0
+
+
+def test_marks_that_lost_their_end_are_named(tmp_path):
+    path = tmp_path / "marks.csv"
+    write_marks(path, no_marks(4), np.arange(4) / 10)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: whole.rindex(b",,,0")])
+    with pytest.raises(DataError, match="row 5: no end of the line"):
+        read_marks(path, 4)
+    path.write_bytes(whole)
+    assert (read_marks(path, 4).state == -1).all()

@@ -22,6 +22,7 @@ CODES = {
     "faint_force": "TF208",
     "impossible_labels": "TF209",
     "force_cut_off": "TF210",
+    "drifting_force": "TF211",
     "no_background": "TF301",
     "never_in_contact": "TF302",
     "background_changed": "TF303",

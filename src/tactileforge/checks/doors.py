@@ -20,7 +20,7 @@ from tactileforge.data.frames.cut import spread_rows
 from tactileforge.sensors.resting_colours import colour_grid, has_colours, known_colours
 
 #: Checks of frames that are no errors, but are run where data enters, too.
-_ALSO = ("background_changed",)
+_ALSO = ("background_changed", "drifting_force")
 #: Copies of recordings that are named.
 _NAMED = 4
 #: What puts a picture right that a program holds.

@@ -15,6 +15,7 @@ from tactileforge.checks.force_runs import FRAMES, cut_off
 from tactileforge.checks.made import COUNT, NEWTON, made_touch, press
 from tactileforge.checks.rules import LabelCheck, PixelCheck, right_force, with_force
 from tactileforge.checks.seen import Seen
+from tactileforge.checks.untared import drifted
 from tactileforge.checks.zero_force import zero_where_pressed
 from tactileforge.data.labels.plausible import impossible
 
@@ -141,6 +142,34 @@ class UntaredForce(PixelCheck):
     def examples() -> Examples:
         """The weight of a tool in all rows."""
         return with_force(right_force() + np.array([0, 0, 2.5]))
+
+
+class DriftingForce(Check):
+    """A force at rest that is another at the end than at the beginning."""
+
+    code, level = CODES["drifting_force"], "warning"
+    needs = frozenset({"forces", "frames"})
+    title = "The zero of the force drifts"
+    why = (
+        "Where pictures are that of the background, early and late in the recording, forces differ "
+        "by more than a twentieth of the scale: the sensor of force warms up, or was not tared "
+        "again. All forces between are wrong by a part of that."
+    )
+    fix = "tare before each recording, and subtract the line through the forces at rest"
+    unit = "times the scale"
+
+    def look(self, seen: Seen) -> Iterable[Finding]:
+        """See `Check.look`."""
+        if seen.recording.force is not None and seen.recording.no_contact is not None:
+            found = drifted(seen.recording, seen.sample)
+            if found is not None:
+                yield self.found(seen.key, found.words, found.value)
+
+    @staticmethod
+    def examples() -> Examples:
+        """A load cell that warms up."""
+        drift = np.linspace(0, 1.5, COUNT)[:, None] * np.array([0, 0, 1])
+        return with_force(right_force() + drift)
 
 
 class StuckForce(LabelCheck):

@@ -147,12 +147,22 @@ class Recordings(Drawn):
     def notes(self) -> list[str]:
         """Doubts about the recordings read so far, one line per kind."""
         doubts = {name: of.doubt for name, of in self._split_up.items()}
-        told = self._guess.doubts if self._guess else ()
+        told = [*self._guess.doubts, self._correction] if self._guess else ()
         return [
             *(f"guessed, to be checked: {doubt}" for doubt in told),
             *self._noted.lines(),
             *(f"{name}: {one}" for name, one in doubts.items() if one),
         ]
+
+    @property
+    def _correction(self) -> str:
+        """What a guess found, and how it is corrected."""
+        sides = [side for of in self._split_up.values() for side in of.sides]
+        found = f"{len(sides)} recordings were found, {sides.count('val')} of them held out; "
+        return (
+            f"{found if sides else ''}{command('data', 'inspect', str(self.root))} shows each "
+            f"guess, and writes the layout to correct and to keep as {self.root / LAYOUT_FILE}"
+        )
 
     @property
     def held_out(self) -> list[str]:

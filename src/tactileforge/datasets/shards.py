@@ -127,13 +127,13 @@ class Shards(Drawn):
             return self._stored(split)
         # a part of the training is held out: one source of that part, or of the rest
         stored = {side: self._stored(side) for side in SPLITS}
-        content = [
-            part_of_it
+        training = [
+            recording
             for source in stored["train"]
             for part in source.parts
             for recording in part.open(self._note)
-            for part_of_it in held_out(recording, self.val, self.hold_out, split)
         ]
+        content = [*held_out(training, self.val, self.hold_out, split)]
         if split == "val":
             content += [
                 recording

@@ -9,6 +9,7 @@ from tactileforge.reading.container import check_size as check_size
 from tactileforge.reading.container import check_unpacked as check_unpacked
 from tactileforge.reading.drawn import Drawn as Drawn
 from tactileforge.reading.figure import plot_recording as plot_recording
+from tactileforge.reading.files import kind_of as kind_of
 from tactileforge.reading.files import matching_files as matching_files
 from tactileforge.reading.files import read_rows as read_rows
 from tactileforge.reading.files import read_text as read_text
@@ -47,6 +48,7 @@ from tactileforge.reading.splits import check_share as check_share
 from tactileforge.reading.splits import check_split as check_split
 from tactileforge.reading.splits import held_out_names as held_out_names
 from tactileforge.reading.splits import is_held_out as is_held_out
+from tactileforge.reading.splits import one_of_few as one_of_few
 from tactileforge.reading.tables import number_or_text as number_or_text
 from tactileforge.reading.tables import read_cells as read_cells
 from tactileforge.reading.trials import trial_of as trial_of

@@ -24,6 +24,7 @@ from tactileforge.reading.table_families import (
     recordings,
 )
 from tactileforge.reading.tables import read_cells
+from tactileforge.reading.templates import template_columns
 from tactileforge.reading.trial_rows import recordings_of
 from tactileforge.reading.written_names import by_ends
 from tactileforge.specs.published import spec
@@ -341,6 +342,8 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
     if family.apart:
         return _clock_apart(family, units, doubts)
     if family.key and units.each != "video":
+        if template_columns(family.key):
+            _doubt_key(family, family.key, doubts)
         return {"key": family.key}
     if units.each == "touch":
         return {} if len(family.rows) == 1 else None
@@ -394,8 +397,15 @@ def _clock_apart(family: Family, units: Units, doubts: list[str]) -> dict[str, A
         clock = _clock(replace(family, rows=own, key=None, apart=None), units, doubts)
     if not clock:
         return None
-    doubts.append(f"key: rows of {family.template} are of the recording that {key} names")
+    _doubt_key(family, key, doubts)
     return {"key": key, **clock}
+
+
+def _doubt_key(family: Family, key: str, doubts: list[str]) -> None:
+    """Tells the column of a table, or columns, whose cells name recordings."""
+    columns = template_columns(key) or [key]
+    names = f"{columns[0]} names" if len(columns) == 1 else f"{' and '.join(columns)} name together"
+    doubts.append(f"key: rows of {family.template} are of the recording that {names}")
 
 
 def guess_labels(
@@ -432,6 +442,8 @@ def guess_labels(
     _, keys, family = best
     named = " and ".join(name for name in keys if name != "labels")
     doubts.append(f"labels: {named} by {family.template}")
+    if family.key and template_columns(family.key):
+        _doubt_key(family, family.key, doubts)
     return keys, [family]
 
 
@@ -444,6 +456,8 @@ def _other_columns(
         columns = [name for name in family.rows[0] if name not in known]
         if family.key and "*" not in family.template and columns:
             doubts.append(f"labels: {', '.join(columns[:5])} by {family.template}")
+            if template_columns(family.key):
+                _doubt_key(family, family.key, doubts)
             return {"labels": {"file": family.template, "key": family.key}}, [family]
     return {}, []
 

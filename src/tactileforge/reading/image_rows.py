@@ -13,6 +13,8 @@ from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.files import names_below
 from tactileforge.reading.records import RECORDS
 from tactileforge.reading.tables import Row, read_cells
+from tactileforge.reading.templates import template_columns
+from tactileforge.reading.trial_rows import recordings_of
 from tactileforge.reading.written_names import ends_of, is_absolute, moved_path
 
 #: Largest number of names that a slip is compared with.
@@ -62,6 +64,8 @@ class ImageRows:
         """
         if (path, key) not in self._tables:
             table = self._moved(_table(path, key, columns))
+            if key and template_columns(key):
+                table = self._joint(table)
             self._check(path, table, self.images if is_shared else paths, is_shared)
             if not is_shared:
                 self._tables.clear()  # a touch's own CSV is read once: keep memory bounded
@@ -90,6 +94,24 @@ class ImageRows:
                     f"{row[0]}: {name!r} has a row already ({rows[name][0]}); remove one"
                 )
             rows[name] = row
+        return rows
+
+    def _joint(self, table: dict[str, Row]) -> dict[str, Row]:
+        """The rows by the images that several columns name together."""
+        names = [
+            image.relative_to(self.folder).as_posix()
+            for image in self.images
+            if image.is_relative_to(self.folder)
+        ]
+        told = recordings_of(table, names)
+        rows: dict[str, Row] = {}
+        for written, row in table.items():
+            for name in told.get(written, [written]):
+                if name in rows:
+                    raise DataError(
+                        f"{row[0]}: {name!r} has a row already ({rows[name][0]}); remove one"
+                    )
+                rows[name] = row
         return rows
 
     def _check(
@@ -125,18 +147,20 @@ class ImageRows:
 
     def _ends(self, image: Path) -> list[str]:
         """Ends of its path from folders below that of the layout on."""
-        inside = image.is_relative_to(self.folder)
-        return ends_of((image.relative_to(self.folder) if inside else image).as_posix())
+        return ends_of(image.as_posix().removeprefix(_start(self.folder)))
 
     def _spellings(self, image: Path, table: Path, is_shared: bool) -> list[str]:
-        names = [
-            image.relative_to(base).as_posix()
-            for base in (self.folder, table.parent)
-            if image.is_relative_to(base)
-        ]
-        names.append(image.absolute().as_posix())
+        path = image.as_posix()
+        bases = dict.fromkeys(map(_start, (self.folder, table.parent)))
+        names = [path.removeprefix(base) for base in bases if path.startswith(base)]
+        names.append(path if image.is_absolute() else image.absolute().as_posix())
         names += [end for end in self._ends(image) if not is_shared or end in self._alone]
         return [*names, *(name.removesuffix(image.suffix) for name in names)]
+
+
+def _start(folder: Path) -> str:
+    """What the paths of a folder's files begin with."""
+    return "" if folder == Path() else f"{folder.as_posix()}/"
 
 
 def names_images(path: Path) -> bool:

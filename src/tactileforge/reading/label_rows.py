@@ -11,7 +11,7 @@ from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.reading.files import names_below
 from tactileforge.reading.layout import DatasetLayout
 from tactileforge.reading.order import name_prefix
-from tactileforge.reading.tables import read_cells
+from tactileforge.reading.tables import joined, read_cells
 from tactileforge.reading.templates import template_columns, template_parts
 from tactileforge.reading.trial_rows import recordings_of
 from tactileforge.reading.written_names import WrittenNames
@@ -79,6 +79,11 @@ def read_labels(layout: DatasetLayout, folder: Path) -> dict[str, LabelRow]:
     rows: dict[str, LabelRow] = {}
     for where, cells in read_cells(folder / layout.labels, [layout.key, *layout.words]):
         name = cells[layout.key]
+        if not name and template_columns(layout.key):
+            raise DataError(
+                f"{where}: {layout.key} name a file together, and one is empty; fill it in, or "
+                "remove the row"
+            )
         if name in rows:
             raise DataError(f"{where}: {name!r} has a row already ({rows[name].where})")
         rows[name] = _row(name, where, cells, layout)
@@ -155,11 +160,14 @@ def match_labels(
         mine[found] = replace(row, words={**row.words, **_names(found, layout)})
     # numbers in place of names, as a table counts its trials
     told = recordings_of([written for written, _ in missed], [*files]) if missed else {}
+    if len(told) < len(missed) and images:
+        told = {**recordings_of([one for one, _ in missed], [*images]), **told}
     for written, row in missed:
         for name in told.get(written, ()):
-            of_touch.setdefault(name, {})[name] = replace(
-                row, words={**row.words, **_names(name, layout)}
-            )
+            mine = of_touch.setdefault(images.get(name, name), {})
+            if name in mine:
+                raise DataError(f"{row.where}: {name!r} has a row already ({mine[name].where})")
+            mine[name] = replace(row, words={**row.words, **_names(name, layout)})
     missed = [(written, row) for written, row in missed if written not in told]
     for name, (_, row) in of_folder.items():
         if (touch := images.get(name, name)) not in of_touch:
@@ -207,11 +215,14 @@ def _own_rows(
         names = WrittenNames(touch_of, folder, path.parent)
         mine: dict[str, dict[str, LabelRow]] = {}
         for where, cells in rows:
-            if layout.key not in cells:
-                raise ConfigError(
-                    f"{path}: {len(rows)} rows, so key: names the column of the files that they "
-                    f"are of: {unknown('column', layout.key, cells)}"
-                )
+            for column in template_columns(layout.key) or [layout.key]:
+                if column not in cells:
+                    raise ConfigError(
+                        f"{path}: {len(rows)} rows, so key: names the column of the files that "
+                        f"they are of: {unknown('column', column, cells)}"
+                    )
+            if template_columns(layout.key):
+                cells = joined(cells, layout.key)
             if file := names.find(cells[layout.key]):
                 mine.setdefault(touch_of[file], {})[file] = _row(file, where, cells, layout)
         found |= {name: _merged(name, inside, layout) for name, inside in mine.items()}

@@ -18,13 +18,14 @@ from tactileforge.data.frames.companions import is_companion
 from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.frames.picture_index import PictureIndex
 from tactileforge.data.labels.missing import stated
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
 from tactileforge.reading.drawn import Drawn
 from tactileforge.reading.layout_keys import MEDIAN_FRAMES
 from tactileforge.reading.notes import add_once
 from tactileforge.reading.official import ALL_FOR_TRAINING, OfficialSplit
-from tactileforge.reading.splits import is_held_out
+from tactileforge.reading.splits import is_held_out, one_of_few
 from tactileforge.specs.published import spec
 from tactileforge.util.regular import is_there
 
@@ -72,6 +73,7 @@ class PublishedDataset(Drawn, ABC):
         certainty: Score of such a guess: .5 for names that other data may have, 1 for its own.
         doubts: What a user of it has to check, one line each.
         skipped: One line for each unreadable recording.
+        notes: One line for each table or scale that is there and says nothing.
 
     Raises:
         ConfigError: An unknown split, or a share outside 0..1.
@@ -101,6 +103,7 @@ class PublishedDataset(Drawn, ABC):
         self.chosen = named[split]
         self.val = val
         self.skipped: list[str] = []
+        self.notes: list[str] = []
 
     @abstractmethod
     def _items(self) -> Iterator[RecordingItem]:
@@ -122,16 +125,19 @@ class PublishedDataset(Drawn, ABC):
         if split not in ("train", "val", "test"):
             raise ConfigError(unknown("side of a split", split, ("train", "val", "test")))
         opened = False
-        for item in self._items():
-            if self._side(item) != split:
-                continue
-            try:
-                recording = item.open()
-            except DataError as error:
-                add_once(self.skipped, error)
-                continue
-            opened = True
-            yield recording
+        try:
+            for item in self._items():
+                if self._side(item) != split:
+                    continue
+                try:
+                    recording = item.open()
+                except DataError as error:
+                    add_once(self.skipped, error)
+                    continue
+                opened = True
+                yield recording
+        finally:
+            self._index.save()
         # Validation may be empty; training and test may not.
         if opened or split == "val":
             return
@@ -155,8 +161,31 @@ class PublishedDataset(Drawn, ABC):
         side = self.chosen.side(item.facts)
         if side != "train" or self.chosen.val:
             return side
-        # by name and group: a share is the same one on each machine, whatever files are there
-        return "val" if is_held_out(f"{self.name}/{item.group or item.key}", self.val) else side
+        # by name and group: but for a few, a share is the same one whatever files are there
+        unit = self._unit(item)
+        return "val" if unit in self._held or is_held_out(unit, self.val) else side
+
+    def _unit(self, item: RecordingItem) -> str:
+        return f"{self.name}/{item.group or item.key}"
+
+    @cached_property
+    def _held(self) -> frozenset[str]:
+        """The unit held out of few; see `splits.one_of_few`."""
+        own = (item for item in self._items() if self.chosen.side(item.facts) == "train")
+        return one_of_few(map(self._unit, own), self.val)
+
+    @cached_property
+    def _index(self) -> PictureIndex:
+        """Headers of the images, of this start and of earlier ones."""
+        return PictureIndex(self.root)
+
+    def _pictures(self, paths: Sequence[Path]) -> ImageFrames:
+        """Images as frames, whose headers are read once for all starts.
+
+        Raises:
+            DataError: One is damaged, or they differ in size.
+        """
+        return ImageFrames(paths, index=self._index)
 
     def _missing(self, what: str) -> DataNotFoundError:
         return DataNotFoundError(
@@ -249,15 +278,18 @@ class NumberedImages:
                 paths[int(re.findall(r"\d+", path.stem)[-1])] = path
         return dict(sorted(paths.items()))
 
-    def frames(self) -> ImageFrames:
+    def frames(self, index: PictureIndex | None = None) -> ImageFrames:
         """Frames of all images, by ascending number.
+
+        Args:
+            index: Headers of earlier starts; None reads them.
 
         Raises:
             DataError: There are no images, or one is damaged.
         """
         if not self.files:
             raise DataError(f"{self.folder}: no image; download it again")
-        return ImageFrames(list(self.files.values()))
+        return ImageFrames(list(self.files.values()), index=index)
 
     def nearest(self, numbers: Sequence[int]) -> Frames | None:
         """The images nearest to some numbers; None without any image."""

@@ -68,9 +68,31 @@ def held_out_names(names: Iterable[str], share: float) -> frozenset[str]:
         ['c']
     """
     known = {*names}
-    found = frozenset(name for name in known if is_held_out(name, share))
-    if found or share <= 0 or len(known) < _FEW:
-        return found
+    return frozenset(name for name in known if is_held_out(name, share)) | one_of_few(known, share)
+
+
+def one_of_few(names: Iterable[str], share: float) -> frozenset[str]:
+    """The name to hold out of few, three or more, of which `is_held_out` takes none; else none.
+
+    Args:
+        names: Names of units, read up to the first that is held out by its hash.
+        share: Share held out, 0 to 1; 0 holds out none.
+
+    Example:
+        >>> one_of_few(["a", "b", "c"], 0.01)
+        frozenset({'c'})
+        >>> one_of_few((f"object {number}" for number in range(1000)), 0.1)
+        frozenset()
+    """
+    known = set[str]()
+    if share <= 0:
+        return frozenset()
+    for name in names:
+        if is_held_out(name, share):
+            return frozenset()
+        known.add(name)
+    if len(known) < _FEW:
+        return frozenset()
     return frozenset([min(known, key=lambda name: (_place(name), name))])
 
 
@@ -81,21 +103,26 @@ def _place(name: str) -> int:
     return int.from_bytes(digest[:8], "big")
 
 
-def held_out(recording: Recording, share: float, unit: str, split: str) -> Iterator[Recording]:
-    """Yields the part of a recording in a split: all of it, none, or stretches.
+def held_out(
+    recordings: Iterable[Recording], share: float, unit: str, split: str
+) -> Iterator[Recording]:
+    """Yields the parts of recordings in a split: each whole, or stretches of each.
 
     Args:
-        recording: The whole recording.
+        recordings: The whole recordings.
         share: Share held out, 0 to 1.
         unit: Unit of holding out, one of `HOLD_OUT`.
         split: ``train`` or ``val``.
     """
     if unit == "time":
-        yield from split_parts(recording, share, split)
+        for recording in recordings:
+            yield from split_parts(recording, share, split)
         return
-    name = recording.object if unit == "object" and recording.object else take_of(recording)
-    if is_held_out(name, share) == (split == "val"):
-        yield recording
+    named = [
+        (one.object if unit == "object" and one.object else take_of(one), one) for one in recordings
+    ]
+    held = held_out_names((name for name, _ in named), share)
+    yield from (recording for name, recording in named if (name in held) == (split == "val"))
 
 
 def take_of(recording: Recording) -> str:

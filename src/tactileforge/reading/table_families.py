@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, islice
+from itertools import chain, islice, permutations
 from pathlib import Path, PurePath
 from typing import TypeAlias
 
@@ -14,8 +14,8 @@ from tactileforge.errors import TactileForgeError
 from tactileforge.reading.order import name_prefix
 from tactileforge.reading.records import FILE_COLUMN, RECORDS
 from tactileforge.reading.series import SIDE_WORDS
-from tactileforge.reading.tables import read_cells
-from tactileforge.reading.trial_rows import recordings_of
+from tactileforge.reading.tables import joined, read_cells
+from tactileforge.reading.trial_rows import RECORDING_WORDS, recordings_of
 from tactileforge.reading.written_names import ENDING
 
 Cells: TypeAlias = Sequence[Mapping[str, str]]
@@ -25,11 +25,15 @@ Parts: TypeAlias = tuple[str, ...]
 _ABOUT = 0.8
 #: Headers of columns that tell recordings apart.
 RECORDING = re.compile(
-    r"(?:episode|trial|sequence|seq|recording|take|video|touch|clip|grasp|press)"
+    rf"(?:{RECORDING_WORDS})"
     r"(?:_?(?:id|index|idx|number|no|name))?"
 )
 #: Headers of numbers of rows.
 _ID = re.compile(r"id|idx|index|number|no|nr")
+#: A part of a name, other than a measured value.
+_PART = re.compile(r"\d+(?:\.0+)?|.*[^\W\d_].*")
+#: Columns that may name recordings together, and the share of their rows that must.
+_MOST_COLUMNS, _MOST_PART = 5, 0.5
 #: Names of several sensors of one touch.
 SIDES = frozenset((*SIDE_WORDS, "up", "down", "first", "second", "a", "b"))
 
@@ -142,6 +146,12 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
         if len(family.files) == 1 and family.key and "*" not in family.template:
             family.template = family.files[0].relative_to(units.root).as_posix()
         family.apart = _apart(family, units)
+        key = None if family.apart or _is_one_each(family) else _joint_key(family, units)
+        if key:
+            family.rows = [joined(cells, key) for cells in family.rows]
+            are_rows = len({cells[key] for cells in family.rows}) == len(family.rows)
+            family.key, family.apart = (key, None) if are_rows else (None, key)
+            family.template = path.relative_to(units.root).as_posix()
         out.append(family)
     return out
 
@@ -272,6 +282,54 @@ def _apart(family: Family, units: Units) -> str | None:
         if told and is_named and are_all and len(cells) > len({*cells}):
             return title
     return None
+
+
+def _joint_key(family: Family, units: Units) -> str | None:
+    """Columns of a table for all that name recordings together, as a template; None for none.
+
+    Where rows of both orders could be meant, neither is.
+    """
+    if family.is_own or len(family.rows) < 2 or len(units.files) < 2:
+        return None
+    titles = [name for name in family.rows[0] if _is_name(family, name)][:_MOST_COLUMNS]
+    paths = [path for of in units.files.values() for path in of]
+    files = (path.relative_to(units.root).as_posix() for path in paths)
+    # a column of the names of images, alike in several folders, needs others beside it
+    images = {path.name for path in paths}
+    is_of_images = any({row[title] for row in family.rows} <= images for title in titles)
+    several = () if is_of_images else (tuple(recordings(units)),)
+    for names in dict.fromkeys((*several, tuple(files))):
+        for size in (2, 3):
+            found: dict[str, tuple[int, float]] = {}
+            for columns in permutations(titles, size):
+                key = "/".join(f"{{{name}}}" for name in columns)
+                cells = {joined(row, key)[key] for row in family.rows}
+                told = recordings_of(cells, names)
+                named = [name for members in told.values() for name in members]
+                if len(told) > _MOST_PART * len(cells) and len({*named}) == len(named) > 1:
+                    found[key] = len(named), len(told) / len(cells)
+            best = [key for key, share in found.items() if share == max(found.values())]
+            if len(best) == 1:
+                return best[0]
+    return None
+
+
+def _is_one_each(family: Family) -> bool:
+    """Whether the key of a table alone tells its rows apart, and tells what they are of."""
+    if family.key is None or "*" in family.template:
+        return family.key is not None
+    return len({row[family.key] for row in family.rows}) == len(family.rows)
+
+
+def _is_name(family: Family, title: str) -> bool:
+    """Whether cells of a column may be a part of a name: words, or whole numbers."""
+    cells = [row[title] for row in family.rows]
+    return (
+        1 < len({*cells}) < len(cells)
+        and all(stated(cell) for cell in cells)
+        and all(_PART.fullmatch(cell) for cell in cells)
+        and not {"{", "}"} & {*title}
+    )
 
 
 def _number(rows: Cells, units: Units) -> str | None:

@@ -25,8 +25,11 @@ from tactileforge.reading.records import RECORDS, conversion, read_many, read_re
 from tactileforge.reading.sheets import read_sheet
 from tactileforge.reading.split_times import part_of_second
 from tactileforge.reading.table_clock import on_frames
+from tactileforge.reading.templates import template_columns
 from tactileforge.reading.text_tables import in_cells, read_text_table
 
+#: A whole number, as programs write it in a column with empty cells.
+_WHOLE = re.compile(r"^(\d+)\.0+$")
 #: Place and cells of a row.
 Row: TypeAlias = tuple[str, dict[str, str]]
 #: Function from a table, its path, its row times, the frames' times and the rows' forces (n, 3) to
@@ -222,15 +225,13 @@ def _per_frame(
     return out
 
 
-def read_cells(
-    path: Path, needed: Sequence[str], whole: bool = False
-) -> list[tuple[str, dict[str, str]]]:
+def read_cells(path: Path, needed: Sequence[str], whole: bool = False) -> list[Row]:
     r"""Place and cells of each row of a CSV, or of another table; see `records.read_records`.
 
     Args:
         path: Path of the CSV, see `text_tables`; of a JSON, JSON lines, YAML or .npy, or a pattern
             of such (``mug/*.json``); or of a table of another program, see `sheets.read_sheet`.
-        needed: Required columns.
+        needed: Required columns; a template of several (``{object}/{take}``) becomes one more.
         whole: Whether an empty line is an error: the parser skips it, which shifts rows by frame.
 
     Raises:
@@ -244,6 +245,13 @@ def read_cells(
         >>> cells["object"]
         'mug'
     """
+    templates = [name for name in needed if template_columns(name)]
+    if templates:
+        parts = [name for one in templates for name in template_columns(one)]
+        rows = read_cells(path, [*({*needed} - {*templates}), *parts], whole)
+        for template in templates:
+            rows = [(where, joined(cells, template)) for where, cells in rows]
+        return rows
     many = "*" in path.name
     if not (any(path.parent.glob(path.name)) if many else path.is_file()):
         raise DataNotFoundError(f"{path}: no such CSV; correct the layout, or add the file")
@@ -262,6 +270,17 @@ def read_cells(
         return _rows(path, needed, whole)
     except csv.Error as error:
         raise DataError(f"{path}: not a CSV ({error}); save it as one") from error
+
+
+def joined(cells: Mapping[str, str], template: str) -> dict[str, str]:
+    """Cells with one more, named by a template and filled from it; empty where a part is.
+
+    Example:
+        >>> joined({"object": "mug", "take": "3.0"}, "{object}/{take}")["{object}/{take}"]
+        'mug/3'
+    """
+    parts = [stated(_WHOLE.sub(r"\1", cells[name])) for name in template_columns(template)]
+    return {**cells, template: "/".join(parts) if all(parts) else ""}
 
 
 def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[Row]:

@@ -80,7 +80,7 @@ class Cloth(PublishedDataset):
 
     def _open(self, key: str, folder: Path, classes: list[Any]) -> Recording:
         touch = NumberedImages(folder, r"\d+")
-        frames = touch.frames()
+        frames = touch.frames(self._index)
         labels = {f"attribute_{i}": float(value) for i, value in enumerate(classes[:-1])}
         if classes:
             labels["class"] = float(classes[-1])

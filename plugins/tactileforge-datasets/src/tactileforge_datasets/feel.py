@@ -8,7 +8,6 @@ from functools import partial
 import numpy as np
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data import ImageFrames
 from tactileforge.errors import DataError
 from tactileforge.reading import PublishedDataset, RecordingItem, is_there, read_rows
 
@@ -67,7 +66,9 @@ class Feel(PublishedDataset):
     def _open(self, key: str, success: float) -> Recording:
         name, place = key.split("/")
         folder = self.root / name
-        frames = ImageFrames([folder / f"touch_{moment}" / f"{place}.png" for moment in _MOMENTS])
+        frames = self._pictures(
+            [folder / f"touch_{moment}" / f"{place}.png" for moment in _MOMENTS]
+        )
         views = [folder / f"vision_{moment}" / f"{place[:-2]}.png" for moment in _MOMENTS]
         return self._recording(
             key,
@@ -76,6 +77,6 @@ class Feel(PublishedDataset):
             times=np.arange(3.0),
             no_contact=FrameSubset(frames, [0]),
             object=name,
-            image=ImageFrames(views) if all(is_there(view) for view in views) else None,
+            image=self._pictures(views) if all(is_there(view) for view in views) else None,
             labels={"is_gripping": success, "finger": place[-1]},
         )

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
-from tactileforge.data import ImageFrames
 from tactileforge.errors import DataError
 from tactileforge.reading import (
     OfficialSplit,
@@ -108,7 +107,7 @@ class FeelAnyForce(PublishedDataset):
     ) -> Recording:
         path = inside(self.root, cells["tactile"], where)
         numbers(wrench, (6,), f"FT {cells['FT']!r}", where)
-        frames = ImageFrames([path])
+        frames = self._pictures([path])
         tracks: dict[str, NDArray[Any]] = {"torque": wrench[None, 3:].astype(np.float32)}
         if self.depth:
             tracks["depth"] = _depth(inside(self.root, cells["depth"], where), frames.shape)

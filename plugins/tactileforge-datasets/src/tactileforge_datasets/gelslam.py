@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data import ImageFrames, VideoFrames
+from tactileforge.data import VideoFrames
 from tactileforge.errors import DataError
 from tactileforge.plugins import load_yaml
 from tactileforge.reading import (
     PublishedDataset,
     RecordingItem,
+    add_once,
     is_there,
+    kind_of,
     read_cells,
     regular_text,
     still_background,
@@ -75,6 +77,10 @@ class GelSlam(PublishedDataset):
         root = self._folder(".")
         films = sorted({*root.glob("*/gelsight.avi"), *root.glob("*/*/gelsight.avi")})
         tables = _tables(root)
+        for path in _catalogs(root):
+            if path not in tables:
+                kind = "a file" if path.is_file() else kind_of(path)
+                add_once(self.notes, f"{path}: {kind}, and no table of presses; download it again")
         if not films and not tables:
             raise self._missing(f"no film OBJECT/gelsight.avi in {root}")
         for path in films:
@@ -89,6 +95,8 @@ class GelSlam(PublishedDataset):
     def _film(self, key: str, path: Path) -> Recording:
         frames = VideoFrames(path)
         scale = _scale(path.parent / "config.yaml")
+        if not scale and is_there(path.parent / "config.yaml"):
+            add_once(self.notes, f"{path.parent / 'config.yaml'}: no ppmm, so no scale of the film")
         return self._recording(
             key,
             sensor="gelsight_mini",
@@ -107,7 +115,7 @@ class GelSlam(PublishedDataset):
             for place in near
             for still in (place / "gelsight.png", place.with_name(f"{place.name}.png"))
         ]
-        frames = ImageFrames([next((path for path in stills if path.is_file()), stills[0])])
+        frames = self._pictures([next((path for path in stills if path.is_file()), stills[0])])
         try:
             diameter = float(cells[_DIAMETER])
         except ValueError:
@@ -130,13 +138,17 @@ class GelSlam(PublishedDataset):
 def _tables(root: Path) -> list[Path]:
     """Tables of ball presses, by their columns."""
     found = []
-    for path in sorted((*root.glob("catalog.csv"), *root.glob("*/catalog.csv"))):
+    for path in _catalogs(root):
         if not path.is_file():
             continue
         with path.open("rb") as file:
             if file.readline(256).removeprefix(b"\xef\xbb\xbf").startswith(b"experiment_reldir,"):
                 found.append(path)
     return found
+
+
+def _catalogs(root: Path) -> list[Path]:
+    return sorted((*root.glob("catalog.csv"), *root.glob("*/catalog.csv")))
 
 
 def _scale(path: Path) -> float:

@@ -35,7 +35,7 @@ from tactileforge.reading import (
     check_split,
     flat,
     guess_sensor,
-    is_held_out,
+    held_out_names,
     matches,
     named_columns,
 )
@@ -174,9 +174,11 @@ class ImageTables(Drawn):
                 "the sensor; tactileforge data inspect FOLDER guesses them"
             )
         opened = 0
-        for name, rows in self._grouped().items():
-            own = "val" if is_held_out(name, self.val) else "train"
-            side = sides[rows.places[0][0]] or own
+        grouped = self._grouped()
+        drawn = (name for name, rows in grouped.items() if not sides[rows.places[0][0]])
+        held = held_out_names(drawn, self.val)
+        for name, rows in grouped.items():
+            side = sides[rows.places[0][0]] or ("val" if name in held else "train")
             if side != split:
                 continue
             for touch in self.touch:

@@ -8,12 +8,12 @@ from functools import partial
 from pathlib import Path
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data import ImageFrames
 from tactileforge.errors import DataError
 from tactileforge.reading import (
     NumberedImages,
     PublishedDataset,
     RecordingItem,
+    add_once,
     frame_times,
     is_there,
     matches,
@@ -56,7 +56,9 @@ class ObjectFolderReal(PublishedDataset):
 
     def _items(self) -> Iterator[RecordingItem]:
         tactile = self._folder("tactile", "real/tactile", ".")
-        views = _views(tactile)
+        views, missing = _views(tactile)
+        for line in missing:
+            add_once(self.notes, line)
         folders = sorted(path for path in matches(tactile, "**/gelsight") if path.is_dir())
         if not folders:
             raise self._missing(f"no folder gelsight in {tactile}")
@@ -69,7 +71,7 @@ class ObjectFolderReal(PublishedDataset):
 
     def _open(self, key: str, name: str, folder: Path, views: Mapping[int, Path]) -> Recording:
         touch = NumberedImages(folder, r"\d+")
-        frames = touch.frames()
+        frames = touch.frames(self._index)
         numbers = list(touch.files)
         times = frame_times(numbers, self.fps)
         rows = [row for row, number in enumerate(numbers) if number in views]
@@ -80,16 +82,20 @@ class ObjectFolderReal(PublishedDataset):
             times=times,
             no_contact=FrameSubset(frames, [0]),
             object=f"objectfolder_{name}",
-            image=ImageFrames([views[numbers[row]] for row in rows]) if rows else None,
+            image=self._pictures([views[numbers[row]] for row in rows]) if rows else None,
             image_times=times[rows] if rows else None,
         )
 
 
-def _views(tactile: Path) -> dict[Path, dict[int, Path]]:
-    """The camera image of each listed touch, by folder and number."""
+def _views(tactile: Path) -> tuple[dict[Path, dict[int, Path]], list[str]]:
+    """The camera image of each listed touch, by folder and number; and lines about missing ones."""
     pairs: dict[Path, dict[int, Path]] = defaultdict(dict)
     index = tactile.parent / "contact_text_obj.csv"
-    for i, row in enumerate(read_rows(index) if is_there(index) else (), start=1):
+    rows = read_rows(index) if is_there(index) else [[]]
+    if not rows:
+        raise DataError(f"{index}: empty; download it again, or remove it")
+    missing: list[Path] = []
+    for i, row in enumerate(rows, start=1):
         if not row:
             continue
         if len(row) < 2:
@@ -99,4 +105,10 @@ def _views(tactile: Path) -> dict[Path, dict[int, Path]]:
         touch, view = tactile / row[0], tactile / row[1]
         if touch.stem.isdecimal() and is_there(view):
             pairs[touch.parent][int(touch.stem)] = view
-    return pairs
+        elif is_there(touch):
+            missing.append(view)
+    if not missing:
+        return pairs, []
+    return pairs, [
+        f"{index}: the views of {len(missing)} touches are not there, such as {missing[0]}"
+    ]

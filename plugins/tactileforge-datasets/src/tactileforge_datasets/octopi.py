@@ -118,6 +118,8 @@ def _constants(root: Path) -> dict[str, Any]:
                 except (MemoryError, RecursionError, TypeError, ValueError) as error:
                     text = f"{path}: {name} is not a literal; download it again"
                     raise DataError(text) from error
+    if not constants:
+        raise DataError(f"{path}: no objects, ranks or words are in it; download it again")
     return constants
 
 

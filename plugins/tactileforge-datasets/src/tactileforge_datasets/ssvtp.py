@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from tactileforge.contracts import Recording
-from tactileforge.data import ImageFrames
 from tactileforge.reading import (
     ALL_FOR_TRAINING,
     NumberedImages,
     PublishedDataset,
     RecordingItem,
+    add_once,
     is_there,
     read_rows,
     read_text,
@@ -70,12 +70,14 @@ class Ssvtp(PublishedDataset):
     def _open(self, key: str, path: Path, view: Path | None) -> Recording:
         caption = path.parents[1] / "text" / f"labels_{key}.txt"
         text = read_text(caption).strip() if is_there(caption) else ""
+        if not text and is_there(caption):
+            add_once(self.notes, f"{caption}: no caption is in it")
         return self._recording(
             key,
             sensor="digit",
-            frames=ImageFrames([path]),
+            frames=self._pictures([path]),
             times=np.zeros(1),
             no_contact=None,
             text=text.partition("\n")[0].strip() or None,
-            image=ImageFrames([view]) if view else None,
+            image=self._pictures([view]) if view else None,
         )

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from tactileforge.contracts import FrameSubset, Recording
-from tactileforge.data import ImageFrames, stated
+from tactileforge.data import stated
 from tactileforge.errors import DataError
 from tactileforge.reading import (
     NumberedImages,
@@ -107,12 +107,12 @@ class TacQuad(PublishedDataset):
         return self._recording(
             key,
             sensor=sensor,
-            frames=ImageFrames([touch.files[number] for number in numbers]),
+            frames=self._pictures([touch.files[number] for number in numbers]),
             times=frame_times(numbers, frame_rate(sensor, self.fps)),
-            no_contact=ImageFrames(before) if before else None,
+            no_contact=self._pictures(before) if before else None,
             object=key.rpartition("/")[0],
             text=f"{{action}} {name}".replace("_", " ") if stated(name) else None,
-            image=FrameSubset(ImageFrames(list(views.values())), rows) if views else None,
+            image=FrameSubset(self._pictures(list(views.values())), rows) if views else None,
         )
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tactileforge.contracts import Recording
-from tactileforge.data import ImageFrames
 from tactileforge.errors import DataError
 from tactileforge.reading import (
     ALL_FOR_TRAINING,
@@ -113,7 +112,7 @@ class TouchAndGo(PublishedDataset):
 
     def _open(self, key: str, film: Path, rows: list[_Row], views: NumberedImages) -> Recording:
         touch, numbers = film / "gelsight_frame", [row.number for row in rows]
-        frames = ImageFrames([touch / row.image for row in rows])
+        frames = self._pictures([touch / row.image for row in rows])
         label, background = rows[0].label, rows[0].background
         labels: dict[str, str | float] = {"rough": float(label)}
         text = None

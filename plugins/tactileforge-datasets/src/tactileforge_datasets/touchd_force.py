@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tactileforge.contracts import Recording
-from tactileforge.data import ImageFrames, label_actions
+from tactileforge.data import label_actions
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.plugins import load_json
 from tactileforge.reading import (
@@ -116,7 +116,7 @@ class TouchdForce(PublishedDataset):
         # An archive may unpack into a folder of its own name.
         nested = self.root / session / session / folder
         place = nested if nested.is_dir() else self.root / session / folder
-        frames = ImageFrames([place / f"image_{number}.png" for number in numbers])
+        frames = self._pictures([place / f"image_{number}.png" for number in numbers])
         times = frame_times(numbers, frame_rate(_SENSORS[folder], self.fps))
         return self._recording(
             key,

@@ -81,7 +81,7 @@ class TouchdMani(PublishedDataset):
         self, key: str, place: Path, finger: str, sensor: str, episode: dict[str, Any]
     ) -> Recording:
         touch, views = NumberedImages(place / finger), NumberedImages(place / "camera")
-        frames = touch.frames()
+        frames = touch.frames(self._index)
         return self._recording(
             key,
             sensor=sensor,
@@ -90,7 +90,7 @@ class TouchdMani(PublishedDataset):
             no_contact=still_background(place / f"{finger}_background.png", frames),
             object=episode.get("object"),
             text=episode.get("task"),
-            image=views.frames() if views.files else None,
+            image=views.frames(self._index) if views.files else None,
         )
 
 

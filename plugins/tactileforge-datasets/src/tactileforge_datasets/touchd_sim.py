@@ -69,7 +69,7 @@ class TouchdSim(PublishedDataset):
             if value not in known:
                 raise DataError(f"{folder}: {unknown(what, value, known, 'Rename the folder')}")
         touch = NumberedImages(folder, r"\d+")
-        frames = touch.frames()
+        frames = touch.frames(self._index)
         return self._recording(
             key,
             sensor=sensor,

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tactileforge.contracts import Recording
-from tactileforge.data import ImageFrames
 from tactileforge.errors import DataError
 from tactileforge.plugins import load_json
 from tactileforge.reading import (
@@ -110,7 +109,10 @@ class Tvl(PublishedDataset):
         for side in ("train", "test"):
             path = part / f"{side}.csv"
             if is_there(path):
-                for i, cells in enumerate(read_rows(path)[1:], start=2):
+                lines = read_rows(path)
+                if not lines:
+                    raise DataError(f"{path}: empty; download it again")
+                for i, cells in enumerate(lines[1:], start=2):
                     if len(cells) != 4:
                         raise DataError(
                             f"{path}, line {i}: {len(cells)} cells, where vision, tactile, "
@@ -138,9 +140,9 @@ class Tvl(PublishedDataset):
 
     def _open(self, key: str, part: Path, rows: list[_Row]) -> Recording:
         numbers = [row.number for row in rows]
-        frames = ImageFrames([part / row.touch for row in rows])
+        frames = self._pictures([part / row.touch for row in rows])
         views = [part / row.vision for row in rows]
-        image = ImageFrames(views) if all(is_there(path) for path in views) else None
+        image = self._pictures(views) if all(is_there(path) for path in views) else None
         # The first release swapped the folders: the smaller image is the touch.
         if image and image.shape[0] * image.shape[1] < frames.shape[0] * frames.shape[1]:
             frames, image = image, frames

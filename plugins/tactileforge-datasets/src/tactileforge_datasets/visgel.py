@@ -54,7 +54,7 @@ class VisGel(PublishedDataset):
                 yield RecordingItem(key, partial(self._open, key, files, vision))
 
     def _open(self, key: str, touch: NumberedImages, vision: NumberedImages) -> Recording:
-        frames, numbers = touch.frames(), list(touch.files)
+        frames, numbers = touch.frames(self._index), list(touch.files)
         return self._recording(
             key,
             sensor="gelsight",

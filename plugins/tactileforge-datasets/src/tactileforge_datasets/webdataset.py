@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +16,15 @@ from tactileforge.contracts import Guess, Recording
 from tactileforge.data import Bad, ShardFolder, Source, Summary
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, command
 from tactileforge.plugins import cache_folder
-from tactileforge.reading import Drawn, add_once, as_texts, check_share, check_split, is_held_out
+from tactileforge.reading import (
+    Drawn,
+    add_once,
+    as_texts,
+    check_share,
+    check_split,
+    is_held_out,
+    one_of_few,
+)
 from tactileforge_datasets.samples.layout import SampleLayout, parse_samples
 from tactileforge_datasets.samples.opened import SampleOpener
 from tactileforge_datasets.samples.tars import Tar, find_tars
@@ -163,9 +172,11 @@ class WebDataset(Drawn):
         if split == "val" and not self.val_tars and not self.val:
             return []
         # a pattern of all tars may take in those of validation
-        val = find_tars(self.folder, self.val_tars)
+        val = find_tars(self.folder, self.val_tars, self._odd)
         held_out = {tar.file for tar in val}
-        tars = [tar for tar in find_tars(self.folder, self.tars) if tar.file not in held_out]
+        tars = [
+            tar for tar in find_tars(self.folder, self.tars, self._odd) if tar.file not in held_out
+        ]
         if split == "val" and self.val_tars:
             tars = val
         if not tars:
@@ -174,8 +185,12 @@ class WebDataset(Drawn):
                 f"{self.root}: no tar like {', '.join(names)}; set data.root to the folder of the "
                 "tars, and data.tars to their names"
             )
-        side = "" if self.val_tars else split
-        return [_TarPart(tar, self.layout, side, self.val) for tar in tars]
+        if self.val_tars:
+            return [_TarPart(tar, self.layout, "", self.val) for tar in tars]
+        # tars behind a URL are not fetched to know whether there are few
+        whole = [] if self.folder.remote else [_TarPart(tar, self.layout, "", 0.0) for tar in tars]
+        few = one_of_few((name for part in whole for name in part.names()), self.val)
+        return [_TarPart(tar, self.layout, split, self.val, few) for tar in tars]
 
     def _indexed(self, parts: Sequence[_TarPart]) -> Iterator[_TarPart]:
         """Yields the readable tars with their numbers of recordings; notes their oddities."""
@@ -225,18 +240,25 @@ class WebDataset(Drawn):
                 f"problems: {self.skipped[0]}"
             )
 
+    def _odd(self, line: str) -> None:
+        add_once(self.skipped, line)
+
     def _note(self, line: str, count: int) -> None:
         add_once(self.skipped, line)
 
 
 @dataclass(frozen=True)
 class _TarPart:
-    """A tar as a part of its source; ``side`` is the split of its recordings, "" for all."""
+    """A tar as a part of its source.
+
+    ``side`` is the split of its recordings, "" for all; ``few`` is held out, see `one_of_few`.
+    """
 
     tar: Tar
     layout: SampleLayout
     side: str
     val: float
+    few: frozenset[str] = frozenset()
     recordings: int = 0
     seconds: float = 0.0
 
@@ -259,11 +281,16 @@ class _TarPart:
         if not self.side:
             return samples.units
         opener, on_val = self.opener, self.side == "val"
-        return [
-            unit
+        held = [
+            (name := opener.held_out_with(unit)) in self.few or is_held_out(name, self.val)
             for unit in samples.units
-            if is_held_out(opener.held_out_with(unit), self.val) == on_val
         ]
+        return [unit for unit, is_val in zip(samples.units, held, strict=True) if is_val == on_val]
+
+    def names(self) -> Iterator[str]:
+        """Yields the names of the units held out together; none of a tar that cannot be read."""
+        with suppress(DataError):  # `open` names it
+            yield from map(self.opener.held_out_with, self.samples.units)
 
     def open(self, bad: Bad) -> Iterator[Recording]:
         """Yields the recordings; see `data.batches.sources.Part`."""

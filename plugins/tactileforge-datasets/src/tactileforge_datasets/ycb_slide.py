@@ -76,7 +76,7 @@ class YcbSlide(PublishedDataset):
 
     def _open(self, key: str, folder: Path) -> Recording:
         numbered, name = NumberedImages(folder / "frames"), folder.parent.name
-        frames = numbered.frames()
+        frames = numbered.frames(self._index)
         chosen = BACKGROUNDS.get(name, "")
         background = still_background(folder.parents[1] / "bgs" / f"bg_{chosen}.jpg", frames)
         views = NumberedImages(folder / "webcam_frames")
@@ -87,5 +87,5 @@ class YcbSlide(PublishedDataset):
             times=frame_times(list(numbered.files), 30.0),
             no_contact=background or median_frames(frames),
             object=name,
-            image=views.frames() if views.files else None,
+            image=views.frames(self._index) if views.files else None,
         )

@@ -16,10 +16,11 @@ from tactileforge.errors import (
     DataError,
     DataNotFoundError,
     check_names,
+    command,
     home_path,
     unknown,
 )
-from tactileforge.reading import add_once, as_texts, held_out_names, is_held_out
+from tactileforge.reading import add_once, as_texts, is_held_out, one_of_few
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -107,6 +108,8 @@ class Episodes:
         self.large, self.licence = tuple(large), licence
         self.skipped: list[str] = []
         self._notes: list[str] = []
+        self._recognised: Guess | None = None
+        self._drawn: dict[str, str] = {}
         self._failed: DataError | None = None
 
     @cached_property
@@ -153,14 +156,27 @@ class Episodes:
                 f"{self.root}: no zarr, HDF5, npz or mat is there; set data.root to the folder of "
                 "the files (docs/data.md)"
             )
-        other = "data.preset says another" if "preset" in found.options else "data.map says more"
-        self._notes.append(f"{self.root}: recognised as {found.format}; {other}")
+        self._recognised = found
         return {key: value for key, value in found.options.items() if key != "root"}
 
     @property
     def notes(self) -> list[str]:
         """Facts inferred, or read with doubt, a line each."""
-        return list(dict.fromkeys(self._notes))
+        return [*self._correction, *dict.fromkeys(self._notes)]
+
+    @property
+    def _correction(self) -> list[str]:
+        """What was recognised and found, and how to correct that; [] where a map is given."""
+        if self._recognised is None:
+            return []
+        held = [*self._drawn.values()].count("val")
+        found = f"{len(self._drawn)} episodes were found, {held} of them held out; "
+        other = "data.preset says another" if "preset" in self.guessed else "data.map says more"
+        show = command("data", "inspect", str(self.root))
+        return [
+            f"{self.root}: recognised as {self._recognised.format}; {found if self._drawn else ''}"
+            f"{other}, and {show} writes the options to correct"
+        ]
 
     @cached_property
     def provides(self) -> frozenset[str]:
@@ -260,10 +276,12 @@ class Episodes:
         from tactileforge_episodes.names import placeholders
 
         check_names("placeholder of data.hold_out", placeholders(self._template), file.values)
-        if file.split is not None and self.hold_out is None:
-            return file.split
-        unit = self._unit(file, number)
-        return "val" if unit in self._held or is_held_out(unit, self.val) else "train"
+        side = file.split if self.hold_out is None else None
+        if side is None:
+            unit = self._unit(file, number)
+            side = "val" if unit in self._held or is_held_out(unit, self.val) else "train"
+        self._drawn[file.key(number)] = side
+        return side
 
     def _unit(self, file: EpisodeFile, number: int) -> str:
         from tactileforge_episodes.names import fill
@@ -287,7 +305,7 @@ class Episodes:
             # a share is held out as it is: no further file is opened to know
             if len(units) > _SMALL or any(is_held_out(unit, self.val) for unit in units):
                 return frozenset()
-        return held_out_names(units, self.val)
+        return one_of_few(units, self.val)
 
     @property
     def held_out(self) -> list[str]:

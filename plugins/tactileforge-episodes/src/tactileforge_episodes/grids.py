@@ -95,6 +95,7 @@ class Grid:
         Args:
             members: Files of the group.
         """
-        if any(name[0] != "." and name != "zarr.json" for name in members.files(self.folder)):
+        folders, files = members.children(self.folder)
+        if self.mark == "/" and folders:
             return True
-        return bool(members.children(self.folder)[0])
+        return any(name[0] != "." and name != "zarr.json" for name in files)

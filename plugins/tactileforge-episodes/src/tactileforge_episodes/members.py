@@ -104,7 +104,8 @@ class FolderMembers:
             return frozenset()
         if self._names.get(folder, (0, None))[0] != changed:
             with os.scandir(self.path / folder) as entries:
-                self._names[folder] = (changed, frozenset(one.name for one in entries))
+                found = (one.name for one in entries if not one.is_dir(follow_symlinks=False))
+                self._names[folder] = (changed, frozenset(found))
         return self._names[folder][1]
 
     def read(self, name: str, start: int = 0, stop: int | None = None) -> bytes | None:

@@ -87,6 +87,8 @@ def _below(
     elif (place := (about.st_dev, about.st_ino)) in above:
         bad(f"{root}: a link to a folder around itself, which is not followed; remove it")
     else:
+        if not names and root.suffix in (*KINDS, *ARCHIVES):
+            bad(f"{root}: no regular file but an empty folder; remove it")
         for name in names:
             if _is_data(name):
                 yield from _below(root / name, bad, above | {place}, seen)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -53,9 +54,9 @@ def _check(keys: _Check, config: dict[str, Any]) -> int:
     dataset = build("datasets", config["data"], "data")
     without = {"all frames"} if not keys.lag and "TF104" not in keys.select else set()
     run = CheckRun(keys.select, keys.ignore, without if keys.frames else {"frames", "all frames"})
-    total, findings = 0, list[Finding]()
+    total, findings = Counter[str](), list[Finding]()
     for recording, split in Bar(_both(dataset), desc="check", unit="recording", disable=keys.json):
-        total += 1
+        total[split] += 1
         findings += run.look(recording, split, has_layout(dataset))
     if not total:
         raise DataError(f"no recording to check; {[*dataset.skipped, 'the set is empty'][0]}")
@@ -114,10 +115,14 @@ def _known(path: str | None, findings: Sequence[Finding]) -> set[str]:
 
 
 def _plain(
-    total: int, findings: Sequence[Finding], unread: Sequence[str], fixed: dict[str, dict[str, Any]]
+    total: Counter[str],
+    findings: Sequence[Finding],
+    unread: Sequence[str],
+    fixed: dict[str, dict[str, Any]],
 ) -> dict[str, Any]:
     return {
-        "recordings": total,
+        "recordings": total.total(),
+        "held_out": total["val"],
         "findings": [asdict(one) | {"keys": dict(one.keys)} for one in findings],
         "unreadable": list(unread),
         "fixed": fixed,
@@ -125,7 +130,10 @@ def _plain(
 
 
 def _print(
-    total: int, findings: Sequence[Finding], unread: Sequence[str], fixed: dict[str, dict[str, Any]]
+    total: Counter[str],
+    findings: Sequence[Finding],
+    unread: Sequence[str],
+    fixed: dict[str, dict[str, Any]],
 ) -> None:
     by_code: dict[str, list[Finding]] = {}
     for one in findings:
@@ -141,7 +149,7 @@ def _print(
         print(f"layout {name}: wrote {', '.join(f'{key}: {value}' for key, value in keys.items())}")
     places = len({one.where for one in findings})
     told = f"{len(findings)} findings in {places} places" if findings else "nothing found"
-    print(f"{total} recordings checked: {told}")
+    print(f"{total.total()} recordings checked, {total['val']} of them held out: {told}")
 
 
 COMMANDS = {

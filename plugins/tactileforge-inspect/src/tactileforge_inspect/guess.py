@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable
 
 from tactileforge.cli import hydra_value, unquoted
+from tactileforge.contracts import Guess
 from tactileforge.errors import ConfigError, home_path
 
 #: Doubts about forces and tables that are left out, though there are some.
@@ -48,7 +49,22 @@ def guess_words(words: list[str], doubts: list[str] | None = None) -> list[str]:
     words = [word for word in words if word != "data.guess=true"]
     for doubt in guess.doubts:
         print(f"  to be checked: {doubt}")
+    if guess.doubts:
+        print(f"  {_correction(guess)}")
     if doubts is not None:
         doubts += guess.doubts
     options = [f"++data.{key}={hydra_value(value)}" for key, value in guess.options.items()]
     return [f"data={name}", *options, *words]
+
+
+def _correction(guess: Guess) -> str:
+    """How a guess is corrected: by words of the command, or in a file."""
+    from tactileforge.datasets import LAYOUT_FILE
+
+    if layouts := guess.options.get("layouts"):
+        key = f"data.layouts.{next(iter(layouts))}.sensor"
+        return f"correct one by its key ({key}=NAME), or in {LAYOUT_FILE}, written by data inspect"
+    if "root" in guess.options and len(guess.options) > 1:
+        keys = ", ".join(f"data.{key}" for key in guess.options if key != "root")
+        return f"correct one by its key, of {keys}, or in the options that data inspect writes"
+    return "correct one by a key behind the path, data.KEY=VALUE (docs/keys.md)"

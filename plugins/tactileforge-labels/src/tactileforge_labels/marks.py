@@ -159,12 +159,19 @@ def read_marks(path: Path, count: int) -> Marks:
         count: Number of frames of the recording.
 
     Raises:
-        DataError: A row contradicts the recording, or has other cells than 0, 1 and empty ones.
+        DataError: A row contradicts the recording, or has other cells than 0, 1 and empty ones; or
+            a file of `write_marks` has lost its end.
         ConfigError: A column is missing.
     """
     marks = no_marks(count)
     seen = np.zeros(count, bool)
-    for where, cells in read_cells(path, ["frame", "contact", "slip", "bad"]):
+    rows = read_cells(path, ["frame", "contact", "slip", "bad"])
+    if rows and tuple(rows[0][1]) == COLUMNS and path.read_bytes()[-1:] not in b"\r\n":
+        raise DataError(
+            f"{rows[-1][0]}: no end of the line, so the file may be cut off; restore it, or end "
+            "the line if it is whole"
+        )
+    for where, cells in rows:
         text = cells["frame"]
         frame = int(text) if text.isascii() and text.isdecimal() else -1
         if not 0 <= frame < count:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from braceexpand import braceexpand
 
 from tactileforge.data import ShardFolder
 from tactileforge.errors import ConfigError, DataNotFoundError, nearest_name
-from tactileforge.reading import matching_files
+from tactileforge.reading import kind_of, matching_files
 
 #: Most tars of a pattern.
 _MOST = 1_000_000
@@ -45,13 +45,16 @@ class Tar:
         return self.folder.get_unchecked(self.file)
 
 
-def find_tars(folder: ShardFolder, patterns: Sequence[str]) -> list[Tar]:
+def find_tars(
+    folder: ShardFolder, patterns: Sequence[str], bad: Callable[[str], object]
+) -> list[Tar]:
     """Tars of a folder by patterns, each once.
 
     Args:
         folder: The folder, or its URL.
         patterns: Names with brace ranges, ``train-{000..099}.tar``; on this machine also with
             ``*``, ``?`` and ``[``.
+        bad: Is told of folders, pipes and the like in the place of a tar, a line each.
 
     Raises:
         ConfigError: A pattern is not a path below the folder, or needs a list of a server's files.
@@ -65,7 +68,7 @@ def find_tars(folder: ShardFolder, patterns: Sequence[str]) -> list[Tar]:
                     f"data.tars: {name}: a server does not list its files; give a range of braces: "
                     "'data.tars=train-{000000..000099}.tar'"
                 )
-            found |= dict.fromkeys([name] if folder.remote else _local(folder.path, name))
+            found |= dict.fromkeys([name] if folder.remote else _local(folder.path, name, bad))
     return [Tar(folder, name) for name in found]
 
 
@@ -84,7 +87,7 @@ def _expanded(pattern: str) -> list[str]:
         raise ConfigError(f"data.tars: {pattern}: {error}; write train-{{000..099}}.tar") from error
 
 
-def _local(root: Path, name: str) -> list[str]:
+def _local(root: Path, name: str, bad: Callable[[str], object]) -> list[str]:
     if not root.is_dir():
         raise DataNotFoundError(f"{root}: no such folder; set data.root to the folder of the tars")
     if not set("*?[") & set(name) or (root / name).is_file():
@@ -92,5 +95,7 @@ def _local(root: Path, name: str) -> list[str]:
             near = nearest_name(name, [path.name for path in root.glob("*.tar")])
             raise DataNotFoundError(f"{root / name}: no such file{near} Correct data.tars")
         return [name]
-    files, _ = matching_files(root, [name], "webdataset")
+    files, odd = matching_files(root, [name], "webdataset")
+    for path in odd:
+        bad(f"{path}: no file but {kind_of(path)}; left out")
     return [path.relative_to(root).as_posix() for path in files]
