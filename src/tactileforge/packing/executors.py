@@ -19,6 +19,7 @@ import cv2
 
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.packing.work import ShardJob, ShardNote, make_shard, packed_job, run_packed
+from tactileforge.util.origin import install_extra
 from tactileforge.util.processes import end_worker_with_main, process_count
 from tactileforge.util.signals import leave_to_parent, signals_held
 
@@ -140,7 +141,7 @@ def _on_ray(jobs: Sequence[ShardJob], processes: int | None, tick: Tick) -> Made
     try:
         ray: Any = import_module("ray")
     except ImportError as error:
-        raise ConfigError("pack.executor=ray needs Ray: pip install 'tactileforge[ray]'") from error
+        raise ConfigError(f"pack.executor=ray needs Ray: {install_extra('ray')}") from error
     is_ours = not ray.is_initialized()
     if is_ours:
         # Ray reports its use over the network unless it is told not to (docs of Ray, usage stats)

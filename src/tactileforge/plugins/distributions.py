@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
 from importlib.metadata import PackageNotFoundError, distribution, entry_points
 from pathlib import Path
-from typing import Any
-from urllib.parse import unquote, urlsplit
+
+from tactileforge.util.origin import clone, folder, install_extra, local, origin, typed
 
 #: Our own packages in plugins/: names they provide, by kind of plugin or group of options.
 _OURS: dict[str, dict[str, tuple[str, ...]]] = {
@@ -121,14 +120,16 @@ def how_to_get(kind: str, name: str) -> str:
 
 
 def install_command(package: str) -> str:
-    """Shell command that installs a package from where this one came.
+    """Shell command that installs a package or an extra from where this package came.
 
     Our packages are on no index, where a stranger could take their names. They are installed from
     the clone or the folder of wheels that this package was installed from, with those of ours that
     they need.
 
     Args:
-        package: Name of the package; one that is not ours is taken from an index.
+        package: Name of the package; one that is not ours is taken from an index. With an extra
+            in brackets it is one of ours that is installed: outside a clone, what the extra
+            requires is named instead.
 
     Example:
         >>> install_command("tactileforge-sim").endswith("plugins/tactileforge-sim")
@@ -136,58 +137,37 @@ def install_command(package: str) -> str:
         >>> install_command("numpy")
         'pip install numpy'
     """
-    if not is_ours(package):
+    name, _, extra = package.rstrip("]").partition("[")
+    if not is_ours(name):
         return f"pip install {package}"
-    origin = _origin()
-    if clone := _clone(origin, package):
-        return f"pip install {' '.join(_folders(clone, package))}"
-    url = str(origin.get("url", ""))
-    if version := origin.get("vcs_info"):
-        place = f"{version['vcs']}+{url}@{version['commit_id']}#subdirectory=plugins/{package}"
-        return f"pip install {shlex.quote(f'{package} @ {place}')}"
+    if extra:
+        return install_extra(extra, name)
+    if place := clone(package):
+        return f"pip install {' '.join(_folders(place, package))}"
+    noted = origin()
+    url = str(noted.get("url", ""))
+    if version := noted.get("vcs_info"):
+        where = f"{version['vcs']}+{url}@{version['commit_id']}#subdirectory=plugins/{package}"
+        return f"pip install {shlex.quote(f'{package} @ {where}')}"
     wheel = f"{package.replace('-', '_')}-*.whl"
-    beside = _local(url).parent if url.endswith(".whl") and url.startswith("file:") else None
+    beside = local(url).parent if url.endswith(".whl") and url.startswith("file:") else None
     if beside is not None and (found := sorted(beside.glob(wheel))):
-        folder = shlex.quote(str(beside))
-        return f"pip install --find-links {folder} {shlex.quote(str(found[-1]))}"
+        wheels = shlex.quote(str(beside))
+        return f"pip install --find-links {wheels} {shlex.quote(str(found[-1]))}"
     # the file by its name: an index is not asked for it
     return f"pip install --find-links WHEELS WHEELS/{wheel} (WHEELS: where tactileforge's own lies)"
 
 
-def _origin() -> dict[str, Any]:
-    """Where this package was installed from (PEP 610); {} if pip did not note it."""
-    try:
-        noted = distribution("tactileforge").read_text("direct_url.json")
-    except PackageNotFoundError:
-        return {}
-    return dict(json.loads(noted)) if noted else {}
-
-
-def _local(url: str) -> Path:
-    return Path(unquote(urlsplit(url).path))
-
-
-def _clone(origin: dict[str, Any], package: str) -> Path | None:
-    """The clone with the folder of a package; None where this package came in another way."""
-    places = [Path(__file__).parents[3]]  # run from its sources
-    if "dir_info" in origin:
-        places.insert(0, _local(origin["url"]))
-    project = Path("plugins") / package / "pyproject.toml"
-    return next((place for place in places if (place / project).is_file()), None)
-
-
-def _folders(clone: Path, package: str) -> list[str]:
+def _folders(place: Path, package: str) -> list[str]:
     """Folders of a package and of those of ours that it needs and that are absent, as typed."""
-    here = Path.cwd()
-    start = "." if here == clone else shlex.quote(str(clone))
     wanted = [package]
     for name in wanted:  # grows while it is read
-        text = (clone / "plugins" / name / "pyproject.toml").read_text("utf-8")
+        text = (place / folder(name) / "pyproject.toml").read_text("utf-8")
         needs = re.search(r"^dependencies = \[(.*?)\]", text, re.MULTILINE | re.DOTALL)
         for need in re.findall(r'"(tactileforge-[\w-]+)', needs[1] if needs else ""):
             if need not in wanted and need in _OURS and not _is_installed(need):
                 wanted.append(need)
-    return [f"{start}/plugins/{name}" for name in wanted]
+    return [shlex.quote(typed(place, name)) for name in wanted]
 
 
 def _is_installed(package: str) -> bool:

@@ -117,7 +117,7 @@ def _listen() -> None:
 def module_imports_no_vendor_sdk(subject: CheckSubject) -> None:
     """Options can be listed and read without the vendor's software.
 
-    At top level a sensor's package may import what ``pip install tactileforge`` brings, and other
+    At top level a sensor's package may import what the core's installation brings, and other
     packages of plugins, which are checked likewise; other kinds also what their own distribution
     requires.
     """

@@ -28,6 +28,7 @@ from tactileforge.training.speed import Speed
 from tactileforge.training.strategies import check_started, choose_strategy
 from tactileforge.training.validation import LastValidation
 from tactileforge.util.distributed import count_processes
+from tactileforge.util.origin import install_extra
 
 #: Packages of each logger; it needs one of them.
 _LOGGERS = {"csv": (), "tensorboard": ("tensorboard", "tensorboardX"), "wandb": ("wandb",)}
@@ -106,7 +107,7 @@ def check_options(config: Mapping[str, Any]) -> None:
     if name not in _LOGGERS:
         raise ConfigError(f"unknown logger {name!r}: csv, tensorboard, wandb or mlflow")
     if _LOGGERS[name] and not any(find_spec(package) for package in _LOGGERS[name]):
-        raise ConfigError(f"logger={name} is not installed: pip install 'tactileforge[{name}]'")
+        raise ConfigError(f"logger={name} is not installed: {install_extra(name)}")
 
 
 class JobTimer(Timer):

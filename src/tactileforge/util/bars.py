@@ -1,4 +1,4 @@
-"""Progress bars: redrawn in place on a terminal, one line a minute in a file."""
+"""Progress bars: redrawn in place on a terminal and in a notebook, one line a minute in a file."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ class Bar(tqdm):  # type: ignore[type-arg]
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         file = kwargs.get("file") or sys.stderr
-        self._is_drawn = bool(getattr(file, "isatty", lambda: False)())
+        self._is_drawn = _redraws(file)
+        if kwargs.get("disable", False) is None:  # tqdm's: no bar but on a terminal
+            kwargs["disable"] = not self._is_drawn
         if not self._is_drawn:
             kwargs |= {"mininterval": PAUSE, "maxinterval": PAUSE, "miniters": 1}
         self._counts = False
@@ -51,8 +53,8 @@ class Bar(tqdm):  # type: ignore[type-arg]
 
     @staticmethod
     def status_printer(file: Any) -> Callable[[str], None]:
-        """Writer of the bar: over its last line on a terminal, else as a new line."""
-        if getattr(file, "isatty", lambda: False)():
+        """Writer of the bar: over its last line where that can be, else as a new line."""
+        if _redraws(file):
             return tqdm.status_printer(file)
 
         def write(line: str) -> None:
@@ -77,6 +79,16 @@ class Bar(tqdm):  # type: ignore[type-arg]
             Bar._open -= 1
             if not Bar._open:
                 Bar._apart.close()
+
+
+def _redraws(file: Any) -> bool:
+    """Whether a carriage return starts a line anew: on a terminal, and below a notebook's cell.
+
+    The stream of a notebook's kernel says that it is no terminal, but the page minds it.
+    """
+    is_terminal = bool(getattr(file, "isatty", lambda: False)())
+    own = getattr(file, "_wrapped", file)  # within what tqdm wraps around it
+    return is_terminal or type(own).__module__.startswith("ipykernel.")
 
 
 @contextmanager

@@ -361,6 +361,11 @@ def test_workers_of_several_processes_are_not_forked(
     assert loader.multiprocessing_context.get_start_method() == "forkserver"
     (batch,) = loader
     assert same(batch, stream[0])
+    # Windows
+    monkeypatch.setattr("tactileforge.data.batches.loader.get_all_start_methods", lambda: ["spawn"])
+    monkeypatch.setattr("tactileforge.data.batches.loader.get_start_method", lambda: "spawn")
+    loader = Loader.of(stream, numbers, 1)
+    assert loader.multiprocessing_context.get_start_method() == "spawn"
 
 
 def test_a_daemon_process_reads_itself_and_says_so(

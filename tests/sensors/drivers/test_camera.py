@@ -371,6 +371,15 @@ def test_a_camera_that_is_named_and_absent_or_double(system, monkeypatch):
         Camera("name:i").open()
 
 
+@pytest.mark.parametrize("words", ["usb:2833:0209", "serial:D20123", "name:DIGIT"])
+@pytest.mark.parametrize("other", ["win32", "darwin"])
+def test_a_camera_is_named_on_linux_only(words, other, monkeypatch):
+    monkeypatch.setattr("sys.platform", other)
+    said = f"^device={words} needs Linux, whose v4l2 .*: here give .* device=0$"
+    with pytest.raises(SensorError, match=said):
+        Camera(words).open()
+
+
 def test_cameras_that_share_a_serial_number_are_chosen_by_socket(monkeypatch, tmp_path):
     two = [VideoDevice(f"/dev/video{n}", "DIGIT: DIGIT", "2833:0209", "DXXXXX") for n in (4, 6)]
     monkeypatch.setattr(v4l2, "video_devices", lambda: two)

@@ -6,6 +6,7 @@ from typing import Any
 
 from tactileforge.errors import ConfigError
 from tactileforge.pages import to_json
+from tactileforge.plugins import install_command
 
 
 class ZeroMq:
@@ -33,7 +34,7 @@ class ZeroMq:
         try:
             import zmq
         except ImportError as error:
-            fix = 'pip install "tactileforge-bridge[zmq]"'
+            fix = install_command("tactileforge-bridge[zmq]")
             raise ConfigError(f"publish=[zmq] needs pyzmq: {fix}") from error
         self.close()
         socket: Any = zmq.Context.instance().socket(zmq.PUB)

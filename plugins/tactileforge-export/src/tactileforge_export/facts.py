@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, check_names
-from tactileforge.plugins import load_json, strict
+from tactileforge.plugins import install_command, load_json, strict
 
 #: Key of the text in ``metadata_props`` of ONNX, and in ``extra_files`` of ``torch.export``.
 KEY = "tactileforge"
@@ -129,7 +129,8 @@ def need_onnx() -> None:
     missing = [name for name in ("onnx", "onnxscript", "onnxruntime") if find_spec(name) is None]
     if missing:
         raise ConfigError(
-            f"format=onnx needs {', '.join(missing)}: pip install 'tactileforge-export[onnx]'"
+            f"format=onnx needs {', '.join(missing)}: "
+            f"{install_command('tactileforge-export[onnx]')}"
         )
 
 

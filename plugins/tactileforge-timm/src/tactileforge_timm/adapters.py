@@ -8,6 +8,7 @@ from typing import Any
 from torch import nn
 
 from tactileforge.errors import ConfigError, PluginError
+from tactileforge.plugins import install_command
 
 #: Alpha of LoRA over its rank: what the matrices give is scaled by it (Hu et al. 2021).
 _SCALE = 2
@@ -31,7 +32,8 @@ def add_lora(network: nn.Module, rank: int, layers: Sequence[str]) -> None:
     try:
         import peft
     except ImportError as error:
-        raise PluginError("lora needs peft: pip install 'tactileforge-timm[lora]'") from error
+        how = install_command("tactileforge-timm[lora]")
+        raise PluginError(f"lora needs peft: {how}") from error
     chosen = _chosen(network, layers)
     if not chosen:
         known = sorted({name.rpartition(".")[2] for name, part in _candidates(network)})

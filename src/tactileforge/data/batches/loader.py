@@ -157,13 +157,15 @@ def _context(workers: int) -> BaseContext | None:
     known = get_start_method() in get_all_start_methods()
     # a job of joblib (a sweep) names its start method "loky", which multiprocessing refuses in a
     # child; removable once loky registers it there
+    method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"  # on Windows
     if not known:
-        set_start_method("forkserver", force=True)
+        set_start_method(method, force=True)
     ray = sys.modules.get("ray")
     if known and world()[1] == 1 and not (ray and ray.is_initialized()):
         return None
-    context = get_context("forkserver")
-    context.set_forkserver_preload([__name__])
+    context = get_context(method)
+    if method == "forkserver":
+        context.set_forkserver_preload([__name__])
     return context
 
 

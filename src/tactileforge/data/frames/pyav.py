@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.data.frames.video_index import HINT, VideoIndex, check_size, spread_times
 from tactileforge.errors import ConfigError, DataError
+from tactileforge.util.origin import install_extra
 
 #: Codecs opened but not decoded by builds of OpenCV: the FFmpeg in the wheels of opencv-python has
 #: only a hardware decoder for AV1.
@@ -26,8 +27,8 @@ def is_missing() -> bool:
 def missing_error(path: str, codec: str) -> ConfigError:
     """Error for a video of a codec of PyAV without PyAV."""
     return ConfigError(
-        f"{path}: its codec is {codec}, which this OpenCV does not decode: "
-        "pip install 'tactileforge[av]' brings PyAV, which does"
+        f"{path}: its codec is {codec}, which this OpenCV does not decode and PyAV does: "
+        f"{install_extra('av')}"
     )
 
 
@@ -45,7 +46,7 @@ def read_stream(path: str, number: int) -> VideoIndex:
     """
     if is_missing():
         raise ConfigError(
-            f"{path}: stream: {number} needs PyAV: pip install 'tactileforge[av]'; or write it to "
+            f"{path}: stream: {number} needs PyAV: {install_extra('av')}; or write it to "
             f"a file of its own: ffmpeg -i IN -map 0:v:{number} -c copy OUT.mkv"
         )
     import av

@@ -163,6 +163,11 @@ class Camera(Sensor):
             return f"/dev/video{self.device}" if sys.platform == "linux" else self.device
         if not self.device.startswith(("usb:", "serial:", "name:")):
             return self.device
+        if sys.platform != "linux":
+            raise SensorError(
+                f"device={self.device} needs Linux, whose v4l2 lists cameras by name: here give "
+                "the number of the camera, as in device=0"
+            )
         paths = self.discover()
         if not paths:
             others = attached_cameras(video_devices())

@@ -14,7 +14,7 @@ from typing import Any
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.hub import Card, Measurement, Weight, parse_card
-from tactileforge.plugins import write_text
+from tactileforge.plugins import install_command, write_text
 
 FILE = "gate.json"
 #: Suites of the gate; the second one chooses nothing.
@@ -146,7 +146,7 @@ def _row(path: Path, gate: Any, row: Any, tag: str, chance: dict[str, float]) ->
     if absent or row["task"] not in chance:
         raise DataError(
             f"{path}: not compared with {', '.join(absent) or 'chance'}: no baselines; bench them"
-            " without baselines=[]; photographs need pip install 'tactileforge[distill]'"
+            f" without baselines=[]; photographs need {install_command('tactileforge[distill]')}"
         )
     return Measurement(
         model=tag,
