@@ -287,7 +287,11 @@ def test_kills_while_a_model_is_trained(tmp_path: Path) -> None:
     note("kill -9 of `train`, then `resume=`", kills, f"{kills} went on; the same bits at the end")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number",
+    [signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2],
+    ids=lambda number: number.name,
+)
 def test_signals_to_the_group_of_a_run(number: signal.Signals, tmp_path: Path) -> None:
     """As a scheduler or a closed terminal sends them: to readers of data too."""
     words = "train scale=demo encoder.image_size=32 batch.size=4 batch.workers=1"

@@ -1,16 +1,19 @@
 """Training warns once of the doubts of data inspect."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from tactileforge.checks.doors import frame_lines
 from tactileforge.checks.log_doubts import Examination
-from tactileforge.checks.made import made_touch, resting
-from tactileforge.contracts import Recording
+from tactileforge.checks.made import made_touch, press, resting
+from tactileforge.checks.run import CHECKED_AT_ENTRY
+from tactileforge.contracts import Frames, Recording
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.data.frames.lazy import ArrayFrames
 from tactileforge.data.labels.augment import Augment
@@ -125,6 +128,48 @@ def test_captions_of_sides_where_clips_are_mirrored(
     if told:
         assert lines[0].startswith("data: TF405 6 of 6 captions hold words such as ")
         assert "upright: true" in lines[0]
+
+
+@pytest.mark.parametrize(("turns", "told"), [(0, False), (1, True), (3, True)])
+def test_pictures_on_their_side_are_said(
+    turns: int, told: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Turned(Made):
+        def recordings(self, split: str) -> Iterator[Recording]:
+            for seed in (0, 1, 2) if split == "train" else (3,):
+                yield made_touch(seed, still=np.rot90(resting(seed), turns), key=f"{split}/{seed}")
+
+    data = TouchData(Turned(), 4, (16, 16), 4, match=0, workers=0)
+    data.examiner = Examination()
+    data.setup()
+    assert any(line.startswith("data: TF307 ") for line in caplog.messages) == told, caplog.messages
+
+
+class Counted:
+    """Frames that count how many of them are read."""
+
+    def __init__(self, frames: Frames) -> None:
+        self.frames, self.read_rows, self.shape = frames, list[int](), frames.shape
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
+        self.read_rows += indices
+        return self.frames.read(indices)
+
+
+@pytest.mark.parametrize("count", [4, 20])
+def test_few_frames_of_few_recordings_are_decoded(count: int) -> None:
+    """However many there are: a start costs the same for 20 recordings and for 20,000."""
+    touches = [
+        replace(made, frames=Counted(made.frames), no_contact=None)
+        for made in (made_touch(seed, depth=press(900)) for seed in range(count))
+    ]
+    frame_lines(touches[1:], touches[:1])
+    decoded = [len(one.frames.read_rows) for one in touches]  # type: ignore[attr-defined]
+    assert sum(map(bool, decoded)) == min(count, CHECKED_AT_ENTRY) == min(count, 8)
+    assert max(decoded) <= 24 + 24 + 64  # of 900: a sample with the next of each, and a stretch
 
 
 def test_mirrored_pictures_and_copies_are_said(caplog: pytest.LogCaptureFixture) -> None:

@@ -61,7 +61,9 @@ def zipped(folder: Path, archive: Path, top: str = "") -> Path:
     return archive
 
 
-def open_x_tactile(root: Path, seconds: bool = False, matrix: bool = False) -> Path:
+def open_x_tactile(
+    root: Path, seconds: bool = False, matrix: bool = False, version: int = 2
+) -> Path:
     """``toy.zarr``: three episodes of one hand with two pads."""
     rng = np.random.default_rng(1)
     group, type_name = ("skin", "matrix") if matrix else ("gripper", "image")
@@ -86,7 +88,7 @@ def open_x_tactile(root: Path, seconds: bool = False, matrix: bool = False) -> P
         "data/right_tactile_type_force": np.full(40, "state", "<U5"),
         "data/sub_task_instruction": np.full(40, "press the cup   ", "<U16"),
     }
-    return write_zarr(root / "toy.zarr", arrays)
+    return write_zarr(root / "toy.zarr", arrays, version)
 
 
 def univtac(root: Path, pad: str = "left_tactile", other: str = "right_tactile") -> Path:

@@ -18,6 +18,7 @@ from made_bags import (
     write_rig,
 )
 from rosbags import rosbag2
+from rosbags.rosbag2.writer import zstd
 from tactileforge_rosbags import bags
 from tactileforge_rosbags.dataset import Rosbags
 
@@ -397,3 +398,25 @@ def test_few_bags_stay_open(tmp_path):
     every = list(data(tmp_path).recordings("train"))
     assert len(bags._OPEN._bags) == bags._KEPT
     assert [int(one.frames.read([1])[0, 0, 0, 0]) for one in every] == [41] * 8
+
+
+@pytest.mark.parametrize("mode", ["FILE", "MESSAGE"])
+def test_zstd_that_unpacks_to_anything_is_named(mode, tmp_path):
+    """96 MB of a file of 10 kB: the limit is 64 MB where less than a 50th is stored."""
+    bomb = zstd.compress(bytes(96 << 20))
+    assert len(bomb) < 20_000
+    write(tmp_path / "one", "mcap", frame_rows("mcap", "/gel", 4))
+    mode = rosbag2.CompressionMode[mode]
+    path = write(tmp_path / "two", "sqlite3", frame_rows("sqlite3", "/gel", 4), mode)
+    if mode is rosbag2.CompressionMode.FILE:
+        next(path.glob("*.zstd")).write_bytes(bomb)
+        wanted = f"two.db3.zstd: {96 << 20} bytes unpacked from {len(bomb)}: no data compress so"
+    else:
+        with sqlite3.connect(next(path.glob("*.db3"))) as file:
+            file.execute("UPDATE messages SET data = ? WHERE id = 2", (bomb,))
+        file.close()
+        wanted = f"two: a message of {len(bomb)} bytes unpacks to more: {96 << 20} bytes"
+    made = data(tmp_path)
+    assert [one.key for one in made.recordings("train")] == ["one/gel"]
+    (line,) = made.skipped
+    assert wanted in line

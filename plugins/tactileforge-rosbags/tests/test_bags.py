@@ -261,6 +261,34 @@ def test_a_wrench_without_stamps_is_put_on_the_clock_of_stamps(tmp_path):
     assert any(f"delay of /gel ({DELAY / 1e6:g} ms)" in note for note in data.notes)
 
 
+@each
+@pytest.mark.parametrize("shift", [0.0, 36.0, 0.5, -0.5])
+def test_stamps_of_two_clocks_are_said_with_the_key(kind, shift, tmp_path):
+    """A camera that counts TAI, or hangs on a machine whose clock is half a second ahead."""
+    make, ahead = Messages(kind), int(shift * 1e9)
+    rows = []
+    for i in range(40):
+        at = BEGIN + i * 10**9 // (1 if shift == 36 else HZ)  # the times of both overlap
+        rows.append(("/gel", at, make.compressed(at - DELAY + ahead, picture(i))))
+        rows.append(("/ft", at, make.wrench(at - DELAY // 4, (0, 0, i))))
+    write(tmp_path / "one", kind, rows)
+    said = {}
+    for clock in ("header", "bag"):
+        data = Rosbags(str(tmp_path), {"/gel": "digit"}, clock=clock, val=0)
+        (one,) = data.recordings("train")
+        said[clock] = [note for note in data.notes if "clocks differ" in note]
+    # by the times of recording each picture has the force of its own moment
+    np.testing.assert_array_equal(one.tracks["wrench_ft"][:, 2], np.arange(40))
+    assert said["bag"] == []
+    assert len(said["header"]) == bool(shift)
+    if shift:
+        (line,) = said["header"]
+        assert line.count("/gel") == line.count("/ft") == 1
+        apart = float(line.partition("differ by ")[2].partition(" s")[0])
+        assert apart == pytest.approx(abs(shift), rel=0.02)
+        assert line.endswith("data.clock=bag takes the times of recording for both")
+
+
 def test_values_farther_than_the_gap_are_unknown(tmp_path):
     make = Messages("mcap")
     rows = [*frame_rows("mcap", "/gel", 20)]

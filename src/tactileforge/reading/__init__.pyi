@@ -7,6 +7,7 @@ from tactileforge.reading.container import Values as Values
 from tactileforge.reading.container import check_keys as check_keys
 from tactileforge.reading.container import check_size as check_size
 from tactileforge.reading.container import check_unpacked as check_unpacked
+from tactileforge.reading.container import zstd_size as zstd_size
 from tactileforge.reading.drawn import Drawn as Drawn
 from tactileforge.reading.figure import plot_recording as plot_recording
 from tactileforge.reading.files import kind_of as kind_of

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from mmap import mmap
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -24,6 +25,8 @@ MOST_TEXT = 1 << 24
 MOST_UNPACKED, MOST_RATIO = 1 << 33, 50
 #: Most bytes of an array, which no disk holds.
 _MOST = 1 << 50
+#: Begin of a frame of zstd, and the most bytes of a block.
+_ZSTD, _BLOCK = b"\x28\xb5\x2f\xfd", 1 << 17
 
 
 @dataclass(frozen=True)
@@ -146,6 +149,37 @@ def check_unpacked(packed: int, unpacked: int) -> str:
     if unpacked > max(1 << 26, packed * MOST_RATIO):
         return f"{unpacked} bytes unpacked from {packed}: no data compress so well"
     return ""
+
+
+def zstd_size(content: bytes | mmap, whole: bool = False) -> tuple[int, bool]:
+    """Bytes that zstd unpacks to (RFC 8878), without unpacking; and whether they are a bound only.
+
+    Args:
+        content: Frames of zstd. A decoder makes room for what the first of them says.
+        whole: Whether the upper bound of all frames is wanted, whatever the first says: a stream
+            is unpacked before that is found to be wrong.
+
+    Example:
+        >>> zstd_size(bytes.fromhex("28b52ffd20051900007469676572"))
+        (5, False)
+    """
+    at, most, first = 0, 0, not whole
+    while content[at : at + 4] == _ZSTD and at + 5 < len(content):
+        flags = content[at + 4]
+        single, dictionary = flags >> 5 & 1, (0, 1, 2, 4)[flags & 3]
+        size_bytes = (single, 2, 4, 8)[flags >> 6]
+        at += 5 + (not single) + dictionary
+        if size_bytes and first:
+            said = int.from_bytes(content[at : at + size_bytes], "little")
+            return said + 256 * (size_bytes == 2), False
+        at, first, last = at + size_bytes, False, 0
+        while not last and at + 3 <= len(content):
+            header = int.from_bytes(content[at : at + 3], "little")
+            last, kind, size = header & 1, header >> 1 & 3, header >> 3
+            most += size if kind < 2 else _BLOCK
+            at += 3 + (1 if kind == 1 else size)
+        at += 4 * (flags >> 2 & 1)
+    return most, True
 
 
 def check_keys(where: object, count: int) -> None:

@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from tactileforge.errors import DataError
-from tactileforge.reading import MOST_BYTES
+from tactileforge.reading import MOST_BYTES, zstd_size
 from tactileforge_episodes.codecs import PACKERS, plain_name
 
 #: Codecs behind a compressor that append a few bytes.
 _SUMS = ("crc32", "crc32c", "adler32", "fletcher32", "jenkins_lookup3")
 #: Excess of a chunk over its values: checksums and rounding of codecs.
 _SLACK = 1 << 16
-#: Begin of a frame of zstd, and the most bytes of a block.
-_ZSTD, _BLOCK = b"\x28\xb5\x2f\xfd", 1 << 17
 
 
 @dataclass
@@ -63,7 +61,9 @@ class Guard:
         if self.codec == "lz4":
             return int.from_bytes(content[:4], "little")
         if self.codec == "zstd":
-            return zstd_size(content)
+            # a block may hold less than its most: such a bound says nothing of a small chunk
+            size, is_bound = zstd_size(content)
+            return 0 if is_bound and size <= MOST_BYTES else size
         return _unpacked(self.codec, content, self.most) if self.codec else 0
 
 
@@ -87,32 +87,6 @@ def guard_of(metadata: Mapping[str, Any], values: int, any_length: bool) -> Guar
         names.pop()
     packer = names[-1] if names and names[-1] in PACKERS else ""
     return Guard(packer, most, where if packer else "")
-
-
-def zstd_size(content: bytes) -> int:
-    """Bytes that zstd unpacks to (RFC 8878), without unpacking: those said, or an upper bound.
-
-    Args:
-        content: Frames of zstd. The decoder makes room for what the first of them says.
-    """
-    at, most, first = 0, 0, True
-    while content[at : at + 4] == _ZSTD and at + 5 < len(content):
-        flags = content[at + 4]
-        single, dictionary = flags >> 5 & 1, (0, 1, 2, 4)[flags & 3]
-        size_bytes = (single, 2, 4, 8)[flags >> 6]
-        at += 5 + (not single) + dictionary
-        if size_bytes and first:
-            said = int.from_bytes(content[at : at + size_bytes], "little")
-            return said + 256 * (size_bytes == 2)
-        at, first, last = at + size_bytes, False, 0
-        while not last and at + 3 <= len(content):
-            header = int.from_bytes(content[at : at + 3], "little")
-            last, kind, size = header & 1, header >> 1 & 3, header >> 3
-            most += size if kind < 2 else _BLOCK
-            at += 3 + (1 if kind == 1 else size)
-        at += 4 * (flags >> 2 & 1)
-    # a block may hold less than its most: such a bound says nothing of a small chunk
-    return most if most > MOST_BYTES else 0
 
 
 def _unpacked(codec: str, content: bytes, most: int) -> int:

@@ -53,17 +53,24 @@ class HdfFile(ArrayFile):
 
     def _list(self) -> list[str]:
         self._count = 0
+        self._again = list[str]()
         try:  # a group with several names is listed by its first
-            return [*self._below("", 0, {})]
+            found = [*self._below("", 0, {})]
         except DAMAGED as error:
             raise DataError(f"{self.name}: damaged ({error}); download it again") from error
+        if again := self._again:
+            more = (
+                f"; {len(again) - 1} further names of groups are left out so" if again[1:] else ""
+            )
+            self.left[f"{self.name}, {again[0]}{more}"] = None
+        return found
 
     def _below(self, group: str, depth: int, seen: dict[int, str]) -> Iterator[str]:
         h5py = self._h5py
         node = self._file[group] if group else self._file
         address = h5py.h5o.get_info(node.id).addr
         if address in seen:
-            self.left[f"{self.name}, {group}: the same group as {seen[address] or '/'}"] = None
+            self._again.append(f"{group}: the same group as {seen[address] or '/'}")
             return
         seen[address] = group
         if depth > DEEPEST:

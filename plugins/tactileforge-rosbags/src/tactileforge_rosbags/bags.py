@@ -5,17 +5,18 @@ from __future__ import annotations
 import atexit
 import os
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from threading import RLock
 from typing import Any
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.plugins import check_pointer
-from tactileforge.reading import folders_below
+from tactileforge.reading import MOST_BYTES, check_unpacked, folders_below, zstd_size
 
 #: Ends of the files of bags.
 _ENDS = (".bag", ".db3", ".mcap")
@@ -25,6 +26,8 @@ _PACKED = tuple(f"{end}.zstd" for end in _ENDS)
 _METADATA = "metadata.yaml"
 #: Characters of a path that an address of sqlite gives a meaning.
 _SQLITE = frozenset("?#%")
+#: Connection, time and bytes of a message.
+_Raw = tuple[Any, int, bytes]
 #: Number of bags that stay open in a process.
 _KEPT = 4
 
@@ -167,6 +170,7 @@ class _OpenBag:
                 f"data=rosbags cannot import rosbags ({error}): pip install rosbags lz4"
             ) from error
         self.path = path
+        _check_packed(Path(path))
         if _SQLITE & set(path) and any(name.endswith(".db3") for name in _names(Path(path))):
             raise DataError(f"{path}: sqlite misreads ?, # and % in a path; rename the bag")
         self.is1 = path.endswith(".bag")
@@ -174,6 +178,9 @@ class _OpenBag:
         with _named(path):
             self.reader: Any = Reader1(path) if self.is1 else Reader2(path)
             self.reader.open()
+        if not self.is1 and self.reader.compression_mode == "message":
+            for storage in self.reader.storage.storages:
+                storage.messages = partial(_checked, path, storage.messages)
 
     @cached_property
     def topics(self) -> dict[str, Topic]:
@@ -203,6 +210,25 @@ class _OpenBag:
             raise DataError(
                 f"{self.path}: its {kind} is not that of ROS (digest {digest[:16]}); convert it"
             )
+
+
+def _check_packed(path: Path) -> None:
+    """Raises a `DataError` for a file of a bag that unpacks to more than any bag would."""
+    for file in _files(path) if path.is_dir() else ():
+        if file.name.endswith(_PACKED) and (packed := file.stat().st_size):
+            with file.open("rb") as raw, mmap(raw.fileno(), 0, access=ACCESS_READ) as content:
+                why = check_unpacked(packed, zstd_size(content, whole=True)[0])
+            if why:
+                raise DataError(f"{file}: {why}; record it again, or unpack it: zstd -d")
+
+
+def _checked(path: str, messages: Callable[..., Iterator[_Raw]], *which: Any) -> Iterator[_Raw]:
+    """Messages that are compressed one by one, none of which unpacks to more than a picture."""
+    for found in messages(*which):
+        size, _ = zstd_size(found[2])
+        if why := f"{size} bytes" if size > MOST_BYTES else check_unpacked(len(found[2]), size):
+            raise DataError(f"{path}: a message of {len(found[2])} bytes unpacks to more: {why}")
+        yield found
 
 
 class _OpenBags:
