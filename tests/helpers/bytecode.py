@@ -5,7 +5,9 @@ compile torch anew: two thirds of the CPU time of its start.
 """
 
 import os
+import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 if sys.dont_write_bytecode:
@@ -13,3 +15,6 @@ if sys.dont_write_bytecode:
     sys.pycache_prefix = str(Path(__file__).parents[2] / ".pytest_cache" / "bytecode")
     del os.environ["PYTHONDONTWRITEBYTECODE"]
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
+    # packages that an earlier session has installed into folders that are gone
+    temporary = Path(tempfile.gettempdir()).resolve().relative_to(Path(sys.prefix).anchor)
+    shutil.rmtree(Path(sys.pycache_prefix, temporary), ignore_errors=True)

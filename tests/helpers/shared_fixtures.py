@@ -52,6 +52,10 @@ __all__ = [
 ]
 
 
+#: The warm process of this one, once a test has asked for it.
+_WARM: list[Warm] = []
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Touches simulated by a test are kept for the other tests, and thrown away after them.
@@ -92,9 +96,10 @@ def _composed_once() -> Iterator[None]:
 @pytest.fixture(autouse=True, scope="session")
 def _collected_seldom() -> None:
     """What is imported before the first test is no garbage, and is not searched for it."""
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(20_000, 20, 20)
+    if not gc.get_freeze_count():  # each conftest.py has this fixture
+        gc.collect()
+        gc.freeze()
+        gc.set_threshold(20_000, 20, 20)
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -157,8 +162,13 @@ def realdata() -> Path:
 @pytest.fixture(scope="session")
 def warm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Warm]:
     """Commands with a fast start, each in a process of its own."""
+    if _WARM:  # each conftest.py has this fixture
+        yield _WARM[0]
+        return
     with warm_commands(tmp_path_factory.mktemp("warm")) as commands:
+        _WARM.append(commands)
         yield commands
+        _WARM.clear()
 
 
 @pytest.fixture
