@@ -128,7 +128,8 @@ def test_the_wheel_trains_outside_the_checkout(wheel: Path, tmp_path: Path) -> N
     work = tmp_path / "work"
     work.mkdir()
     make_files("touches", work)
-    env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    hidden = ("PYTHONPATH", "VIRTUAL_ENV", "PYTHONPYCACHEPREFIX")
+    env = {k: v for k, v in os.environ.items() if k not in hidden}
     run = subprocess.run(
         [
             str(tmp_path / "venv/bin/python"),
@@ -137,7 +138,7 @@ def test_the_wheel_trains_outside_the_checkout(wheel: Path, tmp_path: Path) -> N
             *("data=recordings", "data.root=touches", "objective=[pixel,diff,force]"),
         ],
         cwd=work,
-        env=env,
+        env=env | {"PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,
         text=True,
         timeout=300,

@@ -1,5 +1,6 @@
 """Fixtures of several packages: a ``conftest.py`` imports those it offers."""
 
+import gc
 import os
 import threading
 import time
@@ -9,13 +10,14 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import bytecode  # noqa: F401
 import numpy as np
 import pytest
 import torch
 import torch.fx.config
 from opened import Opened
 from PIL import Image
-from undrawn import is_looked_at, undraw
+from spared import compose_once, is_looked_at, undraw
 from waiting import wait_until
 from warm import Warm, warm_commands
 
@@ -29,6 +31,8 @@ from tactileforge.util import processes
 #: What a ``conftest.py`` of the core or of a package imports as it is.
 __all__ = [
     "_cache",
+    "_collected_seldom",
+    "_composed_once",
     "_in_turn_with_others",
     "_names_of_its_own",
     "_no_thread_is_left",
@@ -46,6 +50,10 @@ __all__ = [
     "scripted",
     "warm",
 ]
+
+
+#: The warm process of this one, once a test has asked for it.
+_WARM: list[Warm] = []
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -76,6 +84,22 @@ def _one_process() -> Iterator[None]:
 def _undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     if not is_looked_at(str(request.path)):
         undraw(monkeypatch)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _composed_once() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        compose_once(patch)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _collected_seldom() -> None:
+    """What is imported before the first test is no garbage, and is not searched for it."""
+    if not gc.get_freeze_count():  # each conftest.py has this fixture
+        gc.collect()
+        gc.freeze()
+        gc.set_threshold(20_000, 20, 20)
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -138,8 +162,13 @@ def realdata() -> Path:
 @pytest.fixture(scope="session")
 def warm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Warm]:
     """Commands with a fast start, each in a process of its own."""
+    if _WARM:  # each conftest.py has this fixture
+        yield _WARM[0]
+        return
     with warm_commands(tmp_path_factory.mktemp("warm")) as commands:
+        _WARM.append(commands)
         yield commands
+        _WARM.clear()
 
 
 @pytest.fixture

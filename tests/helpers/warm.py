@@ -5,6 +5,7 @@ and would be taken again by each plain ``python -m tactileforge``. It is a proce
 (``python warm.py SOCKET``), without tests and threads.
 """
 
+import atexit
 import gc
 import json
 import os
@@ -14,13 +15,16 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from importlib import import_module
 from pathlib import Path
+from pkgutil import walk_packages
 
 import pytest
-from undrawn import undraw
+from spared import compose_once, undraw
 from waiting import wait_until
 
 _MODULES = (
@@ -113,6 +117,13 @@ def warm_commands(folder: Path) -> Iterator[Warm]:
         server.wait()
 
 
+def _reap(*_: object) -> None:
+    """Waits for processes that have waited, so that their CPU time is counted as this one's."""
+    with suppress(ChildProcessError):
+        while os.waitpid(-1, os.WNOHANG)[0]:
+            pass
+
+
 def serve(address: str) -> list[str]:
     """Answers while its parent lives; returns in a new process for each, with name and words."""
     parent = os.getppid()
@@ -121,7 +132,7 @@ def serve(address: str) -> list[str]:
     listener.listen()
     os.rename(f"{address}.new", address)  # a socket that is bound is there before it listens
     listener.settimeout(5.0)
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those that wait
+    signal.signal(signal.SIGCHLD, _reap)
     gc.freeze()
     while os.getppid() == parent:
         try:
@@ -156,23 +167,61 @@ def serve(address: str) -> list[str]:
     sys.exit("the tests are gone")
 
 
-if __name__ == "__main__":
-    for module in _MODULES:
-        import_module(module)
-    # what each command would read anew: metadata of packages, code of the simulator
+def _forget_packages() -> None:
+    """Forgets which packages are installed."""
+    for name, module in [*sys.modules.items()]:
+        if name.startswith("tactileforge"):
+            for value in [*vars(module).values()]:
+                getattr(value, "cache_clear", int)()
+
+
+def _ended(run: Callable[[], object]) -> None:
+    """Runs, and ends the process at once where it would end in order.
+
+    Python would take apart all that the warm process has imported: half a second.
+    """
+    try:
+        run()
+    except SystemExit as ending:
+        if isinstance(ending.code, int | None):
+            threading._shutdown()
+            atexit._run_exitfuncs()
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(ending.code or 0)
+        raise
+
+
+def _prepare() -> None:
+    """Imports and reads what each command would anew.
+
+    Modules, metadata of packages, the grammar of Hydra, and the code of the simulator.
+    """
+    core = import_module("tactileforge").__path__
+    whole = [found.name for found in walk_packages(core, "tactileforge.")]
+    for module in (*_MODULES, *(name for name in whole if "example" not in name.lower())):
+        if not module.endswith("__main__"):
+            import_module(module)
+    import_module("tactileforge.cli._compose").compose("anytouch2", ["scale=demo", "optim.lr=0.1"])
     import_module("tactileforge.plugins.registry").list_plugins()
-    import_module("tactileforge.plugins.registry")._entries.cache_clear()
     import_module("tactileforge_sim.config")._code()
+
+
+if __name__ == "__main__":
+    _prepare()
     if "PYTEST_XDIST_WORKER" in os.environ:
         import_module("tactileforge.util.processes").cpus = lambda: 1  # the others are busy
-    undraw(pytest.MonkeyPatch())  # tests of pages draw in their own process
+    for spared in (undraw, compose_once):  # tests of pages draw in their own process
+        spared(pytest.MonkeyPatch())
     program, *words = serve(sys.argv[1])
     places = os.environ.get("PYTHONPATH", "").split(os.pathsep)
-    sys.path[:0] = [place for place in places if place and place not in sys.path]
+    if places := [place for place in places if place and place not in sys.path]:
+        sys.path[:0] = places
+        _forget_packages()
     if program == SCRIPT:
         sys.argv = words
         sys.path.insert(0, str(Path(words[0]).resolve().parent))
-        runpy.run_path(words[0], run_name="__main__")
+        _ended(partial(runpy.run_path, words[0], run_name="__main__"))
     else:
         if program == "pytest":
             words = ["-W", f"ignore:Module already imported:{_REWRITTEN}", *words]
@@ -182,4 +231,4 @@ if __name__ == "__main__":
         )
         # the command in `Warm.bin`, which Lightning repeats for its other processes
         sys.argv = [str(Path(sys.argv[1]).with_name("bin") / program), *words]
-        runpy.run_module(program, run_name="__main__")
+        _ended(partial(runpy.run_module, program, run_name="__main__"))

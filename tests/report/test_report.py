@@ -817,9 +817,11 @@ def test_the_page_begins_with_run_date_seed_and_data_and_ends_with_what_is_next(
 
 def test_report_says_that_it_works_before_it_imports_torch(tmp_path: Path) -> None:
     code = """
-import sys
+import os, sys
 class Err:
-    def write(self, text): sys.stdout.write(f"{'torch' in sys.modules} {text}")
+    def write(self, text):
+        print("torch" in sys.modules, text, flush=True)
+        os._exit(0)
     def flush(self): pass
 sys.stderr = Err()
 from tactileforge import cli

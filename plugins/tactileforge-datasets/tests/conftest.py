@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 from dataset_fixtures import conforms, make_image, make_images, make_video, write  # noqa: F401
 from made_sets import MADE
-from shared_fixtures import _cache, _one_process, _seeded, encoded, levels, realdata  # noqa: F401
+from shared_fixtures import *  # noqa: F403
 
 
 @pytest.fixture

@@ -1,1 +1,1 @@
-from shared_fixtures import _cache  # noqa: F401
+from shared_fixtures import *  # noqa: F403
