@@ -14,6 +14,7 @@ from tactileforge.cli._compose import option
 from tactileforge.plugins.registry import build
 from tactileforge.sensors.borders import (
     BORDER_FEATURES,
+    amid_other_light,
     border_inputs,
     border_range,
     has_other_light,
@@ -223,6 +224,21 @@ def test_brighter_here_and_darker_there_is_a_touch():
     inputs["border2_red"][1] = -9
     inputs["border5_blue"][:] = -9
     assert has_other_light(inputs, [[0.0] * 24] * 2).tolist() == [True, False]
+
+
+def test_a_flicker_spoils_the_frames_among_it_and_a_lone_alarm_only_itself():
+    times = np.arange(40) / 30
+    lone = np.zeros(40, bool)
+    lone[[4, 30]] = True
+    assert amid_other_light(lone, times).tolist() == lone.tolist()
+    flicker = np.zeros(40, bool)
+    flicker[10:20:2] = True
+    found = np.flatnonzero(amid_other_light(flicker, times))
+    assert set(range(10, 17)) <= {*found.tolist()}
+    assert found.min() >= 5, "at most a quarter of a second before"
+    assert found.max() <= 25
+    causal = np.flatnonzero(amid_other_light(flicker, times, ahead=False))
+    assert [9 in causal, 13 in causal, 15 in causal] == [False, False, True]
 
 
 @pytest.mark.parametrize(

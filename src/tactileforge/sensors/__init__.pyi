@@ -3,6 +3,7 @@ from tactileforge.sensors.background import Background as Background
 from tactileforge.sensors.background import check_background as check_background
 from tactileforge.sensors.background import spread_frames as spread_frames
 from tactileforge.sensors.borders import BORDER_FEATURES as BORDER_FEATURES
+from tactileforge.sensors.borders import amid_other_light as amid_other_light
 from tactileforge.sensors.borders import border_inputs as border_inputs
 from tactileforge.sensors.borders import border_range as border_range
 from tactileforge.sensors.borders import has_other_light as has_other_light

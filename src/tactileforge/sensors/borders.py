@@ -16,6 +16,9 @@ _AROUND, _PART, _SMOOTH, _FREE = 32, 6, 3.0, 0.6
 #: How far the changes lie beyond those of the calibration's presses in another light, grey levels,
 #: and in how many parts (`docs/calibrate.md` has the alarms and lights that they come from).
 _BEYOND = ((3.5, 1), (1.0, 5))
+#: A light that comes and goes: seconds around a frame, the share of frames in another light in
+#: them, and the least number of such frames (lone false alarms are fewer).
+_NEAR, _SHARE, _LEAST = 0.25, 1 / 3, 3
 #: Number of border parts, and names of their changes, a colour of a part each.
 _EIGHT = 8
 BORDER_FEATURES = tuple(
@@ -112,3 +115,33 @@ def has_other_light(
         is_one_sided = ~(up.any(-2) & down.any(-2)).any(-1)
         found |= is_one_sided & ((up | down).any(-1).sum(-1) >= parts)
     return found
+
+
+def amid_other_light(
+    lit: NDArray[np.bool_], times: NDArray[np.float64], ahead: bool = True
+) -> NDArray[np.bool_]:
+    """Frames in another light, and those among many such frames, as of a lamp that flickers.
+
+    Near its zero a flicker is too weak to be seen in a picture, and still worth a newton.
+
+    Args:
+        lit: Whether a frame is in another light, (T,).
+        times: Times of the frames, s, (T,), rising.
+        ahead: Whether later frames count, too.
+
+    Returns:
+        bool (T,).
+
+    Example:
+        >>> lit = np.array([True, False, True, True, False, False])
+        >>> amid_other_light(lit, np.arange(6) / 30).tolist()
+        [True, True, True, True, True, True]
+        >>> amid_other_light(lit, np.arange(6) * 1.0).tolist()
+        [True, False, True, True, False, False]
+    """
+    count = np.concatenate([[0], np.cumsum(lit)])
+    first = np.searchsorted(times, times - _NEAR, "left")
+    last = np.searchsorted(times, times + _NEAR, "right") if ahead else np.arange(len(lit)) + 1
+    found = count[last] - count[first]
+    among: NDArray[np.bool_] = (found >= _LEAST) & (found >= _SHARE * (last - first))
+    return lit | among

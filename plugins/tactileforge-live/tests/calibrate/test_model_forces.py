@@ -189,6 +189,15 @@ def test_a_lamp_that_is_switched_on_while_pressing_gives_no_force(
     for number in range(4):
         found = stream.push(lit[number], number / 15)
     assert (found.trouble, found.force, found.slip) == ("other_light", None, None)
+    flickering = model.stream("digit", background=rest[0], calibration=tmp_path / "d1.yaml")
+    troubles = []
+    for number, is_lit in enumerate([*[0] * 9, 1, 0, 1, 0, 1, *[0] * 10]):
+        found = flickering.push((lit if is_lit else pressed)[3], number / 30)
+        troubles.append("" if found is None else found.trouble)
+    assert troubles[9] == troubles[11] == "other_light"
+    assert troubles[10] == "", "one frame before it tells no flicker"
+    assert troubles[13:16] == ["other_light"] * 3, "near its zero"
+    assert troubles[-1] == "", "once it is over"
     # one that was made before the range was kept
     old = replace(made.calibration, force=replace(made.calibration.force, borders=[]))
     assert model.force(lit, rest[0], "digit", calibration=old).isfinite().all()

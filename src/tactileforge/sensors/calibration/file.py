@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, DataNotFoundError, unknown
-from tactileforge.sensors.borders import BORDER_FEATURES, OTHER_LIGHT, has_other_light
+from tactileforge.sensors.borders import (
+    BORDER_FEATURES,
+    OTHER_LIGHT,
+    amid_other_light,
+    has_other_light,
+)
 from tactileforge.util import strict
 from tactileforge.util.files import sealed_yaml, unsealed_yaml, write_text
 from tactileforge.util.regular import regular_text
@@ -163,8 +168,8 @@ class Calibration:
         """Forces of a recording of this unit, float32 (T, 3), N; NaN on axes without a fit.
 
         NaN, with a warning, in frames with another light than in the fitted presses, see
-        `borders.has_other_light`. With a fitted lag, a frame shows the force at ``force.lag``
-        seconds before its time.
+        `borders.has_other_light` and `borders.amid_other_light`. With a fitted lag, a frame shows
+        the force at ``force.lag`` seconds before its time.
 
         Args:
             recording: Recording of this unit.
@@ -189,6 +194,7 @@ class Calibration:
                 out[:, column] = self.force.axes[name](features)
         if self.force.borders:
             lit = has_other_light(features, self.force.borders)
+            lit = amid_other_light(lit, recording.times)
             out[lit] = np.nan
             if lit.any():
                 warnings.warn(

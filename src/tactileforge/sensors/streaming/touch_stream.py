@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError, DataError, SensorError
 from tactileforge.sensors.background import Background, check_background, spread_frames
-from tactileforge.sensors.borders import border_inputs, has_other_light
+from tactileforge.sensors.borders import amid_other_light, border_inputs, has_other_light
 from tactileforge.sensors.health import exposure_trouble
 from tactileforge.sensors.light import LightCheck
 from tactileforge.sensors.streaming.buffer import ClipBuffer, FrameWithClip, warn_of_slow_frames
@@ -137,6 +138,7 @@ class TouchStream:
         self.done = self.skipped = 0
         self.shown: Frame | None = None
         self._camera = camera
+        self._lit: deque[tuple[float, bool]] = deque(maxlen=64)  # the latest frames
         self._last, self._time, self._size = 0, -math.inf, (0, 0)
         self._seen: list[Image] | None = None
         self._end = 0.0
@@ -264,11 +266,12 @@ class TouchStream:
         # under another light the vector is still that of the picture, but contact and force compare
         # with a background that no longer holds
         if trouble == "light":
+            self._is_amid_light(frame.time, True)
             vector = self._read(shot)[-1]
         elif not trouble:
             contact = self.contact.update(difference)
             force, newton, vector = self._read(shot)
-            if force is not None and self._is_other_light(shot):
+            if force is not None and self._is_amid_light(frame.time, self._is_other_light(shot)):
                 force, trouble = None, "other_light"
             elif force is not None and not all(map(math.isfinite, force)):
                 force, trouble = None, "out_of_range"
@@ -286,6 +289,14 @@ class TouchStream:
             trouble=trouble,
             embedding=vector,
         )
+
+    def _is_amid_light(self, time: float, is_lit: bool) -> bool:
+        """Whether a frame is in another light, or among many such frames; see `borders`."""
+        if self.calibration is None:
+            return is_lit
+        self._lit.append((time, is_lit))
+        times, lit = zip(*self._lit, strict=True)
+        return bool(amid_other_light(np.array(lit), np.array(times), ahead=False)[-1])
 
     def _is_other_light(self, shot: FrameWithClip) -> bool:
         """Whether the light is another one than in the presses of the calibration."""
