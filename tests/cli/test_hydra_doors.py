@@ -84,6 +84,24 @@ def test_a_configuration_of_plain_hydra_is_completed(conf, tmp_path):
 
 
 @pytest.mark.parametrize(
+    "defaults",
+    [
+        "[{recipe: mae}, {override scale: tiny}, _self_]",
+        "[{optim: adamw}, {recipe: mae}, {override scale: tiny}, _self_]",
+    ],
+)
+def test_what_a_recipe_alone_says_of_a_group_is_completed(conf, defaults):
+    (conf / "app.yaml").write_text(f"defaults: {defaults}\n")
+    with hydra.initialize_config_dir(str(conf), version_base="1.3"):
+        config = hydra.compose("app", ["+data=sim", "objective=[pixel]"])
+    done = tactileforge.compose(config)
+    own = tactileforge.compose("mae", ["scale=tiny", "data=sim", "objective=[pixel]"])
+    for group in ("trainer", "optim", "encoder", "batch", "curriculum"):
+        assert done[group] == own[group], group
+    assert (done.optim.lr, done.optim.schedule, done.trainer.precision) == (1e-3, "linear", "auto")
+
+
+@pytest.mark.parametrize(
     ("word", "told"),
     [
         ("+trainer.max_step=1", "unknown key of trainer 'max_step'; did you mean 'max_steps'"),

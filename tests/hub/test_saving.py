@@ -15,7 +15,7 @@ from PIL import Image
 from torch import nn
 
 import tactileforge
-from tactileforge.errors import ConfigError, DataError
+from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.hub.creating import create
 from tactileforge.hub.loading import list_models
 from tactileforge.hub.model import Model
@@ -95,6 +95,33 @@ def test_a_state_dict_says_what_to_do(tmp_path: Path) -> None:
     torch.save(model.state_dict(), tmp_path / "mine.pth")
     with pytest.raises(DataError, match=r"a state_dict of yours.*model.save\(FILE\)"):
         tactileforge.load(tmp_path / "mine.pth")
+
+
+def test_a_checkpoint_of_lightning_says_which_call_reads_it(tmp_path: Path) -> None:
+    place = tmp_path / "run" / "checkpoints" / "x.ckpt"
+    place.parent.mkdir(parents=True)
+    torch.save({"state_dict": {}, "pytorch-lightning_version": "2.6.0"}, place)
+    said = r"x\.ckpt: a checkpoint of Lightning: .*TouchModule\.load_from_checkpoint\('.*x.ckpt'\)"
+    for given in (place, str(place), f"file:{place}"):
+        with pytest.raises(DataError, match=f"{said}.*encoder$"):
+            tactileforge.load(given)
+    (place.parents[1] / "config.yaml").write_text("a: 1\n")
+    with pytest.raises(DataError, match=rf"{said}.*and tactileforge\.load\('.*/run'\) its run$"):
+        tactileforge.load(place)
+
+
+def test_load_from_checkpoint_says_what_is_none(tmp_path: Path) -> None:
+    from tactileforge.training import TouchModule
+
+    (tmp_path / "bad.ckpt").write_bytes(b"hello")
+    torch.save({"state_dict": {}, "hyper_parameters": {"width": 3}}, tmp_path / "other.ckpt")
+    for name, said in (
+        ("none.ckpt", r"no checkpoint at .*none\.ckpt"),
+        ("bad.ckpt", r"not a checkpoint: damaged, or something else; .*tactileforge\.load\("),
+        ("other.ckpt", "a checkpoint of another LightningModule: its own class loads it"),
+    ):
+        with pytest.raises((ConfigError, DataNotFoundError), match=said):
+            TouchModule.load_from_checkpoint(tmp_path / name)
 
 
 def test_a_created_model_has_random_weights_and_a_head_for_classes(tmp_path: Path) -> None:

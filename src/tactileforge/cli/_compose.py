@@ -31,7 +31,7 @@ from hydra.version import VersionBase
 from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
 
 from tactileforge.cli import _known
-from tactileforge.cli._options import MULTI
+from tactileforge.cli._options import MULTI, yaml_text
 from tactileforge.cli._quote import unquoted
 from tactileforge.cli._words import free_heads
 from tactileforge.errors import ConfigError, PluginError, unknown
@@ -264,6 +264,9 @@ def _completed(config: Mapping[str, Any] | DictConfig) -> DictConfig:
     own: Any = OmegaConf.to_container(given, resolve=True)
     base: Any = composed("train", [])
     OmegaConf.set_struct(base, False)
+    for key, name in (("trainer", "default"), ("optim", "adamw")):
+        if "name" not in own.get(key, {"name": ""}):  # what a recipe alone has of it
+            own[key] = OmegaConf.merge(OmegaConf.create(yaml_text(f"{key}/{name}")), own[key])
     for key in {*base} & {*own}:
         # of a group the option is the application's; blocks of fixed keys have defaults
         keeps = key in ("data", "augment") and isinstance(own[key], dict)

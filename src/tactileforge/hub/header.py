@@ -11,12 +11,15 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import zipfile
+import zlib
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, TypeGuard
 
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.plugins import local
+from tactileforge.runs.folder import CONFIG
 from tactileforge.util import strict
 from tactileforge.util.pointers import check_pointer
 from tactileforge.util.untrusted import load_json
@@ -237,6 +240,14 @@ def _json_text(path: Path, file: BinaryIO) -> bytes:
     start, first = file.read(8), file.read(1)
     # torch.save writes a zip file (PK), or in old versions a pickle (\x80 and its protocol)
     if first != b"{" and (start[:2] == b"PK" or start[:1] == b"\x80"):
+        if _is_of_lightning(file):
+            folder = path.absolute().parent.parent
+            own = f", and tactileforge.load({str(folder)!r}) its run"
+            raise DataError(
+                f"{path}: a checkpoint of Lightning: tactileforge.training.TouchModule."
+                f"load_from_checkpoint({str(path)!r}) reads it, with the encoder as its .encoder"
+                f"{own * (folder / CONFIG).is_file()}"
+            )
         raise DataError(
             f"{path}: a pickle, whatever its name says; nothing in it was executed. For published "
             "weights: tactileforge zoo get NAME --from FILE; for a run: tactileforge zoo pack RUN; "
@@ -248,6 +259,17 @@ def _json_text(path: Path, file: BinaryIO) -> bytes:
     if first != b"{" or length > _LONGEST:
         raise DataError(f"{path}: not a safetensors file; give a one-file checkpoint")
     return first + file.read(length - 1)
+
+
+def _is_of_lightning(file: BinaryIO) -> bool:
+    """Whether a file of ``torch.save`` is a checkpoint of Lightning; nothing in it is executed."""
+    try:
+        with zipfile.ZipFile(file) as archive:
+            name = next((one for one in archive.namelist() if one.endswith("/data.pkl")), "")
+            with archive.open(name) as pickled:
+                return b"pytorch-lightning_version" in pickled.read(_LONGEST)
+    except (zipfile.BadZipFile, KeyError, OSError, ValueError, NotImplementedError, zlib.error):
+        return False
 
 
 def _check_table(path: Path, start: int, table: dict[str, Any]) -> None:

@@ -17,6 +17,7 @@ from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.encoders.views import views_of
 from tactileforge.errors import ConfigError
 from tactileforge.plugins import moves, registry
+from tactileforge.runs.checkpoint_file import find_checkpoint
 from tactileforge.training import balance as balances
 from tactileforge.training.curriculum import Curriculum, from_config, without_waiting
 from tactileforge.training.finite import FiniteWatch, NotFiniteError
@@ -146,7 +147,8 @@ class TouchModule(L.LightningModule):
         """Builds the module of a checkpoint, with its weights; nothing in the file is executed.
 
         Args:
-            checkpoint_path: Checkpoint of a run, or of one's own `lightning.Trainer`.
+            checkpoint_path: Checkpoint of a run, or its folder, or a checkpoint of one's own
+                `lightning.Trainer`.
             map_location: Device of the weights; None for the CPU.
             hparams_file: Not used: the configuration is in the checkpoint.
             strict: Whether all weights have to fit; None for True.
@@ -156,13 +158,21 @@ class TouchModule(L.LightningModule):
             parts: Arguments of the constructor, for a module built by hand.
 
         Raises:
+            DataNotFoundError: No checkpoint is there.
             ConfigError: The file is not a checkpoint of a `TouchModule`, or its module was built by
                 hand and ``parts`` are missing.
             PluginError: A part is a local class that was neither typed nor registered.
         """
         for name, given in (classes or {}).items():
             registry.give(name, given)
-        state = torch.load(checkpoint_path, map_location or "cpu", weights_only=True)
+        path = find_checkpoint(checkpoint_path)
+        try:
+            state = torch.load(path, map_location or "cpu", weights_only=True)
+        except Exception as error:  # of damaged bytes it is of any kind
+            raise ConfigError(
+                f"{path}: not a checkpoint: damaged, or something else; a model in one file is "
+                f"read by tactileforge.load({str(path)!r})"
+            ) from error
         if not isinstance(state, dict) or "state_dict" not in state:
             raise ConfigError(f"{checkpoint_path}: no checkpoint of Lightning")
         built = state.get("hyper_parameters") or {}
@@ -171,6 +181,10 @@ class TouchModule(L.LightningModule):
                 f"{checkpoint_path}: its module was built by hand; give its parts again: "
                 "TouchModule.load_from_checkpoint(path, encoder=..., heads=..., objectives=..., "
                 "weights=..., curriculum=..., optim=...)"
+            )
+        if not parts and not {"config", "provides"} <= {*built}:
+            raise ConfigError(
+                f"{path}: a checkpoint of another LightningModule: its own class loads it"
             )
         module = (
             cls(**parts)
