@@ -189,3 +189,95 @@ def test_numbers_in_either_order_are_not_guessed(tmp_path: Path) -> None:
     found, doubts = read(tmp_path)
     assert all("hardness" not in one.labels for one in found)
     assert "labels.csv is left out" in doubts
+
+
+def test_a_row_of_a_recording_each_comes_before_one_of_its_trial(tmp_path: Path) -> None:
+    for name, take in PAIRS:
+        film(tmp_path / f"clip{take}_{'left' if name == 'mug' else 'right'}.avi", name, take)
+    labels(
+        tmp_path / "labels.csv",
+        "video,side,hardness",
+        lambda o, t: [f"clip{t}", "left" if o == "mug" else "right", 10 * t + len(o)],
+    )
+    found, _ = read(tmp_path)
+    assert len(found) == len(PAIRS)
+    for one in found:
+        o, t, _ = at(int(one.frames.read([0])[0, 0, 0, 0]))
+        assert one.labels["hardness"] == 10 * t + len(o)
+        assert set(one.labels) == {"video", "side", "hardness"}
+
+
+def test_a_date_and_a_time_name_a_recording(tmp_path: Path) -> None:
+    days, times = ("2024-05-01", "2024-05-02"), ("10-00-00", "11-30-00")
+    names = {pair: (days[i // 2], times[i % 2]) for i, pair in enumerate(PAIRS)}
+    for (o, t), (day, time) in names.items():
+        film(tmp_path / f"{day}_{time}.avi", o, t)
+    labels(
+        tmp_path / "log.csv",
+        "date,time,object",
+        lambda o, t: [names[o, t][0], names[o, t][1].replace("-", ":"), o],
+    )
+    found, _ = read(tmp_path)
+    assert len(found) == len(PAIRS)
+    for one in found:
+        assert one.object == at(int(one.frames.read([0])[0, 0, 0, 0]))[0]
+
+
+def test_a_german_table_of_all_trials_with_decimal_commas(tmp_path: Path) -> None:
+    for o, t in PAIRS:
+        film(tmp_path / f"{o}_{t:02d}.avi", o, t)
+    rows = ["Objekt;Versuch;Zeit [s];Fx [N];Fy [N];Fz [N]"]
+    for o, t in PAIRS:
+        for n in range(COUNT):
+            cells = ";".join(
+                f"{value:.4f}".replace(".", ",") for value in (n / 30, *force(o, t, n))
+            )
+            rows.append(f"{o};{t};{cells}")
+    (tmp_path / "kraefte.csv").write_text("\n".join(rows) + "\n")
+    found, _ = read(tmp_path)
+    for one in found:
+        o, t, _ = at(int(one.frames.read([0])[0, 0, 0, 0]))
+        assert one.force is not None
+        wanted = [force(o, t, n) for n in range(COUNT)]
+        np.testing.assert_allclose(one.force, wanted, atol=2e-4)
+    assert len(found) == len(PAIRS)
+
+
+def test_times_with_their_unit_in_names_and_in_the_header(tmp_path: Path) -> None:
+    for name, take in PAIRS:
+        for n in range(COUNT):
+            path = tmp_path / f"{name}{take}" / f"{n * 40:06d}ms.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(picture(level(name, take, n))).save(path)
+        rows = [f"{10 * i},{i / 40}" for i in range(4 * COUNT)]
+        (tmp_path / f"{name}{take}.csv").write_text("\n".join(["ms,Fz", *rows]) + "\n")
+    found, _ = read(tmp_path)
+    assert len(found) == len(PAIRS)
+    for one in found:
+        np.testing.assert_allclose(one.times, np.arange(COUNT) / 25)
+        assert one.force is not None
+        np.testing.assert_allclose(one.force[:, 2], np.arange(COUNT) / 10, atol=1e-6)
+
+
+def test_normal_and_shear_are_forces(tmp_path: Path) -> None:
+    for o, t in PAIRS:
+        film(tmp_path / f"{o}{t}.avi", o, t)
+        rows = [f"{n},{x},{y},{-z}" for n in range(COUNT) for x, y, z in [force(o, t, n)]]
+        text = "\n".join(["frame,shear_x,shear_y,normal", *rows])
+        (tmp_path / f"{o}{t}.csv").write_text(text + "\n")
+    found, doubts = read(tmp_path)
+    check_forces(found)
+    assert "normal is negative where it is large, so z is turned" in doubts
+
+
+def test_paths_of_another_machine_and_another_folder_are_not_guessed(tmp_path: Path) -> None:
+    folders(tmp_path, lambda o, t: "unit")
+    rows = [f"/home/ann/frames/{n:04d}.png,{n}" for n in range(COUNT)]
+    (tmp_path / "unit/marks.csv").write_text("\n".join(["img_name,radius", *rows]) + "\n")
+    found, doubts = read(tmp_path)
+    assert sum(len(one.frames) for one in found) == COUNT
+    assert "labels: unit/marks.csv is left out" in doubts
+    (tmp_path / "unit/marks.csv").write_text(
+        "\n".join(["img_name,radius", *rows]).replace("/frames/", "/unit/") + "\n"
+    )
+    assert "radius by unit/marks.csv" in read(tmp_path)[1]

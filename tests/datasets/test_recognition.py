@@ -97,7 +97,7 @@ def test_a_table_of_forces_of_single_images_and_a_background(tmp_path: Path) -> 
     (tmp_path / "notes.csv").write_text("day,weather\n1,rain\n")
     guess = guess_layout(tmp_path)
     (line,) = [doubt for doubt in guess.doubts if "left out" in doubt]
-    assert line.startswith("labels: notes.csv is left out, since no force and no name")
+    assert line.startswith("labels: notes.csv is left out, since no force of a known")
     assert sorted(touch.force[0, 2] for touch in read(tmp_path, guess)) == list(range(6))
 
 

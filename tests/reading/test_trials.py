@@ -21,6 +21,7 @@ TEN = range(10)
         ([f"trial_{i}/{n}" for i in TEN for n in (0, 1, 2)], 10),
         ([f"mug_{i}_rep{n}" for i in TEN for n in (0, 1)], 10),
         ([f"{what}/{i}/{side}" for what in ("mug", "cup") for i in TEN for side in LEFT], 20),
+        ([f"2024-05-{i:02d}T10-00-00_finger{n}" for i in range(1, 11) for n in (1, 2)], 10),
         # takes alone, of one sensor or object
         ([f"{what}/{i}" for what in ("mug", "cup") for i in TEN], 20),
         ([f"gelsight_{i}" for i in TEN], 10),

@@ -31,20 +31,25 @@ from tactileforge.specs.published import spec
 
 #: Name of what stands before a value of a message (``field.wrench.force.x``), or of a file.
 _BEFORE = r"(?:\S*[./])?"
+#: Words for a force along an axis.
+_WORDS = {axis: rf"(?:shear|tangential|lateral)(?:[_ ]?force)?[_ ]?{axis}" for axis in "xy"}
+_WORDS["z"] = r"(?:normal(?:[_ ]?force)?|force[_ ]?normal)"
 #: Headers of columns, without the unit behind them.
 _FORCES = {
     axis: re.compile(
         rf"{_BEFORE}(?:(?:forces?|f)[_ .]?{axis}(?![^\W_]).*|{axis}[_ .]?force(?![^\W_]).*"
-        rf"|(?:forces?|wrench(?:es)?|ft|f|fxyz|force_?torques?)(?:_\w+)?[_.]{place})"
+        rf"|(?:forces?|wrench(?:es)?|ft|f|fxyz|force_?torques?)(?:_\w+)?[_.]{place}"
+        rf"|{_WORDS[axis]}(?![^\W_]).*)"
     )
     for place, axis in enumerate("xyz")
 }
 _TIME = re.compile(
-    r"t|%?times?(?:[_ ]?stamps?)?(?:[_ (\[]{1,2}(?:[mun]?s|secs?|seconds?)[)\]]?)?"
+    r"t|[mun]s|%?(?:times?|zeit|elapsed(?:[_ ]time)?)(?:[_ ]?stamps?)?"
+    r"(?:[_ (\[]{1,2}(?:[mun]?s|secs?|seconds?)[)\]]?)?"
     r"|t[_ (\[]{1,2}[mun]?s[)\]]?|stamps?|(?:\w+\.)+(?:time)?stamp"
     r"|(?:\w+\.)*(?:(?:time)?stamp[._])?(?:secs?|seconds?)"
 )
-_TIME_UNIT = re.compile(r"[_ (\[]([mun]s)[)\]]?$")
+_TIME_UNIT = re.compile(r"(?:^|[_ (\[])([mun]s)[)\]]?$")
 _FRAME = re.compile(r"(?:video_|image_)?frame(?:_?(?:i?d?x?|number|no|count))?|index")
 _OBJECT = re.compile(r"object(?:_name)?|label|class|name|material|item")
 _SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
@@ -528,8 +533,8 @@ def left_out(unread: Iterable[Path], root: Path) -> list[str]:
             lines.append(f"labels: {first}{more} left out: {conversion(root / first)}")
             continue
         lines.append(
-            f"labels: {first}{more} left out, since no force and no name of an object was seen; "
-            "give force: or labels: of the layout, if it has some"
+            f"labels: {first}{more} left out, since no force of a known frame, time or image, and "
+            "no name of an object was seen; give force: or labels: of the layout, if it has some"
         )
     return lines
 

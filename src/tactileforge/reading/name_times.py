@@ -31,6 +31,8 @@ _DATE = re.compile(
 _DAYTIME = re.compile(
     r"(?<!\d)([01]?\d|2[0-3])[-_.h:]([0-5]\d)[-_.m:]([0-5]\d)[-_.,s:](\d{3,9})(?!\d)"
 )
+#: A number with the unit of a time.
+_UNITED = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)[ _]?([mun]?s)(?![^\W_])")
 #: Seconds since 1970 and what stands behind the point.
 _POINT = re.compile(r"(?<!\d)(\d{10})\.(\d{1,9})(?!\d)")
 #: Whole nanoseconds of a unit; see the top of this file.
@@ -81,6 +83,8 @@ def name_times(stems: Sequence[str], fps: float | None, unit: str | None = None)
     dates = _dates(stems)
     if dates is not None and unit is None and not _is_counter(dates):
         return _dated(dates, fps)
+    if unit is None and (since := _united(stems)):
+        return NameTimes(_since(since))
     if _lost_zeros(stems):
         return NameTimes(
             doubt="the nanoseconds behind the point lack their leading zeros, so names give "
@@ -200,6 +204,17 @@ def _lost_zeros(stems: Sequence[str]) -> bool:
     as_written = np.diff(sorted(whole + int(part.ljust(9, "0")) for whole, part in parts))
     as_count = np.diff(sorted(whole + int(part) for whole, part in parts))
     return bool(as_count.std() < as_written.std())
+
+
+def _united(stems: Sequence[str]) -> list[int] | None:
+    """Times with a unit behind them in names (``0040ms``), ns; None without plausible ones."""
+    found = [_UNITED.search(stem) for stem in stems]
+    if len({one and one[2] for one in found}) != 1 or found[0] is None:
+        return None
+    out = [int(Decimal(one[1]) * _NS[one[2]]) for one in found if one]
+    steps = np.diff(out)
+    is_camera = (steps > 0).all() and _RATES[0] <= 1e9 / float(np.median(steps)) <= _RATES[1]
+    return out if is_camera else None
 
 
 def _daytimes(stems: Sequence[str]) -> list[int] | None:

@@ -287,7 +287,11 @@ class LayoutReader:
             text=", ".join(phrase for phrase in phrases if phrase) or None,
             image=self._camera(touch),
             labels={
-                **{name: number_or_text(cell) for name, cell in row.cells.items() if cell},
+                **{
+                    name: number_or_text(cell)
+                    for name, cell in row.cells.items()
+                    if cell and not template_columns(name)
+                },
                 **({"ignore": " ".join(layout.ignore)} if layout.ignore else {}),
             },
             source=layout.source,

@@ -16,7 +16,7 @@ from tactileforge.reading.records import FILE_COLUMN, RECORDS
 from tactileforge.reading.series import SIDE_WORDS
 from tactileforge.reading.tables import joined, read_cells
 from tactileforge.reading.trial_rows import RECORDING_WORDS, recordings_of
-from tactileforge.reading.written_names import ENDING
+from tactileforge.reading.written_names import ENDING, is_absolute, moved_path
 
 Cells: TypeAlias = Sequence[Mapping[str, str]]
 Parts: TypeAlias = tuple[str, ...]
@@ -31,7 +31,7 @@ RECORDING = re.compile(
 #: Headers of numbers of rows.
 _ID = re.compile(r"id|idx|index|number|no|nr")
 #: A part of a name, other than a measured value.
-_PART = re.compile(r"\d+(?:\.0+)?|.*[^\W\d_].*")
+_PART = re.compile(r"\d+(?:\.0+)?|\d+(?:[-_:]\d+)+|.*[^\W\d_].*")
 #: Columns that may name recordings together, and the share of their rows that must.
 _MOST_COLUMNS, _MOST_PART = 5, 0.5
 #: Names of several sensors of one touch.
@@ -141,15 +141,19 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
         if not family.rows:
             continue
         family.key = family.key or _key(family.rows, names)
+        if family.key and _is_elsewhere(family, units):
+            family.key = None
         if not family.key and len(family.rows) > 1 and len(family.files) == 1:
             family.key = _key(family.rows, folders, are_rows=True) or _number(family.rows, units)
         if len(family.files) == 1 and family.key and "*" not in family.template:
             family.template = family.files[0].relative_to(units.root).as_posix()
         family.apart = _apart(family, units)
-        key = None if family.apart or _is_one_each(family) else _joint_key(family, units)
-        if key:
-            family.rows = [joined(cells, key) for cells in family.rows]
-            are_rows = len({cells[key] for cells in family.rows}) == len(family.rows)
+        key = None if _is_one_each(family) else _joint_key(family, units)
+        rows = [joined(cells, key) for cells in family.rows] if key else []
+        are_rows = key is not None and len({cells[key] for cells in rows}) == len(rows)
+        # rows of a recording each, before those of its trial
+        if key and (are_rows or not family.apart):
+            family.rows = rows
             family.key, family.apart = (key, None) if are_rows else (None, key)
             family.template = path.relative_to(units.root).as_posix()
         out.append(family)
@@ -298,7 +302,8 @@ def _joint_key(family: Family, units: Units) -> str | None:
     images = {path.name for path in paths}
     is_of_images = any({row[title] for row in family.rows} <= images for title in titles)
     several = () if is_of_images else (tuple(recordings(units)),)
-    for names in dict.fromkeys((*several, tuple(files))):
+    single = () if family.apart and not is_of_images else (tuple(files),)
+    for names in dict.fromkeys((*several, *single)):
         for size in (2, 3):
             found: dict[str, tuple[int, float]] = {}
             for columns in permutations(titles, size):
@@ -312,6 +317,17 @@ def _joint_key(family: Family, units: Units) -> str | None:
             if len(best) == 1:
                 return best[0]
     return None
+
+
+def _is_elsewhere(family: Family, units: Units) -> bool:
+    """Whether rows name images by paths of another machine whose folders are others, too."""
+    cells = [row[str(family.key)].replace("\\", "/") for row in family.rows]
+    if not all(map(is_absolute, cells)) or any(Path(cell).exists() for cell in cells[:1]):
+        return False
+    paths = (path for of in units.files.values() for path in of)
+    names = {name: name for path in paths if (name := path.relative_to(units.root).as_posix())}
+    names |= {str(PurePath(name).with_suffix("")): name for name in names}
+    return not any(moved_path(cell, names, units.root) for cell in cells)
 
 
 def _is_one_each(family: Family) -> bool:

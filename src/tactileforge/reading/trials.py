@@ -11,7 +11,8 @@ from tactileforge.specs.published import SPECS
 
 #: Beginning and end of a word in a name.
 _BEGIN, _END = r"(?<![^\W\d_])", r"(?![^\W\d_])"
-_SIDE = re.compile(rf"[-_. ]?{_BEGIN}(?:{SIDES.pattern}){_END}", re.IGNORECASE)
+# a finger with a number is a device: without its word, the number would join the one before
+_SIDE = re.compile(rf"[-_. ]?{_BEGIN}(?!finger[-_. ]?\d)(?:{SIDES.pattern}){_END}", re.IGNORECASE)
 _REPEAT = re.compile(
     rf"[-_. ]?{_BEGIN}(?:rep|repeat|repetition|try|attempt)[-_. ]?\d+", re.IGNORECASE
 )
