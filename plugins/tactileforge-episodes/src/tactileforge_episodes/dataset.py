@@ -160,7 +160,9 @@ class Episodes:
     @property
     def notes(self) -> list[str]:
         """Facts inferred, or read with doubt, a line each."""
-        return list(dict.fromkeys(self._notes))
+        reading = self.__dict__.get("reading")
+        vanished = [] if reading is None else reading.optional.lines()
+        return list(dict.fromkeys([*self._notes, *vanished]))
 
     @cached_property
     def provides(self) -> frozenset[str]:

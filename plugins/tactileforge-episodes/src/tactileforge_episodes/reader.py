@@ -49,6 +49,7 @@ class EpisodeFile:
     ) -> None:
         self.arrays, self.name, self.keys, self.split = arrays, name, keys, split
         self.values, self.reading = dict(values), reading
+        arrays.count_optional(reading.optional, self.values)
         self._note: Callable[[str], object] = lambda _: None
 
     @cached_property
