@@ -9,15 +9,22 @@ from pathlib import Path
 from textwrap import fill
 from time import process_time
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tactileforge.checks import CODES, Check, CheckRun, catalogue, made_touch
+from tactileforge.contracts import Recording
 
 PAGE = Path(__file__).parents[1] / "docs" / "checks.md"
 #: Cost of each check, written by ``--measure``.
 COSTS = Path(__file__).parent / "results" / "checks.json"
+#: Folder of a picture for each check of group 3, drawn from its examples.
+PICTURES = Path(__file__).parents[1] / "docs" / "assets" / "checks"
 #: Frames of the recording that is measured on, and how often each pixel of a drawn one is in it.
 _FRAMES, _LARGER = 300, 4
+#: Longer side of a frame in a picture, pixels.
+_SHOWN = 160
 #: Headings of the hundreds of codes.
 GROUPS = {
     "1": "Times",
@@ -104,6 +111,30 @@ def measure() -> dict[str, float]:
     return out
 
 
+def picture(check: type[Check]) -> NDArray[np.uint8]:
+    """Good and bad example of a check side by side, uint8 (H, W, 3), RGB.
+
+    Of each the background, the first frame and the middle one; grey where there is no background.
+    """
+    shown = check.examples()
+    strips = [np.hstack(_shown(touches[-1])) for touches in (shown.good, shown.bad)]
+    height = max(len(strip) for strip in strips)
+    lower = [
+        np.pad(one, ((0, height - len(one)), (0, 16), (0, 0)), constant_values=255)
+        for one in strips
+    ]
+    return np.hstack(lower)[:, :-16]
+
+
+def _shown(touch: Recording) -> list[NDArray[np.uint8]]:
+    first, middle = touch.frames.read([0, len(touch.frames) // 2])
+    still = np.full_like(first, 200) if touch.no_contact is None else touch.no_contact.read([0])[0]
+    size = len(first) * _SHOWN // max(first.shape[:2])
+    return [
+        cv2.resize(one, (one.shape[1] * size // len(one), size)) for one in (still, first, middle)
+    ]
+
+
 def page() -> str:
     """Text of the page."""
     costs = json.loads(COSTS.read_text())["ms"]
@@ -121,6 +152,9 @@ def page() -> str:
         out.append(f"\n### {check.code}\n\n")
         head = f"**{check.title}** (`{name}`, {check.level}). {check.why}"
         bad = (getdoc(check.examples) or "").rstrip(".")
+        if check.code[2] == "3":
+            shown = "Good and bad example: background, first and middle frame of each"
+            out.append(f"![{shown}](assets/checks/{check.code.lower()}.jpg)\n\n")
         tail = f"Put right: {check.fix.rstrip('.')}. Bad example: {bad}."
         out += [fill(head, _WIDTH, break_long_words=False), "\n\n"]
         out += [fill(tail, _WIDTH, break_long_words=False, break_on_hyphens=False), "\n"]
@@ -131,4 +165,9 @@ if __name__ == "__main__":
     if "--measure" in sys.argv:
         about = {"frames": _FRAMES, "height": 320, "width": 240, "unit": "ms of CPU"}
         COSTS.write_text(json.dumps({**about, "ms": measure()}, indent=1) + "\n")
+    for one in catalogue().values():
+        if one.code[2:3] == "3":
+            PICTURES.mkdir(exist_ok=True)
+            path = str(PICTURES / f"{one.code.lower()}.jpg")
+            cv2.imwrite(path, picture(one)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
     PAGE.write_text(page())
