@@ -1,7 +1,10 @@
 """Every check is right on its own examples, and silent on a touch without a fault."""
 
+import json
 import re
 
+import cv2
+import numpy as np
 import pytest
 
 from tactileforge.checks.check import LEVELS, findings_of
@@ -43,3 +46,22 @@ def test_the_page_of_codes_is_that_of_the_checks() -> None:
 
     assert PAGE.read_text() == page(), "run: python benchmarks/checks_page.py"
     assert all(f"\n### {code}\n" in PAGE.read_text() for code in CODES.values())
+    shown = re.findall(r"!\[.*\]\(assets/checks/(tf\d+)\.jpg\)", PAGE.read_text())
+    assert shown == sorted(code.lower() for code in CODES.values() if code[2] == "3")
+
+
+@pytest.mark.parametrize("name", ["mirrored", "on_its_side", "odd_first_frames"])
+def test_the_picture_of_a_check_is_that_of_its_examples(name: str) -> None:
+    from checks_page import PICTURES, picture
+
+    stored = cv2.imread(str(PICTURES / f"{CODES[name].lower()}.jpg"))
+    made = picture(catalogue()[name])
+    assert stored.shape == made.shape
+    assert np.abs(stored[..., ::-1].astype(int) - made).mean() < 3  # JPEG
+
+
+def test_each_check_of_recordings_has_its_cost() -> None:
+    from checks_page import COSTS
+
+    measured = {name for name, check in catalogue().items() if "stream" not in check.needs}
+    assert json.loads(COSTS.read_text())["ms"].keys() == measured & CODES.keys()

@@ -59,6 +59,30 @@ def rig(tmp_path):
     return tmp_path
 
 
+@pytest.mark.parametrize("read_first", [False, True])
+def test_an_optional_key_that_only_some_files_have_is_said(read_first, rig):
+    (rig / "mug/0.h5").replace(rig / "mug/first.h5")
+    for name in ("mug/second", "mug/third"):
+        (rig / f"{name}.h5").write_bytes((rig / "pen/0.h5").read_bytes())
+    for name in ("mug/second", "pen/0"):
+        with h5py.File(rig / f"{name}.h5", "r+") as file:
+            del file["sensors/thumb/celsius"]
+    data = Episodes(str(rig), map=str(rig / "own.yaml"), val=0)
+    if read_first:
+        assert data.provides
+    tracks = {one.key.rpartition("/")[0]: {*one.tracks} for one in data.recordings("train")}
+    assert {name for name, found in tracks.items() if "temperature" not in found} == {
+        "mug/second",
+        "pen/0",
+    }
+    # `rest?` and `command?` are in no file, which is no doubt
+    (line,) = [note for note in data.notes if ": no '" in note]
+    assert line == (
+        f"{rig}/mug/second.h5: no 'sensors/thumb/celsius' (nor in 1 more), which 2 of 4 have; "
+        "copy it again, or leave the key out of the map"
+    )
+
+
 def test_a_map_of_a_user_reads_without_a_package(rig):
     data = Episodes(str(rig), map=str(rig / "own.yaml"), val=0)
     mug, pen = data.recordings("train")

@@ -13,6 +13,7 @@ from made_bags import (
     Messages,
     frame_rows,
     picture,
+    rig_rows,
     write,
     write_rig,
 )
@@ -287,6 +288,25 @@ def test_stamps_of_two_clocks_are_said_with_the_key(kind, shift, tmp_path):
         apart = float(line.partition("differ by ")[2].partition(" s")[0])
         assert apart == pytest.approx(abs(shift), rel=0.02)
         assert line.endswith("data.clock=bag takes the times of recording for both")
+
+
+def test_an_optional_topic_that_only_some_bags_have_is_said(tmp_path):
+    for name in ("one", "two", "three"):
+        rows = [row for row in rig_rows("mcap") if name != "two" or row[0] != "/ft/wrench"]
+        write(tmp_path / "set" / name, "mcap", rows)
+    force = "force: {topic: '/ft/wrench?', unit: N}, finger: left"
+    (tmp_path / "m.yaml").write_text(
+        f"touch: [{{topic: /left/image/compressed, sensor: digit, {force}}}]\n"
+        "camera: {topic: '/elsewhere?'}\n"  # in no bag, which is no doubt
+    )
+    data = Rosbags(str(tmp_path / "set"), map=str(tmp_path / "m.yaml"), val=0)
+    known = {one.key.partition("/")[0]: one.force is not None for one in data.recordings("train")}
+    assert known == {"one": True, "three": True, "two": False}
+    (line,) = [note for note in data.notes if ": no '" in note]
+    assert line == (
+        f"{tmp_path}/set/two: no '/ft/wrench', which 2 of 3 have; copy it again, or leave the "
+        "key out of the map"
+    )
 
 
 def test_values_farther_than_the_gap_are_unknown(tmp_path):

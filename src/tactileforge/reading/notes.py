@@ -57,3 +57,42 @@ class Notes:
             first if len(keys) == 1 else f"{first} (and {len(keys) - 1} more)"
             for first, keys in self._kinds.values()
         ]
+
+
+class OptionalKeys:
+    """Keys that a map calls optional, and which files have them."""
+
+    def __init__(self) -> None:
+        self._files: dict[str, dict[str, bool]] = {}
+
+    def add(self, key: str, where: object, is_there: bool) -> None:
+        """Notes whether a file has a key; one that had it once has it.
+
+        Args:
+            key: The key.
+            where: Name of the file.
+            is_there: Whether the file has the key.
+        """
+        files = self._files.setdefault(key, {})
+        files[str(where)] = files.get(str(where), False) or is_there
+
+    def lines(self) -> list[str]:
+        """One line per key that some files have and others do not; a key of none is no doubt.
+
+        Example:
+            >>> keys = OptionalKeys()
+            >>> keys.add("force", "a.npz", True)
+            >>> keys.add("force", "b.npz", False)
+            >>> keys.lines()[0].partition(";")[0]
+            "b.npz: no 'force', which 1 of 2 have"
+        """
+        out = []
+        for key, files in self._files.items():
+            absent = [where for where, is_there in files.items() if not is_there]
+            if absent and len(absent) < len(files):
+                more = f" (nor in {len(absent) - 1} more)" if absent[1:] else ""
+                out.append(
+                    f"{absent[0]}: no {key!r}{more}, which {len(files) - len(absent)} of "
+                    f"{len(files)} have; copy it again, or leave the key out of the map"
+                )
+        return out

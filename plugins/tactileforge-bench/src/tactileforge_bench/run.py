@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.checks import Doubts, frame_lines
 from tactileforge.errors import ConfigError, DataError, PluginError, TactileForgeError
 from tactileforge.plugins import Bar
 from tactileforge_bench.fit import class_heads, evaluate
@@ -55,6 +56,18 @@ class BenchOptions:
             raise ConfigError(f"seeds={self.seeds}: give 1 or more")
 
 
+def source_doubts(source: TaskSource) -> list[str]:
+    """Lines of the checks that training starts with: all labels, frames of eight recordings.
+
+    Args:
+        source: Recordings of one or more tasks.
+    """
+    doubts = Doubts()
+    for recording in source.recordings:
+        doubts.add(recording)
+    return [*doubts.of_each(), *frame_lines(source.recordings, has_layout=False)]
+
+
 class Bench:
     """Runs tasks on models, one model after another.
 
@@ -74,6 +87,7 @@ class Bench:
         self.choices = {task.name: choose_probe(task, options.probe) for task in tasks}
         self.prepared: list[PreparedTask] = []
         sources: dict[str, TaskSource | TactileForgeError] = {}
+        examined: set[int] = set()
         for task in tasks:
             for metric in task.metrics:
                 # an unknown metric is an error before data is opened
@@ -100,6 +114,10 @@ class Bench:
                 writer.note(task.name, strange)
             if fitted and (copied := splits.copies_across(prepared.source, prepared)):
                 writer.note(task.name, copied)
+            if id(source) not in examined:  # told at the first task of its recordings
+                examined.add(id(source))
+                for line in source_doubts(source):
+                    writer.note(task.name, line)
 
     def run(self, entry: ModelEntry) -> None:
         """Measures all tasks on a model."""

@@ -162,7 +162,9 @@ class Episodes:
     @property
     def notes(self) -> list[str]:
         """Facts inferred, or read with doubt, a line each."""
-        return [*self._correction, *dict.fromkeys(self._notes)]
+        reading = self.__dict__.get("reading")
+        vanished = [] if reading is None else reading.optional.lines()
+        return [*self._correction, *dict.fromkeys([*self._notes, *vanished])]
 
     @property
     def _correction(self) -> list[str]:

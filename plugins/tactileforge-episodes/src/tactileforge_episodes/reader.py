@@ -50,6 +50,7 @@ class EpisodeFile:
     ) -> None:
         self.arrays, self.name, self.keys, self.split = arrays, name, keys, split
         self.values, self.reading = dict(values), reading
+        arrays.count_optional(reading.optional, self.values)
         self._note: Callable[[str], object] = lambda _: None
         self._gaps: dict[ArrayRef, tuple[list[int], bool]] = {}
 

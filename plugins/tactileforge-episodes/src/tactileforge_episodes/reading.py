@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from tactileforge.reading import OptionalKeys
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -21,6 +23,7 @@ class Reading:
         channels: Order of the channels; None for what the map says.
         licence: Licence of the recordings; "" for that of the map.
         signs: Sign of z of each entry of touch whose force has the sign ``mean``.
+        optional: Is told which files have the optional keys of the map.
     """
 
     fps: float | None = None
@@ -32,3 +35,4 @@ class Reading:
     channels: Literal["rgb", "bgr"] | None = None
     licence: str = ""
     signs: Mapping[int, float] = field(default_factory=dict)
+    optional: OptionalKeys = field(default_factory=OptionalKeys)

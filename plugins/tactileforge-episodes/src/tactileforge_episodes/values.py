@@ -11,6 +11,7 @@ import numpy as np
 from tactileforge.data import stated
 from tactileforge.errors import DataError, unknown
 from tactileforge.plugins import load_json
+from tactileforge.reading import OptionalKeys
 from tactileforge_episodes.map_keys import Keys, ReadKeys
 from tactileforge_episodes.names import fill, match
 from tactileforge_episodes.places import Place, open_place
@@ -42,6 +43,16 @@ class EpisodeArrays:
         self.place, self.beside, self._within = place, dict(beside), within
         self._inner = inner
         self._matches: dict[str, list[tuple[str, dict[str, str]]]] = {}
+        self._optional: tuple[OptionalKeys, Mapping[str, str]] | None = None
+
+    def count_optional(self, optional: OptionalKeys, of_path: Mapping[str, str]) -> None:
+        """Tells from now on which optional keys of the map are there.
+
+        Args:
+            optional: Is told.
+            of_path: Placeholders whose values are those of this file alone.
+        """
+        self._optional = optional, of_path
 
     @cached_property
     def top(self) -> str:
@@ -76,13 +87,20 @@ class EpisodeArrays:
 
     def match(self, keys: Keys, values: Mapping[str, str]) -> list[tuple[str, dict[str, str]]]:
         """Arrays of the first fitting template, with the values of its placeholders."""
+        found: list[tuple[str, dict[str, str]]] = []
         for template in _several(keys):
             filled = fill(template.removesuffix("?"), values)
             if filled not in self._matches:
                 self._matches[filled] = match(filled, self.keys)
             if found := self._matches[filled]:
-                return [(key, {**values, **its}) for key, its in found]
-        return []
+                break
+        if self._optional is not None and any(one.endswith("?") for one in _several(keys)):
+            optional, of_path = self._optional
+            alike = {name: value for name, value in values.items() if name not in of_path}
+            name = fill(_several(keys)[0].removesuffix("?"), alike)
+            place = self.place if self._inner is None else f"{self.place}, {self._within}"
+            optional.add(name, place, bool(found))
+        return [(key, {**values, **its}) for key, its in found]
 
     def find(self, keys: Keys, values: Mapping[str, str]) -> ArrayRef | None:
         """The array of a key of the map; None where the key may be absent, and is.

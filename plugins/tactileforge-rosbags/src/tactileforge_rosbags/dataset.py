@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tactileforge.contracts import Guess, Recording
 from tactileforge.errors import ConfigError, DataError, check_names, home_path, unknown
-from tactileforge.reading import add_once, check_data_licence, held_out_names
+from tactileforge.reading import OptionalKeys, add_once, check_data_licence, held_out_names
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,6 +59,7 @@ class Rosbags:
         self.clock, self.background, self.licence = clock, background, licence
         self.skipped: list[str] = []
         self._notes: list[str] = []
+        self._optional = OptionalKeys()
         self._failed: DataError | None = None
 
     @cached_property
@@ -100,7 +101,7 @@ class Rosbags:
     @property
     def notes(self) -> list[str]:
         """Facts inferred, or read with doubt, a line each."""
-        return list(dict.fromkeys(self._notes))
+        return list(dict.fromkeys([*self._notes, *self._optional.lines()]))
 
     @cached_property
     def provides(self) -> frozenset[str]:
@@ -144,9 +145,8 @@ class Rosbags:
             if ("val" if bag.name in held else "train") != split:
                 continue
             try:
-                for recording in BagFile(
-                    bag, self.keys, self._skip, self._notes.append
-                ).recordings():
+                file = BagFile(bag, self.keys, self._skip, self._notes.append, self._optional)
+                for recording in file.recordings():
                     opened = True
                     yield recording
             except DataError as error:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
 from tactileforge.errors import ConfigError, DataError
+from tactileforge.reading import OptionalKeys
 from tactileforge.specs import spec
 from tactileforge_rosbags.bags import Bag, changed
 from tactileforge_rosbags.map_keys import BagMap, IntervalKeys, TouchKeys, finger_of
@@ -39,16 +40,18 @@ class BagFile:
         keys: The map.
         bad: Is told of touches and messages that are left out.
         note: Is told of facts inferred.
+        optional: Is told which optional topics of the map are there.
     """
 
     bag: Bag
     keys: BagMap
     bad: Callable[[DataError], object]
     note: Callable[[str], object]
+    optional: OptionalKeys
 
     def __post_init__(self) -> None:
         self._changed = changed(self.bag.path)
-        self._reads = TrackReader(self.bag, self.keys, self._left_out, self.note)
+        self._reads = TrackReader(self.bag, self.keys, self._left_out, self.note, self.optional)
 
     def recordings(self) -> Iterator[Recording]:
         """Yields the recordings, touch by touch.
@@ -162,7 +165,7 @@ class BagFile:
     def _camera(self, clock: Clock) -> tuple[Frames | None, NDArray[np.float64] | None]:
         """Pictures of the camera around the frames, and their times."""
         keys = self.keys.camera
-        topic = "" if keys is None else present(self.bag, keys.topic)
+        topic = "" if keys is None else present(self.bag, keys.topic, self.optional)
         if keys is None or not topic:
             return None, None
         named = replace(keys, topic=topic)

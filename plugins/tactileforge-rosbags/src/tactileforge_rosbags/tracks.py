@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tactileforge.checks import clocks_apart
 from tactileforge.errors import DataError
+from tactileforge.reading import OptionalKeys
 from tactileforge_rosbags.bags import Bag
 from tactileforge_rosbags.map_keys import BagMap, TouchKeys, plain
 from tactileforge_rosbags.series import Clock, Series
@@ -27,12 +28,14 @@ class TrackReader:
         keys: The map.
         left_out: Is told of messages that are left out, a line each.
         note: Is told of facts inferred.
+        optional: Is told which optional topics of the map are there.
     """
 
     bag: Bag
     keys: BagMap
     left_out: Callable[[str], object]
     note: Callable[[str], object]
+    optional: OptionalKeys
 
     def force(self, touch: TouchKeys, clock: Clock) -> tuple[NDArray[np.float32] | None, _Found]:
         """Force on the gel, or the track ``wrench`` for a wrench elsewhere.
@@ -45,7 +48,7 @@ class TrackReader:
             DataError: The topic is not there, of another type or empty, or of another time.
         """
         about = touch.force
-        topic = present(self.bag, about.topic) if about else ""
+        topic = present(self.bag, about.topic, self.optional) if about else ""
         if about is None or not topic:
             return None, {}
         wrench = self._wrench(topic, clock, about.lag_s)
@@ -65,11 +68,11 @@ class TrackReader:
         """
         tracks: dict[str, NDArray[np.float32]] = {}
         for name, topic in self._wrenches().items():
-            if there := present(self.bag, topic):
+            if there := present(self.bag, topic, self.optional):
                 read = self._reader(name, there, clock)
                 tracks |= self._free(self.keys.tracks is None, read)
         joints = self._all(JOINTS) if self.keys.state is None else self.keys.state
-        topics = [name for topic in joints if (name := present(self.bag, topic))]
+        topics = [name for topic in joints if (name := present(self.bag, topic, self.optional))]
         labels: dict[str, str] = {}
 
         def read_all() -> _Found:
@@ -129,7 +132,11 @@ def _both(series: Series) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return (stamped - start) / 1e9, (series.recorded - start) / 1e9
 
 
-def present(bag: Bag, topic: str) -> str:
+def present(bag: Bag, topic: str, optional: OptionalKeys) -> str:
     """Name of a topic; "" for an absent topic with a ``?`` at the end of its name."""
     name = topic.removesuffix("?")
-    return "" if topic.endswith("?") and name not in bag.topics else name
+    if not topic.endswith("?"):
+        return name
+    is_there = name in bag.topics
+    optional.add(name, bag, is_there)
+    return name if is_there else ""
