@@ -172,7 +172,10 @@ def test_doubts_about_the_recordings_are_told_at_their_first_task(
 
     def in_grams(node: Any, sides: Any, clip: ClipSpec) -> TaskSource:
         source = opened(node, sides, clip)
-        made = [replace(one, force=102 * one.force) for one in source.recordings]  # type: ignore[operator]
+        made = [
+            replace(one, force=np.float32(102) * np.asarray(one.force, np.float32))
+            for one in source.recordings
+        ]
         return TaskSource(made, source.sides, clip)
 
     monkeypatch.setattr(bench_run, "open_source", in_grams)
