@@ -117,7 +117,8 @@ def picture(check: type[Check]) -> NDArray[np.uint8]:
     Of each the background, the first frame and the middle one; grey where there is no background.
     """
     shown = check.examples()
-    strips = [np.hstack(_shown(touches[-1])) for touches in (shown.good, shown.bad)]
+    touches = [examples[-1] for examples in (shown.good, shown.bad)]
+    strips = [np.hstack(_shown(one)) for one in touches if isinstance(one, Recording)]
     height = max(len(strip) for strip in strips)
     lower = [
         np.pad(one, ((0, height - len(one)), (0, 16), (0, 0)), constant_values=255)

@@ -159,10 +159,33 @@ def test_what_does_not_fit_is_refused_before_features(
 def test_classes_that_training_never_saw_are_in_the_results(data: Any, tmp_path: Path) -> None:
     data(labels=(0, 1, 0, 1, 0, 1, 2, 1))
     runner = bench(tmp_path, {"hard": HARD})
-    assert runner.writer.notes == [
-        "hard: 4 of 8 test labels are classes that training never saw: 2"
-    ]
-    assert runner.writer.results.tasks[0].split.endswith("never saw: 2")
+    said, grey = runner.writer.notes
+    assert said == "hard: 4 of 8 test labels are classes that training never saw: 2"
+    assert "TF309" in grey
+    assert "never saw: 2; TF309" in runner.writer.results.tasks[0].split
+
+
+def test_doubts_about_the_recordings_are_told_at_their_first_task(
+    data: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = bench_run.open_source
+
+    def in_grams(node: Any, sides: Any, clip: ClipSpec) -> TaskSource:
+        source = opened(node, sides, clip)
+        made = [
+            replace(one, force=np.float32(102) * np.asarray(one.force, np.float32))
+            for one in source.recordings
+        ]
+        return TaskSource(made, source.sides, clip)
+
+    monkeypatch.setattr(bench_run, "open_source", in_grams)
+    runner = bench(tmp_path, {"force": FORCE, "again": FORCE})
+    pictures, forces = sorted(runner.writer.notes, key=lambda line: "TF201" in line)
+    assert pictures.startswith("force: TF309 grey pictures in 8 of 8 recordings (r0: ")
+    assert forces.startswith("force: TF201 force out of range in 8 of 8 recordings (r3: ")
+    first, again = runner.writer.results.tasks
+    assert "TF201" in first.split
+    assert "TF201" not in again.split
 
 
 @pytest.mark.slow

@@ -178,9 +178,8 @@ class _OpenBag:
         with _named(path):
             self.reader: Any = Reader1(path) if self.is1 else Reader2(path)
             self.reader.open()
-        if not self.is1 and self.reader.compression_mode == "message":
-            for storage in self.reader.storage.storages:
-                storage.messages = partial(_checked, path, storage.messages)
+        if not self.is1:
+            _check_messages(path, self.reader)
 
     @cached_property
     def topics(self) -> dict[str, Topic]:
@@ -220,6 +219,13 @@ def _check_packed(path: Path) -> None:
                 why = check_unpacked(packed, zstd_size(content, whole=True)[0])
             if why:
                 raise DataError(f"{file}: {why}; record it again, or unpack it: zstd -d")
+
+
+def _check_messages(path: str, reader: Any) -> None:
+    """Has an open bag of messages that are compressed one by one check each of them."""
+    if reader.compression_mode == "message":
+        for storage in reader.storage.storages:
+            storage.messages = partial(_checked, path, storage.messages)
 
 
 def _checked(path: str, messages: Callable[..., Iterator[_Raw]], *which: Any) -> Iterator[_Raw]:
