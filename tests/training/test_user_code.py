@@ -192,6 +192,20 @@ def test_the_learning_rate_of_a_recipe_is_not_for_another_optimizer():
     assert "own default" not in text
 
 
+class Deaf(Steps):
+    def step(self, closure=None):
+        return None
+
+
+def test_an_optimizer_that_computes_no_loss_is_told_before_data_is_read():
+    optim = compose("anytouch2", [*WORDS, f"optim={__name__}:Deaf"])["optim"]
+    with pytest.raises(
+        ConfigError, match=r"Deaf.step\(closure\) never calls its closure.*begin it"
+    ):
+        parse_optim(optim)
+    parse_optim(compose("anytouch2", [*WORDS, f"optim={__name__}:Steps"])["optim"])
+
+
 class Wants(Steps):
     """One whose learning rate has to be given."""
 
