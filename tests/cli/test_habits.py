@@ -367,6 +367,15 @@ def test_the_page_has_the_usual_optimizer_and_what_all_of_them_have(
         assert f"\n  {key}: " in out, key
 
 
+def test_what_would_be_used_has_the_optimizers_own_learning_rate(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ("recipe=mae", "scale=finetune", "optim=torch.optim:SGD", "--cfg", "job")
+    own = yaml.safe_load(said(capsys, "train", *words))["optim"]
+    assert (own["lr"], own["momentum"]) == (1e-3, 0)
+    assert yaml.safe_load(said(capsys, "train", *words, "optim.lr=0.2"))["optim"]["lr"] == 0.2
+
+
 def test_every_key_of_the_page_has_a_meaning() -> None:
     """Of verbs, of groups and of each installed plugin; a heading of keys needs none."""
     lines = (Path(__file__).parents[2] / "docs" / "keys.md").read_text("utf-8").splitlines()

@@ -185,6 +185,9 @@ def test_the_learning_rate_of_a_recipe_is_not_for_another_optimizer():
     optim = compose("mae", [f"optim={__name__}:Wants", "optim.warmup=0.5"])["optim"]
     assert (optim["lr"], optim["momentum"], optim["warmup"]) == (1e-4, 0.5, 0.5)
     assert optim["schedule"] == compose("mae", [])["optim"]["schedule"]
+    assert optim["betas"] == [0.9, 0.99]
+    text = explain("train", "optim.momentum", [f"optim={__name__}:Wants"])
+    assert text.startswith("optim.momentum = 0.5\n")
     text = explain("train", "optim.lr", ["recipe=mae", own])
     assert text.startswith("optim.lr = 0.001\n")
     assert re.search(rf"\n  recipe/mae.yaml +0.0001\n  {own}, its own default  0.001\n", text)
@@ -193,10 +196,24 @@ def test_the_learning_rate_of_a_recipe_is_not_for_another_optimizer():
     assert "own default" not in text
 
 
+class Deaf(Steps):
+    def step(self, closure=None):
+        return None
+
+
+def test_an_optimizer_that_computes_no_loss_is_told_before_data_is_read():
+    optim = compose("anytouch2", [*WORDS, f"optim={__name__}:Deaf"])["optim"]
+    with pytest.raises(
+        ConfigError, match=r"Deaf.step\(closure\) never calls its closure.*begin it"
+    ):
+        parse_optim(optim)
+    parse_optim(compose("anytouch2", [*WORDS, f"optim={__name__}:Steps"])["optim"])
+
+
 class Wants(Steps):
     """One whose learning rate has to be given."""
 
-    def __init__(self, params, lr: float, momentum: float = 0.5) -> None:
+    def __init__(self, params, lr: float, momentum: float = 0.5, betas=(0.9, 0.99)) -> None:
         super().__init__(params, lr, momentum)
 
 

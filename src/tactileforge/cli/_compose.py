@@ -513,8 +513,10 @@ def defaults_of_optimizer(typed: Sequence[str]) -> tuple[str, dict[str, Any]]:
         return "", {}
     from tactileforge.training.optim import COMMON  # imports torch
 
+    if local.is_local(name):  # typed, and not composed yet where Hydra only shows it
+        registry.adopt("optimizers", name, "optim")
     return name, {
-        key: value
+        key: list(value) if isinstance(value, tuple) else value
         for key, value in node_of("optim", name).items()
         if key not in {*COMMON, "name"} and value != MISSING and f"optim.{key}" not in words
     }

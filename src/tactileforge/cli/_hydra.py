@@ -12,9 +12,9 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 
 from tactileforge.cli._command import Command, Result
-from tactileforge.cli._compose import without_layouts
+from tactileforge.cli._compose import defaults_of_optimizer, without_layouts
 from tactileforge.cli._options import own_places, places_of
-from tactileforge.cli._quote import quoted
+from tactileforge.cli._quote import hydra_value, quoted
 from tactileforge.cli._slips import told
 from tactileforge.cli._sweep import JOB, stopped_sweep
 from tactileforge.cli._words import Words
@@ -74,6 +74,10 @@ def run(verb: str, command: Command, words: Words) -> Result:
     if command.yaml and words.sweeps and (folder := stopped_sweep(words.typed)):
         print(f"goes on with the sweep in {folder}; hydra.sweep.dir= starts another", flush=True)
         words.overrides.append(f"hydra.sweep.dir={quoted(str(folder))}")
+    if verb == "train" and not words.sweeps and {"--cfg", "-c"} & {*words.flags}:
+        # Hydra shows what it composes; a run completes that
+        own = defaults_of_optimizer(words.overrides)[1]
+        words.overrides += [f"optim.{key}={hydra_value(value)}" for key, value in own.items()]
     sys.argv = ["tactileforge", *without_layouts(words.typed)]
     try:
         with told(verb, command, words, lambda: not started):

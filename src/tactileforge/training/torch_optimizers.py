@@ -26,7 +26,8 @@ class TorchOptimizer:
     def __init__(self, **options: Any) -> None:
         self.options = options
         # torch checks them: a slip is named before data is read
-        self.build([("weight", nn.Parameter(torch.zeros(1, 1)))], False)
+        weight = nn.Parameter(torch.zeros(1, 1))
+        _check_step(self.build([("weight", weight)], False), weight)
 
     def build(
         self, parameters: Sequence[tuple[str, nn.Parameter]], fused: bool
@@ -46,6 +47,20 @@ class TorchOptimizer:
             return self.made([group for group in groups if group["params"]], **options)
         except (TypeError, ValueError, RuntimeError) as error:
             raise ConfigError(f"optim: {self.made.__name__}: {error}") from error
+
+
+def _check_step(optimizer: torch.optim.Optimizer, weight: nn.Parameter) -> None:
+    """Raises a ConfigError if an optimiser of the user's never computes the loss of a step."""
+    if type(optimizer).__module__.startswith("torch.optim"):
+        return
+    weight.grad, called = torch.zeros_like(weight), []
+    # typed for a float, and torch's own take a tensor
+    optimizer.step(lambda: called.append(1) or torch.zeros(()))  # type: ignore[func-returns-value,arg-type,return-value]
+    if not called:
+        raise ConfigError(
+            f"optim: {type(optimizer).__name__}.step(closure) never calls its closure, which "
+            "computes the loss: begin it with loss = closure() if closure is not None else None"
+        )
 
 
 def plugin_of(made: type[torch.optim.Optimizer]) -> type[TorchOptimizer]:
