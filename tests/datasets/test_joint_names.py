@@ -302,3 +302,15 @@ def test_rows_of_folders_of_objects_name_the_object(tmp_path: Path) -> None:
         o, _, _ = at(int(one.frames.read([0])[0, 0, 0, 0]))
         assert (one.object, one.labels["young_kpa"]) == (o, 20 * (1 + OBJECTS.index(o)))
     assert "labels: object by materials.csv" in doubts
+
+
+def test_a_table_is_of_the_sensor_whose_folder_its_rows_name(tmp_path: Path) -> None:
+    folders(tmp_path, lambda o, t: "digit" if o == "mug" else "gelslim")
+    for sensor in ("digit", "gelslim"):
+        rows = [f"{sensor}/{n:04d}.png,{n + len(sensor)}" for n in range(COUNT)]
+        text = "\n".join(["img_name,radius", *rows])
+        (tmp_path / f"{sensor}_annotations.csv").write_text(text + "\n")
+    found, doubts = read(tmp_path)
+    assert {one.sensor for one in found} == {"digit", "gelslim"}
+    assert "digit: labels: radius by digit_annotations.csv" in doubts
+    assert "gelslim: labels: radius by gelslim_annotations.csv" in doubts

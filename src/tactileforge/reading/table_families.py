@@ -328,13 +328,18 @@ def _joint_key(family: Family, units: Units) -> str | None:
 
 
 def _is_elsewhere(family: Family, units: Units) -> bool:
-    """Whether rows name images by paths of another machine whose folders are others, too."""
+    """Whether rows name images in other folders, here or on another machine."""
     cells = [row[str(family.key)].replace("\\", "/") for row in family.rows]
-    if not all(map(is_absolute, cells)) or any(Path(cell).exists() for cell in cells[:1]):
+    if "*" in family.template or Path(cells[0]).exists():
         return False
-    paths = (path for of in units.files.values() for path in of)
-    names = {name: name for path in paths if (name := path.relative_to(units.root).as_posix())}
-    names |= {str(PurePath(name).with_suffix("")): name for name in names}
+    paths = [path.relative_to(units.root).as_posix() for of in units.files.values() for path in of]
+    names = {name: name for name in (*paths, *map("/".join, units.files))}
+    names |= {str(PurePath(name).with_suffix("")): name for name in names if name}
+    if not all(map(is_absolute, cells)):
+        last = {"/".join(name.split("/")[-2:]) for name in names}
+        return all("/" in cell.removeprefix("./") for cell in cells) and not any(
+            "/".join(cell.split("/")[-2:]) in last for cell in cells
+        )
     return not any(moved_path(cell, names, units.root) for cell in cells)
 
 
