@@ -281,3 +281,36 @@ def test_paths_of_another_machine_and_another_folder_are_not_guessed(tmp_path: P
         "\n".join(["img_name,radius", *rows]).replace("/frames/", "/unit/") + "\n"
     )
     assert "radius by unit/marks.csv" in read(tmp_path)[1]
+
+
+@pytest.mark.parametrize("mark", ["_", "-"])
+def test_arrays_named_by_folder_and_recording(mark: str, tmp_path: Path) -> None:
+    folders(tmp_path, lambda o, t: f"img/{o}/{t:02d}")
+    (tmp_path / "forces").mkdir()
+    for o, t in PAIRS:
+        rows = np.array([force(o, t, n) for n in range(COUNT)], np.float32)
+        np.save(tmp_path / f"forces/{o}{mark}{t:02d}.npy", rows)
+    check_forces(read(tmp_path)[0])
+
+
+def test_rows_of_folders_of_objects_name_the_object(tmp_path: Path) -> None:
+    for o, t in PAIRS:
+        film(tmp_path / o / f"{t}.avi", o, t)
+    (tmp_path / "materials.csv").write_text("object,young_kpa\nmug,20\nbolt,40\n")
+    found, doubts = read(tmp_path)
+    for one in found:
+        o, _, _ = at(int(one.frames.read([0])[0, 0, 0, 0]))
+        assert (one.object, one.labels["young_kpa"]) == (o, 20 * (1 + OBJECTS.index(o)))
+    assert "labels: object by materials.csv" in doubts
+
+
+def test_a_table_is_of_the_sensor_whose_folder_its_rows_name(tmp_path: Path) -> None:
+    folders(tmp_path, lambda o, t: "digit" if o == "mug" else "gelslim")
+    for sensor in ("digit", "gelslim"):
+        rows = [f"{sensor}/{n:04d}.png,{n + len(sensor)}" for n in range(COUNT)]
+        text = "\n".join(["img_name,radius", *rows])
+        (tmp_path / f"{sensor}_annotations.csv").write_text(text + "\n")
+    found, doubts = read(tmp_path)
+    assert {one.sensor for one in found} == {"digit", "gelslim"}
+    assert "digit: labels: radius by digit_annotations.csv" in doubts
+    assert "gelslim: labels: radius by gelslim_annotations.csv" in doubts

@@ -302,7 +302,8 @@ def _is_called(pattern: re.Pattern[str], family: Family) -> bool:
     """
     path = family.files[0]
     own = pattern.fullmatch(path.stem.lower())
-    is_of_one = family.template.rpartition("/")[2] == f"{{stem}}{path.suffix}"
+    named = family.template.rpartition("/")[2].removesuffix(path.suffix)
+    is_of_one = re.fullmatch(r"(?:\{folder\}[_.-])?\{stem\}", named) is not None
     return bool(own or (is_of_one and pattern.fullmatch(path.parent.name.lower())))
 
 
@@ -409,7 +410,11 @@ def _clock_apart(family: Family, units: Units, doubts: list[str]) -> dict[str, A
 def _doubt_key(family: Family, key: str, doubts: list[str]) -> None:
     """Tells the column of a table, or columns, whose cells name recordings."""
     columns = template_columns(key) or [key]
-    names = f"{columns[0]} names" if len(columns) == 1 else f"{' and '.join(columns)} name together"
+    names = (
+        f"{columns[0]} names"
+        if len(columns) == 1
+        else f"{', '.join(columns[:-1])} and {columns[-1]} name together"
+    )
     doubts.append(f"key: rows of {family.template} are of the recording that {names}")
 
 
@@ -432,7 +437,7 @@ def guess_labels(
         given: dict[str, Any] = {}
         for name, pattern in (("object", _OBJECT), ("text", _TEXT)):
             column = family.column(pattern)
-            if column and column != family.key:
+            if column and (column != family.key or _names_folders(family, units)):
                 given[name] = f"{{{column}}}"
         sensor = family.column(_SENSOR)
         if sensor and all(_is_sensor(row[sensor]) for row in family.rows):
@@ -450,6 +455,14 @@ def guess_labels(
     if family.key and template_columns(family.key):
         _doubt_key(family, family.key, doubts)
     return keys, [family]
+
+
+def _names_folders(family: Family, units: Units) -> bool:
+    """Whether the key of a table has the folders of several recordings, as those of objects."""
+    folders = {part for unit in units.files for part in unit[:-1]}
+    names = {unit[-1] for unit in units.files if unit}
+    cells = {row[str(family.key)] for row in family.rows}
+    return cells <= folders - names and len(cells) < len(units.files)
 
 
 def _other_columns(

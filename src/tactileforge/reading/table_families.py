@@ -34,6 +34,8 @@ _ID = re.compile(r"id|idx|index|number|no|nr")
 _PART = re.compile(r"\d+(?:\.0+)?|\d+(?:[-_:]\d+)+|.*[^\W\d_].*")
 #: Columns that may name recordings together, and the share of their rows that must.
 _MOST_COLUMNS, _MOST_PART = 5, 0.5
+#: Marks between the names of a folder and of a recording in it, in the name of a table.
+_MARKS = "_-."
 #: Names of several sensors of one touch.
 SIDES = frozenset((*SIDE_WORDS, "up", "down", "first", "second", "a", "b"))
 
@@ -168,6 +170,7 @@ class _Places:
         self._exact: dict[tuple[Parts, str], Parts] = {}
         self._prefix: dict[tuple[Parts, str], Parts] = {}
         self._stem: dict[str, Parts] = {}
+        self._joint: dict[str, Parts] = {}
         self._inside: dict[Parts, list[Parts]] = {}
         self._below: dict[Parts, Parts] = {}
         self._images: dict[Parts, frozenset[str]] = {}
@@ -176,6 +179,8 @@ class _Places:
             self._exact.setdefault((parts[:-1], stem), parts)
             self._prefix.setdefault((parts[:-1], name_prefix(stem)), parts)
             self._stem.setdefault(stem, parts)
+            for mark in _MARKS if len(parts) > 1 else "":
+                self._joint.setdefault(f"{parts[-2]}{mark}{stem}", parts)
             self._inside.setdefault(parts[:-1], []).append(parts)
             inside = parts if units.each == "sequence" else parts[:-1]
             for depth in range(len(inside) + 1):
@@ -204,6 +209,7 @@ class _Places:
         if unit is None:
             beside = [one for one in self._inside.get(folder, ()) if _starts(stem, self._name(one))]
             unit = max(beside, key=len, default=None) or self._stem.get(stem)
+            unit = unit or self._joint.get(stem)
         prefix = name_prefix(stem)
         if unit is None and self.units.each == "video" and prefix:
             unit = self._prefix.get((folder, prefix))
@@ -214,6 +220,8 @@ class _Places:
         above = unit[-2] if len(unit) > 1 else ""
         if unit and _starts(stem, name):
             stem = "{stem}" + stem[len(name) :]
+        elif above and stem in (joint := {f"{above}{mark}{name}": mark for mark in _MARKS}):
+            stem = f"{{folder}}{joint[stem]}{{stem}}"
         elif _starts(stem, above):
             stem = "{folder}" + stem[len(above) :]
         inner = self._folder(folder, unit)
@@ -320,13 +328,18 @@ def _joint_key(family: Family, units: Units) -> str | None:
 
 
 def _is_elsewhere(family: Family, units: Units) -> bool:
-    """Whether rows name images by paths of another machine whose folders are others, too."""
+    """Whether rows name images in other folders, here or on another machine."""
     cells = [row[str(family.key)].replace("\\", "/") for row in family.rows]
-    if not all(map(is_absolute, cells)) or any(Path(cell).exists() for cell in cells[:1]):
+    if "*" in family.template or Path(cells[0]).exists():
         return False
-    paths = (path for of in units.files.values() for path in of)
-    names = {name: name for path in paths if (name := path.relative_to(units.root).as_posix())}
-    names |= {str(PurePath(name).with_suffix("")): name for name in names}
+    paths = [path.relative_to(units.root).as_posix() for of in units.files.values() for path in of]
+    names = {name: name for name in (*paths, *map("/".join, units.files))}
+    names |= {str(PurePath(name).with_suffix("")): name for name in names if name}
+    if not all(map(is_absolute, cells)):
+        last = {"/".join(name.split("/")[-2:]) for name in names}
+        return all("/" in cell.removeprefix("./") for cell in cells) and not any(
+            "/".join(cell.split("/")[-2:]) in last for cell in cells
+        )
     return not any(moved_path(cell, names, units.root) for cell in cells)
 
 

@@ -58,7 +58,8 @@ NOTIONS = {
     "values": "part of a sample, or a value in one: `force.npy`, `json:force`",
     "column": "column of a table",
     "columns": "columns, or values of a row: those of x, y and z, null where not measured",
-    "key": "column with the name of the file, image or recording that a row is of",
+    "key": "column with the name of the file, image or recording that a row is of; "
+    '`"{object}/{take}"` of columns that name it together',
     "frame": "column with the number of the frame that a row is of, from 0",
     "attr": "attribute of an array or group",
     "json": "name in a JSON text, with points between those in each other",
