@@ -1,4 +1,7 @@
 # make install | make wheels | make demo | make demo-policy | make bench-mini | make test-fast | make test | make lint | make docs
+ifeq ($(OS),Windows_NT)
+$(error make needs bash and .venv/bin, which Windows has not: docs/install.md says what to type there instead)
+endif
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin

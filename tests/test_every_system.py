@@ -1,8 +1,10 @@
 """Imports and the first hour, without the modules of POSIX systems."""
 
+import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -67,6 +69,23 @@ def test_every_module_is_imported(first_hour):
     found = re.match(r"imported (\d+)\n", done.stdout)
     assert found, done.stderr[-3000:]
     assert int(found[1]) > 250
+
+
+def test_make_on_windows_says_what_to_type_instead():
+    root = Path(__file__).parents[1]
+    done = subprocess.run(
+        ["make", "--dry-run", "demo", "OS=Windows_NT"], cwd=root, capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "docs/install.md says what to type" in line
+    page = (root / "docs/install.md").read_text("utf-8").partition("## On Windows")[2]
+    typed = page.partition("```powershell\n")[2].partition("```")[0]
+    other = {**os.environ, "OS": ""}
+    command = ["make", "--dry-run", "demo"]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, env=other, check=True)
+    train = next(line for line in done.stdout.splitlines() if "tactileforge train" in line)
+    assert train.partition("/tactileforge ")[2] in typed
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -10,6 +11,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 from made_files import make_files
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -78,6 +80,25 @@ def test_every_extra_agrees_with_the_constraints() -> None:
     assert not wrong
     # mlflow takes older ones alone than the others bring
     assert "importlib-metadata" not in pins
+
+
+def test_the_workflow_installs_every_extra() -> None:
+    jobs = yaml.safe_load((ROOT / ".github/workflows/test.yml").read_text("utf-8"))["jobs"]
+    steps = " ".join(str(step.get("run")) for step in jobs["extras"]["steps"])
+    assert "pip install -c constraints.txt ${{ matrix.install }}" in steps
+    rows = " ".join(jobs["extras"]["strategy"]["matrix"]["install"])
+    installed = {
+        f"{folder.rpartition('/')[2].replace('.', 'tactileforge')}[{extra}]"
+        for folder, extras in re.findall(r"(\S+)\[([\w,]+)\]", rows)
+        for extra in extras.split(",")
+    }
+    # `test` is pytest; extras that name only packages of ours bring nothing from others
+    wanted = {
+        place
+        for place, need in requirements()
+        if not place.endswith(("[]", "[test]")) and not need.name.startswith("tactileforge")
+    }
+    assert installed == wanted
 
 
 def test_an_extra_names_extras_that_exist() -> None:

@@ -260,7 +260,8 @@ def _words_of(key: str, value: Any) -> Iterator[str]:
 
 def _plain(value: Any) -> str:
     """A value in Hydra's grammar; names stay bare, so that they can choose options."""
-    if isinstance(value, type) or isroutine(value) or hasattr(value, "state_dict"):
+    has = isinstance(value, type) or isroutine(value) or hasattr(value, "state_dict")
+    if has or hasattr(value, "log_metrics"):
         return local.name_of(value)
     if isinstance(value, PathLike):
         return hydra_value(fspath(value))

@@ -1,6 +1,7 @@
 """Lightning as people know it: callbacks, optimizers, the module and data in code of their own."""
 
 import errno
+import inspect
 import math
 import re
 
@@ -22,9 +23,10 @@ from tactileforge.plugins import local, registry
 from tactileforge.runs.checkpoint_file import read_checkpoint
 from tactileforge.runs.folder import LAST
 from tactileforge.training import TouchModule, build_data, callbacks, schedules
+from tactileforge.training.assemble import limit_of
 from tactileforge.training.optim import build_optimizer, parse_optim
 from tactileforge.training.parts import check_encoder
-from tactileforge.training.trainer import check_options, is_time_over
+from tactileforge.training.trainer import build_trainer, check_options, is_time_over
 from tactileforge.verbs import words
 
 WORDS = [
@@ -307,6 +309,60 @@ def test_other_arguments_of_the_trainer_reach_it(key, value, tmp_path):
     module = api.train(compose("anytouch2", [*WORDS, f"+trainer.{key}={value}"]), tmp_path)
     reached = getattr(module.trainer, key, None) or getattr(module.trainer, f"_{key}", None)
     assert reached == value
+
+
+@pytest.fixture(scope="module")
+def config():
+    """Configuration of a small run."""
+    return _plain(WORDS)
+
+
+#: A value for each argument of Lightning's trainer that is not its default; None: it is refused.
+ARGUMENTS = {
+    **dict.fromkeys(["barebones", "callbacks", "default_root_dir", "enable_checkpointing"]),
+    **dict.fromkeys(["enable_progress_bar", "fast_dev_run", "gradient_clip_val", "logger"]),
+    **dict.fromkeys(["limit_predict_batches", "limit_test_batches", "overfit_batches", "plugins"]),
+    **dict.fromkeys(["reload_dataloaders_every_n_epochs", "use_distributed_sampler"]),
+    **{"accelerator": "cpu", "strategy": "ddp", "devices": 2, "num_nodes": 2},
+    **{"precision": "bf16-mixed", "max_epochs": 7, "min_epochs": 2, "max_steps": 9, "min_steps": 3},
+    **{"max_time": "00:01:00:00", "limit_train_batches": 4, "limit_val_batches": 3},
+    **{"val_check_interval": 5, "check_val_every_n_epoch": 3, "num_sanity_val_steps": 1},
+    **{"log_every_n_steps": 6, "enable_model_summary": True, "accumulate_grad_batches": 2},
+    **{"gradient_clip_algorithm": "value", "deterministic": False, "benchmark": True},
+    **{"inference_mode": False, "profiler": "simple", "detect_anomaly": True},
+    **{"sync_batchnorm": True, "enable_autolog_hparams": False, "model_registry": "mine"},
+}
+#: Those that the run itself reads, or puts something of its own in place of.
+READ_BY_THE_RUN = {"strategy", "max_time", "limit_train_batches"}
+
+
+@pytest.mark.filterwarnings("ignore:.*deterministic:UserWarning")
+@pytest.mark.parametrize("key", inspect.signature(L.Trainer).parameters)
+def test_every_argument_of_the_trainer_reaches_it_or_is_refused(key, config, tmp_path, monkeypatch):
+    value, seen = ARGUMENTS[key], {}  # a KeyError: Lightning has a new one, to be decided on
+    usual = {**config["trainer"], "precision": "32-true"}  # which a run finds by measuring
+    given = {**config, "trainer": {**usual, key: True if value is None else value}}
+    if value is None:
+        with pytest.raises(ConfigError, match=rf"^trainer\.{key} is set by the run: ."):
+            check_options(given)
+        return
+    check_options(given)
+    real = L.Trainer
+
+    def build(**options):
+        seen.update(options)
+        return real(**options)
+
+    monkeypatch.setattr(L, "Trainer", build)
+    trainer, _ = build_trainer(given, tmp_path)
+    if key not in READ_BY_THE_RUN:
+        assert seen[key] == value
+    elif key == "strategy":
+        assert type(trainer.strategy).__name__ != type(real(devices=1).strategy).__name__
+    elif key == "max_time":
+        assert any(getattr(one, "_duration", 0) == 3600 for one in trainer.callbacks)
+    else:
+        assert limit_of(given["trainer"]) == value
 
 
 @pytest.mark.slow

@@ -148,6 +148,7 @@ def node_of(group: str, name: str) -> dict[str, Any]:
         | {
             key: MISSING if value is Parameter.empty else value
             for key, value in defaults.items()
+            if key != "name"  # a parameter of that name, as CSVLogger's, keeps its default
             if value is Parameter.empty or _is_plain(value)  # torch.device("cpu") stays a default
         }
     )

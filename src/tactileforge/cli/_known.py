@@ -51,6 +51,9 @@ def check_training(config: DictConfig, typed: Sequence[str] = ()) -> None:
             continue
         if top not in tree:
             raise ConfigError(message(_leaf(top, node), known_keys(config)))
+        if top == "logger" and dict(_items(node)).get("name", "csv") not in yaml_options(top):
+            _check_plugin(top, "", node)
+            continue
         _check_below(top, node, tree[top], config)
     _check_chosen(config, typed)
 

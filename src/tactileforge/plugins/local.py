@@ -167,6 +167,11 @@ def _given() -> Iterator[tuple[str, Any]]:
     return ((key, value) for key, value in _known.items() if ":" in key)
 
 
+def given() -> list[Any]:
+    """Classes and functions of the user's own that were typed or given in this process."""
+    return [value for _, value in _given()]
+
+
 def keep(name: str, value: Any) -> None:
     """Makes a class or function known in this process by a name; see `find`."""
     _known[name] = value

@@ -27,12 +27,12 @@ KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers",
 #: Kinds whose entry points name a module: verbs of the command line.
 MODULES = ("verbs",)
 #: Kinds without a conformance suite by name: publishers of ``live``, schedules of the learning rate
-#: and runners of suites of ``bench`` (a function each), trackers of ``data pack``, callbacks of
-#: Lightning, readers of tables by the endings of their files, packages of YAML options, and
-#: containers of data, checked on a file of theirs.
+#: and runners of suites of ``bench`` (a function each), trackers of ``data pack``, callbacks and
+#: loggers of Lightning, readers of tables by the endings of their files, packages of YAML options,
+#: and containers of data, checked on a file of theirs.
 OTHERS = (
     *("containers", "publishers", "schedules", "curves", "runners", "importers", "trackers"),
-    *("callbacks", "tables", "conf"),
+    *("callbacks", "loggers", "tables", "conf"),
 )
 
 #: Kind of plugin behind the options of each group of a configuration.
@@ -49,6 +49,7 @@ GROUPS = {
     "image_encoder": "encoders",
     "optim": "optimizers",
     "callbacks": "callbacks",
+    "logger": "loggers",
 }
 
 
@@ -120,6 +121,7 @@ _CONTRACTS = {
     "objectives": ("head", "needs", "forward"),
     "optimizers": ("build",),
     "callbacks": ("on_train_start", "state_dict"),
+    "loggers": ("log_metrics", "log_hyperparams"),
 }
 #: Parameters of a `torch.optim.Optimizer` chosen by the framework, or without a meaning here.
 OF_OPTIMIZER = ("params", "fused", "foreach", "capturable", "differentiable")
@@ -206,6 +208,9 @@ def _check_contract(kind: str, plugin: Any, what: str) -> None:
         return
     if missing := [name for name in needed if not _has(plugin, name)]:
         fix = f"see {kind.removesuffix('s').capitalize()} of tactileforge.contracts"
+        if kind in ("callbacks", "loggers"):
+            base = kind.removesuffix("s").capitalize()
+            fix = f"derive it from {base} of lightning.pytorch.{kind}"
         if (kind, missing) == ("objectives", ["head"]):
             fix = (
                 "give it a class attribute head, the name of a head (tactileforge plugins list "

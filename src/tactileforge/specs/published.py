@@ -14,7 +14,7 @@ from inspect import signature
 
 from tactileforge.contracts import SensorSpec, Simulation
 from tactileforge.errors import ConfigError, PluginError, unknown
-from tactileforge.plugins import registry
+from tactileforge.plugins import local, registry
 from tactileforge.specs.simulated import PUBLISHED
 
 #: Largest force of a GelSight Mini in ToucHD's benchmark, N (AnyTouch 2, its ``max_abs``).
@@ -85,7 +85,7 @@ SPECS: dict[str, SensorSpec] = {
 
 
 def spec(name: str, *also: str) -> SensorSpec:
-    """Spec of a sensor type, published or of an installed sensor plugin.
+    """Spec of a sensor type: published, of an installed plugin, or of a class that was typed.
 
     Args:
         name: Name of the type.
@@ -103,6 +103,10 @@ def spec(name: str, *also: str) -> SensorSpec:
     if name in registry.names("sensors"):
         known = getattr(registry.get("sensors", name), "spec", None)
         if isinstance(known, SensorSpec):
+            return known
+    for own in local.given():  # typed as my_module:Finger
+        known = getattr(own, "spec", None)
+        if isinstance(known, SensorSpec) and known.name == name:
             return known
     fix = (
         "Correct the name, install the sensor's plugin, or describe yours: "

@@ -12,9 +12,10 @@ from typing import Any
 from lightning.pytorch.loggers import Logger
 from lightning.pytorch.utilities import rank_zero_only
 
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.pages.curves import METRICS, metric_rows
 from tactileforge.pages.drawings import Drawing
+from tactileforge.plugins import local, registry
 from tactileforge.util.files import write_text
 from tactileforge.util.untrusted import dump_yaml
 
@@ -105,7 +106,8 @@ def build_loggers(
     """Builds the logger of the CSV file, and the configured one; a resumed run continues both.
 
     Args:
-        config: Options of the logger: ``name`` (csv, tensorboard, wandb, mlflow) and ``project``.
+        config: Options of the logger: ``name`` (csv, tensorboard, wandb, mlflow) and ``project``,
+            or those of one's own.
         folder: Folder of the run.
         run: Identity of the run; see `run_folder.identity`.
         step: Optimiser steps taken before; 0 for a new run.
@@ -131,7 +133,33 @@ def build_loggers(
         kept = folder / MLFLOW_RUN
         known = kept.read_text("utf-8").strip() if step and kept.is_file() else None
         loggers.append(MLFlowLogger(project, save_dir=str(folder / "mlflow"), run_id=known))
+    elif name != "csv":
+        loggers.append(own_logger(config))
     return [*loggers[:1], *(_guarded(logger, name) for logger in loggers[1:])]
+
+
+def own_logger(config: Mapping[str, Any]) -> Logger:
+    """Builds a logger of a package, or of the user's own.
+
+    Args:
+        config: Its name, and the arguments of its constructor.
+
+    Raises:
+        PluginError: It is not installed, or is not a logger of Lightning.
+        ConfigError: An unknown option, or one that its constructor refuses.
+    """
+    name = str(config["name"])
+    if not local.is_local(name) and name not in (known := registry.names("loggers")):
+        own = ("csv", "tensorboard", "wandb", "mlflow")
+        fix = "A class of yours is my_module:Logger"
+        raise PluginError(unknown("logger", name, (*own, *known), fix))
+    try:
+        made = registry.build("loggers", config, "logger")
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"logger: {error}") from error
+    if not isinstance(made, Logger):
+        raise PluginError(f"logger={name} is not a lightning.pytorch.loggers.Logger")
+    return made
 
 
 @rank_zero_only

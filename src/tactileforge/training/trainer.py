@@ -19,7 +19,7 @@ from tactileforge.runs.folder import BEST
 from tactileforge.training import checkpoints, curriculum
 from tactileforge.training.assemble import check_blocks
 from tactileforge.training.callbacks import TOTAL, TotalLoss, build_callbacks
-from tactileforge.training.loggers import build_loggers
+from tactileforge.training.loggers import build_loggers, own_logger
 from tactileforge.training.optim import check_optim, parse_optim
 from tactileforge.training.parts import check_values
 from tactileforge.training.probe import Probe
@@ -43,6 +43,8 @@ _ELSEWHERE = {
     "enable_progress_bar": "`2>/dev/null` hides it",
     "fast_dev_run": "give debug=steps",
     "gradient_clip_val": "give optim.clip=",
+    "limit_predict_batches": "a run predicts nothing",
+    "limit_test_batches": "a run tests nothing; trainer.limit_val_batches= is of its validation",
     "logger": "give logger=",
     "overfit_batches": "give debug=overfit",
     "plugins": "checkpoints are sealed by one of our own",
@@ -105,8 +107,8 @@ def check_options(config: Mapping[str, Any]) -> None:
     _check_monitors(config, callbacks)
     name = config["logger"]["name"]
     if name not in _LOGGERS:
-        raise ConfigError(f"unknown logger {name!r}: csv, tensorboard, wandb or mlflow")
-    if _LOGGERS[name] and not any(find_spec(package) for package in _LOGGERS[name]):
+        own_logger(config["logger"])
+    elif _LOGGERS[name] and not any(find_spec(package) for package in _LOGGERS[name]):
         raise ConfigError(f"logger={name} is not installed: {install_extra(name)}")
 
 
