@@ -94,12 +94,16 @@ def _composed_once() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _collected_seldom() -> None:
+def _collected_seldom() -> Iterator[None]:
     """What is imported before the first test is no garbage, and is not searched for it."""
-    if not gc.get_freeze_count():  # each conftest.py has this fixture
-        gc.collect()
-        gc.freeze()
-        gc.set_threshold(20_000, 20, 20)
+    if gc.get_freeze_count():  # each conftest.py has this fixture
+        yield
+        return
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
+    yield
+    gc.unfreeze()
 
 
 @pytest.fixture(autouse=True, scope="session")

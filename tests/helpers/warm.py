@@ -30,7 +30,8 @@ from waiting import wait_until
 _MODULES = (
     *("tactileforge.cli._hydra", "tactileforge.api", "tactileforge.training.trainer"),
     *("tactileforge.report.run", "tactileforge_sim.dataset", "tactileforge_bench.run"),
-    "tactileforge_sim.play",
+    *("tactileforge_sim.play", "kornia.augmentation"),
+    *("torch.distributed.fsdp", "torch.distributed.checkpoint"),
 )
 #: Read when torch is imported, so a command cannot change it; and by the processes that it starts.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1"}
