@@ -9,7 +9,8 @@ import pytest
 from omegaconf import OmegaConf
 
 from tactileforge.checks.doubts import check_labels
-from tactileforge.checks.untared import untared
+from tactileforge.checks.sample import sample_of
+from tactileforge.checks.untared import drifted, untared
 from tactileforge.datasets.recordings import Recordings
 
 CONFIG = Path(str(files("tactileforge_datasets.conf") / "data/public_samples.yaml"))
@@ -30,6 +31,7 @@ def test_no_alarm(realdata: Path) -> None:
     assert (len(parts), len(wholes)) == (20, 2)
     for one in (*parts, *wholes):
         assert untared(one) is None
+        assert drifted(one, sample_of(one)) is None
         reasons = {flag.reason for flag in check_labels(one)}
         assert {"axes_exchanged", "stuck_force", "forces_apart"}.isdisjoint(reasons)
     for one in wholes:
