@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import torch
 from tactileforge_sim.config import SimConfig
 from tactileforge_sim.generate import write_seconds
+from waiting import wait_until
 from warm import Started, Warm
 
 from tactileforge import cli
@@ -158,6 +160,38 @@ def test_a_signal_to_all_leaves_a_checkpoint_that_resumes(
     os.killpg(run.pid, number)  # as a terminal and Slurm do: the run and its readers
     assert run.wait(timeout=600) == 130
     assert read_checkpoint(tmp_path)["global_step"] >= before
+
+
+def of_session(leader: int) -> set[int]:
+    """Processes of a session that run; one that nobody has waited for does not."""
+    found = set()
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            # behind the name, which may hold blanks: state, parent, group, session
+            state, _, _, session = entry.read_text().rpartition(")")[2].split()[:4]
+            if int(session) == leader and state not in "ZX":
+                found.add(int(entry.parent.name))
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's list of processes")
+def test_a_killed_parent_leaves_no_process_of_its_run(tmp_path: Path, warm: Warm) -> None:
+    """The second process, and the readers of both with the servers that start them."""
+    two = ["trainer.devices=2", "trainer.accelerator=cpu", "objective=[pixel]"]
+    two += ["trainer.save_every=1", "trainer.limit_val_batches=0"]
+    words = [*OPTIONS, *SMALL, *two, "trainer.max_steps=100000", f"hydra.run.dir={tmp_path}"]
+    run = warm.start("train", *words)
+    try:
+        wait_for_checkpoint(tmp_path, run)
+        others = of_session(run.pid) - {run.pid}
+        assert len(others) >= 3
+        os.kill(run.pid, signal.SIGKILL)  # the parent only
+        assert run.wait(timeout=60) == -signal.SIGKILL
+        wait_until(lambda: not of_session(run.pid), 120, "processes are left")
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(run.pid, signal.SIGKILL)
 
 
 def test_nothing_may_change_on_resume(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
