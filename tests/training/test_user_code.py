@@ -9,7 +9,7 @@ import lightning as L
 import pytest
 import torch
 from hydra.errors import HydraException
-from lightning.pytorch.callbacks import Callback
+from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from omegaconf import OmegaConf
 
 from tactileforge import api, compose
@@ -394,6 +394,22 @@ def test_the_module_and_the_data_fit_a_trainer_of_ones_own(parts, tmp_path):
     assert again.hparams["config"]["optim"]["name"] == "adamw"
     for name, value in module.state_dict().items():
         torch.testing.assert_close(again.state_dict()[name], value, rtol=0, atol=0)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings(OF_LIGHTNING)
+def test_callbacks_of_a_trainer_of_ones_own_monitor_the_sum_of_the_losses(parts, tmp_path):
+    kept = ModelCheckpoint(tmp_path, monitor="val/loss")
+    trainer = L.Trainer(
+        max_steps=3, default_root_dir=tmp_path, logger=False, enable_progress_bar=False,
+        enable_model_summary=False, num_sanity_val_steps=0, limit_val_batches=1,
+        val_check_interval=1, check_val_every_n_epoch=None,
+        callbacks=[kept, EarlyStopping("val/loss", stopping_threshold=1e9)],
+    )  # fmt: skip
+    trainer.fit(_module(parts), parts[1])
+    assert trainer.global_step == 1, "the first one is below the threshold"
+    metrics = trainer.callback_metrics
+    assert float(kept.best_model_score) == float(metrics["val/loss"]) == float(metrics["val/pixel"])
 
 
 @pytest.mark.slow

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import lightning as L
-import torch
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch import callbacks as lightning_callbacks
 from lightning.pytorch.callbacks import Callback
@@ -70,18 +69,6 @@ class WeightAveraging(lightning_callbacks.EMAWeightAveraging):
             update_every_n_steps=update_every_n_steps,
             update_starting_at_step=update_starting_at_step,
         )
-
-
-class TotalLoss(Callback):
-    """Sum of the validation losses, for callbacks monitoring ``val/loss``."""
-
-    def on_validation_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Adds up the losses of the validated objectives."""
-        logged = trainer.callback_metrics
-        names = [f"val/{key}" for key in getattr(pl_module, "objectives", ())]
-        losses = [logged[name] for name in names if name in logged]
-        if losses:
-            logged[TOTAL] = torch.stack([torch.as_tensor(one).float() for one in losses]).sum()
 
 
 def build_callbacks(config: Mapping[str, Any] | None) -> dict[str, Callback]:

@@ -382,7 +382,11 @@ class TouchModule(L.LightningModule):
         if self._losses:
             rows = sum_over_ranks(torch.stack(list(self._losses.values()))).tolist()
             named = zip(self._losses, rows, strict=True)
-            self.log_dict({f"val/{name}": row[0] / row[1] for name, row in named if row[1]})
+            means = {f"val/{name}": row[0] / row[1] for name, row in named if row[1]}
+            self.log_dict(means)
+            losses = [means[name] for key in self.objectives if (name := f"val/{key}") in means]
+            if losses:
+                self.log("val/loss", sum(losses), logger=False)  # for callbacks that monitor it
         self._losses = {}
         for key, sums in self._sums.items():
             objective: Any = self.objectives[key]

@@ -18,7 +18,7 @@ from tactileforge.plugins import registry
 from tactileforge.runs.folder import BEST
 from tactileforge.training import checkpoints, curriculum
 from tactileforge.training.assemble import check_blocks
-from tactileforge.training.callbacks import TOTAL, TotalLoss, build_callbacks
+from tactileforge.training.callbacks import TOTAL, build_callbacks
 from tactileforge.training.loggers import build_loggers, own_logger
 from tactileforge.training.optim import check_optim, parse_optim
 from tactileforge.training.parts import check_values
@@ -239,7 +239,6 @@ def build_trainer(
             Progress(),
             timer,
             LastValidation(),
-            TotalLoss(),
             *kept,
         ],
         plugins=[checkpoints.AtomicCheckpointIO(config.get("run"))],
