@@ -4,6 +4,7 @@ import pytest
 from lightning.pytorch.loggers import CSVLogger
 
 from tactileforge import cli, compose
+from tactileforge.errors import PluginError
 from tactileforge.pages.curves import read_metrics
 from tactileforge.training.loggers import own_logger
 from tactileforge.verbs import words
@@ -146,6 +147,18 @@ class Lines(Logger):
             print(*words, file=file)
 
 
+class Fades:
+    """Changes a batch."""
+
+    def __init__(self, by: int = 1) -> None:
+        print("fades by", by)
+        self.by = by
+
+    def __call__(self, batch):
+        print("faded", int(batch["frames"].float().mean() > 0))
+        return {"frames": batch["frames"] // self.by}
+
+
 class Finger(Sensor):
     """A grey gel.
 
@@ -215,10 +228,13 @@ def folder(place, monkeypatch):
 def test_all_of_them_train_together(folder, capsys):
     chosen = [word for key, row in WORDS.items() if key != "head" for word in row[:2]]
     chosen += ["optim.schedule=mine:flat", "head.fill.loud=3"]
+    chosen += ["augment.also={fades: {name: mine:Fades, by: 2}}"]
     assert cli.run(["train", *SMALL, *chosen, "hydra.run.dir=run"]) == 0
     said = capsys.readouterr().out
     for word in ("tiny of 2", "noise of 16", "fill of 2.0", "head of 3", "steps of 0.25", "hear 2"):
         assert word in said
+    assert said.count("fades by 2") == 1
+    assert said.count("faded 1") == 2, "once a step"
     lines = (folder / "said.txt").read_text().splitlines()
     assert lines[0] == "config 0"
     assert "train/fill" in lines[1]
@@ -226,6 +242,13 @@ def test_all_of_them_train_together(folder, capsys):
     assert curves["train/fill"].steps.tolist()[-1] == 1
     rate = curves["lr"].values[-1]
     assert rate == pytest.approx(0.5e-3)
+
+
+def test_changes_of_batches_may_be_listed(folder):
+    config = compose("mae", ["data=mine:Noise", "augment.also=[mine:Fades]"])
+    assert config["augment"]["also"] == {"fades": {"name": "mine:Fades"}}
+    with pytest.raises(PluginError, match=r"augment\.also\.fads=mine:Fads.*'?Fades"):
+        compose("mae", ["data=mine:Noise", "augment.also=[mine:Fads]"])
 
 
 @pytest.mark.parametrize("group", WORDS)

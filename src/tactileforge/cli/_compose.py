@@ -28,7 +28,7 @@ from hydra.errors import ConfigCompositionException, MissingConfigException
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from hydra.version import VersionBase
-from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
+from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf, open_dict
 
 from tactileforge.cli import _known
 from tactileforge.cli._options import MULTI, yaml_text
@@ -380,6 +380,8 @@ def _missing(node: Any, place: str = "") -> Iterator[str]:
             yield from _missing(value, f"{place}.{key}" if place else str(key))
 
 
+#: Kinds of plugins named below a group that chooses none.
+_BELOW = {"augment": "augmentations"}
 #: Keys whose value names a plugin, wherever they are, and its kind.
 _NAMED = {"schedule": "schedules", "curve": "curves"}
 
@@ -400,7 +402,9 @@ def adopt(config: DictConfig) -> None:
         for group in config:
             node = None if OmegaConf.is_missing(config, group) else config._get_node(group)
             if isinstance(node, DictConfig) and not node._is_none():
-                _adopt(node, str(group), GROUPS.get(str(group), ""))
+                if group == "augment" and isinstance(node.get("also"), ListConfig):
+                    node.also = {local.key_of(name): {"name": name} for name in node.also}
+                _adopt(node, str(group), {**GROUPS, **_BELOW}.get(str(group), ""))
 
 
 def _adopt(node: DictConfig, place: str, kind: str) -> None:

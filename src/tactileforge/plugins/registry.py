@@ -28,11 +28,11 @@ KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers",
 MODULES = ("verbs",)
 #: Kinds without a conformance suite by name: publishers of ``live``, schedules of the learning rate
 #: and runners of suites of ``bench`` (a function each), trackers of ``data pack``, callbacks and
-#: loggers of Lightning, readers of tables by the endings of their files, packages of YAML options,
-#: and containers of data, checked on a file of theirs.
+#: loggers of Lightning, changes of batches on the device, readers of tables by the endings of their
+#: files, packages of YAML options, and containers of data, checked on a file of theirs.
 OTHERS = (
     *("containers", "publishers", "schedules", "curves", "runners", "importers", "trackers"),
-    *("callbacks", "loggers", "tables", "conf"),
+    *("callbacks", "loggers", "augmentations", "tables", "conf"),
 )
 
 #: Kind of plugin behind the options of each group of a configuration.

@@ -62,7 +62,7 @@ def build_data(config: Mapping[str, Any], encoder: Any = None) -> tuple[TouchDat
         batch_size=batch.pop("size"),
         seed=config["seed"],
         max_bad=max_bad,
-        augment=build_augment(config.get("augment")),
+        augment=build_augment(_with_changes(config.get("augment"))),
         limit=limit_of(config["trainer"]),
         columns=_columns(config),
         **batch,
@@ -113,6 +113,18 @@ def limit_of(trainer: Mapping[str, Any]) -> float:
             "above 0 and up to 1.0"
         )
     return float(limit) if isinstance(limit, float) else int(limit)
+
+
+def _with_changes(augment: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Options of the augmentation, with the changes of others built."""
+    options = dict(augment or {})
+    if nodes := options.pop("also", None):
+        options["also"] = {
+            key: registry.build("augmentations", {"name": key, **node}, f"augment.also.{key}")
+            for key, node in nodes.items()
+            if node is not None
+        }
+    return options
 
 
 def check_blocks(batch: Mapping[str, Any], augment: Mapping[str, Any]) -> None:

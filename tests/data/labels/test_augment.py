@@ -8,6 +8,7 @@ from tactileforge.contracts import ACTIONS, Batch
 from tactileforge.data.labels import displacement
 from tactileforge.data.labels.augment import PHRASES, Augment, fill_captions
 from tactileforge.data.labels.turns import flip_labels
+from tactileforge.errors import ConfigError
 from tactileforge.sensors.taxels import TaxelLayout
 
 #: A clip without a partner, which may be mirrored.
@@ -166,3 +167,31 @@ def test_the_surface_is_mirrored_with_the_pixels(axis: int) -> None:
     batch = augment.labels(labels | ALONE)
     result = augment(batch | {"frames": frames, "background": frames[:, 0], "surface": given})
     assert torch.equal(result["surface"], want)
+
+
+def test_changes_of_others_come_last_and_keep_shape_and_type() -> None:
+    class Brighter(torch.nn.Module):
+        def forward(self, batch: Batch) -> Batch:
+            return {"frames": batch["frames"] + 1, "force": batch["force"] * 2}
+
+    frames = torch.zeros(2, 4, 3, 8, 8, dtype=torch.uint8)
+    frames[..., 0] = 9
+    start = {"sensor": ["digit"] * 2, "force": torch.ones(2, 4, 3), "group": torch.arange(2)}
+    start |= {"frames": frames, "background": frames[:, 0], "action": torch.zeros(2).long()}
+    start |= {"upright": torch.zeros(2, dtype=torch.bool)}
+    augment = Augment(1.0, 0.0, also={"brighter": Brighter()})
+    assert augment.changes
+    found = augment(augment.labels(start))
+    assert found["frames"][0, 0, 0, 0].tolist() == [1] * 7 + [10], "mirrored, and then brighter"
+    assert found["force"].abs().unique().tolist() == [2.0]
+    assert found["background"].max() == 9
+    (moved,) = augment.of_others
+    assert moved is augment.also["brighter"], "moved to the device with it"
+    for wrong, said in (
+        (lambda batch: {"frames": batch["frames"].float()}, r"torch\.float32 \(2, 4, 3, 8, 8\)"),
+        (lambda batch: {"background": batch["background"][:, :, :4]}, r"background torch\.uint8"),
+        (lambda batch: batch["frames"], "returned Tensor"),
+    ):
+        augment = Augment(0.0, 0.0, also={"mine": wrong})
+        with pytest.raises(ConfigError, match=rf"augment\.also\.mine .*{said}"):
+            augment(augment.labels(start))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import torch
@@ -94,6 +94,8 @@ class Augment(nn.Module):
         chance: Share of the clips for which each of these seven is drawn, by name; 1 where absent.
         jitter: Largest relative change of brightness, contrast and saturation; 0 for none.
         languages: Languages of captions, of `caption_directions.LANGUAGES`.
+        also: Further changes by key, called with every batch, on its device, after those above:
+            each returns the batch, or what it changes of it.
 
     Raises:
         ConfigError: A chance or range is out of bounds, or a name in ``chance`` or a language is
@@ -114,6 +116,7 @@ class Augment(nn.Module):
         chance: Mapping[str, float] | None = None,
         jitter: float = 0.0,
         languages: Sequence[str] = ("en",),
+        also: Mapping[str, Callable[[Batch], Mapping[str, Any]]] | None = None,
     ) -> None:
         super().__init__()
         check_names("language of augment.languages", languages, LANGUAGES)
@@ -126,6 +129,8 @@ class Augment(nn.Module):
         self._check(jitter)
         self._moves = bool(rotate or shift or scale)
         self._lights = bool(blur or gain or colour or noise)
+        self.also = dict(also or {})
+        self.of_others = nn.ModuleList(x for x in self.also.values() if isinstance(x, nn.Module))
         self.jitter: nn.Module | None = None
         if jitter:
             # imported here: kornia takes seconds, and most recipes have no jitter
@@ -141,7 +146,8 @@ class Augment(nn.Module):
     def changes(self) -> bool:
         """Whether any clip is ever changed."""
         flips = self.horizontal or self.vertical
-        return bool(flips or self._moves or self._lights or self.jitter is not None)
+        own = self._moves or self._lights or self.jitter is not None
+        return bool(flips or own or self.also)
 
     @property
     def moved_sides(self) -> tuple[str, ...]:
@@ -277,7 +283,29 @@ class Augment(nn.Module):
                 with torch.autocast(surface.device.type, enabled=False):
                     surface = pixels.move_surface(surface, batch["warp"], batch["warp_turn"])
             moved["surface"] = surface
-        return batch | moved
+        batch = batch | moved
+        for key, change in self.also.items():
+            batch = self._changed_also(key, change, batch)
+        return batch
+
+    @staticmethod
+    def _changed_also(
+        key: str, change: Callable[[Batch], Mapping[str, Any]], batch: Batch
+    ) -> Batch:
+        made = change(dict(batch))
+        if not isinstance(made, Mapping):
+            raise ConfigError(
+                f"augment.also.{key} returned {type(made).__name__}: return the batch, or a "
+                "dictionary of what changes in it"
+            )
+        for name in ("frames", "background"):
+            old, new = batch[name], made.get(name, batch[name])
+            if new.shape != old.shape or new.dtype != torch.uint8:
+                raise ConfigError(
+                    f"augment.also.{key} made {name} {new.dtype} {tuple(new.shape)}: return uint8 "
+                    f"{tuple(old.shape)}"
+                )
+        return {**batch, **made}
 
 
 def build_augment(options: Mapping[str, Any] | None) -> Augment | None:
