@@ -147,3 +147,20 @@ def test_the_menu_has_every_page_once() -> None:
     menu = _pages(load_yaml((ROOT / "mkdocs.yml").read_text("utf-8"))["nav"])
     pages = [path.relative_to(ROOT / "docs").as_posix() for path in PAGES[1:]]
     assert sorted(menu) == sorted(pages)
+
+
+@pytest.mark.parametrize(
+    ("page", "begin"),
+    [
+        ("local-code", "cat > my_module.py"),
+        ("lightning", "mkdir -p own/recipe"),
+        ("lightning", "import lightning as L"),
+        ("lightning", "import torch\n\noptimizer"),
+        ("python", "import tactileforge\n\ntask = {"),
+    ],
+)
+def test_doors_are_opened_by_few_lines(page: str, begin: str) -> None:
+    """An objective, callbacks, the module, the data, a suite; timm's is in its package."""
+    blocks = [match[5] for match in BLOCK.finditer((ROOT / f"docs/{page}.md").read_text("utf-8"))]
+    (code,) = [block for block in blocks if block.startswith(begin)]
+    assert sum(bool(line.strip()) for line in code.splitlines()) <= 20

@@ -4,10 +4,12 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 from made_files import make_files
 
 import tactileforge
 from tactileforge.cli._verbs import Actions
+from tactileforge.encoders import TactileViT
 from tactileforge.errors import ConfigError
 from tactileforge.pages import Shown
 from tactileforge.plugins import registry
@@ -65,6 +67,23 @@ def test_a_run_has_its_numbers_its_report_and_its_model():
     assert tactileforge.train(own).module.global_step == 4
     with pytest.raises(ConfigError, match="goes on with its own configuration"):
         tactileforge.train(tactileforge.compose("anytouch2", [f"resume={run.folder}"]))
+
+
+def test_an_encoder_is_passed_as_an_instance():
+    """Its run has a copy of it, and its weights are where training starts."""
+    make_files("DIR", Path())
+    own = TactileViT(size="tiny", depth=1, image_size=32)
+    before = {name: value.clone() for name, value in own.state_dict().items()}
+    run = tactileforge.train(
+        "scale=tiny", "debug=steps", "batch.size=2", "optim.lr=0", encoder=own, objective=["pixel"],
+        data={"name": "recordings", "root": Path("DIR"), "val": 0.3},
+    )  # fmt: skip
+    trained = run.module.encoder
+    assert isinstance(trained, TactileViT)
+    assert trained is not own
+    for name, value in own.state_dict().items():
+        torch.testing.assert_close(value, before[name], rtol=0, atol=0)
+        torch.testing.assert_close(trained.state_dict()[name], value, rtol=0, atol=0)
 
 
 def test_packing_gives_a_data_set_for_training():

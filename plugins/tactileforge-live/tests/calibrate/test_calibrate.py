@@ -10,6 +10,7 @@ from tactileforge_live.calibrate.calibrate import CalibrateOptions, calibrate
 from tactileforge_live.calibrate.fit import folds
 from tactileforge_live.calibrate.light import estimate_light, light_drift, punch_mm_per_pixel
 
+import tactileforge
 from tactileforge import cli
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.image_codecs import encode_image
@@ -277,6 +278,10 @@ def test_the_verb_writes_a_file_and_a_page(
     assert "Calibration of digit D1" in page
     assert cli.run([*words, f"out={tmp_path / 'd2.yaml'}", f"reference={out}", "fit=none"]) == 0
     assert file.load_calibration(tmp_path / "d2.yaml").light.balance == [1.0, 1.0, 1.0]
+    data = {"name": "shards", "root": tmp_path / "data"}
+    made = tactileforge.calibrate(data=data, out=tmp_path / "d3.yaml", max_lag=0.05)
+    assert file.load_calibration(tmp_path / "d3.yaml").force == held.force, "the same from Python"
+    assert "Calibration of digit D1" in made._repr_html_()
     capsys.readouterr()
     for wrong, said in (
         (["out=d"], "give the name of a file"),
