@@ -6,6 +6,7 @@ from lightning.pytorch.loggers import CSVLogger
 from tactileforge import cli, compose
 from tactileforge.errors import PluginError
 from tactileforge.pages.curves import read_metrics
+from tactileforge.runs.checkpoint_file import read_checkpoint
 from tactileforge.training.loggers import own_logger
 from tactileforge.verbs import words
 
@@ -272,6 +273,19 @@ def test_explain_says_where_a_value_comes_from(group, folder, capsys):
     key = key.rpartition(".")[0] + ".name"
     assert cli.run(["train", *SMALL, word, option, "--explain", key]) == 0
     assert word.partition("=")[2].strip("[]") in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_sweep_and_two_processes_have_them_too(folder, warm):
+    chosen = [*SMALL, "data=mine:Noise", "objective=[pixel,mine:Fill]", "encoder=./mine.py:Tiny"]
+    swept = ["train", "-m", *chosen, "objective.fill.scale=1,2", "hydra.sweep.dir=swept"]
+    assert warm.start(*swept).wait(300) == 0
+    assert len([*(folder / "swept").glob("*/metrics.csv")]) == 2
+    assert "mine:Fill" in (folder / "swept" / "1" / "config.yaml").read_text()
+    two = ["trainer.devices=2", "trainer.accelerator=cpu", "data.count=32", "hydra.run.dir=two"]
+    assert warm.start("train", *chosen, *two).wait(300) == 0
+    assert read_metrics(folder / "two")["train/fill"].values[0] > 0
+    assert read_checkpoint(folder / "two")["global_step"] == 2
 
 
 @pytest.mark.slow
