@@ -163,7 +163,7 @@ def test_a_signal_to_all_leaves_a_checkpoint_that_resumes(
 
 
 def of_session(leader: int) -> set[int]:
-    """Processes of a session that run; one that nobody has waited for does not."""
+    """Running processes of a session; one that nobody has waited for does not."""
     found = set()
     for entry in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
@@ -177,7 +177,7 @@ def of_session(leader: int) -> set[int]:
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's list of processes")
 def test_a_killed_parent_leaves_no_process_of_its_run(tmp_path: Path, warm: Warm) -> None:
-    """The second process, and the readers of both with the servers that start them."""
+    """The second process, and the readers of both with their servers."""
     two = ["trainer.devices=2", "trainer.accelerator=cpu", "objective=[pixel]"]
     two += ["trainer.save_every=1", "trainer.limit_val_batches=0"]
     words = [*OPTIONS, *SMALL, *two, "trainer.max_steps=100000", f"hydra.run.dir={tmp_path}"]

@@ -70,7 +70,7 @@ def test_a_run_has_its_numbers_its_report_and_its_model():
 
 
 def test_an_encoder_is_passed_as_an_instance():
-    """Its run has a copy of it, and its weights are where training starts."""
+    """Its run has a copy of it, and starts at its weights."""
     make_files("DIR", Path())
     own = TactileViT(size="tiny", depth=1, image_size=32)
     before = {name: value.clone() for name, value in own.state_dict().items()}

@@ -146,7 +146,7 @@ def test_pictures_on_their_side_are_said(
 
 
 class Counted:
-    """Frames that count how many of them are read."""
+    """Frames with a count of those read."""
 
     def __init__(self, frames: Frames) -> None:
         self.frames, self.read_rows, self.shape = frames, list[int](), frames.shape

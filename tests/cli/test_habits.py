@@ -360,7 +360,7 @@ def test_the_page_has_the_usual_optimizer_and_what_all_of_them_have(
     for key in ("lr", "betas", *shared):
         assert f"\n  {key}: " in usual, key
     assert "one_cycle" in usual
-    assert "Each has `warmup`, `schedule`, `clip`, `layer_decay` too, as `adamw`." in page
+    assert "Each has `warmup`, `schedule`, `clip`, `layer_decay`, `rates` too, as `adamw`." in page
     assert "\nmomentum: 0" in own
     out = said(capsys, "train", "optim=sgd", "--help").partition("\noptim:  # sgd\n")[2]
     for key in ("momentum", *shared):

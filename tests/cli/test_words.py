@@ -1,4 +1,4 @@
-"""Names that look like numbers keep their letters, whichever verb reads them."""
+"""Names like numbers keep their letters, for every verb."""
 
 import pytest
 

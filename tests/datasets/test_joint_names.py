@@ -1,4 +1,4 @@
-"""Tables with two columns that name a recording together, such as object and take."""
+"""Tables with a recording named by two columns together, such as object and take."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

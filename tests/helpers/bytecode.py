@@ -1,4 +1,4 @@
-"""Keeps what Python compiles for the processes after this one, if it is imported first.
+"""Keeps the bytecode for the processes after this one, if it is imported first.
 
 Where PYTHONDONTWRITEBYTECODE is set, as in many containers, each process that a test starts would
 compile torch anew: two thirds of the CPU time of its start.

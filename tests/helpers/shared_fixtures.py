@@ -95,7 +95,7 @@ def _composed_once() -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def _collected_seldom() -> Iterator[None]:
-    """What is imported before the first test is no garbage, and is not searched for it."""
+    """Freezes all imports before the first test: they are no garbage."""
     if gc.get_freeze_count():  # each conftest.py has this fixture
         yield
         return

@@ -1,4 +1,4 @@
-"""Spares tests work whose result nobody looks at: half of the CPU time of a short run."""
+"""Spares tests half of the CPU time of a short run: its results nobody looks at."""
 
 from typing import IO, Any
 
@@ -36,7 +36,7 @@ def is_looked_at(path: str) -> bool:
 
 
 def compose_once(patch: pytest.MonkeyPatch) -> None:
-    """Hydra composes a command once, not first for `hydra.mode` alone, which no command sets."""
+    """Hydra composes a command once, not first for `hydra.mode` only."""
     asked = Hydra.get_mode
 
     def mode(self: Hydra, config_name: str | None, overrides: list[str]) -> Any:

@@ -119,7 +119,7 @@ def warm_commands(folder: Path) -> Iterator[Warm]:
 
 
 def _reap(*_: object) -> None:
-    """Waits for processes that have waited, so that their CPU time is counted as this one's."""
+    """Waits for ended processes, so as to count their CPU time as this one's."""
     with suppress(ChildProcessError):
         while os.waitpid(-1, os.WNOHANG)[0]:
             pass
@@ -169,7 +169,7 @@ def serve(address: str) -> list[str]:
 
 
 def _forget_packages() -> None:
-    """Forgets which packages are installed."""
+    """Forgets the installed packages."""
     for name, module in [*sys.modules.items()]:
         if name.startswith("tactileforge"):
             for value in [*vars(module).values()]:
@@ -177,7 +177,7 @@ def _forget_packages() -> None:
 
 
 def _ended(run: Callable[[], object]) -> None:
-    """Runs, and ends the process at once where it would end in order.
+    """Runs, and ends the process at once instead of in order.
 
     Python would take apart all that the warm process has imported: half a second.
     """
@@ -194,7 +194,7 @@ def _ended(run: Callable[[], object]) -> None:
 
 
 def _prepare() -> None:
-    """Imports and reads what each command would anew.
+    """Imports and reads all that commands have in common.
 
     Modules, metadata of packages, the grammar of Hydra, and the code of the simulator.
     """

@@ -1,10 +1,12 @@
+import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from filelock import FileLock
 from waiting import wait_until
 
 from tactileforge.errors import ConfigError
@@ -12,6 +14,15 @@ from tactileforge.packing import PackOptions, pack
 from tactileforge.util.strict import build
 
 GIVEN = {"codec": "png", "shard_frames": 24, "processes": 2, "executor": "ray"}
+
+
+@pytest.fixture(autouse=True)
+def _one_cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """One cluster at a time, over the workers of pytest: a second one may join the first."""
+    root = tmp_path_factory.getbasetemp()
+    shared = root.parent if "PYTEST_XDIST_WORKER" in os.environ else root
+    with FileLock(shared / "ray.lock"):
+        yield
 
 
 @pytest.mark.slow
@@ -41,7 +52,7 @@ def test_a_worker_that_dies_twice_names_the_shard(
     process = command(tmp_path / "ray", GIVEN, deadly=str(deaths), deaths=9)
     _, said = process.communicate(timeout=180)
     assert process.returncode == 1, said
-    assert len(list(deaths.iterdir())) == 2
+    assert len(list(deaths.iterdir())) == 2, said
     assert "the process that made it was killed, twice" in said
     assert "train/2/" in said
 

@@ -1,4 +1,4 @@
-"""Where a package of ours is installed from: as this one was."""
+"""Origins of installed packages: that of this one."""
 
 import json
 import re
@@ -126,7 +126,7 @@ def test_an_extra_without_a_clone_is_what_it_requires(origin):
 
 
 def _arguments(text):
-    """What each `pip install` of a text is given, words of a shell; braces are expanded."""
+    """Words of each `pip install` of a text; braces are expanded."""
     for found in re.finditer(r"pip install ((?:[^`#)|\n]|\n(?=\./))+)", text):
         words = []
         for word in found[1].rstrip("\\n").replace("\\", "").split():

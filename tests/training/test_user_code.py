@@ -213,7 +213,7 @@ def test_an_optimizer_that_computes_no_loss_is_told_before_data_is_read():
 
 
 class Wants(Steps):
-    """One whose learning rate has to be given."""
+    """One without a default learning rate."""
 
     def __init__(self, params, lr: float, momentum: float = 0.5, betas=(0.9, 0.99)) -> None:
         super().__init__(params, lr, momentum)

@@ -1,4 +1,4 @@
-"""A model that ran in a process, in one that is forked from it: the workers of a data loader."""
+"""A model in a process forked after its first run, as the workers of a data loader are."""
 
 import multiprocessing as mp
 import subprocess

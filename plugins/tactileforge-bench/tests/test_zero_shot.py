@@ -101,7 +101,7 @@ def test_all_clips_are_named_and_none_is_trained_on(tmp_path: Path) -> None:
     found = load.read_results(bench(tmp_path, TASK, aligned()))
     (cell,) = found.cells
     assert cell.metrics == {"accuracy": 100}
-    assert found.tasks[0].split == "test: all clips; nothing is fitted"
+    assert found.tasks[0].split.startswith("test: all clips; nothing is fitted; TF309 grey")
     rows = (tmp_path / cell.predictions).with_suffix(".csv").read_text().splitlines()
     assert len(rows) == 1 + 12 * 4, "four clips of each of the twelve recordings"
 
@@ -119,7 +119,7 @@ def test_the_sentence_is_an_option_and_other_tasks_take_the_probe(tmp_path: Path
     found = load.read_results(bench(tmp_path, fitted, said, **options))
     assert found.cells[0].metrics["accuracy"] == 100
     assert found.cells[0].setting == {"template": "feels like {}"}
-    assert found.tasks[0].split == "test: side val; nothing is fitted"
+    assert found.tasks[0].split.startswith("test: side val; nothing is fitted; TF309 grey")
     rows = (tmp_path / found.cells[0].predictions).with_suffix(".csv").read_text().splitlines()
     assert len(rows) == 1 + 4 * 4
 

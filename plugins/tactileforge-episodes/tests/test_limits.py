@@ -1,4 +1,4 @@
-"""What a damaged or hostile file may cost: limits of links, chunks and unpacking, by the reader."""
+"""Costs of damaged or hostile files: limits of links, chunks and unpacking, by the reader."""
 
 import json
 import os

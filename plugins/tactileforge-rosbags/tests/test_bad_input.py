@@ -402,7 +402,7 @@ def test_few_bags_stay_open(tmp_path):
 
 @pytest.mark.parametrize("mode", ["FILE", "MESSAGE"])
 def test_zstd_that_unpacks_to_anything_is_named(mode, tmp_path):
-    """96 MB of a file of 10 kB: the limit is 64 MB where less than a 50th is stored."""
+    """96 MB of a file of 10 kB: the limit is 64 MB if less than a 50th is stored."""
     bomb = zstd.compress(bytes(96 << 20))
     assert len(bomb) < 20_000
     write(tmp_path / "one", "mcap", frame_rows("mcap", "/gel", 4))

@@ -47,7 +47,7 @@ def chosen(
 
     Example:
         >>> [check.code for check in chosen(select=["TF2"], ignore=["TF20"])]
-        ['TF210']
+        ['TF210', 'TF211']
         >>> [check.name for check in chosen(select=["TF202", "mirrored"])]
         ['pulling_force', 'mirrored']
     """

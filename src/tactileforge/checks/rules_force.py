@@ -145,7 +145,7 @@ class UntaredForce(PixelCheck):
 
 
 class DriftingForce(Check):
-    """A force at rest that is another at the end than at the beginning."""
+    """Another force at rest at the end than at the beginning."""
 
     code, level = CODES["drifting_force"], "warning"
     needs = frozenset({"forces", "frames"})
@@ -167,7 +167,7 @@ class DriftingForce(Check):
 
     @staticmethod
     def examples() -> Examples:
-        """A load cell that warms up."""
+        """A load cell warming up."""
         drift = np.linspace(0, 1.5, COUNT)[:, None] * np.array([0, 0, 1])
         return with_force(right_force() + drift)
 

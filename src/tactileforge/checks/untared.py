@@ -38,7 +38,7 @@ def scale_of(recording: Recording) -> NDArray[np.float64]:
 
 
 def drifted(recording: Recording, seen: FrameSample) -> Suspicion | None:
-    """Find a force that is another at rest early and late in a recording.
+    """Find another force at rest late in a recording than early.
 
     Args:
         recording: The recording; needs a background to tell.

@@ -501,7 +501,7 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
 
 
 def defaults_of_optimizer(typed: Sequence[str]) -> tuple[str, dict[str, Any]]:
-    """The optimizer that was typed, and what its class has for options that were not typed.
+    """The typed optimizer, and the defaults of its class for all other options.
 
     A recipe's learning rate is for the recipe's optimizer: another one that is chosen beside it has
     its own, where its class has one.

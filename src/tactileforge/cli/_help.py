@@ -118,7 +118,7 @@ def _block(rows: str) -> list[str]:
 
 
 def _shared(group: str) -> dict[str, list[str]]:
-    """Keys of every optimizer, with their lines: those of the YAML that its own class has not."""
+    """Keys of every optimizer, with their lines: those of the YAML beyond its class."""
     if group != "optim":
         return {}
     own, rows, lines = registry.options("optimizers", "adamw"), {}, []

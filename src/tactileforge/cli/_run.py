@@ -65,7 +65,7 @@ def run(verb: str, command: Command, argv: Sequence[str]) -> int:
 
 
 def taken_code(overrides: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Imports what ``code=`` names: classes of the user's own for a run or file that names them.
+    """Imports the user's own classes of ``code=``, for a run or file with their names.
 
     Args:
         overrides: Words as typed.

@@ -180,7 +180,7 @@ def _value(key: str, text: str, hint: Any) -> Any:
 
 
 def free_heads(overrides: Sequence[str]) -> list[str]:
-    """Overrides with ``++`` before options of heads, which a recipe need not name.
+    """Overrides with ``++`` before options of heads, named by the recipe or not.
 
     `finish` gives them to the head of the objective.
 

@@ -156,7 +156,7 @@ class Recordings(Drawn):
 
     @property
     def _correction(self) -> str:
-        """What a guess found, and how it is corrected."""
+        """Line on the findings of a guess, and on its correction."""
         sides = [side for of in self._split_up.values() for side in of.sides]
         found = f"{len(sides)} recordings were found, {sides.count('val')} of them held out; "
         return (

@@ -225,7 +225,7 @@ def _open_heads(
 
 
 def warn_of_left(path: Path, name: str, own: str) -> None:
-    """Warns of a head whose class was not given: the model is loaded without it."""
+    """Warns of a head without its class: the model is loaded without it."""
     what = f"{path}: head {name} is left out: {own} is"
     why = f"{what} {NO_FIT}"
     warnings.warn(why if local.is_given(own) else str(local.not_given(what, [own])), stacklevel=4)

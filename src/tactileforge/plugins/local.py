@@ -238,7 +238,8 @@ def _from_file(source: str, place: str) -> ModuleType:
         near = nearest_name(path.name, files)
         raise PluginError(f"{place}: there is no file {source} in {Path.cwd()}{near}")
     path = path.resolve()
-    held = sha256(path.read_bytes()).hexdigest()
+    content = path.read_bytes()
+    held = sha256(content).hexdigest()
     if path in _files and _files[path][0] == held:
         return _files[path][1]
     name = _free_name(path)
@@ -252,7 +253,8 @@ def _from_file(source: str, place: str) -> ModuleType:
     sys.modules[name] = module  # dataclasses and pickles look it up there
     with _first(path.parent):
         try:
-            spec.loader.exec_module(module)
+            # compiled here: to the cache of Python a file of the same second and size is the same
+            exec(compile(content, str(path), "exec"), module.__dict__)
         except (Exception, SystemExit) as error:
             del sys.modules[name]
             if before is not None:

@@ -152,7 +152,7 @@ def check_unpacked(packed: int, unpacked: int) -> str:
 
 
 def zstd_size(content: bytes | mmap, whole: bool = False) -> tuple[int, bool]:
-    """Bytes that zstd unpacks to (RFC 8878), without unpacking; and whether they are a bound only.
+    """Size of unpacked zstd (RFC 8878), bytes, without unpacking; and whether it is a bound.
 
     Args:
         content: Frames of zstd. A decoder makes room for what the first of them says.

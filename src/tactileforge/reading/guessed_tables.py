@@ -408,7 +408,7 @@ def _clock_apart(family: Family, units: Units, doubts: list[str]) -> dict[str, A
 
 
 def _doubt_key(family: Family, key: str, doubts: list[str]) -> None:
-    """Tells the column of a table, or columns, whose cells name recordings."""
+    """Notes the column or columns of a table with names of recordings."""
     columns = template_columns(key) or [key]
     names = (
         f"{columns[0]} names"

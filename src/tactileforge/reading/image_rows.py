@@ -97,7 +97,7 @@ class ImageRows:
         return rows
 
     def _joint(self, table: dict[str, Row]) -> dict[str, Row]:
-        """The rows by the images that several columns name together."""
+        """The rows by image, named by several columns together."""
         names = [
             image.relative_to(self.folder).as_posix()
             for image in self.images
@@ -159,7 +159,7 @@ class ImageRows:
 
 
 def _start(folder: Path) -> str:
-    """What the paths of a folder's files begin with."""
+    """Begin of the paths of a folder's files."""
     return "" if folder == Path() else f"{folder.as_posix()}/"
 
 

@@ -60,7 +60,7 @@ class Notes:
 
 
 class OptionalKeys:
-    """Keys that a map calls optional, and which files have them."""
+    """Optional keys of a map, and the files with them."""
 
     def __init__(self) -> None:
         self._files: dict[str, dict[str, bool]] = {}
@@ -77,7 +77,7 @@ class OptionalKeys:
         files[str(where)] = files.get(str(where), False) or is_there
 
     def lines(self) -> list[str]:
-        """One line per key that some files have and others do not; a key of none is no doubt.
+        """One line per key of some files only; a key of none is no doubt.
 
         Example:
             >>> keys = OptionalKeys()

@@ -180,7 +180,7 @@ class PublishedDataset(Drawn, ABC):
         return PictureIndex(self.root)
 
     def _pictures(self, paths: Sequence[Path]) -> ImageFrames:
-        """Images as frames, whose headers are read once for all starts.
+        """Images as frames; their headers are read once for all starts.
 
         Raises:
             DataError: One is damaged, or they differ in size.

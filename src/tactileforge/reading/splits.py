@@ -72,7 +72,7 @@ def held_out_names(names: Iterable[str], share: float) -> frozenset[str]:
 
 
 def one_of_few(names: Iterable[str], share: float) -> frozenset[str]:
-    """The name to hold out of few, three or more, of which `is_held_out` takes none; else none.
+    """The name to hold out of few, three or more, if `is_held_out` takes none; else none.
 
     Args:
         names: Names of units, read up to the first that is held out by its hash.

@@ -297,7 +297,7 @@ def _apart(family: Family, units: Units) -> str | None:
 
 
 def _joint_key(family: Family, units: Units) -> str | None:
-    """Columns of a table for all that name recordings together, as a template; None for none.
+    """Columns with the names of recordings together, as a template; None for none.
 
     Where rows of both orders could be meant, neither is.
     """

@@ -85,7 +85,7 @@ SPECS: dict[str, SensorSpec] = {
 
 
 def spec(name: str, *also: str) -> SensorSpec:
-    """Spec of a sensor type: published, of an installed plugin, or of a class that was typed.
+    """Spec of a sensor type: published, of an installed plugin, or of a typed class.
 
     Args:
         name: Name of the type.

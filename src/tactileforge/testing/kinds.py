@@ -1,4 +1,4 @@
-"""The kind of plugin that a class of the user's own is."""
+"""The kind of plugin of a class of the user's own."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _METHODS = {
 
 
 def kind_of(plugin: Any, name: str = "") -> str:
-    """Kind of plugin that a class of one's own is, by its bases and by what it has.
+    """Kind of plugin of a class of one's own, by its bases and members.
 
     Args:
         plugin: The class, or an instance.

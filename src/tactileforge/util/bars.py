@@ -53,7 +53,7 @@ class Bar(tqdm):  # type: ignore[type-arg]
 
     @staticmethod
     def status_printer(file: Any) -> Callable[[str], None]:
-        """Writer of the bar: over its last line where that can be, else as a new line."""
+        """Writer of the bar: over its last line if it can, else as a new line."""
         if _redraws(file):
             return tqdm.status_printer(file)
 

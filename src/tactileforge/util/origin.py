@@ -1,4 +1,4 @@
-"""Where a distribution was installed from, and how its extras are installed; imports nothing."""
+"""Origin of a distribution, and the installation of its extras; imports nothing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from urllib.parse import unquote, urlsplit
 
 
 def origin(package: str = "tactileforge") -> dict[str, Any]:
-    """Where a distribution was installed from (PEP 610); {} if pip did not note it."""
+    """Origin of a distribution (PEP 610); {} if pip did not note it."""
     try:
         noted = distribution(package).read_text("direct_url.json")
     except PackageNotFoundError:
@@ -46,7 +46,7 @@ def typed(clone: Path, package: str) -> str:
 
 
 def install_extra(extra: str, of: str = "tactileforge") -> str:
-    """Shell command that installs an extra of one of our packages, which is installed.
+    """Shell command for an extra of one of our installed packages.
 
     From a clone, its folder with the extra; elsewhere what the extra requires of others, since our
     packages are on no index.

@@ -57,7 +57,7 @@ class BenchOptions:
 
 
 def source_doubts(source: TaskSource) -> list[str]:
-    """Lines of the checks that training starts with: all labels, frames of eight recordings.
+    """Lines of the first checks of a training: all labels, frames of eight recordings.
 
     Args:
         source: Recordings of one or more tasks.

@@ -168,7 +168,7 @@ class Episodes:
 
     @property
     def _correction(self) -> list[str]:
-        """What was recognised and found, and how to correct that; [] where a map is given."""
+        """Line on the recognised format and its episodes, with a fix; [] where a map is given."""
         if self._recognised is None:
             return []
         held = [*self._drawn.values()].count("val")

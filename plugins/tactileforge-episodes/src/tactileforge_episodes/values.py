@@ -46,7 +46,7 @@ class EpisodeArrays:
         self._optional: tuple[OptionalKeys, Mapping[str, str]] | None = None
 
     def count_optional(self, optional: OptionalKeys, of_path: Mapping[str, str]) -> None:
-        """Tells from now on which optional keys of the map are there.
+        """Notes the optional keys of the map from now on.
 
         Args:
             optional: Is told.

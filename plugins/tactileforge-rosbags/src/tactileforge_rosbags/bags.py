@@ -212,7 +212,7 @@ class _OpenBag:
 
 
 def _check_packed(path: Path) -> None:
-    """Raises a `DataError` for a file of a bag that unpacks to more than any bag would."""
+    """Raises a `DataError` for a file of a bag beyond the limit of unpacking."""
     for file in _files(path) if path.is_dir() else ():
         if file.name.endswith(_PACKED) and (packed := file.stat().st_size):
             with file.open("rb") as raw, mmap(raw.fileno(), 0, access=ACCESS_READ) as content:
@@ -222,14 +222,14 @@ def _check_packed(path: Path) -> None:
 
 
 def _check_messages(path: str, reader: Any) -> None:
-    """Has an open bag of messages that are compressed one by one check each of them."""
+    """Has an open bag check each of its single compressed messages."""
     if reader.compression_mode == "message":
         for storage in reader.storage.storages:
             storage.messages = partial(_checked, path, storage.messages)
 
 
 def _checked(path: str, messages: Callable[..., Iterator[_Raw]], *which: Any) -> Iterator[_Raw]:
-    """Messages that are compressed one by one, none of which unpacks to more than a picture."""
+    """Single compressed messages, each checked to unpack to a picture at most."""
     for found in messages(*which):
         size, _ = zstd_size(found[2])
         if why := f"{size} bytes" if size > MOST_BYTES else check_unpacked(len(found[2]), size):
