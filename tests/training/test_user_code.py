@@ -125,6 +125,8 @@ def test_a_run_is_saved_before_the_error_of_a_callback(tmp_path):
         (["optim=sgd", "+optim.momentun=.9"], "momentum"),
         (["optim=sgd", "optim.lr=-1"], "learning rate"),
         (["optim.schedule=cosin"], "cosine"),
+        (["optim.schedule=torch.optim.lr_scheduler:CosineAnnealingLR"], "is a class; give a func"),
+        (["optim.schedule=math:gcd"], "unsupported|optim.schedule=math:gcd: .*give a function"),
         (["optim.layer_decay=2"], "optim.layer_decay=2.0: give above 0"),
         (["optim.rates={encoder: 0}"], "optim.rates.encoder=0.0: give a factor"),
         (["+trainer.enable_checkpointing=false"], "save_every"),

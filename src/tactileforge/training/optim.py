@@ -51,9 +51,29 @@ class OptimOptions:
         for name, factor in (self.rates or {}).items():
             if not 0 < factor < math.inf:
                 raise ConfigError(f"optim.rates.{name}={factor}: give a factor above 0")
-        own = local.is_local(self.schedule)
-        if not own and self.schedule not in registry.names("schedules"):
+        if local.is_local(self.schedule):
+            _check_own_schedule(self.schedule)
+        elif self.schedule not in registry.names("schedules"):
             raise ConfigError(unknown("optim.schedule", self.schedule, registry.names("schedules")))
+
+
+def _check_own_schedule(name: str) -> None:
+    """Calls a schedule of the user's own once.
+
+    Raises:
+        ConfigError: It is a class, as those of torch are, or takes or returns something else.
+    """
+    factor = registry.load("schedules", name)
+    fix = (
+        "give a function of the step, the steps of the warm-up and those of the run, which returns "
+        "the factor of the rate: def flat(step, warm, total): return 1.0"
+    )
+    if isinstance(factor, type):
+        raise ConfigError(f"optim.schedule={name} is a class; {fix}")
+    try:
+        float(factor(0, 1, 2))
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"optim.schedule={name}: {error}; {fix}") from error
 
 
 COMMON = {field.name: field.default for field in fields(OptimOptions)}
