@@ -385,7 +385,7 @@ class TouchModule(L.LightningModule):
             means = {f"val/{name}": row[0] / row[1] for name, row in named if row[1]}
             self.log_dict(means)
             losses = [means[name] for key in self.objectives if (name := f"val/{key}") in means]
-            if losses:
+            if losses and self._trainer is not None:
                 self.log("val/loss", sum(losses), logger=False)  # for callbacks that monitor it
         self._losses = {}
         for key, sums in self._sums.items():
