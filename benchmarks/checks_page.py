@@ -78,7 +78,7 @@ same frames.
 
 
 def cost_of(check: type[Check]) -> str:
-    """Frames that a check decodes, in words."""
+    """Frames decoded by a check, in words."""
     needs = check.needs
     if "stream" in needs:
         return "every frame of a running sensor"

@@ -163,7 +163,7 @@ def test_a_signal_to_all_leaves_a_checkpoint_that_resumes(
 
 
 def of_session(leader: int) -> set[int]:
-    """Running processes of a session; one that nobody has waited for does not."""
+    """Running processes of a session, without the dead ones nobody waited for."""
     found = set()
     for entry in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):

@@ -59,7 +59,7 @@ def test_what_is_tared_is_not_told() -> None:
 
 
 def twice(added: np.ndarray, depth: np.ndarray | None = None) -> Recording:
-    """Rest, a touch and rest, or none; with a force that is added."""
+    """Rest, a touch and rest, or none; with an added force."""
     one = made_touch(depth=depth)
     assert one.force is not None
     return replace(one, force=(one.force + added).astype(np.float32))

@@ -194,7 +194,7 @@ def _ended(run: Callable[[], object]) -> None:
 
 
 def _prepare() -> None:
-    """Imports and reads all that commands have in common.
+    """Imports and reads the common parts of all commands.
 
     Modules, metadata of packages, the grammar of Hydra, and the code of the simulator.
     """

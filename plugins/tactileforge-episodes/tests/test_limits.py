@@ -42,7 +42,7 @@ def two_sets(tmp_path):
 
 
 def the_one_fault(tmp_path):
-    """The only line of what is skipped; the sound set is read whole."""
+    """The only line on skipped files; the sound set is read whole."""
     found, data = read(tmp_path / "set")
     assert [one.key.partition("/")[0] for one in found] == ["sound"] * 6
     (line,) = data.skipped

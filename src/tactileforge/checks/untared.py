@@ -31,7 +31,7 @@ def is_spread(recording: Recording) -> bool:
 
 
 def scale_of(recording: Recording) -> NDArray[np.float64]:
-    """Force scale of the sensor, (3,), N; 1 where the sensor is not installed here."""
+    """Force scale of the sensor, (3,), N; 1 for a sensor not installed here."""
     with suppress(ConfigError):
         return np.array(spec(recording.sensor).force_scale, np.float64)
     return np.ones(3)

@@ -380,8 +380,8 @@ def _missing(node: Any, place: str = "") -> Iterator[str]:
             yield from _missing(value, f"{place}.{key}" if place else str(key))
 
 
-#: Kinds of plugins named below a group that chooses none.
-_BELOW = {"augment": "augmentations"}
+#: Kinds of plugins by group, those of a group without a choice too.
+_KINDS = {**GROUPS, "augment": "augmentations"}
 #: Keys whose value names a plugin, wherever they are, and its kind.
 _NAMED = {"schedule": "schedules", "curve": "curves"}
 
@@ -404,7 +404,7 @@ def adopt(config: DictConfig) -> None:
             if isinstance(node, DictConfig) and not node._is_none():
                 if group == "augment" and isinstance(node.get("also"), ListConfig):
                     node.also = {local.key_of(name): {"name": name} for name in node.also}
-                _adopt(node, str(group), {**GROUPS, **_BELOW}.get(str(group), ""))
+                _adopt(node, str(group), _KINDS.get(str(group), ""))
 
 
 def _adopt(node: DictConfig, place: str, kind: str) -> None:

@@ -248,7 +248,7 @@ class Recordings(Drawn):
         out = []
         for reader, touches, trials, told in found:
             sides = [
-                side or ("val" if name in held or is_held_out(name, self.val) else "train")
+                side or ("val" if is_held_out(name, self.val, held) else "train")
                 for name, side in told
             ]
             self._split_up[reader.layout.name] = _SplitUp(reader.layout, trials, sides)

@@ -89,7 +89,7 @@ class Header:
 
     @property
     def titles_of_heads(self) -> list[str]:
-        """Names of the heads, sorted; with its class, where that is of somebody's own."""
+        """Names of the heads, sorted; with the class of those of somebody's own."""
         return [
             f"{key} ({name})" if local.is_local(name := entry["node"]["name"]) else key
             for key, entry in sorted(self.heads.items())

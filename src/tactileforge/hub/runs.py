@@ -159,7 +159,7 @@ def _heads(
 
 
 def _order(name: str) -> tuple[int, str]:
-    """Place of a head in a file: first those that come with the package."""
+    """Place of a head in a file: first those of the package."""
     known = (*KEPT_HEADS, ALIGN)
     return (known.index(name) if name in known else len(known), name)
 

@@ -139,7 +139,7 @@ def check_given(config: Mapping[str, Any], what: str) -> None:
 
 
 def not_given(what: str, names: Sequence[str]) -> PluginError:
-    """Error on names of somebody's own in a file, with the words that give them.
+    """Error on names of somebody's own in a file, with the words to give them.
 
     Args:
         what: Begin of a sentence about them.
@@ -168,7 +168,7 @@ def _given() -> Iterator[tuple[str, Any]]:
 
 
 def given() -> list[Any]:
-    """Classes and functions of the user's own that were typed or given in this process."""
+    """Typed or given classes and functions of the user's own, in this process."""
     return [value for _, value in _given()]
 
 

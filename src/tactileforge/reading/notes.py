@@ -66,7 +66,7 @@ class OptionalKeys:
         self._files: dict[str, dict[str, bool]] = {}
 
     def add(self, key: str, where: object, is_there: bool) -> None:
-        """Notes whether a file has a key; one that had it once has it.
+        """Notes whether a file has a key; a file with it once keeps it.
 
         Args:
             key: The key.

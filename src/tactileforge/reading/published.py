@@ -162,8 +162,7 @@ class PublishedDataset(Drawn, ABC):
         if side != "train" or self.chosen.val:
             return side
         # by name and group: but for a few, a share is the same one whatever files are there
-        unit = self._unit(item)
-        return "val" if unit in self._held or is_held_out(unit, self.val) else side
+        return "val" if is_held_out(self._unit(item), self.val, self._held) else side
 
     def _unit(self, item: RecordingItem) -> str:
         return f"{self.name}/{item.group or item.key}"

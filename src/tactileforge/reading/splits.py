@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 
 from tactileforge.contracts import Recording
 from tactileforge.errors import ConfigError, unknown
@@ -45,15 +45,20 @@ def check_split(split: str) -> None:
         raise ConfigError(unknown("split", split, SPLITS))
 
 
-def is_held_out(name: str, share: float) -> bool:
+def is_held_out(name: str, share: float, few: Container[str] = ()) -> bool:
     """Whether a name falls into the held-out share, by its hash: independent of other names.
+
+    Args:
+        name: Name of a unit.
+        share: Share held out, 0 to 1.
+        few: Names held out besides; see `one_of_few`.
 
     Example:
         >>> names = [f"object {number}" for number in range(1000)]
         >>> sum(is_held_out(name, 0.1) for name in names)
         96
     """
-    return _place(name) < share * 2**64
+    return name in few or _place(name) < share * 2**64
 
 
 def held_out_names(names: Iterable[str], share: float) -> frozenset[str]:

@@ -273,7 +273,7 @@ def read_cells(path: Path, needed: Sequence[str], whole: bool = False) -> list[R
 
 
 def joined(cells: Mapping[str, str], template: str) -> dict[str, str]:
-    """Cells with one more, named by a template and filled from it; empty where a part is.
+    """Cells with one more, named by a template and filled from it; empty if a part is.
 
     Example:
         >>> joined({"object": "mug", "take": "3.0"}, "{object}/{take}")["{object}/{take}"]

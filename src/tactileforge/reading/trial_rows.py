@@ -108,7 +108,7 @@ def _indices(names: tuple[str, ...]) -> list[tuple[bool, dict[Words, list[str] |
 def _index(
     titles: Mapping[str, list[str]], part: Callable[[list[Words]], Iterable[Words]], is_short: bool
 ) -> dict[Words, list[str] | None]:
-    """Members of titles by parts of their words; None where several titles have it."""
+    """Members of titles by parts of their words; None for a part of several titles."""
     found: dict[Words, list[str] | None] = {}
     whole: dict[Words, list[str] | None] = {}
     for title, members in titles.items():
@@ -126,7 +126,7 @@ def _ends(parts: list[Words]) -> Iterable[Words]:
 
 
 def _runs(parts: list[Words]) -> Iterable[Words]:
-    """Words that follow each other; numbers alone may be a date."""
+    """Runs of words; one of only numbers may be a date."""
     words: Words = sum(parts, ())
     for start in range(len(words)):
         for stop in range(start + 2, len(words) + 1):

@@ -120,7 +120,7 @@ def has_other_light(
 def amid_other_light(
     lit: NDArray[np.bool_], times: NDArray[np.float64], ahead: bool = True
 ) -> NDArray[np.bool_]:
-    """Frames in another light, and those among many such frames, as of a lamp that flickers.
+    """Frames in another light, and those among many such frames, as of a flickering lamp.
 
     Near its zero a flicker is too weak to be seen in a picture, and still worth a newton.
 

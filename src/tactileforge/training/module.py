@@ -19,6 +19,7 @@ from tactileforge.errors import ConfigError
 from tactileforge.plugins import moves, registry
 from tactileforge.runs.checkpoint_file import find_checkpoint
 from tactileforge.training import balance as balances
+from tactileforge.training.callbacks import TOTAL
 from tactileforge.training.curriculum import Curriculum, from_config, without_waiting
 from tactileforge.training.finite import FiniteWatch, NotFiniteError
 from tactileforge.training.optim import build_optimizer, set_rate
@@ -386,7 +387,7 @@ class TouchModule(L.LightningModule):
             self.log_dict(means)
             losses = [means[name] for key in self.objectives if (name := f"val/{key}") in means]
             if losses and self._trainer is not None:
-                self.log("val/loss", sum(losses), logger=False)  # for callbacks that monitor it
+                self.log(TOTAL, sum(losses), logger=False)  # for callbacks that monitor it
         self._losses = {}
         for key, sums in self._sums.items():
             objective: Any = self.objectives[key]

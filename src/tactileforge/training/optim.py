@@ -150,7 +150,7 @@ _BLOCK = re.compile(r"^encoder\..*?\b(?:blocks|layers|stages|features)\.(\d+)\."
 def _by_layer(
     learned: Sequence[tuple[str, nn.Parameter]], decay: float
 ) -> dict[nn.Parameter, float]:
-    """Factors by block of the encoder; what is below the blocks has the smallest one."""
+    """Factors by block of the encoder; parameters below the blocks have the smallest one."""
     blocks = {name: _BLOCK.match(name) for name, _ in learned}
     depth = 1 + max((int(match[1]) for match in blocks.values() if match), default=-1)
     factors = {}

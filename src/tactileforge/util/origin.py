@@ -26,7 +26,7 @@ def local(url: str) -> Path:
 
 
 def clone(package: str) -> Path | None:
-    """The clone with the folder of a package; None where this one came in another way."""
+    """The clone with the folder of a package; None for an installation of another kind."""
     places = [Path(__file__).parents[3]]  # run from its sources
     if "dir_info" in (noted := origin()):
         places.insert(0, local(noted["url"]))

@@ -281,14 +281,14 @@ class _TarPart:
         if not self.side:
             return samples.units
         opener, on_val = self.opener, self.side == "val"
-        held = [
-            (name := opener.held_out_with(unit)) in self.few or is_held_out(name, self.val)
+        return [
+            unit
             for unit in samples.units
+            if is_held_out(opener.held_out_with(unit), self.val, self.few) == on_val
         ]
-        return [unit for unit, is_val in zip(samples.units, held, strict=True) if is_val == on_val]
 
     def names(self) -> Iterator[str]:
-        """Yields the names of the units held out together; none of a tar that cannot be read."""
+        """Yields the names of the units held out together; none of an unreadable tar."""
         with suppress(DataError):  # `open` names it
             yield from map(self.opener.held_out_with, self.samples.units)
 

@@ -280,8 +280,8 @@ class Episodes:
         check_names("placeholder of data.hold_out", placeholders(self._template), file.values)
         side = file.split if self.hold_out is None else None
         if side is None:
-            unit = self._unit(file, number)
-            side = "val" if unit in self._held or is_held_out(unit, self.val) else "train"
+            is_val = is_held_out(self._unit(file, number), self.val, self._held)
+            side = "val" if is_val else "train"
         self._drawn[file.key(number)] = side
         return side
 
