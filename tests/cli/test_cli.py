@@ -50,7 +50,7 @@ def test_an_unknown_verb_shows_the_usage(capsys: pytest.CaptureFixture[str]) -> 
         ("encoder.frames=3", "change frames, image_size, tube or patch"),
         ("data.scenes=0", "scenes=0"),
         ("init=/nowhere", "no checkpoint at /nowhere"),
-        ("logger.name=csvv", "csv, tensorboard, wandb or mlflow"),
+        ("logger.name=csvv", "did you mean 'csv'? Known: csv, mlflow, tensorboard, wandb"),
         ("seed=abc", "seed=abc: give a whole number"),
         ("optim.lr=-1", "optim.lr=-1"),
         ("text_encoder=vit", "text_encoder=vit encodes image, not text"),

@@ -37,7 +37,7 @@ class Wants(Grasp):
         super().__init__(encoder)
 
 
-class Loss(nn.Module):
+class NearZero(nn.Module):
     head, needs = Grasp, frozenset()
 
     def forward(self, prediction, batch):
@@ -148,37 +148,43 @@ def test_an_encoder_of_ones_own_is_created_saved_and_loaded(given, tmp_path: Pat
 def test_the_head_of_a_run_is_packed(tmp_path: Path) -> None:
     words = ["scale=demo", "encoder.image_size=32", "batch.size=4", "batch.workers=0"]
     words += ["data.scenes=3", "data.val=1", "data.size=32", "trainer.max_steps=2"]
-    words += [f"objective=[pixel,{__name__}:Loss]", "head.loss.classes=3"]
+    words += [f"objective=[pixel,{__name__}:NearZero]", "head.near_zero.classes=3"]
     module = api.train(tactileforge.compose("mae", words), tmp_path)
     model = tactileforge.load(pack_run(tmp_path, tmp_path / "a.safetensors"))
-    assert isinstance(model.heads["loss"], Grasp)
-    assert torch.equal(model.heads["loss"].linear.weight, module.heads["loss"].linear.weight)
-    assert model.read_head("loss", CLIP, "first", "gelsight_mini").shape == (1, 3)
+    assert isinstance(model.heads["near_zero"], Grasp)
+    assert torch.equal(
+        model.heads["near_zero"].linear.weight, module.heads["near_zero"].linear.weight
+    )
+    assert model.read_head("near_zero", CLIP, "first", "gelsight_mini").shape == (1, 3)
 
     local._known.clear()
     with pytest.raises(PluginError, match=r"was made with .*Grasp.*classes="):
         tactileforge.train(resume=tmp_path)
     for made in (tmp_path, tmp_path / "a.safetensors"):
-        with pytest.warns(UserWarning, match=rf"head loss is left out: {__name__}:Grasp is of"):
+        with pytest.warns(
+            UserWarning, match=rf"head near_zero is left out: {__name__}:Grasp is of"
+        ):
             assert list(tactileforge.load(made).heads) == ["pixel"]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         # the head of an objective is given with it
-        found = tactileforge.load(tmp_path, classes={f"{__name__}:Loss": Loss})
-    assert isinstance(found.heads["loss"], Grasp)
+        found = tactileforge.load(tmp_path, classes={f"{__name__}:NearZero": NearZero})
+    assert isinstance(found.heads["near_zero"], Grasp)
     local._known.clear()
     more = {"max_steps": 3}
-    run = tactileforge.train(resume=tmp_path, classes={f"{__name__}:Loss": Loss}, trainer=more)
+    run = tactileforge.train(
+        resume=tmp_path, classes={f"{__name__}:NearZero": NearZero}, trainer=more
+    )
     assert run.module.global_step == 3
 
 
 def test_the_verbs_take_classes_as_load_does() -> None:
     local._known.clear()
-    own = {"mine:Grasp": Grasp, "./net.py:Loss": Loss}
+    own = {"mine:Grasp": Grasp, "./net.py:NearZero": NearZero}
     assert _typed(["seed=1"], {"classes": own, "out": "x"}) == ["seed=1", "out=x"]
-    assert [local.find(name) for name in own] == [Grasp, Loss]
+    assert [local.find(name) for name in own] == [Grasp, NearZero]
     # options of the bench, and a word of the command line
     assert _typed([], {"classes": {"root": "a b"}}) == ["classes.root='a b'"]
-    assert _typed([f"code={__name__}:Loss"], {}) == []
+    assert _typed([f"code={__name__}:NearZero"], {}) == []
     with pytest.raises(PluginError, match="code=no_such:Thing: there is no module"):
         _typed([], {"code": ["no_such:Thing"]})

@@ -458,8 +458,8 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
             objectives that other jobs choose.
 
     Raises:
-        ConfigError: No objective is chosen, a curriculum row does not belong to an objective, or
-            nothing reads a key.
+        ConfigError: No objective is chosen, one is called ``loss``, a curriculum row does not
+            belong to an objective, or nothing reads a key.
         PluginError: A plugin is not installed.
     """
     check_presets(config)
@@ -468,6 +468,11 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
     chosen = _chosen("objective", config)
     if not chosen:
         raise ConfigError("no objective: choose some, e.g. objective=[pixel,diff]")
+    if "loss" in chosen:  # the key of a class of this name
+        raise ConfigError(
+            "objective.loss: the sum of all objectives is logged by that name; give it another, "
+            f"+objective@objective.mine={chosen['loss'].get('name')}"
+        )
     heads = _chosen("head", config, chosen)  # also of an objective whose head is a class
     options: Mapping[str, Any] = config.get("head") or {}
     if not config.get("curriculum"):

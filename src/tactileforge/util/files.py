@@ -10,6 +10,7 @@ import os
 import platform
 import re
 import shutil
+import stat
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -116,7 +117,11 @@ def new_part(target: Path, suffix: str = "") -> Iterator[Path]:
 
 
 def _is_special(path: Path) -> bool:
-    return path.exists() and not (path.is_file() or path.is_dir())
+    try:
+        mode = path.stat().st_mode  # asked once: another process may remove the file meanwhile
+    except (OSError, ValueError):  # absent, or not to be looked at: an attempt to write says why
+        return False
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
 def part_name(target: Path, suffix: str = "") -> Path:
