@@ -42,6 +42,7 @@ def test_an_unknown_verb_shows_the_usage(capsys: pytest.CaptureFixture[str]) -> 
         ("data=recordngs", "recordings"),
         ("objective=[pixl]", "error: unknown objective 'pixl'; did you mean 'pixel'? Known: align"),
         ("objective=[pixel, pixel]", "a second one by a name, +objective@objective.second=pixel"),
+        ("+objective@objective.loss=pixel", "another, +objective@objective.mine=pixel"),
         ("recipe=anytouch3", "anytouch2"),
         ("encoder=tactile_vitt", "tactile_vit"),
         ("encoder.sise=tiny", "encoder.sise"),

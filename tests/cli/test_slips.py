@@ -38,10 +38,6 @@ def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
             ["train", "data=."],
             "data=. is a path: videos and images are data=recordings data.root=.",
         ),
-        (
-            ["train", "+objective@objective.loss=pixel"],
-            "give it another, +objective@objective.mine=pixel",
-        ),
         (["train", "--cfg", "jbo"], "unknown value of --cfg 'jbo'; did you mean 'job'"),
         (["train", "--info", "plugin"], "unknown value of --info 'plugin'; did you mean 'plugins'"),
         (["bench", "model=[file:no]"], "no: no such file; correct the path"),
