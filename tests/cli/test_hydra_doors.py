@@ -129,12 +129,17 @@ def test_words_in_place_of_a_recipe_are_told():
 def test_another_application_has_them_on_its_command_line(conf):
     app = conf.parent / "app.py"
     app.write_text(
-        "import hydra\n"
+        "import hydra, tactileforge\n"
         "@hydra.main(version_base='1.3', config_path='conf', config_name='app')\n"
         "def main(config):\n"
         "    print(config.encoder.name, list(config.objective), config.mine)\n"
+        "    optim = tactileforge.compose(config).optim\n"
+        "    print(optim.name, optim.lr, optim.momentum)\n"
         "main()\n"
     )
     command = [sys.executable, str(app), "encoder=tactile_vit", "objective=[pixel,diff]"]
+    command += ["optim=sgd", "optim.momentum=0.9"]
     done = subprocess.run(command, cwd=conf.parent, capture_output=True, text=True)
-    assert done.stdout.split("\n")[0] == "tactile_vit ['pixel', 'diff'] 1", done.stderr
+    # the learning rate of the recipe is for the recipe's optimizer
+    lines = ["tactile_vit ['pixel', 'diff'] 1", "sgd 0.001 0.9"]
+    assert done.stdout.splitlines() == lines, done.stderr

@@ -247,7 +247,7 @@ def compose(
             overrides = free_heads(overrides)
             config = finish(composed("train", [f"recipe={recipe}", *overrides]), overrides)
         else:
-            config = finish(_completed(recipe))
+            config = finish(_completed(recipe), _typed_elsewhere())
     check_keys(OmegaConf.to_container(config))  # type: ignore[arg-type]
     return config
 
@@ -257,6 +257,12 @@ def complete(config: dict[str, Any]) -> dict[str, Any]:
     from tactileforge.training.parts import is_finished
 
     return config if is_finished(config) else plain(compose(config))
+
+
+def _typed_elsewhere() -> list[str]:
+    """Words about an encoder or optimizer on the command line of another application with Hydra."""
+    words = HydraConfig.get().overrides.task if HydraConfig.initialized() else []
+    return [word for word in words if re.match(r"\+{0,2}(optim|(image_)?encoder)[.=]", word)]
 
 
 def _completed(config: Mapping[str, Any] | DictConfig) -> DictConfig:
