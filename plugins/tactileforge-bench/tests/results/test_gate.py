@@ -135,6 +135,23 @@ def test_a_task_whose_metric_is_no_sum_over_clips_stays_out(tmp_path: Path) -> N
     assert grid.caption.endswith("is not a sum over clips: T1 (rmse_sum_axes).")
 
 
+def test_without_all_baselines_nothing_is_said_of_passing(tmp_path: Path) -> None:
+    results = bench(tmp_path, 0.9, count=2)
+    models = [one for one in results.models if one.name not in ("statistics", "imagenet")]
+    named = {model.name for model in models}
+    few = replace(results, models=models, cells=[c for c in results.cells if c.model in named])
+    for some, lacks in (
+        (few, "picture statistics, photographs with all that is free"),
+        (replace(results, tasks=results.tasks[:1]), "a second task that counts"),
+    ):
+        grid = gate_table.gate_table(gate.compute_gate(tmp_path, some), some)
+        assert grid is not None
+        assert grid.title == "Beside what is free: real"
+        assert f"The release gate needs {lacks} too." in grid.caption
+        assert "passes" not in [head.text for head in grid.head]
+        assert {len(row) for row in grid.rows} == {len(grid.head)}
+
+
 @pytest.mark.slow
 def test_a_task_that_does_not_count_is_told_and_no_more(tmp_path: Path) -> None:
     """It is neither won nor in the mean of the tasks, two of them right in 90 of 100."""

@@ -57,7 +57,7 @@ def bench_page(
     body = _bars(results, scores) + body
     parts = [Section("models", "Models", body)]
     for name, title, grid in (
-        ("gate", "Release gate", gate),
+        ("gate", gate.title.partition(":")[0] if gate else "", gate),
         ("ablation", "Ablations", comparison_tables.ablation_table(results, scores)),
         ("setting", "Settings", setting_tables.settings_table(results, scores)),
     ):
