@@ -143,7 +143,9 @@ def test_the_surface_is_that_of_the_head_in_mm(vit: TactileViT, tmp_path: Path) 
     error = np.abs(surface.movedim(2, -1).numpy() - expected)[np.broadcast_to(inside, image.shape)]
     assert error.max() < 0.017  # half a level at 2 mm
     with pytest.warns(UserWarning, match="calibrate depth"):
-        assert torch.equal(model.surface(frames[1], "first", "digit"), surface[1])
+        again = model.surface(frames[1], "first", "digit")
+    # products of matrices of other sizes are rounded otherwise
+    torch.testing.assert_close(again, surface[1], rtol=1e-4, atol=1e-4)
     with pytest.raises(ConfigError, match="no force head"):
         model.force(frames, "first", "digit")
 

@@ -126,11 +126,11 @@ def test_every_layout_is_the_same(model: Model, frames: np.ndarray, still: np.nd
     for x in (first, torch.from_numpy(frames), torch.from_numpy(first)):
         for y in (still, np.moveaxis(still, -1, 0), torch.from_numpy(still), np.stack([still] * 2)):
             assert torch.equal(model.encode(x, y, "digit"), expected)
-    assert torch.allclose(model.encode(frames[0], still, "digit"), expected[0], atol=1e-6)
+    assert torch.allclose(model.encode(frames[0], still, "digit"), expected[0], atol=1e-5)
     backwards = np.ascontiguousarray(frames[..., ::-1])[..., ::-1]  # BGR turned round
     backwards.flags.writeable = False
     assert torch.equal(model.encode(backwards, still, "digit"), expected)
-    assert torch.allclose(model.encode(frames, still, "digit", batch_size=1), expected, atol=1e-6)
+    assert torch.allclose(model.encode(frames, still, "digit", batch_size=1), expected, atol=1e-5)
 
 
 def test_backgrounds_by_word(model: Model, frames: np.ndarray) -> None:
@@ -205,7 +205,7 @@ def test_sensors(model: Model, frames: np.ndarray, vit: TactileViT) -> None:
     assert torch.equal(by_policy, universal)
     with pytest.warns(UserWarning, match="never saw mine"):
         mixed = model.encode(frames, "none", ["mine", "digit"], unknown_sensor="universal")
-    assert torch.allclose(mixed[0], universal[0], atol=1e-6)
+    assert torch.allclose(mixed[0], universal[0], atol=1e-5)
 
 
 def test_models_that_need_neither_sensor_nor_background(tmp_path: Path) -> None:
@@ -295,7 +295,7 @@ def test_videos_are_cut_by_time(model: Model, video: Path) -> None:
     assert times.tolist() == pytest.approx([end for end, _ in cuts])
     black = np.zeros((40, 48, 3), np.uint8)  # the first frame of the video
     expected = torch.stack([model.encode(clip, black, "digit") for _, clip in cuts])
-    assert torch.allclose(vectors, expected, atol=1e-6)
+    assert torch.allclose(vectors, expected, atol=1e-5)
 
 
 def test_a_faster_camera_gives_the_same_clips(model: Model) -> None:

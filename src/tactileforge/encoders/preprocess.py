@@ -150,19 +150,20 @@ class Preprocess(nn.Module):
         mean, std = self.mean, self.std
         if mean.ndim == 4 and sensor is not None:
             mean, std = mean[sensor][:, None], std[sensor][:, None]
-        return (x - mean) / std
+        return x.sub_(mean).div_(std)  # in place: `difference` has made a tensor of its own
 
     def difference(self, frames: Tensor, background: Tensor) -> Tensor:
         """Subtracts the background, to values in [0, 1]; a neutral one changes nothing."""
         if self.offset is None:
-            return frames.float() / 255
+            return _own(frames).div_(255)
         still = background[:, None].float()
         offset: int | Tensor = self.offset
         if offset != NEUTRAL_BACKGROUND:
             # a neutral background stands for none: with another offset frames would become darker
             neutral = (still == NEUTRAL_BACKGROUND).flatten(1).all(1).view(-1, 1, 1, 1, 1)
             offset = torch.where(neutral, NEUTRAL_BACKGROUND, offset)
-        return (frames.float() - still + offset).clamp(0, 255) / 255
+        # one new tensor, and then in place: each further one would cost as much as the sum itself
+        return _own(frames).sub_(still).add_(offset).clamp_(0, 255).div_(255)
 
     def resize(self, x: Tensor) -> Tensor:
         """Fits frames to the size: (B, T, 3, H, W) to (B, T, 3, height, width)."""
@@ -189,6 +190,11 @@ class Preprocess(nn.Module):
             x = flat.view(*x.shape[:3], *size)
             x = x.clamp(0, 1) if self.filter == "bicubic" else x
         return _centre(x, *self.size) if self.fit == "cover" else x
+
+
+def _own(frames: Tensor) -> Tensor:
+    """A copy in float32, laid out alike whatever the layout given, as sums are then alike."""
+    return frames.to(torch.float32, copy=True, memory_format=torch.contiguous_format)
 
 
 def _centre(x: Tensor, height: int, width: int) -> Tensor:

@@ -84,7 +84,7 @@ class ClipEncoder:
         needed = uses_background(self.encoder)
         inputs = prepare_clips(clips.frames, clips.background, self.encoder.frames, needed)
         # a background that is taken from the clip has its order of colours
-        if check and clips.background is not None and not clips.word:
+        if check and clips.checks and clips.background is not None and not clips.word:
             warn_of_swapped_clips(inputs)
         return squash_clips(inputs, self.squashed)
 
@@ -179,7 +179,8 @@ class ClipEncoder:
         """
         check_batch_size(clips.batch_size)
         x, still, single = inputs = self.prepare(clips)
-        warn_of_light("clips", inputs, self.encoder, clips.background, stacklevel=stacklevel)
+        if clips.checks:
+            warn_of_light("clips", inputs, self.encoder, clips.background, stacklevel=stacklevel)
         parts = [
             torch.split(part, clips.batch_size) for part in (x, still, self.rows(clips, len(x)))
         ]

@@ -51,6 +51,7 @@ class Clips:
         sensor: Name of the sensor, or one name a clip; ``"universal"`` takes the universal tokens.
         unknown_sensor: ``error``, or ``universal`` to take the universal tokens, and warn.
         batch_size: Clips that are computed at once.
+        checks: Whether to warn of swapped colours and changed light.
     """
 
     frames: Images
@@ -58,6 +59,7 @@ class Clips:
     sensor: Sensors = None
     unknown_sensor: Policy = "error"
     batch_size: int = 32
+    checks: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "background", read_still(self.background))

@@ -264,8 +264,8 @@ class Model(nn.Module):
                 factor with which a plain linear probe does well: see `groups` and
                 `feature_groups.joint_vector`. None takes ``summary``, the best single vector for a
                 linear probe; of imported weights the projected vector of their authors.
-            checks: Whether to warn, once a background, of one that is mirrored, on its side or of
-                other colours for its sensor.
+            checks: Whether to warn: once a background, of one that is mirrored, on its side or of
+                other colours for its sensor; and of changed light.
             **options: ``unknown_sensor``: ``error``, or ``universal`` to take the universal tokens,
                 and warn. ``batch_size``: clips that are computed at once, 32.
 
@@ -282,7 +282,7 @@ class Model(nn.Module):
                 f"encode gives one vector and takes no {asked[0]}=: model.features(frames, "
                 f"background, sensor, {asked[0]}=...)"
             )
-        clips = Clips(frames, background, sensor, **options)
+        clips = Clips(frames, background, sensor, checks=checks, **options)
         if checks:
             self._picture_checks(clips.background, sensor)
         return self.clips_reader.encoded(groups, clips)
