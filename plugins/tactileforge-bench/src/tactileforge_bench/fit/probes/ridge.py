@@ -89,6 +89,10 @@ class Ridge(Probe):
         return _decoded(part, inner), _decoded(part, outer)
 
 
+#: Share of the squared errors that is rounding.
+_ROUNDING = 1e-6
+
+
 def choose_weights(
     part: TargetPart, kernels: Kernels, truth: Tensor, groups: Sequence[Tensor]
 ) -> tuple[float, ...]:
@@ -128,7 +132,8 @@ def choose_weights(
     errors = torch.stack(rows)
     totals = errors.sum(1)
     behind = errors - errors[totals.argmin()]
-    chance = behind.std(1, correction=1) * len(groups) ** 0.5
+    # rounding is chance, too: weights of a group in which nothing varies differ by nothing else
+    chance = behind.std(1, correction=1) * len(groups) ** 0.5 + _ROUNDING * totals.min()
     level = [place for place, far in enumerate((behind.sum(1) <= chance).tolist()) if far]
     return grid[max(level, key=lambda place: (grid[place][0], -float(totals[place])))]
 
