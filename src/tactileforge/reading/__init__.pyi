@@ -54,6 +54,10 @@ from tactileforge.reading.splits import one_of_few as one_of_few
 from tactileforge.reading.tables import number_or_text as number_or_text
 from tactileforge.reading.tables import read_cells as read_cells
 from tactileforge.reading.trials import trial_of as trial_of
+from tactileforge.reading.view_words import DERIVED as DERIVED
+from tactileforge.reading.view_words import VIEWS as VIEWS
+from tactileforge.reading.view_words import says_touch as says_touch
+from tactileforge.reading.view_words import words_of as words_of
 from tactileforge.reading.vocabulary import NOTIONS as NOTIONS
 from tactileforge.reading.vocabulary import ForceKeys as ForceKeys
 from tactileforge.reading.vocabulary import Keys as Keys

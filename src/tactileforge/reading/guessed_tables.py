@@ -5,21 +5,25 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.labels.clock import UNITS, date_unit
+from tactileforge.data.labels.clock import UNITS, after_midnight, clock_number, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.reading.records import RECORDS, conversion
+from tactileforge.reading.sensor_names import named_sensor
 from tactileforge.reading.series import series_of
 from tactileforge.reading.table_families import (
     RECORDING,
     Family,
     Units,
+    apart_by_capitals,
+    fits,
     is_for_all,
     recordings,
 )
@@ -56,7 +60,7 @@ _SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
 _FPS = re.compile(r"(?:camera[_.])?(?:fps|frame_?rate|frames_per_second|rate_hz|hz)")
 _TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
 #: Stems of arrays by what they hold: an array has no headers.
-_FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|wrench(?:es)?|ft|fxyz|f)")
+_FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|loads?|wrench(?:es)?|ft|fxyz|f)")
 _TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
 #: Ratio of the most negative normal force to the largest from which pressing is negative.
 _PULLING = 3.0
@@ -105,7 +109,7 @@ def named_columns(header: Sequence[str]) -> NamedColumns:
     family = Family("", (), rows=[dict.fromkeys(header, "")])
     x, y, z = (family.column(_FORCES[axis]) for axis in "xyz")
     times = _time_column(family, "")
-    unit = _TIME_UNIT.search((times or "").lower())
+    unit = _TIME_UNIT.search(apart_by_capitals(times or "").lower())
     return NamedColumns(
         (x, y, z),
         times,
@@ -185,7 +189,7 @@ def guess_times(
         is_for_frames = family.apart is None and units.each != "touch"
         if column is None or not is_for_all(family, units) or not is_for_frames:
             continue
-        values = _numbers(family, column)
+        values = _moments(family, column)
         if apart and apart in family.rows[0] and len(values):
             first = family.rows[0][apart]
             values = values[[row[apart] == first for row in family.rows]]
@@ -214,7 +218,7 @@ def guess_times(
 
 def _step_unit(column: str, step: float) -> str:
     """Unit of the times of frames, by the name of their column or the step; "" for seconds."""
-    if found := _TIME_UNIT.search(column.lower()):
+    if found := _TIME_UNIT.search(apart_by_capitals(column).lower()):
         return found[1]
     small = [unit for unit in ("ms", "us", "ns") if step * UNITS[unit] < _SLOW]
     return "" if step < _SLOW else (small or ["ns"])[0]
@@ -241,7 +245,8 @@ def guess_force(
         clock = _clock(family, units, doubts)
         if clock is None:
             continue
-        stated_units = {unit for name in columns if name and (unit := named_unit(name))} or {"N"}
+        stated_units = {unit for name in columns if name and (unit := named_unit(name))}
+        stated_units = stated_units or {named_unit(family.files[0].stem) or "N"}
         if len(stated_units) > 1 or not stated_units <= NEWTONS.keys():
             said = " and ".join(sorted(stated_units))
             doubts.append(f"force: {family.files[0].name} has it in {said}, left out")
@@ -267,7 +272,7 @@ def guess_force(
         columns = _numbered_forces(family) if lead else []
         if lead and columns[2] and is_for_all(family, units) and not family.key:
             said = f"frame: {lead!r}" if _counts(family, lead) else f"times: {lead!r}"
-            if not units.is_dated and date_unit(_numbers(family, lead)):
+            if not units.is_dated and date_unit(_moments(family, lead)):
                 said += ", start: contact"
             doubts.append(
                 f"force: {family.template} has no names of columns, and a name that tells no "
@@ -332,7 +337,7 @@ def _time_column(family: Family, stem: str | None = None) -> str | None:
             return "0"
         lead = _lead(family)
         return lead if lead and not _counts(family, lead) else None
-    names = [name for name in family.rows[0] if _TIME.fullmatch(name.strip().lower())]
+    names = [name for name in family.rows[0] if fits(_TIME, name)]
     # the stamp of a message before the time at which it was received
     return next((name for name in names if "stamp" in name.lower()), names[0] if names else None)
 
@@ -364,11 +369,11 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
         return {"frame": frame}
     if time is None:
         return {} if per_frame else None
-    values = _numbers(family, time)
+    values = _moments(family, time)
     date = date_unit(values) if len(values) else ""
+    if per_frame and len(values) > 1 and values[0] > values[-1] - values[0] and not units.is_dated:
+        return {}  # by a clock that began long before: a row for each frame
     if date and not units.is_dated:
-        if per_frame:
-            return {}
         doubts.append(
             f"force: {family.template} has dates in {time} and frames have none; the push in the "
             "pictures tells where both clocks meet (start: contact); better are start: first_row "
@@ -378,7 +383,7 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
     if date or len(values) < 2:
         return {"times": time}
     span = float(values[-1] - values[0])
-    named = _TIME_UNIT.search(time.lower())
+    named = _TIME_UNIT.search(apart_by_capitals(time).lower())
     fits = [
         unit
         for unit, seconds in UNITS.items()
@@ -440,17 +445,20 @@ def guess_labels(
             if column and (column != family.key or _names_folders(family, units)):
                 given[name] = f"{{{column}}}"
         sensor = family.column(_SENSOR)
-        if sensor and all(_is_sensor(row[sensor]) for row in family.rows):
+        types = {row[sensor]: _type_of(row[sensor]) for row in family.rows} if sensor else {}
+        if types and all(types.values()):
             given["sensor"] = f"{{{sensor}}}"
         if given and (best is None or len(given) > best[0]):
             labels = {"file": family.template}
             if family.key:
                 labels["key"] = family.key
-            best = len(given), {"labels": labels, **given}, family
+            spelled = "sensor" in given and any(cell != name for cell, name in types.items())
+            words = {"words": {sensor: types}} if spelled else {}
+            best = len(given), {"labels": labels, **given, **words}, family
     if best is None:
         return _other_columns(found, doubts)
     _, keys, family = best
-    named = " and ".join(name for name in keys if name != "labels")
+    named = " and ".join(name for name in keys if name not in ("labels", "words"))
     doubts.append(f"labels: {named} by {family.template}")
     if family.key and template_columns(family.key):
         _doubt_key(family, family.key, doubts)
@@ -504,8 +512,10 @@ def guess_shared(
         if not family.is_own and family.files[0].suffix.lower() in RECORDS:
             for name, pattern in (("sensor", _SENSOR), ("object", _OBJECT), ("text", _TEXT)):
                 column = family.column(pattern)
-                if column and row[column] and (name != "sensor" or _is_sensor(row[column])):
-                    said[name] = row[column].replace("{", "{{").replace("}", "}}")
+                value = row[column] if column else ""
+                value = _type_of(value) if name == "sensor" else value
+                if value:
+                    said[name] = value.replace("{", "{{").replace("}", "}}")
         if said:
             doubts += [f"{name}: {value}, by {family.template}" for name, value in said.items()]
             used.append(family)
@@ -520,12 +530,12 @@ def _number(cell: str) -> float:
         return 0.0
 
 
-def _is_sensor(name: str) -> bool:
+def _type_of(name: str) -> str:
+    """The type of a sensor by its name, or by a name in other letters; "" for none."""
     try:
-        spec(name)
+        return spec(name).name
     except ConfigError:
-        return False
-    return True
+        return named_sensor(name)
 
 
 def left_out(unread: Iterable[Path], root: Path) -> list[str]:
@@ -569,3 +579,15 @@ def _numbers(family: Family, column: str) -> NDArray[np.float64]:
         return np.array([float(row[column]) for row in family.rows])
     except ValueError:
         return np.array([])
+
+
+def _moments(family: Family, column: str) -> NDArray[np.float64]:
+    """The times of a column, which may be dates or times of day; empty if a cell is none."""
+    values: list[Decimal] = []
+    try:
+        for row in family.rows:
+            now = clock_number(row[column])
+            values.append(after_midnight(values[-1], now, row[column]) if values else now)
+    except ValueError:
+        return np.array([])
+    return np.array([float(value) for value in values])

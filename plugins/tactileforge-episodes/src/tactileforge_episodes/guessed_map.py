@@ -14,19 +14,24 @@ import numpy as np
 from tactileforge.data import NEWTONS, EncodedFrames, named_unit
 from tactileforge.errors import DataError, unknown
 from tactileforge.plugins import load_json
-from tactileforge.reading import ASSUMED_FPS, Container, Values, guess_sensor
+from tactileforge.reading import (
+    ASSUMED_FPS,
+    DERIVED,
+    VIEWS,
+    Container,
+    Values,
+    guess_sensor,
+    says_touch,
+    words_of,
+)
 from tactileforge_episodes.groups import find_ends, find_groups, find_splits
 from tactileforge_episodes.looks import (
-    DERIVED,
     FINGERS,
     STILL,
-    VIEWS,
     Look,
     picture_keys,
-    says_touch,
     taxel_keys,
     time_unit,
-    words_of,
 )
 
 _TIMES = {"time", "times", "timestamp", "timestamps", "stamp", "stamps", "t", "clock", "secs"}
