@@ -17,6 +17,7 @@ from tactileforge.reading.files import read_text as read_text
 from tactileforge.reading.guessed_layout import ASSUMED_FPS as ASSUMED_FPS
 from tactileforge.reading.guessed_layout import guess_sensor as guess_sensor
 from tactileforge.reading.guessed_tables import NamedColumns as NamedColumns
+from tactileforge.reading.guessed_tables import is_turned as is_turned
 from tactileforge.reading.guessed_tables import named_columns as named_columns
 from tactileforge.reading.layout import DatasetLayout as DatasetLayout
 from tactileforge.reading.layout import as_texts as as_texts

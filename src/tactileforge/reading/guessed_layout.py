@@ -68,7 +68,7 @@ _FOREIGN = {"wedge": "gelsight", "geltip": "gelsight", "9dtact": "gelsight"}
 _FOREIGN |= {"ninedtact": "gelsight", "tac3d": "gelsight"}
 #: Folder of an object: words, which count no trials and tell no date.
 _OBJECT_FOLDER = re.compile(
-    rf"(?!(?:{RECORDING_WORDS}|session|day|set|part|batch)s?[\W\d_]*$)[^\d].*"
+    rf"(?!(?:{RECORDING_WORDS}|session|day|set|part|batch)s?[\W\d_]*[a-z]?$)\D.*", re.IGNORECASE
 )
 #: Largest number of folders that a pattern names.
 _MOST_NAMED = 8
@@ -251,8 +251,8 @@ def _camera(
         for path in views
     ]
     found = templates(list(dict.fromkeys(places)), units)
-    whole = [one for one in found if one.is_own and is_for_all(one, units)]
-    whole.sort(key=lambda one: not DERIVED.isdisjoint(words_of(one.template)))
+    shown = [one for one in found if DERIVED.isdisjoint(words_of(one.template))]
+    whole = [one for one in shown if one.is_own and is_for_all(one, units)]
     rest = sorted(one.template for one in found if one not in whole[:1])
     if whole:
         doubts.append(f"camera: {whole[0].template} is the view of the scene")
@@ -408,8 +408,8 @@ def _pattern(
         for ending in endings:
             own = [path.name for path in media if path.suffix.lower() == ending]
             rest = {name for name in strangers if name.lower().endswith(ending)}
-            names = _apart(own, rest, is_listed) or [f"*{ending}"]
-            found += [f"{one}{name}" for one in aboves for name in names]
+            shown = _apart(own, rest, is_listed) or [f"*{ending}"]
+            found += [f"{one}{name}" for one in aboves for name in shown]
         patterns = found
     return patterns[0] if len(patterns) == 1 else patterns
 

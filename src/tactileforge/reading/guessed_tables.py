@@ -59,6 +59,11 @@ _OBJECT = re.compile(r"object(?:_name)?|label|class|name|material|item")
 _SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
 _FPS = re.compile(r"(?:camera[_.])?(?:fps|frame_?rate|frames_per_second|rate_hz|hz)")
 _TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
+#: Words before a force that is aimed at and not measured, or that acts on the robot.
+_ELSEWHERE = re.compile(
+    r"(?<![a-z])(?:cmd|command|desired|des|target|goal|ref|limit|max|min|std|var|bias|ee|eef|tcp"
+    r"|robot|arm|flange|wrist|gripper|base|joint|motor|external|ext)(?![a-z])"
+)
 #: Stems of arrays by what they hold: an array has no headers.
 _FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|loads?|wrench(?:es)?|ft|fxyz|f)")
 _TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
@@ -260,13 +265,21 @@ def guess_force(
         table = {"file": family.template, "columns": columns, **clock}
         table |= {} if unit == "N" else {"unit": unit}
         said = "newton" if unit == "N" else unit
-        if columns[2] and _pulls(family, columns[2]):
+        if columns[2] and is_turned(_numbers(family, columns[2])):
             table["sign"] = [1, 1, -1]
             doubts.append(f"force: {columns[2]} is negative where it is large, so z is turned")
         doubts.append(
             f"force: taken for {said}, x right, y down, z into the gel, pressing positive"
         )
         return {"force": table}, [family]
+    for family in found:
+        if others := [name for name in family.rows[0] if _is_elsewhere(name)]:
+            doubts.append(
+                f"force: {', '.join(others[:3])} of {family.template} act elsewhere by their "
+                "names, or are of several, and are left out; if they act on the gel: force: {file: "
+                f"{family.template!r}, columns: [...]}}"
+            )
+            break
     for family in found:
         lead = _lead(family)
         columns = _numbered_forces(family) if lead else []
@@ -283,10 +296,17 @@ def guess_force(
     return {}, []
 
 
-def _pulls(family: Family, column: str) -> bool:
-    """Whether a normal force is negative where it is large: pressing is never so."""
-    values = _numbers(family, column)
-    values = values[np.isfinite(values)]
+def is_turned(force: NDArray[np.float64]) -> bool:
+    """Whether a normal force is negative where it is large: pressing is never so.
+
+    Args:
+        force: float64 (n,), in any unit; NaN for no value.
+
+    Example:
+        >>> is_turned(np.array([0.1, -5.0])), is_turned(np.array([-0.1, 5.0]))
+        (True, False)
+    """
+    values = force[np.isfinite(force)]
     return bool(
         len(values) and values.min() < -_PULLING * max(0.0, float(values.max())) < 0.0
     ) or bool(len(values) and values.max() <= 0 > values.min())
@@ -294,10 +314,30 @@ def _pulls(family: Family, column: str) -> bool:
 
 def _force_columns(family: Family) -> list[str | None]:
     if not family.is_numbered:
-        return [family.column(_FORCES[axis]) for axis in "xyz"]
+        found = [family.column(_FORCES[axis]) for axis in "xyz"]
+        return found if any(found) else _forces_of_one(family)
     if not _is_called(_FORCE_STEM, family):
         return [None] * 3
     return _numbered_forces(family)
+
+
+def _forces_of_one(family: Family) -> list[str | None]:
+    """Columns of forces behind the name of a sensor (``ati_fx``), the only one of the table."""
+    names: dict[str, list[str | None]] = {}
+    for title in family.rows[0]:
+        for place, axis in enumerate("xyz"):
+            plain = apart_by_capitals(title.strip()).lower()
+            if found := re.fullmatch(rf"(\w+?)[_ ]{_FORCES[axis].pattern}", plain):
+                names.setdefault(found[1], [None, None, None])[place] = title
+    whole = [one for name, one in names.items() if one[2] and not _ELSEWHERE.search(name)]
+    return whole[0] if len(whole) == 1 else [None] * 3
+
+
+def _is_elsewhere(title: str) -> bool:
+    """Whether a column is a force behind another name."""
+    plain = apart_by_capitals(title.strip()).lower()
+    patterns = (rf"\w+?[_ ]{_FORCES[axis].pattern}" for axis in "xyz")
+    return any(re.fullmatch(pattern, plain) for pattern in patterns)
 
 
 def _is_called(pattern: re.Pattern[str], family: Family) -> bool:
@@ -436,15 +476,20 @@ def guess_labels(
     best: tuple[int, dict[str, Any], Family] | None = None
     for family in found:
         per_image = "*" in family.template
-        is_row = family.is_own and (len(family.rows) == 1 or per_image)
-        if not (is_row or family.key):
+        if not (family.is_own or family.key):
             continue
+        # of the rows of a series, what all of them say
+        is_series = len(family.rows) > 1 and not per_image and not family.key
         given: dict[str, Any] = {}
         for name, pattern in (("object", _OBJECT), ("text", _TEXT)):
             column = family.column(pattern)
+            if column and is_series and len({row[column] for row in family.rows}) > 1:
+                continue
             if column and (column != family.key or _names_folders(family, units)):
                 given[name] = f"{{{column}}}"
         sensor = family.column(_SENSOR)
+        if sensor and is_series and len({row[sensor] for row in family.rows}) > 1:
+            sensor = None
         types = {row[sensor]: _type_of(row[sensor]) for row in family.rows} if sensor else {}
         if types and all(types.values()):
             given["sensor"] = f"{{{sensor}}}"

@@ -28,8 +28,10 @@ _SCENE = {
     *("webcam", "realsense", "kinect", "gopro", "agentview", "thirdperson", "orbbec"),
     *("d405", "d415", "d435", "l515"),
 }
+#: The same of folders of images, which may be of a gel with markers.
+_COMPUTED = DERIVED - {"marker", "markers"}
 #: Words of a view of a scene beside pictures that are called touch.
-_BESIDE = VIEWS | DERIVED | {"color", "colour", "vision", "visual", "wrist", "third", "front"}
+_BESIDE = VIEWS | _COMPUTED | {"color", "colour", "vision", "visual", "wrist", "third", "front"}
 _BESIDE |= {"side", "top", "eye", "hand", "robot", "head", "scene", "external", "overhead", "zed"}
 
 
@@ -89,7 +91,7 @@ def _is_computed(kind: str, kinds: Collection[str]) -> bool:
     parts = kind.split("/")
     for place, part in enumerate(parts):
         said = {*words_of(part)}
-        rest = said - DERIVED
+        rest = said - _COMPUTED
         if not rest or rest == said:
             continue
         for other in kinds:
