@@ -431,6 +431,40 @@ def test_forces_of_the_robot_are_tracks(name, tmp_path):
     np.testing.assert_array_equal(next(iter(one.tracks.values())), values)
 
 
+@pytest.mark.parametrize(
+    ("touch", "times", "force", "clock"),
+    [
+        ("digit/image", "digit/timestamp", "ati/wrench", "ati/timestamp"),
+        ("tactile", "tactile_time_ms", "force", "force_time_ms"),
+    ],
+)
+@pytest.mark.parametrize("writer", ["hdf5", "npz"])
+def test_a_force_with_a_clock_of_its_own(writer, touch, times, force, clock, tmp_path):
+    step = 33_000_000 if times.startswith("digit") else 33
+    start = 1_700_000_000_000_000_000 if times.startswith("digit") else 0
+    own = np.arange(0, 12 * step, step // 8) + start - step  # begins before the first frame
+    felt = np.stack([np.zeros(len(own)), own - start, -3.0 * (own - start)], 1) / step
+    arrays = {
+        touch: pictures(9, 24, 32, 3),
+        times: start + step * np.arange(9),
+        force: np.c_[felt, np.zeros_like(felt)],
+        clock: own,
+    }
+    WRITERS[writer](tmp_path, arrays)
+    (one,) = read(tmp_path)[0].values()
+    assert len(one.times) == 9
+    np.testing.assert_allclose(one.force[:, 1], np.arange(9), atol=1e-5)
+    np.testing.assert_allclose(one.force[:, 2], 3.0 * np.arange(9), atol=1e-5)  # z was turned
+
+
+def test_clocks_that_do_not_meet_are_named(tmp_path):
+    arrays = {"digit/image": pictures(9, 24, 32, 3), "digit/t": np.arange(9) / 30}
+    arrays |= {"ati/wrench": np.ones((90, 6)), "ati/t": np.arange(90) / 300 + 50}
+    WRITERS["hdf5"](tmp_path, arrays)
+    with pytest.raises(DataError, match="do not overlap those of the frames"):
+        read(tmp_path)
+
+
 def test_one_force_of_two_sensors_is_a_track(tmp_path):
     arrays = buffer()
     values = arrays.pop("data/force_left")

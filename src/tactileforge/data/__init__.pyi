@@ -47,6 +47,7 @@ from tactileforge.data.labels.align import LARGEST_GAP as LARGEST_GAP
 from tactileforge.data.labels.align import Lag as Lag
 from tactileforge.data.labels.align import estimate_lag as estimate_lag
 from tactileforge.data.labels.align import nearest as nearest
+from tactileforge.data.labels.align import resample as resample
 from tactileforge.data.labels.augment import Augment as Augment
 from tactileforge.data.labels.augment import build_augment as build_augment
 from tactileforge.data.labels.clock import UNITS as UNITS

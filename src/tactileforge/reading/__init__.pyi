@@ -17,6 +17,7 @@ from tactileforge.reading.files import read_text as read_text
 from tactileforge.reading.guessed_layout import ASSUMED_FPS as ASSUMED_FPS
 from tactileforge.reading.guessed_layout import guess_sensor as guess_sensor
 from tactileforge.reading.guessed_tables import NamedColumns as NamedColumns
+from tactileforge.reading.guessed_tables import is_turned as is_turned
 from tactileforge.reading.guessed_tables import named_columns as named_columns
 from tactileforge.reading.layout import DatasetLayout as DatasetLayout
 from tactileforge.reading.layout import as_texts as as_texts
@@ -54,6 +55,10 @@ from tactileforge.reading.splits import one_of_few as one_of_few
 from tactileforge.reading.tables import number_or_text as number_or_text
 from tactileforge.reading.tables import read_cells as read_cells
 from tactileforge.reading.trials import trial_of as trial_of
+from tactileforge.reading.view_words import DERIVED as DERIVED
+from tactileforge.reading.view_words import VIEWS as VIEWS
+from tactileforge.reading.view_words import says_touch as says_touch
+from tactileforge.reading.view_words import words_of as words_of
 from tactileforge.reading.vocabulary import NOTIONS as NOTIONS
 from tactileforge.reading.vocabulary import ForceKeys as ForceKeys
 from tactileforge.reading.vocabulary import Keys as Keys

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -14,7 +13,14 @@ from numpy.typing import NDArray
 from tactileforge.data.frames.stacks import StackFrames
 from tactileforge.data.frames.video import VideoFrames
 from tactileforge.data.frames.video_clock import rate_doubt, video_times
-from tactileforge.data.labels.clock import UNITS, check_rising, date_unit, seconds_since
+from tactileforge.data.labels.clock import (
+    UNITS,
+    after_midnight,
+    check_rising,
+    clock_number,
+    date_unit,
+    seconds_since,
+)
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.image_rows import ImageRows
 from tactileforge.reading.layout import DatasetLayout
@@ -129,20 +135,19 @@ class Clocks:
                 "of the names of images (key:)"
             )
         part = part_of_second(column, rows)
-        return [
-            _value(cells[column], f"{where}, column {column!r}") + part(cells)
-            for where, cells in rows
-        ]
+        values: list[Decimal] = []
+        for where, cells in rows:
+            now = _value(cells[column], f"{where}, column {column!r}")
+            now = after_midnight(values[-1], now, cells[column]) if values else now
+            values.append(now + part(cells))
+        return values
 
 
 def _value(cell: str, where: str) -> Decimal:
     try:
-        value = float(cell)
+        return clock_number(cell)
     except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise DataError(f"{where}: {cell!r} is not a finite number; fill it in")
-    return Decimal(cell)
+        raise DataError(f"{where}: {cell!r} is not a finite number; fill it in") from None
 
 
 def _of_values(

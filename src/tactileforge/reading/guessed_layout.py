@@ -30,9 +30,12 @@ from tactileforge.reading.linked import matches
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_keys, name_prefix
 from tactileforge.reading.records import RECORDS, conversion, sheets
+from tactileforge.reading.sensor_names import named_sensor, words_of_sensors
 from tactileforge.reading.series import series_of
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.table_families import SIDES, Units, families, is_for_all, templates
+from tactileforge.reading.trial_rows import RECORDING_WORDS
+from tactileforge.reading.view_words import DERIVED, scenes, words_of
 from tactileforge.specs.published import SPECS
 
 _VIDEOS = frozenset({".avi", ".mp4", ".mov", ".mkv", ".webm"})
@@ -63,6 +66,12 @@ Box: TypeAlias = tuple[int, int, int, int]
 #: Types of sensors that have no package, and those that are most like them.
 _FOREIGN = {"wedge": "gelsight", "geltip": "gelsight", "9dtact": "gelsight"}
 _FOREIGN |= {"ninedtact": "gelsight", "tac3d": "gelsight"}
+#: Folder of an object: words, which count no trials and tell no date.
+_OBJECT_FOLDER = re.compile(
+    rf"(?!(?:{RECORDING_WORDS}|session|day|set|part|batch)s?[\W\d_]*[a-z]?$)\D.*", re.IGNORECASE
+)
+#: Largest number of folders that a pattern names.
+_MOST_NAMED = 8
 #: Largest number of arrays whose headers are read.
 _MOST_ARRAYS = 500
 
@@ -79,7 +88,11 @@ def guess_layout(root: Path) -> Guess | None:
     found = (path for path in sorted(matches(root, "**/*")) if path.is_file())
     files = list(islice((x for x in found if not is_companion(x.relative_to(root))), _MOST_FILES))
     # videos first: stills beside them are usually backgrounds
-    media = _of(files, _VIDEOS) or _stacks(files) or _of(files, _IMAGES)
+    kinds = [_of(files, _VIDEOS), _stacks(files), _of(files, _IMAGES)]
+    shown = [path for kind in kinds for path in kind if not _BACKGROUND.search(path.stem.lower())]
+    views = scenes(list(dict.fromkeys(shown)), root)
+    hidden = {*views}
+    media = next((own for kind in kinds if (own := [one for one in kind if one not in hidden])), [])
     if not media:
         return None
     touches = [path for path in media if not _BACKGROUND.search(path.stem.lower())] or media
@@ -95,6 +108,8 @@ def guess_layout(root: Path) -> Guess | None:
         layouts[re.sub(r"\W+", "_", folder) or "guessed"] = layout = _layout(
             root, folder, own, files, told, read
         )
+        if views:
+            layout |= _camera(root, own, views, layout, told)
         doubts += [f"{folder}: {line}" if folder else line for line in told]
     labels = [
         path for path in files if path.suffix.lower() in _TABLES | sheets() or conversion(path)
@@ -220,6 +235,35 @@ def _layout(
     return layout
 
 
+def _camera(
+    root: Path,
+    media: Sequence[Path],
+    views: Sequence[Path],
+    layout: Mapping[str, Any],
+    doubts: list[str],
+) -> dict[str, Any]:
+    """Key of the view of the scene beside each recording; the others are left out."""
+    units = _units(root, media, layout)
+    are_stills = layout.get("each") == "touch"
+    # of a film in images, their pattern
+    places = [
+        path if are_stills or path.suffix.lower() in _VIDEOS else path.parent / f"*{path.suffix}"
+        for path in views
+    ]
+    found = templates(list(dict.fromkeys(places)), units)
+    shown = [one for one in found if DERIVED.isdisjoint(words_of(one.template))]
+    whole = [one for one in shown if one.is_own and is_for_all(one, units)]
+    rest = sorted(one.template for one in found if one not in whole[:1])
+    if whole:
+        doubts.append(f"camera: {whole[0].template} is the view of the scene")
+    if rest:
+        doubts.append(
+            f"touch: {', '.join(rest[:3])}{' and others' if len(rest) > 3 else ''} left out: by "
+            "name a view of the scene, or computed from others"
+        )
+    return {"camera": whole[0].template} if whole else {}
+
+
 def _units(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Units:
     each = "video" if "videos" in layout else layout["each"]
     files: dict[tuple[str, ...], list[Path]] = {}
@@ -336,7 +380,14 @@ def _pattern(
             for i, column in enumerate(columns)
         )
     endings = sorted({path.suffix.lower() for path in media})
-    patterns = [f"{above}*{ending}" for ending in endings]
+    aboves = [above]
+    if len(depths) == 1 and above.endswith("*/"):
+        # folders by their names where those of other pictures lie beside them
+        named = {path.parent.name for path in media}
+        unlike = {path.parent.name for path in files if path.suffix.lower() in endings} - named
+        if unlike and len(named) <= _MOST_NAMED:
+            aboves = [f"{above.removesuffix('*/')}{name}/" for name in sorted(named)]
+    patterns = [f"{one}*{ending}" for one in aboves for ending in endings]
     if endings == [".npy"]:  # other arrays lie beside those of frames
         ends = [path.name.rpartition("_")[2] for path in media]
         names = {path.name for path in media}
@@ -357,7 +408,8 @@ def _pattern(
         for ending in endings:
             own = [path.name for path in media if path.suffix.lower() == ending]
             rest = {name for name in strangers if name.lower().endswith(ending)}
-            found += [f"{above}{one}" for one in _apart(own, rest, is_listed) or [f"*{ending}"]]
+            shown = _apart(own, rest, is_listed) or [f"*{ending}"]
+            found += [f"{one}{name}" for one in aboves for name in shown]
         patterns = found
     return patterns[0] if len(patterns) == 1 else patterns
 
@@ -401,13 +453,6 @@ def _follow_each_other(images: Sequence[Path]) -> bool:
     return bool(following <= _SMOOTH * apart)
 
 
-def named_sensor(name: str) -> str:
-    """The type of a sensor in a name, the longest one; "" without any."""
-    words = name.lower().replace("-", "_").replace("gsmini", "gelsight_mini")
-    named = [spec for spec in SPECS if re.search(rf"(?<![a-z]){spec}(?![a-z])", words)]
-    return max(named, key=len, default="")
-
-
 def _sensor(
     root: Path, folder: str, media: Sequence[Path], boxes: Sequence[Box], doubts: list[str]
 ) -> dict[str, Any]:
@@ -435,7 +480,7 @@ def guess_sensor(
         shape: Function to height and width of a frame, called where no name tells the type.
         doubts: Lines, added to.
     """
-    words = words.lower().replace("-", "_").replace("gsmini", "gelsight_mini")
+    words = words_of_sensors(words)
     # the longest name first: gelsight_mini holds gelsight
     if named := [name for name in sorted(SPECS, key=len, reverse=True) if name in words]:
         return {"sensor": named[0]}
@@ -623,8 +668,30 @@ def _object(
 ) -> dict[str, Any]:
     """Keys of objects by folder."""
     above = {path.parent for path in media} - {root}
-    if layout.get("each") != "touch" or len(above) < 2:
+    if layout.get("each") != "touch":
+        return _object_of_takes(_units(root, media, layout), doubts)
+    if len(above) < 2:
         return {}
     is_sensor = bool(folder) and all(path.name == folder for path in above)
     doubts.append(f"object: named by the folder of {'a sensor' if is_sensor else 'an image'}")
     return {"object": "{parent}" if is_sensor else "{folder}"}
+
+
+def _object_of_takes(units: Units, doubts: list[str]) -> dict[str, Any]:
+    """Key of the object of recordings whose folders are words, with several of them in each."""
+    of_folder: dict[str, set[str]] = {}
+    for parts in (parts for parts in units.files if len(parts) > 1):
+        # both sides of a trial are one recording of it
+        name = PurePath(parts[-1]).stem.lower()
+        of_folder.setdefault(parts[-2], set()).add("" if name in SIDES else name)
+    others = SIDES | SPLIT_OF_FOLDER.keys()
+    if (
+        len({*map(len, units.files)}) > 1
+        or len({re.sub(r"\d+", "", name) for name in of_folder}) < 2
+        or min(map(len, of_folder.values())) < 2
+        or not all(_OBJECT_FOLDER.fullmatch(name) for name in of_folder)
+        or any(name.lower() in others or named_sensor(name) for name in of_folder)
+    ):
+        return {}
+    doubts.append("object: named by the folder of several recordings")
+    return {"object": "{folder}"}

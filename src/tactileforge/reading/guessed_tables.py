@@ -5,21 +5,25 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.labels.clock import UNITS, date_unit
+from tactileforge.data.labels.clock import UNITS, after_midnight, clock_number, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.reading.records import RECORDS, conversion
+from tactileforge.reading.sensor_names import named_sensor
 from tactileforge.reading.series import series_of
 from tactileforge.reading.table_families import (
     RECORDING,
     Family,
     Units,
+    apart_by_capitals,
+    fits,
     is_for_all,
     recordings,
 )
@@ -55,8 +59,13 @@ _OBJECT = re.compile(r"object(?:_name)?|label|class|name|material|item")
 _SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
 _FPS = re.compile(r"(?:camera[_.])?(?:fps|frame_?rate|frames_per_second|rate_hz|hz)")
 _TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
+#: Words before a force that is aimed at and not measured, or that acts on the robot.
+_ELSEWHERE = re.compile(
+    r"(?<![a-z])(?:cmd|command|desired|des|target|goal|ref|limit|max|min|std|var|bias|ee|eef|tcp"
+    r"|robot|arm|flange|wrist|gripper|base|joint|motor|external|ext)(?![a-z])"
+)
 #: Stems of arrays by what they hold: an array has no headers.
-_FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|wrench(?:es)?|ft|fxyz|f)")
+_FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|loads?|wrench(?:es)?|ft|fxyz|f)")
 _TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
 #: Ratio of the most negative normal force to the largest from which pressing is negative.
 _PULLING = 3.0
@@ -105,7 +114,7 @@ def named_columns(header: Sequence[str]) -> NamedColumns:
     family = Family("", (), rows=[dict.fromkeys(header, "")])
     x, y, z = (family.column(_FORCES[axis]) for axis in "xyz")
     times = _time_column(family, "")
-    unit = _TIME_UNIT.search((times or "").lower())
+    unit = _TIME_UNIT.search(apart_by_capitals(times or "").lower())
     return NamedColumns(
         (x, y, z),
         times,
@@ -185,7 +194,7 @@ def guess_times(
         is_for_frames = family.apart is None and units.each != "touch"
         if column is None or not is_for_all(family, units) or not is_for_frames:
             continue
-        values = _numbers(family, column)
+        values = _moments(family, column)
         if apart and apart in family.rows[0] and len(values):
             first = family.rows[0][apart]
             values = values[[row[apart] == first for row in family.rows]]
@@ -214,7 +223,7 @@ def guess_times(
 
 def _step_unit(column: str, step: float) -> str:
     """Unit of the times of frames, by the name of their column or the step; "" for seconds."""
-    if found := _TIME_UNIT.search(column.lower()):
+    if found := _TIME_UNIT.search(apart_by_capitals(column).lower()):
         return found[1]
     small = [unit for unit in ("ms", "us", "ns") if step * UNITS[unit] < _SLOW]
     return "" if step < _SLOW else (small or ["ns"])[0]
@@ -241,7 +250,8 @@ def guess_force(
         clock = _clock(family, units, doubts)
         if clock is None:
             continue
-        stated_units = {unit for name in columns if name and (unit := named_unit(name))} or {"N"}
+        stated_units = {unit for name in columns if name and (unit := named_unit(name))}
+        stated_units = stated_units or {named_unit(family.files[0].stem) or "N"}
         if len(stated_units) > 1 or not stated_units <= NEWTONS.keys():
             said = " and ".join(sorted(stated_units))
             doubts.append(f"force: {family.files[0].name} has it in {said}, left out")
@@ -255,7 +265,7 @@ def guess_force(
         table = {"file": family.template, "columns": columns, **clock}
         table |= {} if unit == "N" else {"unit": unit}
         said = "newton" if unit == "N" else unit
-        if columns[2] and _pulls(family, columns[2]):
+        if columns[2] and is_turned(_numbers(family, columns[2])):
             table["sign"] = [1, 1, -1]
             doubts.append(f"force: {columns[2]} is negative where it is large, so z is turned")
         doubts.append(
@@ -263,11 +273,19 @@ def guess_force(
         )
         return {"force": table}, [family]
     for family in found:
+        if others := [name for name in family.rows[0] if _is_elsewhere(name)]:
+            doubts.append(
+                f"force: {', '.join(others[:3])} of {family.template} act elsewhere by their "
+                "names, or are of several, and are left out; if they act on the gel: force: {file: "
+                f"{family.template!r}, columns: [...]}}"
+            )
+            break
+    for family in found:
         lead = _lead(family)
         columns = _numbered_forces(family) if lead else []
         if lead and columns[2] and is_for_all(family, units) and not family.key:
             said = f"frame: {lead!r}" if _counts(family, lead) else f"times: {lead!r}"
-            if not units.is_dated and date_unit(_numbers(family, lead)):
+            if not units.is_dated and date_unit(_moments(family, lead)):
                 said += ", start: contact"
             doubts.append(
                 f"force: {family.template} has no names of columns, and a name that tells no "
@@ -278,10 +296,17 @@ def guess_force(
     return {}, []
 
 
-def _pulls(family: Family, column: str) -> bool:
-    """Whether a normal force is negative where it is large: pressing is never so."""
-    values = _numbers(family, column)
-    values = values[np.isfinite(values)]
+def is_turned(force: NDArray[np.float64]) -> bool:
+    """Whether a normal force is negative where it is large: pressing is never so.
+
+    Args:
+        force: float64 (n,), in any unit; NaN for no value.
+
+    Example:
+        >>> is_turned(np.array([0.1, -5.0])), is_turned(np.array([-0.1, 5.0]))
+        (True, False)
+    """
+    values = force[np.isfinite(force)]
     return bool(
         len(values) and values.min() < -_PULLING * max(0.0, float(values.max())) < 0.0
     ) or bool(len(values) and values.max() <= 0 > values.min())
@@ -289,10 +314,30 @@ def _pulls(family: Family, column: str) -> bool:
 
 def _force_columns(family: Family) -> list[str | None]:
     if not family.is_numbered:
-        return [family.column(_FORCES[axis]) for axis in "xyz"]
+        found = [family.column(_FORCES[axis]) for axis in "xyz"]
+        return found if any(found) else _forces_of_one(family)
     if not _is_called(_FORCE_STEM, family):
         return [None] * 3
     return _numbered_forces(family)
+
+
+def _forces_of_one(family: Family) -> list[str | None]:
+    """Columns of forces behind the name of a sensor (``ati_fx``), the only one of the table."""
+    names: dict[str, list[str | None]] = {}
+    for title in family.rows[0]:
+        for place, axis in enumerate("xyz"):
+            plain = apart_by_capitals(title.strip()).lower()
+            if found := re.fullmatch(rf"(\w+?)[_ ]{_FORCES[axis].pattern}", plain):
+                names.setdefault(found[1], [None, None, None])[place] = title
+    whole = [one for name, one in names.items() if one[2] and not _ELSEWHERE.search(name)]
+    return whole[0] if len(whole) == 1 else [None] * 3
+
+
+def _is_elsewhere(title: str) -> bool:
+    """Whether a column is a force behind another name."""
+    plain = apart_by_capitals(title.strip()).lower()
+    patterns = (rf"\w+?[_ ]{_FORCES[axis].pattern}" for axis in "xyz")
+    return any(re.fullmatch(pattern, plain) for pattern in patterns)
 
 
 def _is_called(pattern: re.Pattern[str], family: Family) -> bool:
@@ -332,7 +377,7 @@ def _time_column(family: Family, stem: str | None = None) -> str | None:
             return "0"
         lead = _lead(family)
         return lead if lead and not _counts(family, lead) else None
-    names = [name for name in family.rows[0] if _TIME.fullmatch(name.strip().lower())]
+    names = [name for name in family.rows[0] if fits(_TIME, name)]
     # the stamp of a message before the time at which it was received
     return next((name for name in names if "stamp" in name.lower()), names[0] if names else None)
 
@@ -364,11 +409,11 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
         return {"frame": frame}
     if time is None:
         return {} if per_frame else None
-    values = _numbers(family, time)
+    values = _moments(family, time)
     date = date_unit(values) if len(values) else ""
+    if per_frame and len(values) > 1 and values[0] > values[-1] - values[0] and not units.is_dated:
+        return {}  # by a clock that began long before: a row for each frame
     if date and not units.is_dated:
-        if per_frame:
-            return {}
         doubts.append(
             f"force: {family.template} has dates in {time} and frames have none; the push in the "
             "pictures tells where both clocks meet (start: contact); better are start: first_row "
@@ -378,7 +423,7 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
     if date or len(values) < 2:
         return {"times": time}
     span = float(values[-1] - values[0])
-    named = _TIME_UNIT.search(time.lower())
+    named = _TIME_UNIT.search(apart_by_capitals(time).lower())
     fits = [
         unit
         for unit, seconds in UNITS.items()
@@ -431,26 +476,34 @@ def guess_labels(
     best: tuple[int, dict[str, Any], Family] | None = None
     for family in found:
         per_image = "*" in family.template
-        is_row = family.is_own and (len(family.rows) == 1 or per_image)
-        if not (is_row or family.key):
+        if not (family.is_own or family.key):
             continue
+        # of the rows of a series, what all of them say
+        is_series = len(family.rows) > 1 and not per_image and not family.key
         given: dict[str, Any] = {}
         for name, pattern in (("object", _OBJECT), ("text", _TEXT)):
             column = family.column(pattern)
+            if column and is_series and len({row[column] for row in family.rows}) > 1:
+                continue
             if column and (column != family.key or _names_folders(family, units)):
                 given[name] = f"{{{column}}}"
         sensor = family.column(_SENSOR)
-        if sensor and all(_is_sensor(row[sensor]) for row in family.rows):
+        if sensor and is_series and len({row[sensor] for row in family.rows}) > 1:
+            sensor = None
+        types = {row[sensor]: _type_of(row[sensor]) for row in family.rows} if sensor else {}
+        if types and all(types.values()):
             given["sensor"] = f"{{{sensor}}}"
         if given and (best is None or len(given) > best[0]):
             labels = {"file": family.template}
             if family.key:
                 labels["key"] = family.key
-            best = len(given), {"labels": labels, **given}, family
+            spelled = "sensor" in given and any(cell != name for cell, name in types.items())
+            words = {"words": {sensor: types}} if spelled else {}
+            best = len(given), {"labels": labels, **given, **words}, family
     if best is None:
         return _other_columns(found, doubts)
     _, keys, family = best
-    named = " and ".join(name for name in keys if name != "labels")
+    named = " and ".join(name for name in keys if name not in ("labels", "words"))
     doubts.append(f"labels: {named} by {family.template}")
     if family.key and template_columns(family.key):
         _doubt_key(family, family.key, doubts)
@@ -504,8 +557,10 @@ def guess_shared(
         if not family.is_own and family.files[0].suffix.lower() in RECORDS:
             for name, pattern in (("sensor", _SENSOR), ("object", _OBJECT), ("text", _TEXT)):
                 column = family.column(pattern)
-                if column and row[column] and (name != "sensor" or _is_sensor(row[column])):
-                    said[name] = row[column].replace("{", "{{").replace("}", "}}")
+                value = row[column] if column else ""
+                value = _type_of(value) if name == "sensor" else value
+                if value:
+                    said[name] = value.replace("{", "{{").replace("}", "}}")
         if said:
             doubts += [f"{name}: {value}, by {family.template}" for name, value in said.items()]
             used.append(family)
@@ -520,12 +575,12 @@ def _number(cell: str) -> float:
         return 0.0
 
 
-def _is_sensor(name: str) -> bool:
+def _type_of(name: str) -> str:
+    """The type of a sensor by its name, or by a name in other letters; "" for none."""
     try:
-        spec(name)
+        return spec(name).name
     except ConfigError:
-        return False
-    return True
+        return named_sensor(name)
 
 
 def left_out(unread: Iterable[Path], root: Path) -> list[str]:
@@ -569,3 +624,15 @@ def _numbers(family: Family, column: str) -> NDArray[np.float64]:
         return np.array([float(row[column]) for row in family.rows])
     except ValueError:
         return np.array([])
+
+
+def _moments(family: Family, column: str) -> NDArray[np.float64]:
+    """The times of a column, which may be dates or times of day; empty if a cell is none."""
+    values: list[Decimal] = []
+    try:
+        for row in family.rows:
+            now = clock_number(row[column])
+            values.append(after_midnight(values[-1], now, row[column]) if values else now)
+    except ValueError:
+        return np.array([])
+    return np.array([float(value) for value in values])

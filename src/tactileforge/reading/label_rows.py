@@ -208,6 +208,11 @@ def _own_rows(
         if len(rows) == 1 and not many:
             found |= {name: _row(name, *rows[0], layout) for name in touches}
             continue
+        # a series of one recording: what all its rows say is said of it
+        of_all = {} if layout.key in rows[0][1] or many else _common(rows)
+        if of_all and not template_columns(layout.key):
+            found |= {name: _row(name, str(path), of_all, layout) for name in touches}
+            continue
         touch_of = {
             one.relative_to(folder).as_posix(): name for name in touches for one in files[name]
         }
@@ -232,6 +237,16 @@ def _own_rows(
         if name in found
         else LabelRow(name, {}, header | _names(name, layout))
         for name in files
+    }
+
+
+def _common(rows: Sequence[tuple[str, Mapping[str, str]]]) -> dict[str, str]:
+    """Cells that are alike in all rows."""
+    first = rows[0][1]
+    return {
+        column: value
+        for column, value in first.items()
+        if all(cells[column] == value for _, cells in rows)
     }
 
 

@@ -34,6 +34,8 @@ _ID = re.compile(r"id|idx|index|number|no|nr")
 _PART = re.compile(r"\d+(?:\.0+)?|\d+(?:[-_:]\d+)+|.*[^\W\d_].*")
 #: Columns that may name recordings together, and the share of their rows that must.
 _MOST_COLUMNS, _MOST_PART = 5, 0.5
+#: A capital that begins a word behind another.
+_CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 #: Marks between the names of a folder and of a recording in it, in the name of a table.
 _MARKS = "_-."
 #: Names of several sensors of one touch.
@@ -100,7 +102,28 @@ class Family:
     def column(self, pattern: re.Pattern[str]) -> str | None:
         """The first column of a pattern."""
         header = self.rows[0] if self.rows else {}
-        return next((name for name in header if pattern.fullmatch(name.strip().lower())), None)
+        return next((name for name in header if fits(pattern, name)), None)
+
+
+def fits(pattern: re.Pattern[str], title: str) -> bool:
+    """Whether a header is of a pattern in small letters, or so with its capitals taken apart.
+
+    Example:
+        >>> fits(re.compile("time_s"), "TimeS"), fits(re.compile("fx"), "Fx")
+        (True, True)
+    """
+    title = title.strip()
+    return any(pattern.fullmatch(one.lower()) for one in (title, apart_by_capitals(title)))
+
+
+def apart_by_capitals(name: str) -> str:
+    """A name whose words begin with capitals, with ``_`` between them.
+
+    Example:
+        >>> apart_by_capitals("ForceTorqueData"), apart_by_capitals("left_img")
+        ('Force_Torque_Data', 'left_img')
+    """
+    return _CAPITAL.sub("_", name)
 
 
 def templates(files: Sequence[Path], units: Units) -> list[Family]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tactileforge.contracts import ACTIONS
 from tactileforge.data.labels.align import resample
+from tactileforge.data.labels.clock import after_midnight, clock_number
 from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.plausible import impossible_row, limits
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
@@ -96,12 +97,18 @@ def _on_a_clock(
     rows = read_cells(path, [*named, table.time]) if rows is None else rows
     part = part_of_second(table.time, rows)
     for where, cells in rows:
-        found = _number(cells[table.time], f"{where}, column {table.time!r}")
-        now = Decimal(0 if math.isnan(found) else cells[table.time]) + part(cells)
-        if math.isnan(found) or (clock and now <= clock[-1]):
+        cell = cells[table.time]
+        try:
+            now = clock_number(cell) if cell else None
+        except ValueError:
+            _number(cell, f"{where}, column {table.time!r}")  # says the fix
+            raise
+        if now is not None:
+            now = (after_midnight(clock[-1], now, cell) if clock else now) + part(cells)
+        if now is None or (clock and now <= clock[-1]):
             raise DataError(
-                f"{where}: the time {cells[table.time]!r} is not after that of the row before; "
-                "sort the rows by time"
+                f"{where}: the time {cell!r} is not after that of the row before; sort the rows "
+                "by time"
             )
         clock.append(now)
         forces.append(_force(table, where, cells, sensor))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.data import check_rising
 from tactileforge.errors import ConfigError, DataError
 from tactileforge_episodes.map_keys import EpisodeMap, ReadKeys, SplitKeys, TimeKeys
 from tactileforge_episodes.names import natural
@@ -166,6 +167,38 @@ def times_of(
             f"{found[row, 0]}){why}; leave `times` out of the map and give data.fps, or "
             "correct them"
         )
+    return seconds
+
+
+def times_beside(
+    arrays: EpisodeArrays, own: TimeKeys, frames: TimeKeys | None, values: Mapping[str, str]
+) -> NDArray[np.float64]:
+    """Times of rows with a clock of their own, s after the first frame.
+
+    Args:
+        arrays: Arrays of the episode.
+        own: Times of the rows.
+        frames: Times of the frames, by the same clock.
+        values: Values of placeholders.
+
+    Raises:
+        DataError: There are no such times, they do not rise, or frames have none.
+    """
+    refs = [None if keys is None else arrays.find(keys.array, values) for keys in (own, frames)]
+    if refs[0] is None or refs[1] is None or frames is None:
+        raise DataError(
+            f"{arrays.place}: force has times of its own ({own.array}), and "
+            f"{'frames have none' if refs[0] else 'they are not there'}; correct the map"
+        )
+    times, first = refs[0].rows(range(refs[0].facts.rows)).reshape(-1), refs[1].rows([0])
+    zero = first.reshape(-1)[0]
+    if own.unit == frames.unit and times.dtype.kind == zero.dtype.kind == "i":
+        seconds: NDArray[np.float64] = (times - zero).astype(np.float64)
+        seconds *= _UNITS.get(own.unit, 1.0)
+    else:
+        seconds = times.astype(np.float64) * _UNITS.get(own.unit, 1.0)
+        seconds = seconds - float(zero) * _UNITS.get(frames.unit, 1.0)
+    check_rising(seconds, str(refs[0]), "correct them, or leave the force out of the map", "row")
     return seconds
 
 

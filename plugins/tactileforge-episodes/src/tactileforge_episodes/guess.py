@@ -8,9 +8,10 @@ from pathlib import Path
 
 from tactileforge.contracts import Guess
 from tactileforge.errors import DataError
+from tactileforge.reading import words_of
 from tactileforge_episodes.find import find_files, path_values
 from tactileforge_episodes.guessed_map import MapGuess, listed
-from tactileforge_episodes.looks import Look, words_of
+from tactileforge_episodes.looks import Look
 from tactileforge_episodes.map_files import preset_names, read_preset
 from tactileforge_episodes.map_keys import EpisodeMap
 from tactileforge_episodes.names import match

@@ -11,22 +11,28 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.data import NEWTONS, EncodedFrames, named_unit
+from tactileforge.data import NEWTONS, UNITS, EncodedFrames, named_unit
 from tactileforge.errors import DataError, unknown
 from tactileforge.plugins import load_json
-from tactileforge.reading import ASSUMED_FPS, Container, Values, guess_sensor
+from tactileforge.reading import (
+    ASSUMED_FPS,
+    DERIVED,
+    VIEWS,
+    Container,
+    Values,
+    guess_sensor,
+    is_turned,
+    says_touch,
+    words_of,
+)
 from tactileforge_episodes.groups import find_ends, find_groups, find_splits
 from tactileforge_episodes.looks import (
-    DERIVED,
     FINGERS,
     STILL,
-    VIEWS,
     Look,
     picture_keys,
-    says_touch,
     taxel_keys,
     time_unit,
-    words_of,
 )
 
 _TIMES = {"time", "times", "timestamp", "timestamps", "stamp", "stamps", "t", "clock", "secs"}
@@ -159,7 +165,7 @@ class MapGuess:
             keys |= find_ends(self, [*self.looks.values()], self.rows)
             self._used |= {keys["ends"]} if "ends" in keys else set()
         keys |= self._time(entries, str(keys.get("ends", "")))
-        self._forces(entries)
+        self._forces(entries, keys)
         keys |= self._camera() | self._numbers() | self._text()
         if any("taxels" not in one and "reference" not in one for one in entries.values()):
             keys["background"] = "first"
@@ -361,15 +367,17 @@ class MapGuess:
         self.doubts.append(f"fps: {rate} is assumed, as nothing tells the rate (data.fps)")
         return {"fps": rate}
 
-    def _forces(self, entries: dict[str, dict[str, Any]]) -> None:
+    def _forces(self, entries: dict[str, dict[str, Any]], keys: Mapping[str, Any]) -> None:
         """Gives each touch its force: of its own words, or the only one of the only touch."""
         found = [
             look
             for look in self.looks.values()
             if (look.has(_FORCES) or look.words[-1:] == ("f",)) and look.is_numbers
-            if look.facts.rows == self.rows and look.key not in self._used
-            if look.width[-1:] in ((), (1,), (3,), (6,))
+            if look.key not in self._used and not (look.has(_TIMES) and look.width in ((), (1,)))
+            if look.width[-1:] in ((), (1,), (3,), (6,)) and look.facts.shape
         ]
+        clocks = {look.key: self._clock_of(look, entries, keys) for look in found}
+        found = [one for one in found if one.facts.rows == self.rows or clocks[one.key]]
         axes = _axes_of([look.key for look in found if look.width in ((), (1,))])
         given: set[str] = set()
         for key, entry in entries.items():
@@ -396,16 +404,60 @@ class MapGuess:
                 "columns": [0, 1, 2] if whole else [None, None, 0],
             }
             entry["force"] |= {} if unit == "N" else {"unit": unit}
+            if clock := clocks[look.key]:
+                entry["force"]["times"] = clock
+                self._used |= {clock["array"], look.key}
+                self.doubts.append(
+                    f"force: {name} has a clock of its own, {clock['array']} in {clock['unit']}, "
+                    "and is interpolated to the frames"
+                )
+            if whole and look.width in ((3,), (6,)) and self._pulls(look):
+                entry["force"]["sign"] = [1, 1, -1]
+                self.doubts.append(f"force: z of {name} is negative where large, so it is turned")
             given |= {one.key for one in found if axes.get(one.key, one.key) == name}
             self.doubts.append(
                 f"force: {name} is taken for that on {key}, in {unit}, x right, y down, z into the "
                 "gel, pressing positive"
             )
         for look in found:
-            if look.key not in given:
+            if look.key not in given and look.facts.rows == self.rows:
                 self.doubts.append(f"force: {look.key} is a track, as it is not of one touch alone")
         # torques are a track
         self._used |= {key for key in given if self.looks[key].width[-1:] != (6,)}
+
+    def _pulls(self, look: Look) -> bool:
+        values = self.array(look.key).rows(range(min(look.facts.rows, _SPAN_ROWS)))
+        return is_turned(values[:, 2].astype(np.float64))
+
+    def _clock_of(
+        self, force: Look, entries: Mapping[str, Mapping[str, Any]], keys: Mapping[str, Any]
+    ) -> dict[str, str] | None:
+        """Key of the times of a force, of its group or name; None where frames have them too."""
+        of_frames = [one.get("times") or keys.get("times") for one in entries.values()]
+        if "ends" in keys or None in of_frames:
+            return None
+        taken = {one["array"] for one in of_frames if one}
+        group, rest = force.key.rpartition("/")[0], {*force.words}
+        for look in self.looks.values():
+            is_near = look.key.rpartition("/")[0] == group != "" and group not in {
+                key.rpartition("/")[0] for key in entries
+            }
+            named = {*look.words} - _TIMES - {"s", "ms", "us", "ns"}
+            if (
+                look.key in taken
+                or look.facts.shape not in ((force.facts.rows,), (force.facts.rows, 1))
+                or not (look.is_numbers and look.has(_TIMES) and not look.has(_NO_TIMES))
+                or not (is_near or (named and named <= rest))
+            ):
+                continue
+            values = self.array(look.key).rows(range(force.facts.rows)).reshape(-1)
+            try:
+                unit, _ = time_unit(look.words, values)
+            except ValueError:
+                continue
+            if unit in UNITS:
+                return {"array": look.key, "unit": unit}
+        return None
 
     def _camera(self) -> dict[str, Any]:
         views = [

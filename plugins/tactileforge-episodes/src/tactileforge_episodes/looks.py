@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -13,22 +12,8 @@ from numpy.typing import NDArray
 from tactileforge.data import UNITS
 from tactileforge.reading import Facts, Values
 
-#: Parts of words that mean touch, and whole words that do.
-_TOUCH_PARTS = (
-    *("tactile", "touch", "gelsight", "gelslim", "taxel", "tactip", "tacto", "dtact", "dmtac"),
-    *("mctac", "xense", "daimon", "skin", "flexitac", "gsmini", "duragel", "papillarray"),
-)
-_TOUCH = {"digit", "digits", "tac", "tacs", "gel", "gels", "gs", "xela", "paxini", "fingertip"}
 #: Words of a finger, on which no camera of a scene looks.
 FINGERS = {"finger", "fingers", "fingertip", "fingertips", "thumb", "pinky"}
-#: Words of pictures that are computed from others.
-DERIVED = {
-    *("depth", "flow", "mask", "masks", "seg", "segmentation", "marker", "markers", "diff"),
-    *("difference", "normal", "normals", "height", "heightmap", "shear", "embedding", "emb"),
-    *("latent", "pred", "next"),
-}
-#: Words of views of a scene.
-VIEWS = {"camera", "cameras", "cam", "image", "images", "img", "imgs", "rgb", "view", "views"}
 #: Words of pictures without contact.
 STILL = {"reference", "ref", "background", "bg", "baseline"}
 #: Begins of encoded images: JPEG, PNG, WebP, BMP, TIFF, JPEG XL.
@@ -93,23 +78,6 @@ class Look:
     def has(self, words: Iterable[str]) -> bool:
         """Whether one of the words is in its name."""
         return not {*words}.isdisjoint(self.words)
-
-
-def says_touch(words: Sequence[str]) -> bool:
-    """Whether words of a name say touch."""
-    parts = any(part in word for part in _TOUCH_PARTS for word in words)
-    return parts or not _TOUCH.isdisjoint(words)
-
-
-def words_of(name: str) -> tuple[str, ...]:
-    """Words of a path, in small letters.
-
-    Example:
-        >>> words_of("obs/leftTactile_img2")
-        ('obs', 'left', 'tactile', 'img', '2')
-    """
-    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
-    return tuple(re.findall(r"[a-z]+|\d+", spaced.lower()))
 
 
 def picture_keys(file: Arrays, look: Look) -> dict[str, Any] | None:

@@ -116,12 +116,15 @@ class ForceKeys(ForceMeaning):
             pressing positive; ``mean`` turns z so that its mean is positive.
         at: ``gel`` for the force on the gel; anything else, such as ``flange``, acts elsewhere, and
             makes no label but the track ``wrench``.
+        times: Times of its rows, by the clock of the frames, to which they are interpolated; null
+            where each row is of a frame.
     """
 
     array: Keys
     columns: tuple[int | None, int | None, int | None] = (0, 1, 2)
     sign: tuple[float, float, float | Literal["mean"]] = (1.0, 1.0, 1.0)
     at: str = "gel"
+    times: TimeKeys | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
+from tactileforge.data import resample
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.specs import spec
-from tactileforge_episodes.clock import episodes_of, rate_of, times_of
+from tactileforge_episodes.clock import episodes_of, rate_of, times_beside, times_of
 from tactileforge_episodes.forces import read_force
 from tactileforge_episodes.frames import Reference, open_pictures
-from tactileforge_episodes.map_keys import EpisodeMap, ForceKeys, Keys, PictureKeys
+from tactileforge_episodes.map_keys import EpisodeMap, ForceKeys, Keys, PictureKeys, TimeKeys
 from tactileforge_episodes.names import fill, placeholders
 from tactileforge_episodes.places import open_place
 from tactileforge_episodes.reading import Reading
@@ -161,7 +162,7 @@ class EpisodeFile:
         keys, entry = self.keys, touch.keys
         self._lost(touch.ref, rows, "")  # that none is there; some are an error of the frames
         frames, tracks = self._frames(touch, rows), dict(shared["tracks"])
-        force, wrench = self._force(touch, rows)
+        force, wrench = self._force(touch, rows, times)
         if wrench is not None:
             tracks["wrench"] = wrench
         large = {name: key for name, key in keys.large.items() if name in self.reading.large}
@@ -256,7 +257,9 @@ class EpisodeFile:
             return fill(value, touch.values)
         return self.arrays.value(value, touch.values, row, -1 if touch.pad is None else touch.pad)
 
-    def _force(self, touch: Touch, rows: range) -> tuple[NDArray[np.float32] | None, Track | None]:
+    def _force(
+        self, touch: Touch, rows: range, times: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32] | None, Track | None]:
         """Force as a label, or, of another frame than the gel's, as a track."""
         about = touch.keys.force
         if about is not None and "axis" in placeholders(str(about.array)):
@@ -264,6 +267,8 @@ class EpisodeFile:
         ref = None if about is None else self.arrays.find(about.array, touch.values)
         if about is None or ref is None or ref == touch.ref:
             return None, None
+        if about.times is not None:
+            return self._on_its_clock(about, about.times, ref, touch, times), None
         shape = self._same_rows(ref, self.rows)
         if touch.pad is not None and len(shape) == 3 and shape[1] != touch.ref.facts.shape[1]:
             return None, None  # of other pads
@@ -275,6 +280,33 @@ class EpisodeFile:
         if about.sign[2] == "mean":
             force[:, 2] *= self.reading.signs.get(touch.entry, 1.0)
         return force, None
+
+    def _on_its_clock(
+        self,
+        about: ForceKeys,
+        own: TimeKeys,
+        ref: ArrayRef,
+        touch: Touch,
+        times: NDArray[np.float64],
+    ) -> NDArray[np.float32]:
+        """Force with times of its own, at those of the frames; NaN where it was not measured."""
+        if self.keys.ends:
+            raise DataError(f"{ref}: times of a force, and ends of episodes; give one of the two")
+        clock = times_beside(self.arrays, own, touch.keys.times or self.keys.times, touch.values)
+        rows = range(ref.facts.rows)
+        if len(clock) != len(rows):
+            raise DataError(f"{ref}: {len(rows)} rows and {len(clock)} times of them")
+        force = read_force(ref, about, rows, touch.pad, self.keys.limit)
+        if lost := self._lost(ref, rows, "so no force is known there"):
+            force[lost] = np.nan
+        felt = resample(times, clock, force).astype(np.float32)
+        if np.isfinite(force).any() and not np.isfinite(felt).any():
+            raise DataError(
+                f"{ref}: its times, {clock[0]:.6g} to {clock[-1]:.6g} s after the first frame, do "
+                f"not overlap those of the frames, 0 to {times[-1]:.6g} s; correct the unit of "
+                "force.times in the map, or leave the force out"
+            )
+        return felt
 
     def _by_axis(self, about: ForceKeys, touch: Touch, rows: range) -> NDArray[np.float32] | None:
         """Force with an array for each axis."""

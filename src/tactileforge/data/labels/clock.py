@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import Decimal
+from datetime import UTC, datetime
+from decimal import Decimal, InvalidOperation
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +44,65 @@ _VIDEO_RATES, _NEAR = (24 / 30, 25 / 30, 30 / 25, 30 / 24), 0.01
 _HALF = 0.5
 #: Smallest number of frames and rows to compare rates and durations.
 _LEAST = 4
+
+
+#: A date with the time of day, with a zone or none, and the time of day itself.
+_STAMP = re.compile(
+    r"(\d{4}-\d\d-\d\d|\d{4}/\d\d/\d\d)[T _](\d\d:\d\d:\d\d)([.,]\d+)?\s?(Z|[+-]\d\d:?\d\d)?"
+)
+_OF_DAY = re.compile(r"(\d{1,2}):(\d\d):(\d\d)([.,]\d+)?")
+_DAY = 86_400
+
+
+def clock_number(cell: str) -> Decimal:
+    """The number in a cell of times; of a date or time of day, its seconds.
+
+    Dates without a zone are taken for UTC: only differences matter.
+
+    Args:
+        cell: A number, ``2024-10-27T23:59:59.5`` (seconds since 1970), or ``23:59:59.5``.
+
+    Raises:
+        ValueError: It is none of these, or not finite.
+
+    Example:
+        >>> clock_number("1.5e3"), clock_number("2001-09-09 01:46:40.25"), clock_number("0:01:02")
+        (Decimal('1.5E+3'), Decimal('1000000000.25'), Decimal('62'))
+    """
+    if match := _STAMP.fullmatch(cell):
+        text = f"{match[1].replace('/', '-')}T{match[2]}{match[4] or '+00:00'}"
+        whole = int(datetime.fromisoformat(text).astimezone(UTC).timestamp())
+        return whole + Decimal((match[3] or ".0").replace(",", "."))
+    if match := _OF_DAY.fullmatch(cell):
+        hours, minutes, seconds = (int(match[i]) for i in (1, 2, 3))
+        part = Decimal((match[4] or ".0").replace(",", "."))
+        return 3600 * hours + 60 * minutes + seconds + part
+    try:
+        value = Decimal(cell)
+    except InvalidOperation:
+        raise ValueError(f"{cell!r} is no number, date or time of day") from None
+    if not value.is_finite():
+        raise ValueError(f"{cell!r} is not finite")
+    return value
+
+
+def after_midnight(before: Decimal, now: Decimal, cell: str) -> Decimal:
+    """A time of day in the days of the one before it; other times as they are.
+
+    Args:
+        before: The time before, which may be of a later day.
+        now: The number of ``cell``.
+        cell: The cell.
+
+    Example:
+        >>> after_midnight(Decimal(86399), Decimal(1), "0:00:01")
+        Decimal('86401')
+    """
+    if not _OF_DAY.fullmatch(cell):
+        return now
+    days = before // _DAY
+    now += days * _DAY
+    return now + _DAY if before - now > _DAY // 2 else now
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,109 @@
+"""Words in names of pictures: of touch, of views of a scene, and of computed ones."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from tactileforge.reading.table_families import apart_by_capitals
+
+#: Parts of words that mean touch, and whole words that do.
+_TOUCH_PARTS = (
+    *("tactile", "touch", "gelsight", "gelslim", "taxel", "tactip", "tacto", "dtact", "dmtac"),
+    *("mctac", "xense", "daimon", "skin", "flexitac", "gsmini", "duragel", "papillarray"),
+)
+_TOUCH = {"digit", "digits", "tac", "tacs", "gel", "gels", "gs", "xela", "paxini", "fingertip"}
+#: Words of pictures that are computed from others.
+DERIVED = {
+    *("depth", "flow", "mask", "masks", "seg", "segmentation", "marker", "markers", "diff"),
+    *("difference", "normal", "normals", "height", "heightmap", "shear", "embedding", "emb"),
+    *("latent", "pred", "next"),
+}
+#: Words of views of a scene.
+VIEWS = {"camera", "cameras", "cam", "image", "images", "img", "imgs", "rgb", "view", "views"}
+#: Words that no picture of touch has, whatever the others are called.
+_SCENE = {
+    *("webcam", "realsense", "kinect", "gopro", "agentview", "thirdperson", "orbbec"),
+    *("d405", "d415", "d435", "l515"),
+}
+#: The same of folders of images, which may be of a gel with markers.
+_COMPUTED = DERIVED - {"marker", "markers"}
+#: Words of a view of a scene beside pictures that are called touch.
+_BESIDE = VIEWS | _COMPUTED | {"color", "colour", "vision", "visual", "wrist", "third", "front"}
+_BESIDE |= {"side", "top", "eye", "hand", "robot", "head", "scene", "external", "overhead", "zed"}
+
+
+def says_touch(words: Sequence[str]) -> bool:
+    """Whether words of a name say touch."""
+    parts = any(part in word for part in _TOUCH_PARTS for word in words)
+    return parts or not _TOUCH.isdisjoint(words)
+
+
+def words_of(name: str) -> tuple[str, ...]:
+    """Words of a path, in small letters.
+
+    Example:
+        >>> words_of("obs/leftTactile_img2")
+        ('obs', 'left', 'tactile', 'img', '2')
+    """
+    return tuple(re.findall(r"[a-z]+|\d+", apart_by_capitals(name).lower()))
+
+
+def scenes(paths: Sequence[Path], root: Path) -> list[Path]:
+    """Pictures and films of a scene among those of touch, by the words in which they differ.
+
+    Those with the name of a camera for scenes (``webcam``, ``realsense``) are, where others have
+    none. Those with a usual word of a view (``rgb``, ``wrist``), or of what is computed
+    (``depth``), are where all others are called touch: beside ``cup``, ``rgb`` may be an object.
+
+    Args:
+        paths: Files below ``root``.
+        root: Folder of them.
+
+    Example:
+        >>> files = [Path("a/tactile/0.png"), Path("a/rgb/0.png"), Path("b/tactile/0.png")]
+        >>> [path.as_posix() for path in scenes(files, Path())]
+        ['a/rgb/0.png']
+    """
+    kinds: dict[str, list[Path]] = {}
+    for path in paths:
+        name = path.relative_to(root).with_suffix("").as_posix()
+        kinds.setdefault(re.sub(r"\d+(?![a-z])", "", name), []).append(path)
+    words = {kind: {*words_of(kind), *_joined(kind)} for kind in kinds}
+    same = set.intersection(*words.values()) if words else set()
+    own = {kind: said - same for kind, said in words.items()}
+    touch = {kind for kind, said in own.items() if says_touch([*said])}
+    out = {kind for kind in own.keys() - touch if own[kind] & _SCENE}
+    beside = {kind for kind in own.keys() - touch if own[kind] & (_SCENE | _BESIDE)}
+    if touch and len(touch) + len(beside) == len(own):
+        out = beside
+    out |= {kind for kind in own.keys() - out if _is_computed(kind, own)}
+    return [path for kind in kinds if kind in out for path in kinds[kind]] if out != {*own} else []
+
+
+def _is_computed(kind: str, kinds: Collection[str]) -> bool:
+    """Whether the name of one part has a word of what is computed, and another kind has the rest.
+
+    ``gelsight_depth`` beside ``gelsight`` or ``gelsight_rgb``.
+    """
+    parts = kind.split("/")
+    for place, part in enumerate(parts):
+        said = {*words_of(part)}
+        rest = said - _COMPUTED
+        if not rest or rest == said:
+            continue
+        for other in kinds:
+            named = other.split("/")
+            same = len(named) == len(parts) and all(
+                a == b for i, (a, b) in enumerate(zip(named, parts, strict=True)) if i != place
+            )
+            if same and {*words_of(named[place])} - VIEWS == rest:
+                return True
+    return False
+
+
+def _joined(name: str) -> set[str]:
+    """Neighboring words and numbers of a name as one word: ``third_person``, ``d435``."""
+    return {first + second for first, second in pairwise(words_of(name))}

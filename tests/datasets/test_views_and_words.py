@@ -1,0 +1,196 @@
+"""Views of a scene beside touch, and words as labs write them: no key typed."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tactileforge.contracts import Recording
+from tactileforge.datasets.recordings import Recordings
+from tactileforge.reading.sensor_names import named_sensor
+from tactileforge.reading.view_words import scenes
+
+COUNT = 10
+FORCE = np.linspace(0, 2, COUNT)
+
+
+def video(path: Path, grey: int = 60) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 20, (64, 48))
+    for n in range(COUNT):
+        writer.write(np.full((48, 64, 3), grey + n, np.uint8))
+    writer.release()
+
+
+def images(folder: Path, grey: int = 60) -> None:
+    folder.mkdir(parents=True)
+    for n in range(COUNT):
+        cv2.imwrite(str(folder / f"{n:03d}.png"), np.full((48, 64, 3), grey + n, np.uint8))
+
+
+def read(root: Path) -> tuple[dict[str, Recording], list[str]]:
+    guess = Recordings.recognise(root)
+    assert guess is not None
+    data = Recordings(**guess.options)
+    found = [one for split in ("train", "val") for one in data.recordings(split)]
+    assert not data.skipped
+    return {one.key.partition("/")[2]: one for one in found}, guess.doubts
+
+
+def forces(path: Path, header: str, times: list[str], axes: int = 3) -> None:
+    rows = [[time, *["0"] * (axes - 1), f"{z:.4f}"] for time, z in zip(times, FORCE, strict=True)]
+    path.write_text("\n".join([header, *map(",".join, rows)]) + "\n")
+
+
+def check(one: Recording, factor: float = 1.0) -> None:
+    assert one.force is not None
+    np.testing.assert_allclose(one.force[:, 2], factor * FORCE, atol=1e-4 * max(1, factor))
+
+
+def test_a_film_of_the_scene_is_the_camera_of_touch(tmp_path: Path) -> None:
+    for k in range(3):
+        video(tmp_path / f"Trial{k}/TactileVideo.avi")
+        video(tmp_path / f"Trial{k}/WebcamVideo.avi", 200)
+        times = [f"{n / 20}" for n in range(COUNT)]
+        forces(tmp_path / f"Trial{k}/ForceTorqueData.csv", "TimeSec,ForceX,ForceY,ForceZ", times)
+    found, doubts = read(tmp_path)
+    assert sorted(found) == [f"Trial{k}/TactileVideo.avi" for k in range(3)]
+    for one in found.values():
+        assert one.image is not None
+        assert one.image.read([0]).mean() > 190 > one.frames.read([0]).mean()
+        check(one)
+    assert "camera: {folder}/WebcamVideo.avi is the view of the scene" in doubts
+
+
+def test_folders_of_views_and_depth_are_no_touch(tmp_path: Path) -> None:
+    for k in range(3):
+        for name in ("tactile_left", "tactile_right", "tactile_left_depth", "realsense"):
+            images(tmp_path / f"pick_{k}" / name, 200 if name == "realsense" else 60)
+    found, doubts = read(tmp_path)
+    sides = ("tactile_left", "tactile_right")
+    assert sorted(found) == [f"pick_{k}/{side}" for k in range(3) for side in sides]
+    assert all(one.image is not None and one.image.read([0]).mean() > 190 for one in found.values())
+    assert any("tactile_left_depth/*.png left out" in line for line in doubts)
+
+
+def test_images_of_touch_beside_a_film_of_the_scene(tmp_path: Path) -> None:
+    for k in range(3):
+        images(tmp_path / f"trial{k}/gelsight")
+        video(tmp_path / f"trial{k}/webcam.avi", 200)
+    found, _ = read(tmp_path)
+    assert sorted(found) == [f"trial{k}/gelsight" for k in range(3)]
+    assert all(one.image is not None for one in found.values())
+
+
+@pytest.mark.parametrize(
+    ("names", "left"),
+    [
+        (["cup", "gel_bottle", "camera"], []),  # objects
+        (["left", "right"], []),
+        (["rgb", "depth"], []),  # none is called touch
+        (["left", "webcam"], ["webcam"]),
+        (["webcam"], []),
+        (["digit", "color"], ["color"]),
+        (["gelsight", "gelsight_flow"], ["gelsight_flow"]),
+        (["gelsight", "gelsight_markers"], []),
+        (["tactile_front", "tactile_top"], []),
+    ],
+)
+def test_what_is_a_view_by_its_name(names: list[str], left: list[str]) -> None:
+    paths = [Path(f"t{k}/{name}/{n}.png") for k in range(2) for name in names for n in range(2)]
+    assert {path.parts[1] for path in scenes(paths, Path())} == {*left}
+
+
+@pytest.mark.parametrize(
+    ("written", "sensor"),
+    [
+        ("GelSightMini_2", "gelsight_mini"),
+        ("GelSight Mini", "gelsight_mini"),
+        ("gs-mini", "gelsight_mini"),
+        ("DIGIT_D20123", "digit"),
+        ("GelSight-R1.5", "gelsight"),
+        ("minigame", ""),
+    ],
+)
+def test_sensors_as_they_are_written(written: str, sensor: str) -> None:
+    assert named_sensor(written) == sensor
+
+
+def test_sensors_of_folders_and_files_beside(tmp_path: Path) -> None:
+    for name in ("DIGIT_D20123", "GelSightMini_2"):
+        images(tmp_path / "a" / name / "0")
+    found, _ = read(tmp_path / "a")
+    assert {key.split("/")[0]: one.sensor for key, one in found.items()} == {
+        "DIGIT_D20123": "digit",
+        "GelSightMini_2": "gelsight_mini",
+    }
+    for k, name in enumerate(("mug", "pen")):
+        video(tmp_path / f"b/take{k}/film.avi")
+        about = {"object": name, "sensor": "DIGIT", "timestamps": [n / 20 for n in range(COUNT)]}
+        about |= {"forces": [[0.0, 0.0, z] for z in FORCE]}
+        (tmp_path / f"b/take{k}/data.json").write_text(json.dumps(about))
+    found, _ = read(tmp_path / "b")
+    for k, name in enumerate(("mug", "pen")):
+        one = found[f"take{k}/film.avi"]
+        assert (one.object, one.sensor) == (name, "digit")
+        check(one)
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        [f"2024-10-27T23:59:59.{50 + 5 * n}" for n in range(COUNT)],
+        [f"23:59:59.{50 + 5 * n}" for n in range(COUNT)],
+        [*(f"23:59:59.{n}" for n in range(5, 10)), *(f"0:00:00.{n}" for n in range(5))],
+    ],
+)
+def test_dates_and_times_of_day(tmp_path: Path, times: list[str]) -> None:
+    for k in range(2):
+        images(tmp_path / f"rec{k}/frames")
+        forces(tmp_path / f"rec{k}/log.csv", "time,Fx [N],Fy [N],Fz [N]", times)
+    found, _ = read(tmp_path)
+    for one in found.values():
+        assert one.times[-1] == pytest.approx(0.9 if "0:00" in times[-1] else 0.45, abs=1e-6)
+        check(one)
+
+
+@pytest.mark.parametrize(
+    ("file", "header", "factor"),
+    [
+        ("force_kgf.csv", "frame,fx,fy,fz", 9.80665),
+        ("log.csv", "frame,ati_fx,ati_fy,ati_fz", 1.0),
+        ("loads.csv", "Frame,NormalForce [mN]", 1e-3),
+    ],
+)
+def test_units_and_sensors_in_names(tmp_path: Path, file: str, header: str, factor: float) -> None:
+    for k in range(2):
+        images(tmp_path / f"{k}/cam")
+        axes = len(header.split(",")) - 1
+        forces(tmp_path / f"{k}/{file}", header, [str(n) for n in range(COUNT)], axes)
+    for one in read(tmp_path)[0].values():
+        check(one, factor)
+
+
+def test_forces_of_a_robot_or_of_several_are_told_and_left(tmp_path: Path) -> None:
+    for k, header in enumerate(("frame,ee_fx,ee_fy,ee_fz", "frame,left_fz,up_fz,right_fz")):
+        images(tmp_path / f"{k}/0/cam")
+        forces(tmp_path / f"{k}/0/log.csv", header, [str(n) for n in range(COUNT)])
+        found, doubts = read(tmp_path / str(k))
+        assert all(one.force is None for one in found.values())
+        assert any(line.startswith("force: ") and "left out" in line for line in doubts)
+
+
+def test_objects_by_the_folders_of_their_recordings(tmp_path: Path) -> None:
+    for name in ("Holz", "Metall"):
+        for k in range(2):
+            video(tmp_path / "a" / name / f"{k}.avi")
+    assert {one.object for one in read(tmp_path / "a")[0].values()} == {"Holz", "Metall"}
+    for k in range(2):  # trials, sides
+        for side in ("left", "right"):
+            video(tmp_path / f"b/cup_{'ab'[k]}/{side}.avi")
+        for n in range(2):
+            video(tmp_path / f"c/session{'AB'[k]}/{n}.avi")
+    for folder in ("b", "c"):
+        assert {one.object for one in read(tmp_path / folder)[0].values()} == {None}
