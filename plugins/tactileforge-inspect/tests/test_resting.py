@@ -63,7 +63,7 @@ def test_keys_of_a_layout_are_named_only_where_there_is_one() -> None:
     turned = [np.rot90(still("digit", i), i == 1)[..., :: -1 if i == 0 else 1] for i in range(3)]
     for line in lines([np.ascontiguousarray(p) for p in turned], "digit", has_layout=False):
         assert "in the layout" not in line
-        assert "(correct the files, or read them by data=recordings, where " in line
+        assert " in the map or options of the data set puts " in line
 
 
 def test_a_sensor_whose_colours_are_not_known_is_compared_with_itself() -> None:

@@ -186,7 +186,7 @@ def _like_the_others(
 def _fix(key: str, effect: str, has_layout: bool) -> str:
     if has_layout:
         return f"{key} in the layout {effect}"
-    return f"correct the files, or read them by data=recordings, where {key} {effect}"
+    return f"{key} in the map or options of the data set {effect}; without such a key, in the files"
 
 
 def _odd(

@@ -287,7 +287,9 @@ class _SplitUp:
             return f"{what}, blocks of time of each"
         by = {"trial": "trials, with all sensors, cameras and repetitions of one"}
         by |= {"recording": "recordings, each by itself", "object": "objects"}
-        return f"{what}, by {by.get(unit, unit)}: {self.sides.count('val')} recordings held out"
+        held = self.sides.count("val")
+        said = "1 recording" if held == 1 else f"{held} recordings"
+        return f"{what}, by {by.get(unit, unit)}: {said} held out"
 
     @property
     def doubt(self) -> str:
