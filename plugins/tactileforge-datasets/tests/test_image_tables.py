@@ -118,6 +118,23 @@ def test_parquet_with_episodes(tmp_path: Path) -> None:
     assert {one.status for one in results} <= {"ran", "skipped"}, results
 
 
+def test_a_file_for_each_recording(tmp_path: Path) -> None:
+    table = rows("image", "force", "object", "timestamp")
+    for trial in range(TRIALS):
+        write(tmp_path / f"run{trial}.parquet", table[trial * COUNT : (trial + 1) * COUNT])
+    found, data, doubts = read(tmp_path)
+    assert data.recording == "{file}"
+    assert data.held_out == ["by recording (file), with all its sensors and cameras"]
+    matches(found)
+    assert "recording: each file is one, as timestamp rises in it" in doubts
+    # parts of one table are no recordings
+    (tmp_path / "parts").mkdir()
+    for trial in range(TRIALS):
+        file = tmp_path / f"run{trial}.parquet"
+        file.rename(tmp_path / f"parts/data-0000{trial}-of-00003.parquet")
+    assert read(tmp_path / "parts")[1].recording == ""
+
+
 def test_parquet_without_episodes_keeps_its_splits(tmp_path: Path) -> None:
     table = rows("image", "fx", "fy", "fz", "object")
     write(tmp_path / "data/train-00000-of-00001.parquet", table[COUNT:])

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -42,6 +42,10 @@ from tactileforge.reading import (
 from tactileforge_datasets import arrow_files
 
 _TOUCH = re.compile(r"tactile|touch|gel(?!d)|digit|tacto|taxim|finger", re.IGNORECASE)
+#: In place of the column that tells recordings apart, where each file is one.
+_OF_FILE = "{file}"
+#: Name of a part of a table that was written in parts.
+_PART = re.compile(r"\d+-of-\d+$|^part-|^shard|^data-\d+$")
 #: Most files that are looked at for a guess.
 _MOST = 10_000
 
@@ -58,7 +62,7 @@ class ImageTables(Drawn):
     """Rows of tables with images in their cells, as Hugging Face's datasets keep them.
 
     A row is a frame. Rows with one value in the column ``recording`` are a recording, in their
-    order; without such a column, a row is a recording of one frame. Files are parquet, also those
+    order, and with ``{file}`` those of a file; without either, a row is a recording of one frame. Files are parquet, also those
     of a download, or the arrow of ``save_to_disk``; parts called ``train``, ``test`` and the like
     keep their side. Names of columns say what is not given here; values within others have a point
     (``force.0``).
@@ -73,7 +77,8 @@ class ImageTables(Drawn):
         times: Column of the times; "" for even times at ``fps``.
         time_unit: Unit of these times; "" for seconds, or that of dates.
         fps: Rows a second, without times.
-        recording: Column that tells recordings apart; "" for none.
+        recording: Column that tells recordings apart; ``{file}`` where each file is one, "" where
+            each row is one.
         object: Column of the touched object.
         text: Column of captions.
         background: ``first`` where recordings begin without contact, or ``none``.
@@ -141,7 +146,7 @@ class ImageTables(Drawn):
         """The held-out unit."""
         if "val" in {side for _, side in self._files}:
             return ["the files of validation and test"]
-        unit = f"recording ({self.recording})" if self.recording else "image"
+        unit = f"recording ({self.recording.strip('{}')})" if self.recording else "image"
         return [f"by {unit}, with all its sensors and cameras"] if self.val else []
 
     @cached_property
@@ -205,13 +210,16 @@ class ImageTables(Drawn):
             for number, row in enumerate(arrow_files.read_plain(path, plain)):
                 cells = dict(flat(row, ""))
                 if not number:
-                    asked = [*self.force, self.times, self.recording, self.object, self.text]
+                    recording = "" if self.recording == _OF_FILE else self.recording
+                    asked = [*self.force, self.times, recording, self.object, self.text]
                     check_names(f"column of {path}", [one for one in asked if one], cells)
                 for column, known in names.items():
                     if cells.get(column, "").isdecimal() and int(cells[column]) < len(known):
                         cells[column] = known[int(cells[column])]
                 name = f"{part}/{number}".removeprefix("/")
-                if self.recording:
+                if self.recording == _OF_FILE:
+                    name = part or path.stem
+                elif self.recording:
                     name = f"{side}/{cells[self.recording]}".removeprefix("/")
                 rows = out.setdefault(name, _Rows())
                 rows.places.append((str(path), number))
@@ -290,18 +298,34 @@ class ImageTables(Drawn):
         rows = [dict(flat(row, "")) for row in islice(arrow_files.read_plain(files[0], plain), 256)]
         if not rows:
             return None
-        return _guess(root, files[0], touch, [one for one in images if one not in touch], rows)
+        others = [one for one in images if one not in touch]
+        return _guess(root, files, touch, others, rows)
+
+
+def _is_a_recording_each(
+    files: Sequence[Path], rows: Sequence[Mapping[str, str]], times: str
+) -> bool:
+    """Whether each of several files is a recording: its times rise, and no name counts parts."""
+    if len(files) < 2 or len(rows) < 2 or any(_PART.search(path.stem) for path in files):
+        return False
+    try:
+        values = [float(row[times]) for row in rows]
+    except ValueError:
+        return False
+    return all(after > before for before, after in pairwise(values))
 
 
 def _guess(
     root: Path,
-    path: Path,
+    files: Sequence[Path],
     touch: Sequence[str],
     others: Sequence[str],
     rows: Sequence[Mapping[str, str]],
 ) -> Guess:
     """Options of the data set by the names of columns."""
-    found = named_columns(list(rows[0]))
+    path, found = files[0], named_columns(list(rows[0]))
+    if not found.recording and found.times and _is_a_recording_each(files, rows, found.times):
+        found = replace(found, recording=_OF_FILE)
     doubts: list[str] = []
     options: dict[str, Any] = {"root": str(root), "touch": [*touch]}
     words = "_".join([*path.parts[-3:], *touch])
@@ -316,7 +340,10 @@ def _guess(
     if found.recording:
         options["recording"] = found.recording
         options["background"] = "first"
-        doubts.append(f"recording: rows are told apart by {found.recording}")
+        said = f"rows are told apart by {found.recording}"
+        if found.recording == _OF_FILE:
+            said = f"each file is one, as {found.times} rises in it"
+        doubts.append(f"recording: {said}")
         doubts.append("background: nothing may touch in the first frame of a recording")
     else:
         doubts.append("recording: no column tells recordings apart, so each row is one")
