@@ -62,10 +62,10 @@ class ImageTables(Drawn):
     """Rows of tables with images in their cells, as Hugging Face's datasets keep them.
 
     A row is a frame. Rows with one value in the column ``recording`` are a recording, in their
-    order, and with ``{file}`` those of a file; without either, a row is a recording of one frame. Files are parquet, also those
-    of a download, or the arrow of ``save_to_disk``; parts called ``train``, ``test`` and the like
-    keep their side. Names of columns say what is not given here; values within others have a point
-    (``force.0``).
+    order, and with ``{file}`` those of a file; without either, a row is a recording of one frame.
+    Files are parquet, also those of a download, or the arrow of ``save_to_disk``; parts called
+    ``train``, ``test`` and the like keep their side. Names of columns say what is not given here;
+    values within others have a point (``force.0``).
 
     Args:
         root: Folder of the tables, or a single one.
