@@ -7,9 +7,11 @@ weights of three seeds, some are drawn each time too, so that their spread count
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,13 +160,14 @@ def _bootstrap(
     groups = every[0].groups
     if any(network.groups != groups for network in every):
         raise DataError("models were tested on other recordings; run the bench again, all at once")
-    rng = np.random.default_rng(seed)
     # the same draws of groups for all networks: the test is paired
-    counts = rng.multinomial(len(groups), np.full(len(groups), 1 / len(groups)), DRAWS)
+    counts, state = _draws(seed, len(groups))
+    rng = np.random.default_rng(seed)
+    rng.bit_generator.state = state
     all_once = np.ones((1, len(groups)))
 
     def drawn(networks: Sequence[GroupedScore]) -> Sums:
-        table = np.stack([network.scores(counts.astype(float)) for network in networks])
+        table = np.stack([network.scores(counts) for network in networks])
         # networks are drawn too, so that the interval covers the spread of seeds
         chosen = rng.integers(len(networks), size=(len(networks), DRAWS))
         means: Sums = np.take_along_axis(table, chosen, axis=0).mean(0)
@@ -174,3 +177,15 @@ def _bootstrap(
     mean = np.mean([network.scores(all_once) for network in tallies])
     mean -= np.mean([network.scores(all_once) for network in others]) if others else 0.0
     return float(mean), values
+
+
+@lru_cache(maxsize=16)
+def _draws(seed: int, groups: int) -> tuple[Sums, Mapping[str, Any]]:
+    """How often each group is drawn, float64 (DRAWS, groups), and the generator's state after it.
+
+    They are the same for every model of a task, and take most of the time.
+    """
+    rng = np.random.default_rng(seed)
+    counts = rng.multinomial(groups, np.full(groups, 1 / groups), DRAWS).astype(float)
+    counts.flags.writeable = False
+    return counts, rng.bit_generator.state
