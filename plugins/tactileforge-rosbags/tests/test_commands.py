@@ -33,14 +33,41 @@ def test_touch_is_guessed_by_names_of_topics(tmp_path):
     guess = Rosbags.recognise(tmp_path)
     assert guess is not None
     sensors = ("digit", "gelsight", "gelsight_mini")
-    assert guess.options["topics"] == dict(
+    topics = {one["topic"]: one["sensor"] for one in guess.options["map"]["touch"]}
+    assert topics == dict(
         zip(sorted(names[:3]), ("digit", "gelsight_mini", "gelsight"), strict=True)
     )
-    assert {*guess.options["topics"].values()} == {*sensors}
-    assert any(line.endswith("left out: /camera/color") for line in guess.doubts)
+    assert {*topics.values()} == {*sensors}
+    assert "camera: /camera/color is the view of the scene" in guess.doubts
     assert any(
         "/finger/tactile is taken for touch of gelsight_mini" in line for line in guess.doubts
     )
+
+
+@pytest.mark.parametrize(
+    ("topic", "sign", "found"),
+    [("/netft_data", 1, True), ("/ft/wrench", -1, True), ("/robot/tcp_wrench", 1, False)],
+)
+def test_the_only_wrench_beside_one_touch_is_its_force(topic, sign, found, tmp_path):
+    make = Messages("mcap")
+    step = 33_000_000
+    rows = [
+        ("/digit/image", BEGIN + step * i, make.raw(BEGIN + step * i, picture(i))) for i in range(6)
+    ]
+    rows += [
+        (topic, BEGIN + step * i, make.wrench(BEGIN + step * i, (0.0, 0.5, sign * float(i))))
+        for i in range(6)
+    ]
+    write(tmp_path / "one", "mcap", sorted(rows, key=lambda row: row[1]))
+    guess = Rosbags.recognise(tmp_path)
+    assert guess is not None
+    (one,) = Rosbags(**guess.options, val=0).recordings("train")
+    if found:
+        np.testing.assert_allclose(one.force[:, 2], np.arange(6), atol=1e-6)
+        assert any(line.startswith(f"force: {topic} is taken for") for line in guess.doubts)
+    else:
+        assert one.force is None
+        assert any(line.startswith("wrenches are tracks") for line in guess.doubts)
 
 
 def words(tmp_path, kind="mcap"):

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from tactileforge.contracts import Guess, Recording
 from tactileforge.errors import ConfigError, DataError, check_names, home_path, unknown
@@ -27,7 +27,8 @@ class Rosbags:
     Args:
         root: Folder of the bags, or a single bag.
         topics: Type of the sensor by topic of touch: ``{/digit/image: digit}``; {} with ``map``.
-        map: YAML file that says more: wrenches, camera, joints, intervals; "" for none.
+        map: What says more: wrenches, camera, joints, intervals; its keys, or a YAML file of them;
+            "" for none.
         clock: ``header`` for the stamps of messages, where they are set, or ``bag`` for the time of
             recording; null for what the map says.
         background: ``first`` where recordings begin without contact, ``bag`` where bags do, or
@@ -43,7 +44,7 @@ class Rosbags:
         self,
         root: str,
         topics: Mapping[str, str] | None = None,
-        map: str = "",
+        map: str | Mapping[str, Any] = "",
         clock: Literal["header", "bag"] | None = None,
         background: Literal["none", "first", "bag"] | None = None,
         licence: str = "",
@@ -54,7 +55,8 @@ class Rosbags:
         if topics and map:
             raise ConfigError("give data.topics, or data.map=FILE.yaml with `touch`, not both")
         check_data_licence("data.licence", licence)
-        self.root, self.val, self.map = home_path(root), val, map
+        self.root, self.val = home_path(root), val
+        self.map = map if isinstance(map, str) else dict(map)
         self.topics = dict(topics or {})
         self.clock, self.background, self.licence = clock, background, licence
         self.skipped: list[str] = []
@@ -70,14 +72,17 @@ class Rosbags:
             ConfigError: The file cannot be read, a key is invalid, or no topic is named.
             DataNotFoundError: There is no bag.
         """
-        from tactileforge_rosbags.map_files import map_of, read_map
+        from tactileforge_rosbags.map_files import check_map, map_of, read_map
 
         if not self.map and not self.topics:
             raise ConfigError(
                 f"{self.root}: which topics are touch? data.topics={{TOPIC: SENSOR}}, or a map: "
                 f"data.map=FILE.yaml (docs/data.md); {self._held()}"
             )
-        keys = read_map(home_path(self.map)) if self.map else map_of(self.topics)
+        if isinstance(self.map, str):
+            keys = read_map(home_path(self.map)) if self.map else map_of(self.topics)
+        else:
+            keys = check_map("data.map", self.map)
         return replace(
             keys,
             clock=self.clock or keys.clock,

@@ -24,7 +24,7 @@ def read_map(path: Path) -> BagMap:
     except (OSError, ValueError) as error:
         why = " ".join(str(error).split())
         raise ConfigError(f"data.map={path}: cannot be read ({why}); correct it") from error
-    return _checked(str(path), content)
+    return check_map(str(path), content)
 
 
 def map_of(topics: Mapping[str, str]) -> BagMap:
@@ -37,7 +37,16 @@ def map_of(topics: Mapping[str, str]) -> BagMap:
     return BagMap(touch=touch)
 
 
-def _checked(where: str, content: Any) -> BagMap:
+def check_map(where: str, content: Any) -> BagMap:
+    """A map by its keys.
+
+    Args:
+        where: Place of the keys, for errors.
+        content: The keys, plain data.
+
+    Raises:
+        ConfigError: A key is unknown, missing or of another type, or keys contradict each other.
+    """
     made: BagMap = strict.build(BagMap, where, content)
     if not made.touch:
         raise ConfigError(f"{where}: touch is empty; say which topics are touch")

@@ -55,11 +55,12 @@ def read_wrench(
 
 @lru_cache(maxsize=16)
 def _wrenches(bag: Bag, topic: str, _changed: int) -> Scan:
-    found = scan(bag, topic, WRENCHES, _wrench)
+    found = scan(bag, topic, WRENCHES, wrench_of)
     return replace(found, values=_finite(found.values))
 
 
-def _wrench(message: Any) -> tuple[float, ...]:
+def wrench_of(message: Any) -> tuple[float, ...]:
+    """Force and torque of a message, x, y and z each."""
     wrench = getattr(message, "wrench", message)
     force, torque = wrench.force, wrench.torque
     return force.x, force.y, force.z, torque.x, torque.y, torque.z
