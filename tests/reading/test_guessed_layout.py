@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from tactileforge.data import encode_image
 from tactileforge.datasets import Recordings
-from tactileforge.reading.guessed_layout import guess_layout, tiles
+from tactileforge.reading.guessed_layout import guess_layout
+from tactileforge.reading.tiles import tiles
 
 RNG = np.random.default_rng(0)
 

@@ -14,8 +14,7 @@ from tactileforge.reading.files import kind_of as kind_of
 from tactileforge.reading.files import matching_files as matching_files
 from tactileforge.reading.files import read_rows as read_rows
 from tactileforge.reading.files import read_text as read_text
-from tactileforge.reading.guessed_layout import ASSUMED_FPS as ASSUMED_FPS
-from tactileforge.reading.guessed_layout import guess_sensor as guess_sensor
+from tactileforge.reading.guessed_media import ASSUMED_FPS as ASSUMED_FPS
 from tactileforge.reading.guessed_tables import NamedColumns as NamedColumns
 from tactileforge.reading.guessed_tables import is_turned as is_turned
 from tactileforge.reading.guessed_tables import named_columns as named_columns
@@ -45,6 +44,7 @@ from tactileforge.reading.published import median_frames as median_frames
 from tactileforge.reading.published import still_background as still_background
 from tactileforge.reading.reader import LayoutReader as LayoutReader
 from tactileforge.reading.records import flat as flat
+from tactileforge.reading.sensor_names import guess_sensor as guess_sensor
 from tactileforge.reading.sheets import rows_of_arrays as rows_of_arrays
 from tactileforge.reading.splits import SPLIT_OF_FOLDER as SPLIT_OF_FOLDER
 from tactileforge.reading.splits import check_share as check_share

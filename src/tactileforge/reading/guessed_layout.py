@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import islice, takewhile
 from pathlib import Path, PurePath
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactileforge.contracts import Frames, Guess
+from tactileforge.contracts import Guess
 from tactileforge.data.frames.companions import is_companion
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.lazy import ImageFrames
-from tactileforge.data.frames.stacks import is_stack, open_film
+from tactileforge.data.frames.stacks import is_stack
 from tactileforge.errors import TactileForgeError
+from tactileforge.reading.guessed_background import guess_background
+from tactileforge.reading.guessed_media import (
+    ASSUMED_FPS,
+    BACKGROUND,
+    IMAGES,
+    VIDEOS,
+    of_endings,
+    open_media,
+    stacks,
+    units_of,
+)
 from tactileforge.reading.guessed_tables import (
     guess_apart,
     guess_force,
@@ -30,50 +40,31 @@ from tactileforge.reading.linked import matches
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_keys, name_prefix
 from tactileforge.reading.records import RECORDS, conversion, sheets
-from tactileforge.reading.sensor_names import named_sensor, words_of_sensors
+from tactileforge.reading.sensor_names import guess_sensor, named_sensor
 from tactileforge.reading.series import series_of
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.table_families import SIDES, Units, families, is_for_all, templates
+from tactileforge.reading.tiles import Box, tiles
 from tactileforge.reading.trial_rows import RECORDING_WORDS
 from tactileforge.reading.view_words import DERIVED, scenes, words_of
-from tactileforge.specs.published import SPECS
 
-_VIDEOS = frozenset({".avi", ".mp4", ".mov", ".mkv", ".webm"})
-_IMAGES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
 #: Largest number of files that are listed; the rest of a large set looks like its start.
 _MOST_FILES = 50_000
 #: Images of a folder to compare, and the largest change from one to the next in a recording, over
 #: that between images in another order. Takes of a sensor have .1 to .4, still touches about 1.
 _COMPARED, _SMOOTH = 24, 0.6
-#: Frames per second where nothing tells them: the usual rate of the cameras in such sensors.
-ASSUMED_FPS = 30
-_BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
 #: Endings of tables that may be notes as well.
 _NOTES = frozenset({".txt", ".dat"})
 #: Endings of tables that are read.
 _TABLES = frozenset({".csv", ".tsv"}) | _NOTES | RECORDS
-#: Grey levels by which half of a picture differs from what is no background.
-_ANOTHER = 75
-#: Least number of pictures beside one that differs by its ending.
-_MANY = 10
-#: Of pictures that are put together: grey levels across an edge, shares of pixels along an edge
-#: between parts and along usual ones, and the most parts in a row or column.
-_EDGE, _MOST_OF, _FEW, _MOST_TILES = 12, 0.7, 0.3, 4
 #: Largest number of folders that get a layout each.
 _MOST_PARTS = 20
-#: Left, top, width and height, pixels.
-Box: TypeAlias = tuple[int, int, int, int]
-#: Types of sensors that have no package, and those that are most like them.
-_FOREIGN = {"wedge": "gelsight", "geltip": "gelsight", "9dtact": "gelsight"}
-_FOREIGN |= {"ninedtact": "gelsight", "tac3d": "gelsight"}
 #: Folder of an object: words, which count no trials and tell no date.
 _OBJECT_FOLDER = re.compile(
     rf"(?!(?:{RECORDING_WORDS}|session|day|set|part|batch)s?[\W\d_]*[a-z]?$)\D.*", re.IGNORECASE
 )
 #: Largest number of folders that a pattern names.
 _MOST_NAMED = 8
-#: Largest number of arrays whose headers are read.
-_MOST_ARRAYS = 500
 
 
 def guess_layout(root: Path) -> Guess | None:
@@ -88,14 +79,14 @@ def guess_layout(root: Path) -> Guess | None:
     found = (path for path in sorted(matches(root, "**/*")) if path.is_file())
     files = list(islice((x for x in found if not is_companion(x.relative_to(root))), _MOST_FILES))
     # videos first: stills beside them are usually backgrounds
-    kinds = [_of(files, _VIDEOS), _stacks(files), _of(files, _IMAGES)]
-    shown = [path for kind in kinds for path in kind if not _BACKGROUND.search(path.stem.lower())]
+    kinds = [of_endings(files, VIDEOS), stacks(files), of_endings(files, IMAGES)]
+    shown = [path for kind in kinds for path in kind if not BACKGROUND.search(path.stem.lower())]
     views = scenes(list(dict.fromkeys(shown)), root)
     hidden = {*views}
     media = next((own for kind in kinds if (own := [one for one in kind if one not in hidden])), [])
     if not media:
         return None
-    touches = [path for path in media if not _BACKGROUND.search(path.stem.lower())] or media
+    touches = [path for path in media if not BACKGROUND.search(path.stem.lower())] or media
     doubts: list[str] = []
     layouts: dict[str, dict[str, Any]] = {}
     read: set[Path] = set()
@@ -172,9 +163,9 @@ def _layout(
     boxes = _boxes(media[0])
     layout |= _sensor(root, folder, media, boxes, doubts)
     layout |= _crops(boxes, layout["sensor"], doubts)
-    units = _units(root, media, layout)
+    units = units_of(root, media, layout)
     frames = {*media}
-    tables = [path for path in _of(files, _TABLES | sheets()) if path not in frames]
+    tables = [path for path in of_endings(files, _TABLES | sheets()) if path not in frames]
     # those of the folder first
     tables.sort(key=lambda path: folder not in path.relative_to(root).parts)
     # of files named by sensors, a table is of the sensor in its name
@@ -188,7 +179,7 @@ def _layout(
         doubts[:] = [line for line in doubts if line.partition(":")[0] not in shared]
         doubts += told
         layout |= shared
-        units = _units(root, media, layout)
+        units = units_of(root, media, layout)
     told = []
     apart, of_apart = ({}, []) if "recording" in layout else guess_apart(found, units, told)
     if apart:
@@ -198,7 +189,7 @@ def _layout(
             for key in ("fps", "times"):
                 layout.pop(key, None)
             doubts[:] = [line for line in doubts if not line.startswith("fps:")]
-        units = _units(root, media, layout)
+        units = units_of(root, media, layout)
         found = [*of_apart, *(family for family in found if family not in of_apart)]
     column = str(apart.get("recording", "")).strip("{}")
     times, is_dated = guess_times(found, units, doubts, column)
@@ -210,10 +201,10 @@ def _layout(
     if times:
         layout.pop("fps", None)
         doubts[:] = [line for line in doubts if not line.startswith("fps:")]
-    background = _background(root, folder, media, files, layout, doubts)
+    background = guess_background(root, folder, media, files, layout, doubts)
     still = background["background"]
     name = still.get("file", "") if isinstance(still, Mapping) else ""
-    if "images" in layout and not _BACKGROUND.search(PurePath(name).stem.lower()):
+    if "images" in layout and not BACKGROUND.search(PurePath(name).stem.lower()):
         # a picture that is named so, and is none, is no touch either
         layout["images"] = _pattern(root, media, files, is_listed=True)
     layout |= times | background | force
@@ -243,11 +234,11 @@ def _camera(
     doubts: list[str],
 ) -> dict[str, Any]:
     """Key of the view of the scene beside each recording; the others are left out."""
-    units = _units(root, media, layout)
+    units = units_of(root, media, layout)
     are_stills = layout.get("each") == "touch"
     # of a film in images, their pattern
     places = [
-        path if are_stills or path.suffix.lower() in _VIDEOS else path.parent / f"*{path.suffix}"
+        path if are_stills or path.suffix.lower() in VIDEOS else path.parent / f"*{path.suffix}"
         for path in views
     ]
     found = templates(list(dict.fromkeys(places)), units)
@@ -264,53 +255,13 @@ def _camera(
     return {"camera": whole[0].template} if whole else {}
 
 
-def _units(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Units:
-    each = "video" if "videos" in layout else layout["each"]
-    files: dict[tuple[str, ...], list[Path]] = {}
-    for path in media:
-        unit = path.parent if each == "sequence" else path
-        files.setdefault(unit.relative_to(root).parts, []).append(path)
-    first = next(iter(files.values()))
-    if layout.get("recording") == "{prefix}":
-        first = [path for path in first if name_prefix(path.stem) == name_prefix(first[0].stem)]
-    frames = _open(first[0]) if each == "video" else None
-    count = len(frames) if frames is not None else len(first)
-    own = getattr(frames, "times", None)
-    seconds = float(own[-1]) if own is not None else count / layout.get("fps", ASSUMED_FPS)
-    is_dated, is_timed = False, layout.get("times") == "names"
-    if is_timed:
-        clock = name_times([path.stem for path in first], None)
-        is_dated = clock.start is not None
-        seconds = seconds if clock.times is None else float(clock.times[-1])
-    return Units(root, each, files, count, seconds, is_timed, is_dated)
-
-
-def _stacks(files: Sequence[Path]) -> list[Path]:
-    """Stacks of pictures: TIFF of several pages, or arrays of pixels."""
-    tiffs = _of(files, {".tif", ".tiff"})
-    if tiffs and is_stack(tiffs[0]):
-        return tiffs
-    found, names = [], dict[str, bool]()
-    for path in _of(files, {".npy"}):
-        # files of one name hold the same
-        if path.name not in names and len(names) < _MOST_ARRAYS:
-            names[path.name] = _open(path) is not None
-        if names.get(path.name):
-            found.append(path)
-    return found
-
-
-def _of(files: Sequence[Path], endings: frozenset[str] | set[str]) -> list[Path]:
-    return [path for path in files if path.suffix.lower() in endings]
-
-
 def _frames(
     root: Path, media: Sequence[Path], files: Sequence[Path], doubts: list[str]
 ) -> dict[str, Any]:
     """Keys of the files and of their times."""
     pattern = _pattern(root, media, files)
     ending = media[0].suffix.lower()
-    if ending in _VIDEOS:
+    if ending in VIDEOS:
         return {"videos": pattern}
     if is_stack(media[0]):
         doubts.append(f"fps: {ASSUMED_FPS} is assumed, a stack tells no times")
@@ -402,7 +353,7 @@ def _pattern(
         if path.suffix.lower() in endings and path.parent in folders and path not in {*media}
     }
     # a background that is used is not a touch, whatever the pattern is
-    is_listed |= any(not _BACKGROUND.search(PurePath(name).stem.lower()) for name in strangers)
+    is_listed |= any(not BACKGROUND.search(PurePath(name).stem.lower()) for name in strangers)
     if strangers and (endings != [".npy"] or patterns == [f"{above}*.npy"]):
         found: list[str] = []
         for ending in endings:
@@ -465,92 +416,9 @@ def _sensor(
     def shape() -> tuple[int, int]:
         if boxes:
             return boxes[0][3], boxes[0][2]
-        return (1, 1) if (frames := _open(media[0])) is None else frames.shape
+        return (1, 1) if (frames := open_media(media[0])) is None else frames.shape
 
     return guess_sensor(words, shape, doubts)
-
-
-def guess_sensor(
-    words: str, shape: Callable[[], tuple[int, int]], doubts: list[str]
-) -> dict[str, Any]:
-    """Guess the key of the sensor.
-
-    Args:
-        words: Names of folders and files.
-        shape: Function to height and width of a frame, called where no name tells the type.
-        doubts: Lines, added to.
-    """
-    words = words_of_sensors(words)
-    # the longest name first: gelsight_mini holds gelsight
-    if named := [name for name in sorted(SPECS, key=len, reverse=True) if name in words]:
-        return {"sensor": named[0]}
-    height, width = shape()
-    if foreign := next((name for name in _FOREIGN if name in words), ""):
-        doubts.append(
-            f"sensor: {foreign} by its name, which no package has; {_FOREIGN[foreign]} is the "
-            f"nearest, tactileforge plugins new sensor {foreign} makes one"
-        )
-        return {"sensor": _FOREIGN[foreign]}
-    # DIGIT alone of the usual sensors is taller than wide
-    sensor = "digit" if height > width else "gelsight_mini"
-    doubts.append(f"sensor: no name tells the type; {sensor} only by the shape {height} x {width}")
-    return {"sensor": sensor}
-
-
-def _open(path: Path) -> Frames | None:
-    is_film = path.suffix.lower() in _VIDEOS or is_stack(path)
-    try:
-        return open_film(path) if is_film else ImageFrames([path])
-    except TactileForgeError:
-        return None
-
-
-def _background(
-    root: Path,
-    folder: str,
-    media: Sequence[Path],
-    files: Sequence[Path],
-    layout: Mapping[str, Any],
-    doubts: list[str],
-) -> dict[str, Any]:
-    stills = [path for path in _of(files, _IMAGES) if _BACKGROUND.search(path.stem.lower())]
-    if folder:
-        stills = [path for path in stills if _is_of(path.relative_to(root), folder)]
-    if stills and (name := _still(root, media, stills, layout)):
-        return {"background": {"file": name}}
-    if stills:
-        name = stills[0].relative_to(root).as_posix()
-        doubts.append(
-            f"background: {name} is not of the size and colours of all pictures, and left out"
-        )
-    odd = _odd_ones(media) if layout.get("each") == "touch" else []
-    rest = [path for path in media if path not in odd]
-    if odd and (name := _still(root, rest, odd, layout)):
-        doubts.append(
-            f"background: {name}, by its place as the first and by being the only {odd[0].suffix}"
-        )
-        return {"background": {"file": name}}
-    if layout.get("each") == "touch":
-        doubts.append("background: none was found, so nothing is subtracted")
-        return {"background": "none"}
-    doubts.append("background: nothing may touch in the first frame of a recording")
-    return {"background": {"first": 1}}
-
-
-def _odd_ones(media: Sequence[Path]) -> list[Path]:
-    """The first picture of each folder, if it alone has another ending; [] otherwise."""
-    folders: dict[Path, list[Path]] = {}
-    for path in media:
-        folders.setdefault(path.parent, []).append(path)
-    found = []
-    for paths in folders.values():
-        keys = name_keys(paths)
-        first, *others = sorted(paths, key=lambda path: keys[path])
-        endings = {path.suffix.lower() for path in others}
-        if len(others) < _MANY or len(endings) > 1 or first.suffix.lower() in endings:
-            return []
-        found.append(first)
-    return found
 
 
 def _crops(boxes: Sequence[Box], sensor: str, doubts: list[str]) -> dict[str, Any]:
@@ -568,7 +436,7 @@ def _crops(boxes: Sequence[Box], sensor: str, doubts: list[str]) -> dict[str, An
 
 
 def _boxes(path: Path) -> list[Box]:
-    frames = _open(path)
+    frames = open_media(path)
     if frames is None:
         return []
     try:
@@ -577,99 +445,13 @@ def _boxes(path: Path) -> list[Box]:
         return []
 
 
-def tiles(pictures: NDArray[np.uint8]) -> list[Box]:
-    """Tiles of composite pictures, of one size; [] for others.
-
-    Parts meet in an edge across the whole picture. Dark bars with captions are no part of them.
-
-    Args:
-        pictures: uint8 (n, H, W, 3).
-
-    Returns:
-        Left, top, width and height of each, pixels, row by row.
-    """
-    height, width = pictures.shape[1:3]
-    # an axis at a time: the share of pixels along an edge that change across it
-    down, across = (
-        (np.abs(np.diff(pictures.astype(np.int16), axis=axis)).max(-1) > _EDGE).mean((0, 3 - axis))
-        for axis in (1, 2)
-    )
-    rows, columns = _parts_of(down, height), _parts_of(across, width)
-    if rows * columns == 1:
-        return []
-    # rows that are dark but for letters
-    dark = np.median(pictures.max(-1), axis=2).max(0) < _EDGE
-    out = []
-    for row in range(rows):
-        lit = np.flatnonzero(~dark[row * height // rows : (row + 1) * height // rows])
-        if len(lit) < 8:
-            return []
-        top = row * height // rows
-        box = (top + int(lit[0]), int(lit[-1] - lit[0]) + 1)
-        out += [
-            (column * width // columns, box[0], width // columns, box[1])
-            for column in range(columns)
-        ]
-    return out
-
-
-def _parts_of(edges: NDArray[np.float64], size: int) -> int:
-    """Number of equal parts by the edges between neighbouring rows; 1 without edges."""
-    if float(np.quantile(edges, 0.9)) > _FEW:
-        return 1  # edges everywhere: a pattern, or noise
-    for count in range(_MOST_TILES, 1, -1):
-        places = [round(size * part / count) for part in range(1, count)]
-        if size // count >= 16 and all(edges[at - 2 : at + 2].max() > _MOST_OF for at in places):
-            return count
-    return 1
-
-
-def _is_of(still: Path, folder: str) -> bool:
-    """Whether a background lies in a folder, or is named by it and nothing else."""
-    rest = _BACKGROUND.sub("", still.stem.lower()).strip("_-. ")
-    of_name = rest in (folder.lower(), named_sensor(folder))
-    return folder in still.parts[:-1] or bool(rest and of_name)
-
-
-def _still(
-    root: Path, media: Sequence[Path], stills: Sequence[Path], layout: Mapping[str, Any]
-) -> str:
-    """Path of the background of each recording, with names in braces, or of one for all."""
-    units = _units(root, media, layout)
-    for family in templates(stills, units):
-        if len(family.files) > 1 and is_for_all(family, units):
-            own = [path for path in media if path.parent == family.files[0].parent]
-            if not own or _fits(family.files[0], own):
-                return family.template
-    shared = min(stills, key=lambda path: len(path.parts))
-    return shared.relative_to(root).as_posix() if _fits(shared, media) else ""
-
-
-def _fits(still: Path, media: Sequence[Path]) -> bool:
-    """Whether a background has the size of the frames of each folder, and looks alike."""
-    folders: dict[Path, list[Path]] = {}
-    for path in media:
-        folders.setdefault(path.parent, []).append(path)
-    looked = [
-        path for paths in islice(folders.values(), _COMPARED) for path in (paths[0], paths[-1])
-    ]
-    shapes = {
-        None if (frames := _open(path)) is None else frames.shape for path in (still, *looked)
-    }
-    if len(shapes) > 1 or None in shapes:
-        return False
-    pictures = [_open(path) for path in (still, media[0])]
-    base, first = (frames.read([0])[0].astype(np.float32) for frames in pictures if frames)
-    return bool(np.median(np.abs(base - first)) < _ANOTHER)
-
-
 def _object(
     root: Path, folder: str, media: Sequence[Path], layout: Mapping[str, Any], doubts: list[str]
 ) -> dict[str, Any]:
     """Keys of objects by folder."""
     above = {path.parent for path in media} - {root}
     if layout.get("each") != "touch":
-        return _object_of_takes(_units(root, media, layout), doubts)
+        return _object_of_takes(units_of(root, media, layout), doubts)
     if len(above) < 2:
         return {}
     is_sensor = bool(folder) and all(path.name == folder for path in above)

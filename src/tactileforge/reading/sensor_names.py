@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from typing import Any
 
 from tactileforge.specs.published import SPECS
+
+#: Types of sensors that have no package, and those that are most like them.
+_FOREIGN = {"wedge": "gelsight", "geltip": "gelsight", "9dtact": "gelsight"}
+_FOREIGN |= {"ninedtact": "gelsight", "tac3d": "gelsight"}
 
 
 def words_of_sensors(name: str) -> str:
@@ -30,3 +36,30 @@ def named_sensor(name: str) -> str:
     words = words_of_sensors(name)
     named = [spec for spec in SPECS if re.search(rf"(?<![a-z]){spec}(?![a-z])", words)]
     return max(named, key=len, default="")
+
+
+def guess_sensor(
+    words: str, shape: Callable[[], tuple[int, int]], doubts: list[str]
+) -> dict[str, Any]:
+    """Guess the key of the sensor.
+
+    Args:
+        words: Names of folders and files.
+        shape: Function to height and width of a frame, called where no name tells the type.
+        doubts: Lines, added to.
+    """
+    words = words_of_sensors(words)
+    # the longest name first: gelsight_mini holds gelsight
+    if named := [name for name in sorted(SPECS, key=len, reverse=True) if name in words]:
+        return {"sensor": named[0]}
+    height, width = shape()
+    if foreign := next((name for name in _FOREIGN if name in words), ""):
+        doubts.append(
+            f"sensor: {foreign} by its name, which no package has; {_FOREIGN[foreign]} is the "
+            f"nearest, tactileforge plugins new sensor {foreign} makes one"
+        )
+        return {"sensor": _FOREIGN[foreign]}
+    # DIGIT alone of the usual sensors is taller than wide
+    sensor = "digit" if height > width else "gelsight_mini"
+    doubts.append(f"sensor: no name tells the type; {sensor} only by the shape {height} x {width}")
+    return {"sensor": sensor}

@@ -1,0 +1,81 @@
+"""Films and images of a folder, as a guess sees them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tactileforge.contracts import Frames
+from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.frames.stacks import is_stack, open_film
+from tactileforge.errors import TactileForgeError
+from tactileforge.reading.name_times import name_times
+from tactileforge.reading.order import name_prefix
+from tactileforge.reading.table_families import Units
+
+VIDEOS = frozenset({".avi", ".mp4", ".mov", ".mkv", ".webm"})
+IMAGES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
+#: Frames per second where nothing tells them: the usual rate of the cameras in such sensors.
+ASSUMED_FPS = 30
+BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
+#: Largest number of arrays whose headers are read.
+_MOST_ARRAYS = 500
+
+
+def units_of(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Units:
+    """Recordings of media, by the keys of a layout that are known so far.
+
+    Args:
+        root: Folder of the layout.
+        media: Films or images.
+        layout: Keys of the files and of their times.
+    """
+    each = "video" if "videos" in layout else layout["each"]
+    files: dict[tuple[str, ...], list[Path]] = {}
+    for path in media:
+        unit = path.parent if each == "sequence" else path
+        files.setdefault(unit.relative_to(root).parts, []).append(path)
+    first = next(iter(files.values()))
+    if layout.get("recording") == "{prefix}":
+        first = [path for path in first if name_prefix(path.stem) == name_prefix(first[0].stem)]
+    frames = open_media(first[0]) if each == "video" else None
+    count = len(frames) if frames is not None else len(first)
+    own = getattr(frames, "times", None)
+    seconds = float(own[-1]) if own is not None else count / layout.get("fps", ASSUMED_FPS)
+    is_dated, is_timed = False, layout.get("times") == "names"
+    if is_timed:
+        clock = name_times([path.stem for path in first], None)
+        is_dated = clock.start is not None
+        seconds = seconds if clock.times is None else float(clock.times[-1])
+    return Units(root, each, files, count, seconds, is_timed, is_dated)
+
+
+def stacks(files: Sequence[Path]) -> list[Path]:
+    """Stacks of pictures: TIFF of several pages, or arrays of pixels."""
+    tiffs = of_endings(files, {".tif", ".tiff"})
+    if tiffs and is_stack(tiffs[0]):
+        return tiffs
+    found, names = [], dict[str, bool]()
+    for path in of_endings(files, {".npy"}):
+        # files of one name hold the same
+        if path.name not in names and len(names) < _MOST_ARRAYS:
+            names[path.name] = open_media(path) is not None
+        if names.get(path.name):
+            found.append(path)
+    return found
+
+
+def of_endings(files: Sequence[Path], endings: frozenset[str] | set[str]) -> list[Path]:
+    """Files with one of some endings, in small letters."""
+    return [path for path in files if path.suffix.lower() in endings]
+
+
+def open_media(path: Path) -> Frames | None:
+    """Frames of a film, stack or image; None where it cannot be read."""
+    is_film = path.suffix.lower() in VIDEOS or is_stack(path)
+    try:
+        return open_film(path) if is_film else ImageFrames([path])
+    except TactileForgeError:
+        return None
