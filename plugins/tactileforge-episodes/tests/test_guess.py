@@ -457,6 +457,18 @@ def test_a_force_with_a_clock_of_its_own(writer, touch, times, force, clock, tmp
     np.testing.assert_allclose(one.force[:, 2], 3.0 * np.arange(9), atol=1e-5)  # z was turned
 
 
+@pytest.mark.parametrize(("said", "flipped"), [("BGR", True), ("rgb8", False), ("jpeg", False)])
+def test_an_attribute_says_the_order_of_channels(said, flipped, tmp_path):
+    shown = pictures(9, 24, 32, 3)
+    WRITERS["hdf5"](tmp_path, {"digit/image": shown})
+    with h5py.File(tmp_path / "lab.hdf5", "r+") as file:
+        file["digit/image"].attrs["color_order"] = said
+    found, notes = read(tmp_path)
+    (one,) = found.values()
+    np.testing.assert_array_equal(pixels(one), shown[..., ::-1] if flipped else shown)
+    assert ("red is taken to be the first" in "".join(notes)) == (said == "jpeg")
+
+
 def test_clocks_that_do_not_meet_are_named(tmp_path):
     arrays = {"digit/image": pictures(9, 24, 32, 3), "digit/t": np.arange(9) / 30}
     arrays |= {"ati/wrench": np.ones((90, 6)), "ati/t": np.arange(90) / 300 + 50}

@@ -75,6 +75,11 @@ _RATES = (
     *("fps", "frame_rate", "framerate", "rate", "rate_hz", "hz", "frequency", "freq"),
     *("control_freq", "control_frequency", "sampling_rate", "sample_rate"),
 )
+#: Attributes that say the order of channels.
+_ORDERS = (
+    *("color_order", "colour_order", "channel_order", "channels", "color_space", "colorspace"),
+    *("color_format", "pixel_format", "image_format", "encoding"),
+)
 #: Rates of formats whose files have none: robomimic, LIBERO and MimicGen; ALOHA.
 _USUAL = (("obs/", 20), ("observations/", 50))
 #: Most numbers of a row of a track, and rows of which the range of taxels is taken.
@@ -205,9 +210,21 @@ class MapGuess:
             entries[key] = {"array": key, "finger": short, "sensor": self._sensor(look), **shape}
             entries[key] |= self._still(look)
             self._used.add(key)
-        if any("taxels" not in one for one in entries.values()):
+            if "taxels" not in entries[key] and (said := self._said_channels(key)):
+                entries[key]["channels"] = said
+                self.doubts.append(f"channels: {said}, as an attribute of {key} says")
+        if any(not {"taxels", "channels"} & one.keys() for one in entries.values()):
             self.doubts.append("channels: red is taken to be the first (data.channels)")
         return entries
+
+    def _said_channels(self, key: str) -> str:
+        """Order of channels that an attribute of an array, or of its group, says; "" for none."""
+        for place in (self._top + key, self._group, ""):
+            for name in _ORDERS:
+                said = str(self._attribute(place, name)).lower().removesuffix("8")
+                if said in ("rgb", "bgr"):
+                    return said
+        return ""
 
     def _given(self, key: str) -> str:
         found = key.removeprefix(self._top)
