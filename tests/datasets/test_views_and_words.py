@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
@@ -180,6 +181,26 @@ def test_forces_of_a_robot_or_of_several_are_told_and_left(tmp_path: Path) -> No
         found, doubts = read(tmp_path / str(k))
         assert all(one.force is None for one in found.values())
         assert any(line.startswith("force: ") and "left out" in line for line in doubts)
+
+
+def test_labels_of_a_series_are_those_of_all_its_rows(tmp_path: Path) -> None:
+    for k, slips in enumerate((0, 1)):  # in the second one the label changes
+        images(tmp_path / f"{k}/cam")
+        rows = [f"{n},{z:.4f},{int(n > 5) * slips},cup{k}" for n, z in enumerate(FORCE)]
+        (tmp_path / f"{k}/log.csv").write_text("\n".join(["frame,fz,label,item", *rows]) + "\n")
+    # the label changes in one of them
+    assert {one.object for one in read(tmp_path)[0].values()} == {"cup0", "cup1"}
+    layout = "{images: '*/cam/*.png', each: sequence, fps: 20, sensor: digit, background: none, "
+    layout += "labels: {file: '{folder}/log.csv'}, object: '{item}'}"
+    data = Recordings(str(tmp_path), layouts={"mine": yaml.safe_load(layout)})
+    read_again = [one for split in ("train", "val") for one in data.recordings(split)]
+    assert {one.object for one in read_again} == {"cup0", "cup1"}
+    # asked for, it is an error of that recording
+    layout = layout.replace("{item}", "{label}")
+    data = Recordings(str(tmp_path), layouts={"mine": yaml.safe_load(layout)})
+    objects = [one.object for split in ("train", "val") for one in data.recordings(split)]
+    assert objects == ["0"]
+    assert "label is '1' here and '0' in" in str(data.skipped[0])
 
 
 def test_objects_by_the_folders_of_their_recordings(tmp_path: Path) -> None:

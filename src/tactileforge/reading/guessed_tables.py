@@ -73,6 +73,8 @@ _PULLING = 3.0
 _AS_LONG = 2.5
 #: Tables that are told to be damaged; the others are counted.
 _DAMAGED = 5
+#: Most tables of a family that are looked at for a value of all their rows.
+_LOOKED_AT = 50
 #: Largest plausible step of frames, s.
 _SLOW = 2.0
 
@@ -482,13 +484,12 @@ def guess_labels(
         is_series = len(family.rows) > 1 and not per_image and not family.key
         given: dict[str, Any] = {}
         for name, pattern in (("object", _OBJECT), ("text", _TEXT)):
-            column = family.column(pattern)
-            if column and is_series and len({row[column] for row in family.rows}) > 1:
-                continue
+            fit = [name for name in family.rows[0] if fits(pattern, name)]
+            column = next((n for n in fit if not is_series or _is_constant(family, n)), None)
             if column and (column != family.key or _names_folders(family, units)):
                 given[name] = f"{{{column}}}"
         sensor = family.column(_SENSOR)
-        if sensor and is_series and len({row[sensor] for row in family.rows}) > 1:
+        if sensor and is_series and not _is_constant(family, sensor):
             sensor = None
         types = {row[sensor]: _type_of(row[sensor]) for row in family.rows} if sensor else {}
         if types and all(types.values()):
@@ -508,6 +509,18 @@ def guess_labels(
     if family.key and template_columns(family.key):
         _doubt_key(family, family.key, doubts)
     return keys, [family]
+
+
+def _is_constant(family: Family, column: str) -> bool:
+    """Whether a column has one value in each of some tables."""
+    for path in family.files[:_LOOKED_AT]:
+        try:
+            cells = read_cells(path, [column])
+        except TactileForgeError:  # the reader names it
+            continue
+        if len({row[column] for _, row in cells}) > 1:
+            return False
+    return True
 
 
 def _names_folders(family: Family, units: Units) -> bool:

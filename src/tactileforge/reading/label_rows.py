@@ -208,11 +208,11 @@ def _own_rows(
         if len(rows) == 1 and not many:
             found |= {name: _row(name, *rows[0], layout) for name in touches}
             continue
-        # a series of one recording: what all its rows say is said of it
-        of_all = {} if layout.key in rows[0][1] or many else _common(rows)
-        if of_all and not template_columns(layout.key):
-            found |= {name: _row(name, str(path), of_all, layout) for name in touches}
-            continue
+        if not many and not template_columns(layout.key) and layout.key not in rows[0][1]:
+            series = {name: _of_series(name, path, rows, layout) for name in touches}
+            if any(row.cells.values() for row in series.values()):
+                found |= series
+                continue
         touch_of = {
             one.relative_to(folder).as_posix(): name for name in touches for one in files[name]
         }
@@ -240,14 +240,22 @@ def _own_rows(
     }
 
 
-def _common(rows: Sequence[tuple[str, Mapping[str, str]]]) -> dict[str, str]:
-    """Cells that are alike in all rows."""
-    first = rows[0][1]
-    return {
-        column: value
-        for column, value in first.items()
-        if all(cells[column] == value for _, cells in rows)
-    }
+def _of_series(
+    name: str, path: Path, rows: Sequence[tuple[str, Mapping[str, str]]], layout: DatasetLayout
+) -> LabelRow:
+    """The row of a touch from a series over time: what all its rows say is said of it."""
+    first, cells = rows[0][1], dict[str, str]()
+    mixed: dict[str, str] = {}
+    for column, value in first.items():
+        other = next((row for row in rows if row[1][column] != value), None)
+        cells[column] = "" if other else value
+        if other:
+            mixed[column] = (
+                f"{other[0]}: {column} is {other[1][column]!r} here and {value!r} in {rows[0][0]}, "
+                f"both of {name}"
+            )
+    row = _row(name, str(path), cells, layout)
+    return replace(row, cells={k: v for k, v in row.cells.items() if k in cells}, mixed=mixed)
 
 
 def _merged(name: str, rows: Mapping[str, LabelRow], layout: DatasetLayout) -> LabelRow:
