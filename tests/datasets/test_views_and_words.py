@@ -162,6 +162,7 @@ def test_dates_and_times_of_day(tmp_path: Path, times: list[str]) -> None:
     ("file", "header", "factor"),
     [
         ("force_kgf.csv", "frame,fx,fy,fz", 9.80665),
+        ("run_g.csv", "frame,fx,fy,fz", 1.0),
         ("log.csv", "frame,ati_fx,ati_fy,ati_fz", 1.0),
         ("loads.csv", "Frame,NormalForce [mN]", 1e-3),
     ],

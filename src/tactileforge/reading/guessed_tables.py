@@ -64,6 +64,8 @@ _ELSEWHERE = re.compile(
     r"(?<![a-z])(?:cmd|command|desired|des|target|goal|ref|limit|max|min|std|var|bias|ee|eef|tcp"
     r"|robot|arm|flange|wrist|gripper|base|joint|motor|external|ext)(?![a-z])"
 )
+#: Units in names of files: a single letter may be anything there.
+_FILE_UNIT = re.compile(r"(?<![a-z])(?:mn|kgf|gf|lbf|grams?|newtons?)(?![a-z])")
 #: Stems of arrays by what they hold: an array has no headers.
 _FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|loads?|wrench(?:es)?|ft|fxyz|f)")
 _TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
@@ -253,7 +255,7 @@ def guess_force(
         if clock is None:
             continue
         stated_units = {unit for name in columns if name and (unit := named_unit(name))}
-        stated_units = stated_units or {named_unit(family.files[0].stem) or "N"}
+        stated_units = stated_units or {_unit_of_file(family.files[0].stem) or "N"}
         if len(stated_units) > 1 or not stated_units <= NEWTONS.keys():
             said = " and ".join(sorted(stated_units))
             doubts.append(f"force: {family.files[0].name} has it in {said}, left out")
@@ -296,6 +298,12 @@ def guess_force(
             )
             break
     return {}, []
+
+
+def _unit_of_file(stem: str) -> str:
+    """The unit of force in the name of a file, but for a single letter; "" for none."""
+    words = _FILE_UNIT.search(stem.lower())
+    return named_unit(words[0]) if words else ""
 
 
 def is_turned(force: NDArray[np.float64]) -> bool:
@@ -426,12 +434,12 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
         return {"times": time}
     span = float(values[-1] - values[0])
     named = _TIME_UNIT.search(apart_by_capitals(time).lower())
-    fits = [
+    units_that_fit = [
         unit
         for unit, seconds in UNITS.items()
         if 1 / _AS_LONG < span * seconds / max(units.seconds, 1e-9) < _AS_LONG
     ]
-    unit = named[1] if named else fits[0] if fits else "s"
+    unit = named[1] if named else [*units_that_fit, "s"][0]
     if unit == "s":
         return {"times": time}
     doubts.append(f"force: {time} of {family.template} is taken for {unit}")
@@ -484,8 +492,8 @@ def guess_labels(
         is_series = len(family.rows) > 1 and not per_image and not family.key
         given: dict[str, Any] = {}
         for name, pattern in (("object", _OBJECT), ("text", _TEXT)):
-            fit = [name for name in family.rows[0] if fits(pattern, name)]
-            column = next((n for n in fit if not is_series or _is_constant(family, n)), None)
+            titles = [title for title in family.rows[0] if fits(pattern, title)]
+            column = next((t for t in titles if not is_series or _is_constant(family, t)), None)
             if column and (column != family.key or _names_folders(family, units)):
                 given[name] = f"{{{column}}}"
         sensor = family.column(_SENSOR)
