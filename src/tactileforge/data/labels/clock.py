@@ -67,7 +67,7 @@ def clock_number(cell: str) -> Decimal:
 
     Example:
         >>> clock_number("1.5e3"), clock_number("2001-09-09 01:46:40.25"), clock_number("0:01:02")
-        (Decimal('1.5E+3'), Decimal('1000000000.25'), Decimal('62'))
+        (Decimal('1.5E+3'), Decimal('1000000000.25'), Decimal('62.0'))
     """
     if match := _STAMP.fullmatch(cell):
         text = f"{match[1].replace('/', '-')}T{match[2]}{match[4] or '+00:00'}"
