@@ -304,7 +304,6 @@ ROWS_OF_TABLE = [
         on_set(train_start, "sensors", recordings=16),
     ),
     Row("sensors", "sim", FEW, simulated("sensors", seconds=4.0)),
-    Row("processes", "pack", FEW, with_key(pack, "processes", write_set, recordings=64), True),
     Row(
         "processes",
         "train start",
@@ -319,7 +318,6 @@ ROWS_OF_TABLE = [
         with_key(bench, "workers", write_classes, images=16, classes=4),
         True,
     ),
-    Row("processes", "sim", FEW, simulated("processes", seconds=4.0), True),
 ]
 
 
