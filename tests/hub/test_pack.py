@@ -61,6 +61,15 @@ def test_a_run_is_loaded_as_it_would_be_packed(run: Path, tmp_path: Path) -> Non
         assert tactileforge.load(run, image_size=64).encoder.image_size == (64, 64)
 
 
+@pytest.mark.parametrize("name", ["run", "file", "hf"])
+def test_a_folder_may_be_called_as_a_prefix(
+    name: str, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / name).symlink_to(run)
+    monkeypatch.chdir(tmp_path)
+    assert tactileforge.load(name).fingerprint == tactileforge.load(run).fingerprint
+
+
 def test_folders_that_are_no_runs(run: Path, tmp_path: Path) -> None:
     with pytest.raises(DataNotFoundError, match="give the folder of a run"):
         tactileforge.load(tmp_path)

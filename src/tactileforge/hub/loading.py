@@ -99,7 +99,8 @@ class _Place:
 def _find(given: str | Path, accept: str | None) -> _Place:
     """The file or run that is meant, fetched if need be."""
     if isinstance(given, str):
-        kind, _, rest = given.partition(":")
+        kind, colon, rest = given.partition(":")
+        kind = kind if colon else ""  # a folder may be called run
         if kind == "run":
             return _Place(home_path(rest), is_run=True)
         if kind == "file":

@@ -76,8 +76,8 @@ def _export(keys: _Export, _: dict[str, Any]) -> None:
 def _file(keys: _Export) -> str:
     """Path of the written file."""
     model = keys.model
-    kind, _, path = model.partition(":")
-    stem = {"file": Path(path).stem, "run": Path(path).name}.get(kind, model)
+    kind, colon, path = model.partition(":")
+    stem = {"file:": Path(path).stem, "run:": Path(path).name}.get(kind + colon, model)
     return keys.out or f"{stem}{_SUFFIXES.get(keys.format, '')}"
 
 
