@@ -203,6 +203,15 @@ def test_labels_of_a_series_are_those_of_all_its_rows(tmp_path: Path) -> None:
         list(data.recordings("train"))
 
 
+def test_a_damaged_film_tells_no_sensor(tmp_path: Path) -> None:
+    (tmp_path / "a.avi").write_bytes(b"cut off")
+    (doubt,) = (line for line in Recordings.recognise(tmp_path).doubts if "sensor" in line)
+    assert "stands in, as no picture can be read" in doubt
+    video(tmp_path / "b.avi")
+    (doubt,) = (line for line in Recordings.recognise(tmp_path).doubts if "sensor" in line)
+    assert "only by the shape 48 x 64" in doubt
+
+
 def test_objects_by_the_folders_of_their_recordings(tmp_path: Path) -> None:
     for name in ("Holz", "Metall"):
         for k in range(2):

@@ -361,6 +361,9 @@ class Model(nn.Module):
     ) -> Tensor:
         """The force of the object on the gel in frames 2..T: (T - 1, 3), or (B, T - 1, 3).
 
+        The frames of a clip are ``spacing`` seconds apart, as in training; `force_video` takes them
+        so from a film.
+
         Args:
             frames: Clips as in `encode`.
             background: Frame without contact, or a word in its place, as in `encode`.

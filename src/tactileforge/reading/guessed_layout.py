@@ -63,6 +63,8 @@ _MOST_PARTS = 20
 _OBJECT_FOLDER = re.compile(
     rf"(?!(?:{RECORDING_WORDS}|session|day|set|part|batch)s?[\W\d_]*[a-z]?$)\D.*", re.IGNORECASE
 )
+#: Most files that are opened for the shape of a picture: the first ones may be damaged.
+_OPENED = 5
 #: Largest number of folders that a pattern names.
 _MOST_NAMED = 8
 
@@ -416,7 +418,8 @@ def _sensor(
     def shape() -> tuple[int, int]:
         if boxes:
             return boxes[0][3], boxes[0][2]
-        return (1, 1) if (frames := open_media(media[0])) is None else frames.shape
+        opened = (frames for path in media[:_OPENED] if (frames := open_media(path)) is not None)
+        return next((frames.shape for frames in opened), (1, 1))
 
     return guess_sensor(words, shape, doubts)
 

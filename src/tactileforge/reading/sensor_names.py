@@ -45,7 +45,8 @@ def guess_sensor(
 
     Args:
         words: Names of folders and files.
-        shape: Function to height and width of a frame, called where no name tells the type.
+        shape: Function to height and width of a frame, called where no name tells the type; 1 and 1
+            where none can be read.
         doubts: Lines, added to.
     """
     words = words_of_sensors(words)
@@ -61,5 +62,8 @@ def guess_sensor(
         return {"sensor": _FOREIGN[foreign]}
     # DIGIT alone of the usual sensors is taller than wide
     sensor = "digit" if height > width else "gelsight_mini"
-    doubts.append(f"sensor: no name tells the type; {sensor} only by the shape {height} x {width}")
+    why = f"only by the shape {height} x {width}"
+    if (height, width) == (1, 1):
+        why = "stands in, as no picture can be read"
+    doubts.append(f"sensor: no name tells the type; {sensor} {why}")
     return {"sensor": sensor}
