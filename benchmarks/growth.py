@@ -119,10 +119,10 @@ def inspect(root: Path, out: Path) -> None:
     tactileforge.inspect(data="recordings", **{"data.root": root}, out=out / "page.html")
 
 
-def pack(root: Path, out: Path, processes: int = 1) -> None:
+def pack(root: Path, out: Path) -> None:
     tactileforge.pack(
         data="recordings",
-        **{"data.root": root, "pack.processes": processes, "pack.shard_frames": 2000},
+        **{"data.root": root, "pack.processes": 1, "pack.shard_frames": 2000},
         out=out / "packed",
     )
 
@@ -173,15 +173,13 @@ def bench_videos(root: Path, out: Path) -> None:
     )
 
 
-def sim(
-    out: Path, seconds: float = 2.0, sensors: int = 1, processes: int = 1, motion: float = 0.6
-) -> None:
+def sim(out: Path, seconds: float = 2.0, sensors: int = 1, motion: float = 0.6) -> None:
     tactileforge.simulate(
         out=out / "sim",
         seconds=seconds,
         size=32,
         sensors=list(SENSORS[:sensors]),
-        processes=processes,
+        processes=1,
         action_seconds=motion,
         val=0,
     )

@@ -47,7 +47,7 @@ cli.run(sys.argv[1:])
 
 
 def compiled() -> dict[str, str]:
-    """Environment of processes whose compiled modules are kept, in a folder of their own."""
+    """Environment of processes with a folder of their own for compiled modules."""
     kept = {key: text for key, text in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
     folder = os.path.join(tempfile.gettempdir(), "startup_bytecode")
     return {**kept, "PYTHONPYCACHEPREFIX": folder}

@@ -463,7 +463,7 @@ def _object(
 
 
 def _object_of_takes(units: Units, doubts: list[str]) -> dict[str, Any]:
-    """Key of the object of recordings whose folders are words, with several of them in each."""
+    """Key of the object, by folders with words for names and several recordings in each."""
     of_folder: dict[str, set[str]] = {}
     for parts in (parts for parts in units.files if len(parts) > 1):
         # both sides of a trial are one recording of it

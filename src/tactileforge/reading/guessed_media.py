@@ -25,7 +25,7 @@ _MOST_ARRAYS = 500
 
 
 def units_of(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Units:
-    """Recordings of media, by the keys of a layout that are known so far.
+    """Recordings of media, by the known keys of their layout.
 
     Args:
         root: Folder of the layout.
@@ -73,7 +73,7 @@ def of_endings(files: Sequence[Path], endings: frozenset[str] | set[str]) -> lis
 
 
 def open_media(path: Path) -> Frames | None:
-    """Frames of a film, stack or image; None where it cannot be read."""
+    """Frames of a film, stack or image; None for an unreadable one."""
     is_film = path.suffix.lower() in VIDEOS or is_stack(path)
     try:
         return open_film(path) if is_film else ImageFrames([path])

@@ -307,7 +307,7 @@ def _unit_of_file(stem: str) -> str:
 
 
 def is_turned(force: NDArray[np.float64]) -> bool:
-    """Whether a normal force is negative where it is large: pressing is never so.
+    """Whether a normal force is largely negative, as pressing never is.
 
     Args:
         force: float64 (n,), in any unit; NaN for no value.
@@ -648,7 +648,7 @@ def _numbers(family: Family, column: str) -> NDArray[np.float64]:
 
 
 def _moments(family: Family, column: str) -> NDArray[np.float64]:
-    """The times of a column, which may be dates or times of day; empty if a cell is none."""
+    """The times of a column: numbers, dates or times of day; empty if a cell is none of them."""
     values: list[Decimal] = []
     try:
         for row in family.rows:

@@ -243,7 +243,7 @@ def _own_rows(
 def _of_series(
     name: str, path: Path, rows: Sequence[tuple[str, Mapping[str, str]]], layout: DatasetLayout
 ) -> LabelRow:
-    """The row of a touch from a series over time: what all its rows say is said of it."""
+    """The row of a touch from a series over time: the values common to all its rows."""
     first, cells = rows[0][1], dict[str, str]()
     mixed: dict[str, str] = {}
     for column, value in first.items():

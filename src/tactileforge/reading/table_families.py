@@ -117,7 +117,7 @@ def fits(pattern: re.Pattern[str], title: str) -> bool:
 
 
 def apart_by_capitals(name: str) -> str:
-    """A name whose words begin with capitals, with ``_`` between them.
+    """Put ``_`` before each capital inside a name.
 
     Example:
         >>> apart_by_capitals("ForceTorqueData"), apart_by_capitals("left_img")

@@ -1,4 +1,4 @@
-"""Pictures that are put together of those of several sensors."""
+"""Composite pictures of several sensors."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ _SCENE = {
     *("webcam", "realsense", "kinect", "gopro", "agentview", "thirdperson", "orbbec"),
     *("d405", "d415", "d435", "l515"),
 }
-#: The same of folders of images, which may be of a gel with markers.
+#: The same for folders of images, without markers: those may be on the gel itself.
 _COMPUTED = DERIVED - {"marker", "markers"}
 #: Words of a view of a scene beside pictures that are called touch.
 _BESIDE = VIEWS | _COMPUTED | {"color", "colour", "vision", "visual", "wrist", "third", "front"}
@@ -52,7 +52,7 @@ def words_of(name: str) -> tuple[str, ...]:
 
 
 def scenes(paths: Sequence[Path], root: Path) -> list[Path]:
-    """Pictures and films of a scene among those of touch, by the words in which they differ.
+    """Find pictures and films of a scene among those of touch, by the words of their names.
 
     Those with the name of a camera for scenes (``webcam``, ``realsense``) are, where others have
     none. Those with a usual word of a view (``rgb``, ``wrist``), or of what is computed
@@ -84,7 +84,7 @@ def scenes(paths: Sequence[Path], root: Path) -> list[Path]:
 
 
 def _is_computed(kind: str, kinds: Collection[str]) -> bool:
-    """Whether the name of one part has a word of what is computed, and another kind has the rest.
+    """Whether a name adds a word for a computed picture to the name of another kind.
 
     ``gelsight_depth`` beside ``gelsight`` or ``gelsight_rgb``.
     """

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data import check_rising
+from tactileforge.data import UNITS, check_rising
 from tactileforge.errors import ConfigError, DataError
 from tactileforge_episodes.map_keys import EpisodeMap, ReadKeys, SplitKeys, TimeKeys
 from tactileforge_episodes.names import natural
@@ -17,7 +17,6 @@ from tactileforge_episodes.refs import ArrayRef
 from tactileforge_episodes.values import EpisodeArrays
 
 #: Seconds of each unit.
-_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 #: Highest plausible rate, rows a second.
 _FASTEST = 1e5
 
@@ -156,7 +155,7 @@ def times_of(
     if time.unit == "frames" or (time.unit == "numbers_or_s" and whole):
         seconds /= _needed(rate, arrays, f"counts frames in {ref.key}")
     else:
-        seconds *= _UNITS.get(time.unit, 1.0)
+        seconds *= UNITS.get(time.unit, 1.0)
     steps = np.diff(seconds)
     if not np.isfinite(seconds).all() or (steps <= 0).any():
         row = int(np.flatnonzero(~(steps > 0))[0]) + 1 if len(steps) else 0
@@ -194,10 +193,10 @@ def times_beside(
     zero = first.reshape(-1)[0]
     if own.unit == frames.unit and times.dtype.kind == zero.dtype.kind == "i":
         seconds: NDArray[np.float64] = (times - zero).astype(np.float64)
-        seconds *= _UNITS.get(own.unit, 1.0)
+        seconds *= UNITS.get(own.unit, 1.0)
     else:
-        seconds = times.astype(np.float64) * _UNITS.get(own.unit, 1.0)
-        seconds = seconds - float(zero) * _UNITS.get(frames.unit, 1.0)
+        seconds = times.astype(np.float64) * UNITS.get(own.unit, 1.0)
+        seconds = seconds - float(zero) * UNITS.get(frames.unit, 1.0)
     check_rising(seconds, str(refs[0]), "correct them, or leave the force out of the map", "row")
     return seconds
 

@@ -218,7 +218,7 @@ class MapGuess:
         return entries
 
     def _said_channels(self, key: str) -> str:
-        """Order of channels that an attribute of an array, or of its group, says; "" for none."""
+        """Order of channels by an attribute of an array, or of its group; "" for none."""
         for place in (self._top + key, self._group, ""):
             for name in _ORDERS:
                 said = str(self._attribute(place, name)).lower().removesuffix("8")
@@ -449,7 +449,7 @@ class MapGuess:
     def _clock_of(
         self, force: Look, entries: Mapping[str, Mapping[str, Any]], keys: Mapping[str, Any]
     ) -> dict[str, str] | None:
-        """Key of the times of a force, of its group or name; None where frames have them too."""
+        """Key of a force's own times, of its group or name; None for those of the frames."""
         of_frames = [one.get("times") or keys.get("times") for one in entries.values()]
         if "ends" in keys or None in of_frames:
             return None

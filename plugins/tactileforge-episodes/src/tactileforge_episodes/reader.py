@@ -289,7 +289,7 @@ class EpisodeFile:
         touch: Touch,
         times: NDArray[np.float64],
     ) -> NDArray[np.float32]:
-        """Force with times of its own, at those of the frames; NaN where it was not measured."""
+        """Force with times of its own, at those of the frames; NaN for no measurement."""
         if self.keys.ends:
             raise DataError(f"{ref}: times of a force, and ends of episodes; give one of the two")
         clock = times_beside(self.arrays, own, touch.keys.times or self.keys.times, touch.values)

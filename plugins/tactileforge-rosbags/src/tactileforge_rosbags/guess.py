@@ -62,7 +62,7 @@ def _guess(options: dict[str, Any], doubts: list[str]) -> Guess:
 
 
 def _force(bag: Bag, count: int, doubts: list[str]) -> dict[str, Any]:
-    """Key of the force of the only touch, where there is one topic of it; {} otherwise."""
+    """Key of the force of the only touch, from the only topic of it; {} otherwise."""
     wrenches = sorted(one.name for one in bag.topics.values() if one.kind in WRENCHES)
     if not wrenches:
         return {}
