@@ -43,7 +43,7 @@ from tactileforge.training.module import TouchModule
 from tactileforge.training.parts import outline
 from tactileforge.training.precompute import remember_features
 from tactileforge.training.run_length import change_run
-from tactileforge.training.strategies import Sharded
+from tactileforge.training.strategies import ShardedStrategy
 from tactileforge.training.trainer import build_trainer, check_options
 from tactileforge.util.files import sealed, write_text
 from tactileforge.util.provenance import commit
@@ -212,7 +212,7 @@ def _report(run: _Run) -> None:
     from tactileforge.report.run import write_report
 
     whole = run.module
-    if isinstance(whole.trainer.strategy, Sharded):
+    if isinstance(whole.trainer.strategy, ShardedStrategy):
         # this process has a share of the weights; all of them are in the checkpoint
         config = {**run.config, "encoder": _first_node(run.config["encoder"], run.folder)}
         whole = TouchModule.from_config(config, run.data.summary("train").labels)

@@ -16,7 +16,7 @@ from tactileforge.report.captions import (
     captions_section,
     nearest_captions,
 )
-from tactileforge.report.pictures import Strips
+from tactileforge.report.strips import Strips
 
 CAPTIONS = ["a ball", "a bar", "a cube"]
 

@@ -30,7 +30,6 @@ from tactileforge.pages.figures import curve_figure
 from tactileforge.pages.page import MINUS, NONE, duration, number, percent
 from tactileforge.report.embedding import Embedding, neighbours, principal
 from tactileforge.report.forces import ForceResult, _scores
-from tactileforge.report.pictures import strips_of
 from tactileforge.report.run import report_of_run, write_report
 from tactileforge.report.samples import (
     ClipReader,
@@ -43,6 +42,7 @@ from tactileforge.report.samples import (
     saliency,
     spread,
 )
+from tactileforge.report.strips import strips_of
 from tactileforge.report.summary import _by_source, checks_table, result_lines
 from tactileforge.training.labels import Labels
 from tactileforge.training.module import TouchModule

@@ -7,7 +7,12 @@ import pytest
 from tactileforge.encoders.plain_vit import PlainViT
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import ConfigError
-from tactileforge.training.strategies import PhasedDDP, Sharded, check_started, choose_strategy
+from tactileforge.training.strategies import (
+    PhasedDDP,
+    ShardedStrategy,
+    check_started,
+    choose_strategy,
+)
 from tactileforge.util.distributed import count_processes
 
 
@@ -38,7 +43,7 @@ def test_the_strategy_follows_the_encoder() -> None:
     assert isinstance(static, PhasedDDP)
     assert static._ddp_kwargs == {"static_graph": True}
     assert choose_strategy("auto", 8, False, None) == "ddp_find_unused_parameters_true"
-    assert isinstance(choose_strategy("fsdp2", 8, True, "none"), Sharded)
+    assert isinstance(choose_strategy("fsdp2", 8, True, "none"), ShardedStrategy)
     with pytest.raises(ConfigError, match=r"fsdp2 .*balance=gradnorm"):
         choose_strategy("fsdp2", 8, True, "gradnorm")
 

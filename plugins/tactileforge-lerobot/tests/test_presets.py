@@ -120,6 +120,42 @@ def test_pictures_of_touch_are_recognised_by_name(tmp_path: Path, version: str) 
     assert found[0].tracks["force_torque"].shape == (ROWS, 6)
 
 
+def test_a_force_with_a_word_of_its_touch_is_recognised(tmp_path: Path) -> None:
+    sides = {"left": np.linspace((0, 0, 0), (1, 2, 3), ROWS), "right": np.ones((ROWS, 3))}
+    sides["right"][:, 2] = -2
+    root = made_set(
+        tmp_path / "set",
+        "v2.1",
+        images="image",
+        episodes=1,
+        videos={
+            f"observation.images.{name}": [pictures(0)]
+            for name in ("tactile_left", "tactile_left_depth", "tactile_right", "top")
+        },
+        numbers={
+            "observation.tcp_wrench": [np.ones((ROWS, 6), np.float32)],
+            **{
+                f"observation.force_{side}": [values[:, ::-1].astype(np.float32)]
+                for side, values in sides.items()
+            },
+        },
+    )
+
+    def name_axes(info: dict[str, Any]) -> None:
+        for side in sides:
+            info["features"][f"observation.force_{side}"]["names"] = ["fz", "fy", "fx"]
+
+    changed(root, "meta/info.json", name_axes)
+    guess = LeRobot.recognise(root)
+    assert guess is not None
+    assert guess.options["touch"] == [f"observation.images.tactile_{side}" for side in sides]
+    assert guess.options["camera"] == "observation.images.top"
+    assert guess.options["tracks"] == ["observation.tcp_wrench"]
+    left, right = LeRobot(**guess.options, val=0).recordings("train")
+    np.testing.assert_allclose(left.force, sides["left"], atol=1e-6)
+    np.testing.assert_allclose(right.force, np.abs(sides["right"]), atol=1e-6)
+
+
 @pytest.mark.parametrize(
     "shape", [(4, 4), (2, 21, 21), (2, 4, 3), (6, 6), (72, 64, 1), (52,), (2, 3, 4, 4)]
 )

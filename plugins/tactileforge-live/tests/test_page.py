@@ -16,7 +16,7 @@ from waiting import wait_until
 
 from tactileforge.contracts import Frame
 from tactileforge.errors import ConfigError
-from tactileforge.pages.pictures import difference_image, page_jpeg
+from tactileforge.pages.page_images import difference_image, page_jpeg
 
 
 def press(frame):

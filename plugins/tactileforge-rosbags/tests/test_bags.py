@@ -18,7 +18,7 @@ from made_bags import (
     write_rig,
 )
 from rosbags import rosbag1, rosbag2
-from tactileforge_rosbags import bags, pictures
+from tactileforge_rosbags import bags, topic_frames
 from tactileforge_rosbags.dataset import Rosbags
 from tactileforge_rosbags.series import between
 
@@ -342,8 +342,8 @@ def test_a_clip_reads_its_messages_alone(kind, tmp_path, monkeypatch):
     write(tmp_path / "one", kind, frame_rows(kind, "/gel", 60))
     (one,) = Rosbags(str(tmp_path), {"/gel": "digit"}, val=0).recordings("train")
     decoded = []
-    kept = pictures.image_of
-    monkeypatch.setattr(pictures, "image_of", lambda m: decoded.append(1) or kept(m))
+    kept = topic_frames.image_of
+    monkeypatch.setattr(topic_frames, "image_of", lambda m: decoded.append(1) or kept(m))
     asked = []
     messages = bags.Bag.messages
 

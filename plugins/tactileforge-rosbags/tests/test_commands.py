@@ -32,16 +32,59 @@ def test_touch_is_guessed_by_names_of_topics(tmp_path):
     write(tmp_path / "one", "mcap", rows)
     guess = Rosbags.recognise(tmp_path)
     assert guess is not None
-    sensors = ("digit", "gelsight", "gelsight_mini")
     topics = {one["topic"]: one["sensor"] for one in guess.options["map"]["touch"]}
-    assert topics == dict(
-        zip(sorted(names[:3]), ("digit", "gelsight_mini", "gelsight"), strict=True)
-    )
-    assert {*topics.values()} == {*sensors}
+    assert topics == dict(zip(sorted(names[:3]), ("digit", "digit", "gelsight"), strict=True))
     assert "camera: /camera/color is the view of the scene" in guess.doubts
+    # pictures of the rig are taller than wide
     assert any(
-        "/finger/tactile is taken for touch of gelsight_mini" in line for line in guess.doubts
+        line.startswith("/finger/tactile: sensor: no name tells the type; digit only by the shape")
+        for line in guess.doubts
     )
+
+
+def test_pictures_of_a_topic_once_more_and_computed_ones_are_no_touch(tmp_path):
+    make = Messages("mcap")
+    names = (
+        *("/GelSightMini/image_raw", "/GelSightMini/image_raw/compressed", "/GelSightMini/depth"),
+        *("/finger_cam/image", "/wrist/color", "/wrist/color/compressedDepth"),
+    )
+    rows = [
+        (
+            name,
+            BEGIN + i,
+            (make.compressed if "compressed" in name else make.raw)(BEGIN, picture(0)),
+        )
+        for i, name in enumerate(names)
+    ]
+    write(tmp_path / "one", "mcap", rows)
+    guess = Rosbags.recognise(tmp_path)
+    assert guess is not None
+    (touch,) = guess.options["map"]["touch"]
+    assert touch == {"topic": "/GelSightMini/image_raw", "sensor": "gelsight_mini"}
+    assert guess.options["map"]["camera"] == {"topic": "/finger_cam/image?"}
+    assert any("left out: /GelSightMini/depth, /wrist/color" in line for line in guess.doubts)
+
+
+def test_each_finger_has_the_wrench_of_its_side(tmp_path):
+    make = Messages("mcap")
+    step = 33_000_000
+    names = ("/gripper/left/digit", "/gripper/right/digit")
+    forces = {"/gripper/left_wrench": 1.0, "/gripper/right_wrench": -2.0, "/base/wrench": 50.0}
+    rows = []
+    for i in range(6):
+        at = BEGIN + step * i
+        rows += [(name, at, make.raw(at, picture(i))) for name in names]
+        rows += [(one, at, make.wrench(at, (0.0, 0.0, i * z))) for one, z in forces.items()]
+    write(tmp_path / "one", "mcap", rows)
+    guess = Rosbags.recognise(tmp_path)
+    assert guess is not None
+    found = {one.key: one.force for one in Rosbags(**guess.options, val=0).recordings("train")}
+    left, right = (
+        next(force for key, force in found.items() if side in key) for side in ("left", "right")
+    )
+    assert left[-1, 2] == pytest.approx(5)
+    assert right[-1, 2] == pytest.approx(10)
+    assert any(line.startswith("wrenches are tracks (/base/wrench)") for line in guess.doubts)
 
 
 @pytest.mark.parametrize(

@@ -29,8 +29,8 @@ from tactileforge.data.frames.image_codecs import PackedFrames as PackedFrames
 from tactileforge.data.frames.image_codecs import encode_image as encode_image
 from tactileforge.data.frames.lazy import ArrayFrames as ArrayFrames
 from tactileforge.data.frames.lazy import ImageFrames as ImageFrames
-from tactileforge.data.frames.pictures import rgb_pixels as rgb_pixels
-from tactileforge.data.frames.pictures import upright_size as upright_size
+from tactileforge.data.frames.picture_files import rgb_pixels as rgb_pixels
+from tactileforge.data.frames.picture_files import upright_size as upright_size
 from tactileforge.data.frames.pixel_contract import channel_fix as channel_fix
 from tactileforge.data.frames.pixel_contract import checked_chunks as checked_chunks
 from tactileforge.data.frames.small import ELSEWHERE as ELSEWHERE

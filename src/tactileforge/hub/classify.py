@@ -15,7 +15,7 @@ from torch import Tensor
 
 from tactileforge.data.labels.objects import object_class
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path
-from tactileforge.hub.clips import Clips
+from tactileforge.hub.clips import GivenClips
 from tactileforge.hub.forces import fingerprint
 from tactileforge.hub.inputs import as_pixels
 from tactileforge.util import strict
@@ -158,7 +158,10 @@ def classes_of(vectors: Tensor, layer: Layer) -> Classes:
 
 
 def layer_of(
-    head: str | Path | ClassHead | None, names: Sequence[str] | None, clips: Clips, model: Model
+    head: str | Path | ClassHead | None,
+    names: Sequence[str] | None,
+    clips: GivenClips,
+    model: Model,
 ) -> Layer:
     """The layer that `Model.classify` reads; see there for arguments and errors."""
     clips.refuse_itself()
@@ -175,7 +178,7 @@ def layer_of(
     return fitted_layer(head, model.encoder_hash, repr(model), clips.subtracts, named)
 
 
-def read_classes(model: Model, clips: Clips, layer: Layer) -> Classes:
+def read_classes(model: Model, clips: GivenClips, layer: Layer) -> Classes:
     """Classes of clips; of a list, of each item by itself, of any size."""
     read, given = model.clips_reader.tapped, clips.frames
     if not isinstance(given, list | tuple):

@@ -14,7 +14,7 @@ from torch import Tensor
 from tactileforge.encoders.feature_groups import check_groups, encode_groups, joint_vector
 from tactileforge.encoders.summary import encode_summary, summary_width
 from tactileforge.errors import ConfigError
-from tactileforge.hub.clips import Clips, check_batch_size
+from tactileforge.hub.clips import GivenClips, check_batch_size
 from tactileforge.hub.forces import warn_of_light
 from tactileforge.hub.inputs import (
     ClipInputs,
@@ -70,7 +70,7 @@ class ClipEncoder:
         width: int = self.encoder.projected
         return width
 
-    def prepare(self, clips: Clips, check: bool = True) -> ClipInputs:
+    def prepare(self, clips: GivenClips, check: bool = True) -> ClipInputs:
         """Frames and backgrounds of a batch, uint8, as in training; whether it was one clip.
 
         Args:
@@ -88,11 +88,11 @@ class ClipEncoder:
             warn_of_swapped_clips(inputs)
         return squash_clips(inputs, self.squashed)
 
-    def names(self, clips: Clips, count: int) -> list[str]:
+    def names(self, clips: GivenClips, count: int) -> list[str]:
         """Sensor name of each clip; see `sensor_rows.name_each` for errors."""
         return name_each(clips.sensor, count, list(self.encoder.sensors), self.any_sensor)
 
-    def rows(self, clips: Clips, count: int) -> Tensor:
+    def rows(self, clips: GivenClips, count: int) -> Tensor:
         """Rows of the sensor table; see `sensor_rows.row_each` for errors."""
         names = self.names(clips, count)
         return row_each(self.encoder, names, clips.unknown_sensor, self.any_sensor)
@@ -118,7 +118,7 @@ class ClipEncoder:
         """The vectors of `Model.encode`, of frames, backgrounds and sensor rows."""
         return self._scaled(self.read(self.reading, *clips))
 
-    def tapped(self, tap: Tap, clips: Clips, stacklevel: int = 4) -> Tensor:
+    def tapped(self, tap: Tap, clips: GivenClips, stacklevel: int = 4) -> Tensor:
         """Reads a tap, as `Model.features` does.
 
         Args:
@@ -132,7 +132,7 @@ class ClipEncoder:
             out = torch.cat([self.read(tap, *batch).float() for batch in batches])
         return out[0] if single else out
 
-    def layered(self, layers: Sequence[int], clips: Clips) -> list[Tensor]:
+    def layered(self, layers: Sequence[int], clips: GivenClips) -> list[Tensor]:
         """Outputs of blocks, as `Model.features` gives them with ``layers``."""
         batches, single = self._batches(clips, 4)
         with self.computing(len(batches[0][0])):
@@ -141,7 +141,7 @@ class ClipEncoder:
         return [x[0] for x in joint] if single else joint
 
     def grouped(
-        self, names: Sequence[str] | None, clips: Clips, stacklevel: int = 4
+        self, names: Sequence[str] | None, clips: GivenClips, stacklevel: int = 4
     ) -> dict[str, Tensor]:
         """Reads groups, as `Model.groups` does.
 
@@ -158,21 +158,21 @@ class ClipEncoder:
         joint = {name: torch.cat([part[name] for part in done]) for name in wanted}
         return {name: values[0] if single else values for name, values in joint.items()}
 
-    def encoded(self, groups: Sequence[str] | Literal["all"] | None, clips: Clips) -> Tensor:
+    def encoded(self, groups: Sequence[str] | Literal["all"] | None, clips: GivenClips) -> Tensor:
         """Vectors, as `Model.encode` gives them."""
         if groups is None and self.reading == "projected":
             return self.tapped("projected", clips, 5)
         names = ["summary"] if groups is None else None if groups == "all" else groups
         return joint_vector(self.grouped(names, clips, 5))
 
-    def with_gradients(self, tap: Tap, clips: Clips) -> Tensor:
+    def with_gradients(self, tap: Tap, clips: GivenClips) -> Tensor:
         """Reads a tap of all clips at once, as `Model.forward` does."""
         check_tap(self.encoder, tap)
         x, still, single = self.prepare(clips)
         out = self.read(tap, x, still, self.rows(clips, len(x))).float()
         return out[0] if single else out
 
-    def _batches(self, clips: Clips, stacklevel: int) -> tuple[list[tuple[Tensor, ...]], bool]:
+    def _batches(self, clips: GivenClips, stacklevel: int) -> tuple[list[tuple[Tensor, ...]], bool]:
         """Frames, backgrounds and sensor rows, batch by batch; and whether it was one clip.
 
         Warns of changed light, in the name of the caller of the public method.

@@ -31,14 +31,14 @@ class Batched(Unknown, total=False):
     """Options of methods that encode batch by batch.
 
     Attributes:
-        batch_size: Clips that are computed at once.
+        batch_size: GivenClips that are computed at once.
     """
 
     batch_size: int
 
 
 @dataclass(frozen=True)
-class Clips:
+class GivenClips:
     """Clips, as a user gives them to a method of `Model`.
 
     Attributes:
@@ -50,7 +50,7 @@ class Clips:
             a path the image is read.
         sensor: Name of the sensor, or one name a clip; ``"universal"`` takes the universal tokens.
         unknown_sensor: ``error``, or ``universal`` to take the universal tokens, and warn.
-        batch_size: Clips that are computed at once.
+        batch_size: GivenClips that are computed at once.
         checks: Whether to warn of swapped colours and changed light.
     """
 

@@ -280,7 +280,7 @@ def picture_columns(clips: Tensor, backgrounds: Tensor, like: Tensor) -> dict[st
         backgrounds: uint8 (B, 3, H, W).
         like: Force along one axis in the last n frames of each clip, (B, n), for shape and device.
     """
-    from tactileforge.sensors.calibration.pictures import picture_inputs
+    from tactileforge.sensors.calibration.picture_features import picture_inputs
 
     count = like.shape[1]
     frames = clips[:, -count:].flatten(0, 1)
@@ -301,7 +301,7 @@ def border_columns(clips: Tensor, backgrounds: Tensor, like: Tensor) -> dict[str
 
 def reads_pictures(axes: Mapping[str, ForceAxis]) -> bool:
     """Whether some axis is fitted to inputs from pictures, see `picture_columns`."""
-    from tactileforge.sensors.calibration.pictures import PICTURE_FEATURES
+    from tactileforge.sensors.calibration.picture_features import PICTURE_FEATURES
 
     return any(name in PICTURE_FEATURES for axis in axes.values() for name in axis.weights)
 

@@ -12,7 +12,7 @@ from tactileforge.data.labels.displacement import displacement_mm
 from tactileforge.encoders.views import ComputedViews
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import forces
-from tactileforge.hub.clips import Clips
+from tactileforge.hub.clips import GivenClips
 from tactileforge.hub.forces import ModelReadings
 from tactileforge.sensors.borders import OTHER_LIGHT
 
@@ -28,7 +28,7 @@ def scale_of(model: Model, names: Sequence[str]) -> Tensor | None:
 
 
 def force_of(
-    model: Model, clips: Clips, calibration: Calibration | str | Path | None, unit: str | None
+    model: Model, clips: GivenClips, calibration: Calibration | str | Path | None, unit: str | None
 ) -> Tensor:
     """Forces of clips; see `Model.force`."""
     _need(model, "force")
@@ -50,7 +50,7 @@ def force_of(
 
 def readings_of(
     model: Model,
-    clips: Clips,
+    clips: GivenClips,
     calibration: Calibration | str | Path | None,
     unit: str | None,
     check: bool,
@@ -79,7 +79,7 @@ def readings_of(
     return ModelReadings(vector, force, known, newton)
 
 
-def force_inputs_of(model: Model, clips: Clips) -> dict[str, Tensor]:
+def force_inputs_of(model: Model, clips: GivenClips) -> dict[str, Tensor]:
     """Inputs of a calibration; see `Model.force_inputs`."""
     reader, head = model.clips_reader, model.force_reader
     inputs = reader.prepare(clips)
@@ -96,7 +96,7 @@ def force_inputs_of(model: Model, clips: Clips) -> dict[str, Tensor]:
     return columns
 
 
-def surface_of(model: Model, clips: Clips) -> Tensor:
+def surface_of(model: Model, clips: GivenClips) -> Tensor:
     """Displacement of the gel's surface; see `Model.surface`."""
     _need(model, "surface")
     reader = model.clips_reader
@@ -114,7 +114,7 @@ def surface_of(model: Model, clips: Clips) -> Tensor:
     return surface[0] if single else surface
 
 
-def read_head(model: Model, name: str, clips: Clips) -> Any:
+def read_head(model: Model, name: str, clips: GivenClips) -> Any:
     """Output of a head as it is; see `Model.read_head`."""
     if name not in model.heads:
         raise ConfigError(unknown("head of the model", name, model.heads))

@@ -16,11 +16,11 @@ from tactileforge.errors import ConfigError
 from tactileforge.hub import forces, head_reader, saving
 from tactileforge.hub.cards import Card
 from tactileforge.hub.clip_encoder import ClipEncoder, check_device
-from tactileforge.hub.clips import Batched, Clips, Sensors, Still, Unknown, check_batch_size
-from tactileforge.hub.force_reader import ForceReader
+from tactileforge.hub.clips import Batched, GivenClips, Sensors, Still, Unknown, check_batch_size
 from tactileforge.hub.forces import ModelReadings
 from tactileforge.hub.header import Header
 from tactileforge.hub.inputs import Images, as_pixels, read_still, squash_images
+from tactileforge.hub.packed_force import PackedForce
 from tactileforge.hub.picture_checks import PictureChecks
 from tactileforge.hub.sensor_rows import Policy
 from tactileforge.hub.taps import Tap
@@ -282,7 +282,7 @@ class Model(nn.Module):
                 f"encode gives one vector and takes no {asked[0]}=: model.features(frames, "
                 f"background, sensor, {asked[0]}=...)"
             )
-        clips = Clips(frames, background, sensor, checks=checks, **options)
+        clips = GivenClips(frames, background, sensor, checks=checks, **options)
         if checks:
             self._picture_checks(clips.background, sensor)
         return self.clips_reader.encoded(groups, clips)
@@ -311,7 +311,7 @@ class Model(nn.Module):
                 f"tap={tap!r} and layers={layers!r}: layers= gives the outputs of blocks as they "
                 "are, tap= what the encoder makes of the last; give one of the two"
             )
-        clips = Clips(frames, background, sensor, **options)
+        clips = GivenClips(frames, background, sensor, **options)
         if layers is not None:
             several = [layers] if isinstance(layers, int) else layers
             return self.clips_reader.layered(several, clips)
@@ -332,7 +332,7 @@ class Model(nn.Module):
         `feature_groups.GROUPS`; a group that is not named costs nothing: without ``summary`` no
         transformer runs, without ``photographs`` beside it no network.
         """
-        return self.clips_reader.grouped(names, Clips(frames, background, sensor, **options))
+        return self.clips_reader.grouped(names, GivenClips(frames, background, sensor, **options))
 
     def forward(
         self,
@@ -347,7 +347,9 @@ class Model(nn.Module):
 
         Arguments, shapes and errors are those of `features`.
         """
-        return self.clips_reader.with_gradients(tap, Clips(frames, background, sensor, **options))
+        return self.clips_reader.with_gradients(
+            tap, GivenClips(frames, background, sensor, **options)
+        )
 
     def force(
         self,
@@ -387,7 +389,7 @@ class Model(nn.Module):
                 with what is given, or the calibration is of another model; see `encode`.
             DataError: Frames or background are not what the model takes.
         """
-        clips = Clips(frames, background, sensor)
+        clips = GivenClips(frames, background, sensor)
         if checks:
             self._picture_checks(clips.background, sensor)
         return head_reader.force_of(self, clips, calibration, unit)
@@ -413,7 +415,7 @@ class Model(nn.Module):
         frames with changed light. Errors are those of `encode`, and a ConfigError without a surface
         head.
         """
-        return head_reader.surface_of(self, Clips(frames, background, sensor, **options))
+        return head_reader.surface_of(self, GivenClips(frames, background, sensor, **options))
 
     def classify(
         self,
@@ -447,7 +449,7 @@ class Model(nn.Module):
         """
         from tactileforge.hub.classify import layer_of, read_classes
 
-        clips = Clips(frames, background, sensor, **options)
+        clips = GivenClips(frames, background, sensor, **options)
         # the layer first: a wrong head is found before the encoder has done its work
         layer = layer_of(head, names, clips, self)
         return read_classes(self, clips, layer)
@@ -489,7 +491,7 @@ class Model(nn.Module):
         """
         from tactileforge.hub.words import language_of, match_vectors
 
-        clips = Clips(frames, background, sensor, **options)
+        clips = GivenClips(frames, background, sensor, **options)
         clips.refuse_itself()
         side = language_of(self.header, dict(self.heads), repr(self), self.projected)
         # the words first: a missing tower is found before the encoder has done its work
@@ -510,7 +512,7 @@ class Model(nn.Module):
 
         Arguments, warnings and errors are those of `encode`.
         """
-        return head_reader.read_head(self, name, Clips(frames, background, sensor, **options))
+        return head_reader.read_head(self, name, GivenClips(frames, background, sensor, **options))
 
     def readings(
         self,
@@ -528,17 +530,17 @@ class Model(nn.Module):
         ``force_unit`` is the ``unit`` of `force`. Without ``check``, light and colours are not
         compared with the background: a stream does so itself, in pictures as they came.
         """
-        clips = Clips(frames, background, sensor, **options)
+        clips = GivenClips(frames, background, sensor, **options)
         return head_reader.readings_of(self, clips, calibration, force_unit, check)
 
     def force_inputs(self, frames: Images, background: Still, sensor: str) -> dict[str, Tensor]:
         """Inputs of a force calibration, float32 (B, T - 1) each, of a batch; see `force`.
 
         What the force head tells, see `forces.calibration_inputs`, and the change of the pictures,
-        see `calibration.pictures.picture_inputs`. NaN, with a warning, in frames with changed light
+        see `picture_features.picture_inputs`. NaN, with a warning, in frames with changed light
         and no touch.
         """
-        return head_reader.force_inputs_of(self, Clips(frames, background, sensor))
+        return head_reader.force_inputs_of(self, GivenClips(frames, background, sensor))
 
     def axes_of(self, calibration: Calibration, names: Sequence[str]) -> Mapping[str, ForceAxis]:
         """The fits of a calibration; a ConfigError if it is of another model or sensor."""
@@ -575,7 +577,7 @@ class Model(nn.Module):
             times: float64, seconds of each frame, increasing; a file knows its own.
             groups: Names of groups, ``all``, or None for the usual vector, as in `encode`.
             unknown_sensor: Policy for unknown sensors: ``error`` or ``universal``, as in `encode`.
-            batch_size: Clips that are read and computed at once.
+            batch_size: GivenClips that are read and computed at once.
 
         Returns:
             float64 (n,), the time of each clip's last frame, s, and float32
@@ -620,7 +622,7 @@ class Model(nn.Module):
             unit: Unit of the forces, as in `force`.
             hop: Seconds between neighbouring forces; at least one frame.
             times: float64, seconds of each frame, increasing; a file knows its own.
-            batch_size: Clips that are read and computed at once.
+            batch_size: GivenClips that are read and computed at once.
 
         Returns:
             float64 (n,), times, s, and float32 (n, 3), forces.
@@ -733,8 +735,8 @@ class Model(nn.Module):
         return ClipEncoder(self.encoder, trained_here=bool(self.recipe))
 
     @property
-    def force_reader(self) -> ForceReader | None:
+    def force_reader(self) -> PackedForce | None:
         """Its force head, with the encoder; None without one."""
         if "force" not in self.heads:
             return None
-        return ForceReader(self.clips_reader, self.heads["force"], self.header.heads["force"])
+        return PackedForce(self.clips_reader, self.heads["force"], self.header.heads["force"])

@@ -36,7 +36,7 @@ def name_each(
 
     Args:
         sensor: One name, one per clip, or None.
-        count: Clips.
+        count: GivenClips.
         known: Sensors that the encoder knows.
         any_sensor: Whether it ignores them.
 

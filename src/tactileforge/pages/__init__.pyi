@@ -43,8 +43,8 @@ from tactileforge.pages.page import percent as percent
 from tactileforge.pages.page import preformatted as preformatted
 from tactileforge.pages.page import table as table
 from tactileforge.pages.page import verdict as verdict
-from tactileforge.pages.pictures import difference_image as difference_image
-from tactileforge.pages.pictures import page_jpeg as page_jpeg
+from tactileforge.pages.page_images import difference_image as difference_image
+from tactileforge.pages.page_images import page_jpeg as page_jpeg
 from tactileforge.pages.shown import Shown as Shown
 from tactileforge.pages.templating import joined as joined
 from tactileforge.pages.templating import piece as piece

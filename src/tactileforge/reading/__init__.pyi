@@ -45,6 +45,7 @@ from tactileforge.reading.published import still_background as still_background
 from tactileforge.reading.reader import LayoutReader as LayoutReader
 from tactileforge.reading.records import flat as flat
 from tactileforge.reading.sensor_names import guess_sensor as guess_sensor
+from tactileforge.reading.sensor_names import words_of_sensors as words_of_sensors
 from tactileforge.reading.sheets import rows_of_arrays as rows_of_arrays
 from tactileforge.reading.splits import SPLIT_OF_FOLDER as SPLIT_OF_FOLDER
 from tactileforge.reading.splits import check_share as check_share
@@ -55,8 +56,12 @@ from tactileforge.reading.splits import one_of_few as one_of_few
 from tactileforge.reading.tables import number_or_text as number_or_text
 from tactileforge.reading.tables import read_cells as read_cells
 from tactileforge.reading.trials import trial_of as trial_of
+from tactileforge.reading.view_words import COMMANDS as COMMANDS
 from tactileforge.reading.view_words import DERIVED as DERIVED
+from tactileforge.reading.view_words import FINGERS as FINGERS
+from tactileforge.reading.view_words import ROBOT as ROBOT
 from tactileforge.reading.view_words import VIEWS as VIEWS
+from tactileforge.reading.view_words import force_of_touch as force_of_touch
 from tactileforge.reading.view_words import says_touch as says_touch
 from tactileforge.reading.view_words import words_of as words_of
 from tactileforge.reading.vocabulary import NOTIONS as NOTIONS

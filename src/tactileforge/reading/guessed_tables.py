@@ -30,6 +30,7 @@ from tactileforge.reading.table_families import (
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.trial_rows import recordings_of
+from tactileforge.reading.view_words import COMMANDS, ROBOT, words_of
 from tactileforge.reading.written_names import by_ends
 from tactileforge.specs.published import spec
 
@@ -59,11 +60,8 @@ _OBJECT = re.compile(r"object(?:_name)?|label|class|name|material|item")
 _SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
 _FPS = re.compile(r"(?:camera[_.])?(?:fps|frame_?rate|frames_per_second|rate_hz|hz)")
 _TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
-#: Words before a force that is aimed at and not measured, or that acts on the robot.
-_ELSEWHERE = re.compile(
-    r"(?<![a-z])(?:cmd|command|desired|des|target|goal|ref|limit|max|min|std|var|bias|ee|eef|tcp"
-    r"|robot|arm|flange|wrist|gripper|base|joint|motor|external|ext)(?![a-z])"
-)
+#: Words before a force that is none on the gel as it was measured.
+_ELSEWHERE = ROBOT | COMMANDS | {"max", "min", "std", "var", "bias"}
 #: Units in names of files: a single letter may be anything there.
 _FILE_UNIT = re.compile(r"(?<![a-z])(?:mn|kgf|gf|lbf|grams?|newtons?)(?![a-z])")
 #: Stems of arrays by what they hold: an array has no headers.
@@ -339,7 +337,7 @@ def _forces_of_one(family: Family) -> list[str | None]:
             plain = apart_by_capitals(title.strip()).lower()
             if found := re.fullmatch(rf"(\w+?)[_ ]{_FORCES[axis].pattern}", plain):
                 names.setdefault(found[1], [None, None, None])[place] = title
-    whole = [one for name, one in names.items() if one[2] and not _ELSEWHERE.search(name)]
+    whole = [one for name, one in names.items() if one[2] and _ELSEWHERE.isdisjoint(words_of(name))]
     return whole[0] if len(whole) == 1 else [None] * 3
 
 

@@ -15,6 +15,17 @@ _TOUCH_PARTS = (
     *("mctac", "xense", "daimon", "skin", "flexitac", "gsmini", "duragel", "papillarray"),
 )
 _TOUCH = {"digit", "digits", "tac", "tacs", "gel", "gels", "gs", "xela", "paxini", "fingertip"}
+#: Words of fingers, whose pictures are touch where nothing else says touch.
+FINGERS = {"finger", "fingers", "fingertip", "fingertips", "thumb", "pinky"}
+#: Words of the robot's body: a force there is none on the gel.
+ROBOT = {
+    *("robot", "tcp", "flange", "wrist", "arm", "ee", "eef", "gripper", "base", "joint", "joints"),
+    *("motor", "external", "ext"),
+}
+#: Words of what is aimed at, and not measured.
+COMMANDS = {"cmd", "command", "action", "desired", "des", "target", "goal", "ref", "limit"}
+#: Short words of sides.
+_SIDES = {"l": "left", "r": "right", "lf": "left", "rf": "right"}
 #: Words of pictures that are computed from others.
 DERIVED = {
     *("depth", "flow", "mask", "masks", "seg", "segmentation", "marker", "markers", "diff"),
@@ -49,6 +60,43 @@ def words_of(name: str) -> tuple[str, ...]:
         ('obs', 'left', 'tactile', 'img', '2')
     """
     return tuple(re.findall(r"[a-z]+|\d+", apart_by_capitals(name).lower()))
+
+
+def force_of_touch(
+    touch: Sequence[str], forces: Sequence[str], *, only: bool = True
+) -> dict[str, str]:
+    """Name the force on the gel of each touch, where names leave no choice.
+
+    A force of the robot's body (`ROBOT`), or one that is aimed at (`COMMANDS`), is none, unless its
+    touch has the same word. A touch has the one force that shares a word with it and with no other
+    touch, such as ``left``.
+
+    Args:
+        touch: Names of keys, features or topics of touch.
+        forces: Those of forces.
+        only: Whether the only force left belongs to the only touch, whatever their names.
+
+    Returns:
+        Name of the force, by that of its touch; touch without one is left out.
+
+    Example:
+        >>> force_of_touch(["digit"], ["ft/wrench", "robot/wrench"])
+        {'digit': 'ft/wrench'}
+        >>> force_of_touch(["left/digit", "right/digit"], ["r_force", "l_force"])
+        {'left/digit': 'l_force', 'right/digit': 'r_force'}
+    """
+    words = {name: {_SIDES.get(word, word) for word in words_of(name)} for name in touch}
+    said = {name: {_SIDES.get(word, word) for word in words_of(name)} for name in forces}
+    shared = set.intersection(*words.values()) if len(words) > 1 else set()
+    out: dict[str, str] = {}
+    for name, own in words.items():
+        others = set().union(*(words[one] - shared for one in words if one != name)) - own
+        fits = [one for one in forces if not said[one] & ((ROBOT | COMMANDS) - own | others)]
+        alike = [one for one in fits if said[one] & (own - shared - VIEWS)]
+        chosen = alike or (fits if only and len(touch) == 1 else [])
+        if len(chosen) == 1:
+            out[name] = chosen[0]
+    return out if len({*out.values()}) == len(out) else {}
 
 
 def scenes(paths: Sequence[Path], root: Path) -> list[Path]:

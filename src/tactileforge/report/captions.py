@@ -23,8 +23,8 @@ from tactileforge.pages.page import (
     percent,
     verdict,
 )
-from tactileforge.report.pictures import Strips
 from tactileforge.report.samples import ClipReader, clip_title, quiet
+from tactileforge.report.strips import Strips
 from tactileforge.training.module import TouchModule
 
 #: Number of captions shown of a clip.

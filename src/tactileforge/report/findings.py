@@ -13,7 +13,6 @@ from tactileforge.report.captions import CaptionResult, nearest_captions
 from tactileforge.report.classes import ClassResult, class_results
 from tactileforge.report.embedding import Embedding, NeighbourScore, embedding_of, neighbours
 from tactileforge.report.forces import ForceResult, force_results
-from tactileforge.report.pictures import Strips, strips_of
 from tactileforge.report.samples import (
     ClipReader,
     explained,
@@ -22,6 +21,7 @@ from tactileforge.report.samples import (
     saliency,
     spread,
 )
+from tactileforge.report.strips import Strips, strips_of
 from tactileforge.training.module import TouchModule
 
 #: Largest numbers of clips per split to embed and read forces of, to reconstruct, and to show.

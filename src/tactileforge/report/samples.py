@@ -17,7 +17,7 @@ from tactileforge.contracts import Batch, Recording
 from tactileforge.data.batches.clips import Clips, Skipped, collate
 from tactileforge.data.labels.augment import fill_captions
 from tactileforge.heads.decoder import Reconstruction
-from tactileforge.report.pictures import kind_of, residuals, share
+from tactileforge.report.strips import kind_of, residuals, share
 from tactileforge.training.module import TouchModule
 from tactileforge.util.bars import Bar
 

@@ -34,8 +34,8 @@ from tactileforge.pages.page import (
     table,
 )
 from tactileforge.report.findings import RunFindings
-from tactileforge.report.pictures import Strips
 from tactileforge.report.samples import clip_title
+from tactileforge.report.strips import Strips
 from tactileforge.runs import folder as run_folder
 
 #: Explanations of the rows of a clip's images.

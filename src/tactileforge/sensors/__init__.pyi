@@ -20,11 +20,11 @@ from tactileforge.sensors.calibration.file import ForceModel as ForceModel
 from tactileforge.sensors.calibration.file import calibration_labels as calibration_labels
 from tactileforge.sensors.calibration.file import calibration_of as calibration_of
 from tactileforge.sensors.calibration.file import load_calibration as load_calibration
-from tactileforge.sensors.calibration.pictures import CHANGE_FEATURE as CHANGE_FEATURE
-from tactileforge.sensors.calibration.pictures import MOMENT_FEATURES as MOMENT_FEATURES
-from tactileforge.sensors.calibration.pictures import PICTURE_FEATURES as PICTURE_FEATURES
-from tactileforge.sensors.calibration.pictures import SHAPE_FEATURES as SHAPE_FEATURES
-from tactileforge.sensors.calibration.pictures import picture_inputs as picture_inputs
+from tactileforge.sensors.calibration.picture_features import CHANGE_FEATURE as CHANGE_FEATURE
+from tactileforge.sensors.calibration.picture_features import MOMENT_FEATURES as MOMENT_FEATURES
+from tactileforge.sensors.calibration.picture_features import PICTURE_FEATURES as PICTURE_FEATURES
+from tactileforge.sensors.calibration.picture_features import SHAPE_FEATURES as SHAPE_FEATURES
+from tactileforge.sensors.calibration.picture_features import picture_inputs as picture_inputs
 from tactileforge.sensors.capture import Capture as Capture
 from tactileforge.sensors.capture import FrameWatch as FrameWatch
 from tactileforge.sensors.capture import check_captures as check_captures

@@ -47,7 +47,7 @@ class PhasedDDP(DDPStrategy):
         return super().training_step(*args, **kwargs)
 
 
-class Sharded(ModelParallelStrategy):
+class ShardedStrategy(ModelParallelStrategy):
     """FSDP2 over all processes: each keeps its share of weights, gradients and AdamW's averages.
 
     Checkpoints are whole, as those of a single process, and can be read by any number of processes.
@@ -160,7 +160,7 @@ def choose_strategy(
                 f"trainer.strategy=fsdp2 has no whole gradients for balance={balance} to measure; "
                 "give balance=none, or trainer.strategy=auto"
             )
-        return Sharded()
+        return ShardedStrategy()
     if name != "auto" or processes == 1:
         return name
     return PhasedDDP() if static else "ddp_find_unused_parameters_true"

@@ -13,7 +13,7 @@ from email.utils import parsedate_to_datetime
 from http.client import InvalidURL
 from typing import BinaryIO
 
-from tactileforge.util.links import SILENCE, Link, Refused
+from tactileforge.util.url_reader import SILENCE, Refused, UrlReader
 
 #: Bytes required in `SILENCE` seconds of waiting: 2 kB/s, slower than any working link.
 _LEAST = 1 << 16
@@ -144,7 +144,7 @@ def _chunks(
     """Yields the stated length, b"" for none, and then the body in chunks."""
     left = limit
     # one byte more than stated, to notice a longer body
-    link = Link(url, limit + 1, headers)
+    link = UrlReader(url, limit + 1, headers)
     pace.opens()
     try:
         stated = _next(link, pace)
@@ -161,7 +161,7 @@ def _chunks(
         raise Dropped(f"the connection ended after {limit - left} of {int(stated)} bytes")
 
 
-def _next(link: Link, pace: _Pace) -> bytes:
+def _next(link: UrlReader, pace: _Pace) -> bytes:
     """The next answer of a link, as soon as it comes."""
     start = _now()
     answer = link.next(pace.waits())

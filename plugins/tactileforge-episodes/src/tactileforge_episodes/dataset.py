@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from tactileforge_episodes.map_keys import EpisodeMap
     from tactileforge_episodes.reader import EpisodeFile
-    from tactileforge_episodes.reading import Reading
+    from tactileforge_episodes.statements import Statements
 
 #: Files looked at for the labels of the data set, and for the signs of its forces.
 _FIRST = 16
@@ -252,16 +252,16 @@ class Episodes:
             )
 
     @cached_property
-    def reading(self) -> Reading:
+    def reading(self) -> Statements:
         """Facts of the options, and measured signs.
 
         Raises:
             ConfigError: The map cannot be read.
         """
         from tactileforge_episodes.find import measure_signs
-        from tactileforge_episodes.reading import Reading
+        from tactileforge_episodes.statements import Statements
 
-        said = Reading(
+        said = Statements(
             fps=self.fps,
             sensors=self.sensors,
             span=self.span,

@@ -17,7 +17,7 @@ from tactileforge_episodes.map_keys import EpisodeMap, SplitKeys
 from tactileforge_episodes.names import fill, match, match_end, natural, placeholders
 from tactileforge_episodes.places import KINDS, Place, find_places, open_place
 from tactileforge_episodes.reader import EpisodeFile
-from tactileforge_episodes.reading import Reading
+from tactileforge_episodes.statements import Statements
 from tactileforge_episodes.values import EpisodeArrays
 
 #: Suffixes that are no part of the name of a file.
@@ -27,7 +27,7 @@ _ROWS = 100_000
 
 
 def find_files(
-    root: Path, keys: EpisodeMap, reading: Reading, skipped: list[str], notes: list[str]
+    root: Path, keys: EpisodeMap, reading: Statements, skipped: list[str], notes: list[str]
 ) -> Iterator[EpisodeFile]:
     """Yields the files of a map below a folder, in order.
 
@@ -78,7 +78,7 @@ def _groups(
     name: str,
     keys: EpisodeMap,
     values: Mapping[str, str],
-    reading: Reading,
+    reading: Statements,
     notes: list[str],
 ) -> Iterator[EpisodeFile]:
     """Groups of a file, one per episode, in natural order.
@@ -144,8 +144,8 @@ def _beside(place: Place, keys: EpisodeMap, values: Mapping[str, str]) -> dict[s
 
 
 def measure_signs(
-    root: Path, keys: EpisodeMap, reading: Reading, count: int, notes: list[str]
-) -> Reading:
+    root: Path, keys: EpisodeMap, reading: Statements, count: int, notes: list[str]
+) -> Statements:
     """Measures the sign of forces of unpublished direction.
 
     Args:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.reading import VIEWS, says_touch, words_of
-from tactileforge_episodes.looks import FINGERS, Arrays, Look
+from tactileforge.reading import FINGERS, VIEWS, says_touch, words_of
+from tactileforge_episodes.looks import Arrays, Look
 from tactileforge_episodes.names import natural
 
 #: Words of an episode in the names of groups and arrays.

@@ -17,7 +17,7 @@ from tactileforge_episodes.map_keys import EpisodeMap
 from tactileforge_episodes.names import match
 from tactileforge_episodes.places import Place, find_places, open_place
 from tactileforge_episodes.reader import EpisodeFile
-from tactileforge_episodes.reading import Reading
+from tactileforge_episodes.statements import Statements
 from tactileforge_episodes.values import EpisodeArrays
 
 #: Files whose keys are looked at.
@@ -122,7 +122,7 @@ def _options(root: Path, preset: str, keys: EpisodeMap) -> tuple[dict[str, objec
     doubts: list[str] = []  # the reader says those of the map
     if not keys.licence:
         doubts.append("each set of this format has a licence of its own: data.licence")
-    file = next(iter(find_files(root, keys, Reading(), [], [])), None)
+    file = next(iter(find_files(root, keys, Statements(), [], [])), None)
     if file is None:
         return options, doubts
     if _needs_rate(file):

@@ -16,7 +16,10 @@ from tactileforge.errors import DataError, unknown
 from tactileforge.plugins import load_json
 from tactileforge.reading import (
     ASSUMED_FPS,
+    COMMANDS,
     DERIVED,
+    FINGERS,
+    ROBOT,
     VIEWS,
     Container,
     Values,
@@ -27,7 +30,6 @@ from tactileforge.reading import (
 )
 from tactileforge_episodes.groups import find_ends, find_groups, find_splits
 from tactileforge_episodes.looks import (
-    FINGERS,
     STILL,
     Look,
     picture_keys,
@@ -41,14 +43,11 @@ _FORCES = {
     *("force", "forces", "ft", "fts", "wrench", "wrenches", "loadcell", "forcetorque", "netft"),
     *("fx", "fy", "fz", "fxyz"),
 }
-#: Words of forces of the robot, which are none on the gel.
-_ROBOT = {
-    *("robot", "tcp", "flange", "wrist", "arm", "ee", "eef", "gripper", "base", "joint", "joints"),
-    *("motor", "cmd", "command", "action"),
-}
+#: Words of forces that are none on the gel as they were measured.
+_ELSEWHERE = ROBOT | COMMANDS
 _ACTIONS = {"action", "actions"}
 _STATES = {"state", "states", "qpos", "proprio", "proprioception"}
-_BODY = _ROBOT - {"cmd", "command", "action"} | {"hand", "pose", "robot0"}
+_BODY = ROBOT | {"hand", "pose", "robot0"}
 _NO_STATES = {"vel", "velocity", "qvel", "effort", "acc", "object", "sim", "next"} | _ACTIONS
 #: Words of what a planner or generator of demonstrations aims at.
 _NO_STATES |= {"datagen", "target", "goal", "desired", "planned"}
@@ -309,7 +308,7 @@ class MapGuess:
             if look.has(_TIMES) and not look.has(_NO_TIMES) and look.is_numbers
             if look.facts.shape in ((self.rows,), (self.rows, 1)) and look.key not in self._used
         ]
-        elsewhere = _ROBOT | VIEWS
+        elsewhere = _ELSEWHERE | VIEWS
         found.sort(key=lambda one: (not says_touch(one.words), one.has(elsewhere), len(one.words)))
         shared: dict[str, Any] = {}
         for look in found:
@@ -398,7 +397,7 @@ class MapGuess:
         axes = _axes_of([look.key for look in found if look.width in ((), (1,))])
         given: set[str] = set()
         for key, entry in entries.items():
-            robot = _ROBOT - {*self.looks[key].words}
+            robot = _ELSEWHERE - {*self.looks[key].words}
             fits = {
                 axes.get(look.key, look.key): look
                 for look in found

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from tactileforge.data import UNITS
 from tactileforge.reading import Facts, Values
 
-#: Words of a finger, on which no camera of a scene looks.
-FINGERS = {"finger", "fingers", "fingertip", "fingertips", "thumb", "pinky"}
 #: Words of pictures without contact.
 STILL = {"reference", "ref", "background", "bg", "baseline"}
 #: Begins of encoded images: JPEG, PNG, WebP, BMP, TIFF, JPEG XL.

@@ -21,8 +21,8 @@ from tactileforge_episodes.frames import Reference, open_pictures
 from tactileforge_episodes.map_keys import EpisodeMap, ForceKeys, Keys, PictureKeys, TimeKeys
 from tactileforge_episodes.names import fill, placeholders
 from tactileforge_episodes.places import open_place
-from tactileforge_episodes.reading import Reading
 from tactileforge_episodes.refs import ArrayRef, Readable, Track, Tracks
+from tactileforge_episodes.statements import Statements
 from tactileforge_episodes.taxels import TaxelFrames, Taxels, TaxelTrack
 from tactileforge_episodes.touches import Touch, find_touches
 from tactileforge_episodes.values import EpisodeArrays, labels_of
@@ -46,7 +46,7 @@ class EpisodeFile:
         name: str,
         keys: EpisodeMap,
         values: Mapping[str, str],
-        reading: Reading,
+        reading: Statements,
         split: str | None = None,
     ) -> None:
         self.arrays, self.name, self.keys, self.split = arrays, name, keys, split

@@ -13,9 +13,9 @@ from tactileforge.reading import ForceKeys, StreamKeys, add_once, held_out_names
 from tactileforge_lerobot.drawn import Drawing
 from tactileforge_lerobot.features import Chosen, written_camera
 from tactileforge_lerobot.read import LeRobotFolder
-from tactileforge_lerobot.reading import Reading
 from tactileforge_lerobot.recognise import recognise
 from tactileforge_lerobot.sets import find_sets
+from tactileforge_lerobot.touch_features import ReadOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -105,7 +105,7 @@ class LeRobot:
         self.root, self.val = home_path(root), val
         self.chosen = Chosen(touch, tuple(sensors), force, tuple(force_columns))
         self.camera = camera
-        self.reading = Reading(
+        self.reading = ReadOptions(
             background=background,
             drawing=Drawing(span=span, rest=rest, columns=columns, grid=grid, positions=positions),
             stream=StreamKeys(channels=channels, rotate=rotate, mirror=mirror),

@@ -15,7 +15,7 @@ from tactileforge.sensors import warn_of_slow_frames
 
 if TYPE_CHECKING:
     from tactileforge.hub import Model
-    from tactileforge_lerobot.episode import EpisodeRows
+    from tactileforge_lerobot.episode import AlignedRows
 
 _VECTORS = ("pooled", "cls", "projected", "encode")
 
@@ -72,7 +72,7 @@ class TouchVectors:
         clip = {"frames": self.model.frames, "spacing": self.model.spacing}
         return {"model": self.name, **asdict(self.options), **clip, "devices": self.devices}
 
-    def __call__(self, shown: EpisodeRows) -> NDArray[np.float32]:
+    def __call__(self, shown: AlignedRows) -> NDArray[np.float32]:
         """Encodes the rows of an episode, float32 (N, devices * width).
 
         Warns where the frame rate is too low for the clips of the model's training.

@@ -19,7 +19,7 @@ from tactileforge_lerobot import folder
 
 
 @dataclass(frozen=True)
-class EpisodeRows:
+class AlignedRows:
     """Simultaneous recordings.
 
     Attributes:
@@ -126,7 +126,7 @@ def _known_span(recordings: Sequence[Recording]) -> tuple[float, float]:
     return float(start), float(end)
 
 
-def episode(recordings: Sequence[Recording], fps: float) -> EpisodeRows:
+def episode(recordings: Sequence[Recording], fps: float) -> AlignedRows:
     """Puts recordings on common rows; each row has the frame nearest to its time.
 
     Raises:
@@ -155,10 +155,10 @@ def episode(recordings: Sequence[Recording], fps: float) -> EpisodeRows:
         rows[name] = np.where(nearer, np.minimum(after, len(recording.times) - 1), before)
         parts[name] = recording
         dropped[name] = len(recording.times) - len(np.unique(rows[name]))
-    return EpisodeRows(parts, rows, dropped)
+    return AlignedRows(parts, rows, dropped)
 
 
-def episode_features(shown: EpisodeRows, images: str) -> dict[str, dict[str, Any]]:
+def episode_features(shown: AlignedRows, images: str) -> dict[str, dict[str, Any]]:
     """Declares the features of an episode, without `folder.COMMON`.
 
     Args:
@@ -205,7 +205,7 @@ def _numbers(dtype: str, size: int, names: list[str] | None) -> dict[str, Any]:
     return {"dtype": dtype, "shape": [size], "names": names}
 
 
-def number_rows(shown: EpisodeRows, feature: str) -> NDArray[Any]:
+def number_rows(shown: AlignedRows, feature: str) -> NDArray[Any]:
     """Rows of a numeric feature, (N, size)."""
     for track, name in folder.ROBOT.items():
         source = robot_part(shown.parts.values(), track)
@@ -219,7 +219,7 @@ def number_rows(shown: EpisodeRows, feature: str) -> NDArray[Any]:
     return np.asarray(values)[rows].reshape(len(rows), -1)
 
 
-def image_rows(shown: EpisodeRows, feature: str) -> Frames:
+def image_rows(shown: AlignedRows, feature: str) -> Frames:
     """Rows of an image feature, as they were recorded; read on demand."""
     name = feature.removeprefix("observation.images.")
     if name in shown.parts:

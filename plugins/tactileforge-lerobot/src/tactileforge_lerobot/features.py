@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from tactileforge.errors import ConfigError
 from tactileforge_lerobot.read import LeRobotFolder
-from tactileforge_lerobot.reading import TouchFeature, check_columns
 from tactileforge_lerobot.sets import expanded
+from tactileforge_lerobot.touch_features import TouchFeature, check_columns
 
 
 @dataclass(frozen=True)

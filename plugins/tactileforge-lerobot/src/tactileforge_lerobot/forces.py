@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import DataError
-from tactileforge_lerobot.reading import Reading, TouchFeature
 from tactileforge_lerobot.rows import EpisodeRows
+from tactileforge_lerobot.touch_features import ReadOptions, TouchFeature
 
 
 class Forces:
@@ -19,7 +19,7 @@ class Forces:
         reading: Options of the forces.
     """
 
-    def __init__(self, reading: Reading) -> None:
+    def __init__(self, reading: ReadOptions) -> None:
         self.reading = reading
         self._turned: dict[tuple[str, tuple[int, ...]], float] = {}
 

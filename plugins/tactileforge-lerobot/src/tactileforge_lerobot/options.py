@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tactileforge.errors import ConfigError
 from tactileforge_lerobot import folder
-from tactileforge_lerobot.episode import EpisodeRows
+from tactileforge_lerobot.episode import AlignedRows
 
 _IMAGES = ("auto", "video", "png", "camera")
 
@@ -23,7 +23,7 @@ class Vectors(Protocol):
         """Provenance of the vectors, as plain data."""
         ...
 
-    def __call__(self, shown: EpisodeRows) -> NDArray[np.float32]:
+    def __call__(self, shown: AlignedRows) -> NDArray[np.float32]:
         """Computes the vectors of an episode, float32 (N, size)."""
         ...
 

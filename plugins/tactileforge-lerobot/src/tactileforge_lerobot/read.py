@@ -15,13 +15,13 @@ from tactileforge.data import ImageFrames, stated
 from tactileforge.errors import DataError
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.episodes import read_episodes, read_tasks
+from tactileforge_lerobot.feature_frames import Pictures, Touch, split_part
 from tactileforge_lerobot.forces import Forces
 from tactileforge_lerobot.info import Info
 from tactileforge_lerobot.parquet import WRONG
-from tactileforge_lerobot.pictures import Pictures, Touch, split_part
-from tactileforge_lerobot.reading import Reading, TouchFeature
 from tactileforge_lerobot.rows import EpisodeRows, check_feature
 from tactileforge_lerobot.touch import read_touch
+from tactileforge_lerobot.touch_features import ReadOptions, TouchFeature
 
 
 class LeRobotFolder:
@@ -36,7 +36,7 @@ class LeRobotFolder:
         notes: A line for each recording that was read with doubt.
     """
 
-    def __init__(self, root: Path, name: str, reading: Reading) -> None:
+    def __init__(self, root: Path, name: str, reading: ReadOptions) -> None:
         self.root, self.name, self.reading = root, name, reading
         self.notes: list[str] = []
         self._forces = Forces(reading)

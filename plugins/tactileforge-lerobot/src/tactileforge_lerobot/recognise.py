@@ -8,7 +8,7 @@ from typing import Any
 from tactileforge.contracts import Guess
 from tactileforge.errors import DataError
 from tactileforge.plugins import names
-from tactileforge.reading import read_regular
+from tactileforge.reading import DERIVED, force_of_touch, read_regular, words_of, words_of_sensors
 from tactileforge.specs import SPECS
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.info import Info
@@ -78,22 +78,70 @@ def _touch(info: Info, options: dict[str, Any]) -> list[str]:
             "span: the change drawn as full color is not stated; 1.0 stands in, in units of the "
             "feature"
         )
-    tracks = [name for name in (*numbers, *wrenches(info)) if name not in touch]
+    views = [name for name in info.pictures() if name not in touch]
+    if views := [name for name in views if DERIVED.isdisjoint(words_of(name))]:
+        options["camera"] = views[0]
+        doubts.append(f"camera: {views[0]} is the view of the scene")
+    force = _force(info, touch, options, doubts)
+    tracks = [name for name in (*numbers, *wrenches(info)) if name not in (*touch, *force)]
     if tracks:
         options["tracks"] = list(dict.fromkeys(tracks))
     for name in wrenches(info):
-        doubts.append(
-            f"force: {name} is a track; units, axes and signs are not stated: once they are known, "
-            f"data.force=[{name}] with data.force_columns and data.force_sign"
-        )
+        if name not in force:
+            doubts.append(
+                f"force: {name} is a track; units, axes and signs are not stated: "
+                f"once they are known, data.force=[{name}] with data.force_columns and "
+                "data.force_sign"
+            )
     return doubts
+
+
+def _force(info: Info, touch: list[str], options: dict[str, Any], doubts: list[str]) -> list[str]:
+    """Fill in the forces that have a word of their touch, and return their features.
+
+    Another force may be of the robot, which most data sets of this format are about.
+    """
+    plain = {name.removeprefix("observation.").removeprefix("images."): name for name in touch}
+    forces = {name.removeprefix("observation."): name for name in wrenches(info)}
+    matched = force_of_touch([*plain], [*forces], only=False)
+    found = {plain[name]: forces[force] for name, force in matched.items()}
+    columns = {_columns(info, name) for name in found.values()}
+    if len(columns) != 1 or None in columns:
+        return []
+    (chosen,) = columns
+    options |= {"force": [found.get(name, "") for name in touch], "force_columns": chosen}
+    options["force_sign"] = [1, 1, "mean"]
+    for name in found.values():
+        doubts.append(
+            f"force: columns {chosen} of {name} are taken for x right, y down and z into the gel, "
+            "in N unless they name another unit; z is turned so that its mean is positive"
+        )
+    return [*found.values()]
+
+
+def _columns(info: Info, name: str) -> tuple[int, ...] | None:
+    """Columns x, y and z of a force by their names, the first three without names."""
+    named = info.features[name].get("names")
+    if isinstance(named, dict):
+        named = next(iter(named.values()), None)
+    if not isinstance(named, list) or not named:
+        return (0, 1, 2)
+    words = [words_of(str(one)) for one in named]
+    found = [[i for i, said in enumerate(words) if _is_axis(said, axis)] for axis in "xyz"]
+    return tuple(one[0] for one in found) if all(len(one) == 1 for one in found) else None
+
+
+def _is_axis(words: tuple[str, ...], axis: str) -> bool:
+    """Whether words name a force along an axis: ``fx``, ``force x``, ``x``."""
+    if not {"torque", "moment", "t", "m"}.isdisjoint(words):
+        return False
+    return f"f{axis}" in words or axis in words
 
 
 def _sensor(name: str, otherwise: str, doubts: list[str]) -> str:
     """Type of sensor by the words of a name."""
-    plain = name.lower().replace("-", "_")
-    known = sorted({*SPECS, *names("sensors")} - {"dm", "sim"}, key=len, reverse=True)
-    for sensor in known:
+    plain = words_of_sensors(name)
+    for sensor in sorted({*SPECS, *names("sensors")} - {"dm", "sim"}, key=len, reverse=True):
         if sensor in plain:
             return sensor
     doubts.append(

@@ -7,16 +7,14 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from tactileforge.reading import DERIVED, FINGERS, says_touch, words_of
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.info import Info
 
 #: Levels of folders searched for data sets, and most folders that are looked into.
 _LEVELS, _MOST = 4, 20_000
-#: Words in the names of touch features.
-_WORDS = (
-    *("tactile", "touch", "gelsight", "digit", "taxel", "pressure", "paxini", "xense", "tacto"),
-    *("skin", "deformation", "shear", "finger", "gelslim", "dmtac", "9dtact"),
-)
+#: Words in the names of numbers of touch, beside those of `says_touch`.
+_NUMBERS = FINGERS | {"pressure", "pressures", "deformation", "shear"}
 #: Words in the names of features beside touch: bookkeeping and estimates.
 _BESIDE = ("time", "frame_index", "force", "wrench", "torque", "joint", "state.", "_sn")
 
@@ -62,8 +60,11 @@ def expanded(names: Sequence[str], features: Sequence[str]) -> list[str]:
 
 
 def touch_pictures(info: Info) -> list[str]:
-    """Names of picture features with a word of touch in them."""
-    return [name for name in info.pictures() if any(word in name.lower() for word in _WORDS)]
+    """Names of picture features of touch: the captured ones of those called so, or of fingers."""
+    words = {name: words_of(name) for name in info.pictures()}
+    called = [name for name in words if says_touch(words[name])]
+    called = called or [name for name in words if not FINGERS.isdisjoint(words[name])]
+    return [name for name in called if DERIVED.isdisjoint(words[name])] or called
 
 
 def touch_numbers(info: Info) -> list[str]:
@@ -75,8 +76,14 @@ def _is_touch(name: str, about: dict[str, Any]) -> bool:
     size = 1
     for length in about["shape"]:
         size *= length
-    named = any(word in name for word in _WORDS) and not any(word in name for word in _BESIDE)
-    return named and about["dtype"] in folder.NUMBERS and size > 1
+    words = words_of(name)
+    is_named = says_touch(words) or not _NUMBERS.isdisjoint(words)
+    return (
+        is_named
+        and not any(word in name for word in _BESIDE)
+        and about["dtype"] in folder.NUMBERS
+        and size > 1
+    )
 
 
 def wrenches(info: Info) -> Iterator[str]:

@@ -15,7 +15,7 @@ from tactileforge.errors import DataError
 from tactileforge.plugins import write_text
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.episode import (
-    EpisodeRows,
+    AlignedRows,
     episode,
     episode_features,
     episode_rate,
@@ -99,7 +99,7 @@ class Writer:
             self.found.dropped[name] = self.found.dropped.get(name, 0) + count
 
     def _columns(
-        self, added: EpisodeRows, vectors: NDArray[np.float32] | None
+        self, added: AlignedRows, vectors: NDArray[np.float32] | None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Builds the columns of an episode, and the statistics and locations of its features."""
         columns: dict[str, Any] = {}
@@ -128,7 +128,7 @@ class Writer:
         self.seen.setdefault(name, []).append(values)
         return {f"stats/{name}/{key}": value for key, value in statistics.items()}
 
-    def _check(self, added: EpisodeRows, vectors: NDArray[np.float32] | None) -> None:
+    def _check(self, added: AlignedRows, vectors: NDArray[np.float32] | None) -> None:
         declared = episode_features(added, self.options.images)
         if vectors is not None:
             self.found.vectors = vectors.shape[1]

@@ -11,7 +11,7 @@ from tactileforge_live.calibrate.page import calibration_page
 
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.sensors.calibration.pictures import PICTURE_FEATURES, picture_inputs
+from tactileforge.sensors.calibration.picture_features import PICTURE_FEATURES, picture_inputs
 
 ROWS, COLUMNS = np.mgrid[-1:1:48j, -1:1:64j]
 REST = np.full((48, 64, 3), 90, np.uint8)

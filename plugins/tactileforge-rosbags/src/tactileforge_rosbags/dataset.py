@@ -93,7 +93,7 @@ class Rosbags:
     def _held(self) -> str:
         """Names of the picture topics of the first readable bag."""
         from tactileforge_rosbags.bags import find_bags
-        from tactileforge_rosbags.pictures import KINDS
+        from tactileforge_rosbags.topic_frames import KINDS
 
         for bag in find_bags(self.root):
             try:

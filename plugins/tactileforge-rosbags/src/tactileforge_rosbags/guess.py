@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -11,23 +11,24 @@ import numpy as np
 
 from tactileforge.contracts import Guess
 from tactileforge.errors import DataError
-from tactileforge.reading import is_turned
-from tactileforge.specs import SPECS
+from tactileforge.reading import (
+    DERIVED,
+    FINGERS,
+    force_of_touch,
+    guess_sensor,
+    is_turned,
+    says_touch,
+    words_of,
+)
 from tactileforge_rosbags.bags import Bag, find_bags
-from tactileforge_rosbags.pictures import KINDS
 from tactileforge_rosbags.series import placed
+from tactileforge_rosbags.topic_frames import KINDS, size_of
 from tactileforge_rosbags.values import WRENCHES, wrench_of
 
-#: Words of topics of touch.
-_TOUCH = re.compile(r"tactile|touch|gel|digit|finger|taxel")
-#: Words of topics of forces on the robot.
-_ROBOT = re.compile(
-    r"robot|tcp|flange|wrist|(?<![a-z])(?:arm|eef?|gripper|base|joint|motor)(?![a-z])"
-)
+#: Ends of topics with the pictures of another topic once more, or with a depth.
+_AGAIN, _DEPTH = ("/compressed", "/theora"), "/compressedDepth"
 #: Messages of a force that are looked at for its sign.
 _LOOKED_AT = 2000
-#: Type of the sensor taken for a topic of touch that names none.
-_ANY = "gelsight_mini"
 
 
 def guess(root: Path) -> Guess | None:
@@ -38,22 +39,23 @@ def guess(root: Path) -> Guess | None:
     """
     try:
         bag = next(find_bags(root))
-        pictures = sorted(one.name for one in bag.topics.values() if one.kind in KINDS)
+        pictures = _pictures(bag)
     except (DataError, OSError):
         return None
-    topics = {name: _sensor(name) for name in pictures if _TOUCH.search(name.lower())}
-    doubts = [f"{name} is taken for touch of {topics[name]}, by its name" for name in topics]
+    topics = _touch(pictures)
     if not topics:
-        doubts.append("no topic is called touch: say which is, data.topics={TOPIC: SENSOR}")
+        doubts = ["no topic is called touch: say which is, data.topics={TOPIC: SENSOR}"]
         return _guess({"root": str(root), "topics": {}}, doubts)
-    touch: list[dict[str, Any]] = [{"topic": one, "sensor": topics[one]} for one in topics]
+    doubts = []
+    touch = [_sensor(bag, topic, doubts) for topic in topics]
     options: dict[str, Any] = {"touch": touch}
-    if views := [name for name in pictures if name not in topics]:
+    rest = [name for name in pictures if name not in topics]
+    if views := [name for name in rest if DERIVED.isdisjoint(words_of(name))]:
         doubts.append(f"camera: {views[0]} is the view of the scene")
         options["camera"] = {"topic": f"{views[0]}?"}
-    if len(views) > 1:
-        doubts.append(f"pictures without a word of touch, left out: {', '.join(views[1:])}")
-    touch[0] |= _force(bag, len(topics), doubts)
+    if left := [name for name in rest if name not in views[:1]]:
+        doubts.append(f"pictures without a word of touch, left out: {', '.join(left)}")
+    _add_forces(bag, touch, doubts)
     return _guess({"root": str(root), "map": options}, doubts)
 
 
@@ -61,17 +63,52 @@ def _guess(options: dict[str, Any], doubts: list[str]) -> Guess:
     return Guess(options=options, format="ROS bags", score=0.9, doubts=doubts)
 
 
-def _force(bag: Bag, count: int, doubts: list[str]) -> dict[str, Any]:
-    """Key of the force of the only touch, from the only topic of it; {} otherwise."""
+def _pictures(bag: Bag) -> list[str]:
+    """Topics of pictures; those that repeat another topic are left out."""
+    found = sorted(one.name for one in bag.topics.values() if one.kind in KINDS)
+    again = {one + end for one in found for end in _AGAIN}
+    return [one for one in found if one not in again and not one.endswith(_DEPTH)]
+
+
+def _touch(pictures: list[str]) -> list[str]:
+    """Topics of touch: the captured ones of those called so, or else those of fingers."""
+    words = {name: words_of(name) for name in pictures}
+    called = [name for name in pictures if says_touch(words[name])]
+    called = called or [name for name in pictures if not FINGERS.isdisjoint(words[name])]
+    return [name for name in called if DERIVED.isdisjoint(words[name])] or called
+
+
+def _sensor(bag: Bag, topic: str, doubts: list[str]) -> dict[str, Any]:
+    """Entry of the map for a topic of touch."""
+
+    def shape() -> tuple[int, int]:
+        with suppress(DataError):
+            for _, _, message in islice(placed(bag, topic, None, None), 1):
+                return size_of(message)
+        return 1, 1
+
+    lines: list[str] = []
+    sensor = guess_sensor(topic, shape, lines)
+    doubts.append(f"{topic} is taken for touch of {sensor['sensor']}, by its name")
+    doubts += [f"{topic}: {line}" for line in lines]
+    return {"topic": topic, **sensor}
+
+
+def _add_forces(bag: Bag, touch: list[dict[str, Any]], doubts: list[str]) -> None:
+    """Add to each touch the key of its force, where names of topics leave no choice."""
     wrenches = sorted(one.name for one in bag.topics.values() if one.kind in WRENCHES)
-    if not wrenches:
-        return {}
-    if count > 1 or len(wrenches) > 1 or _ROBOT.search(wrenches[0].lower()):
+    force = force_of_touch([one["topic"] for one in touch], wrenches)
+    for entry in touch:
+        if entry["topic"] in force:
+            entry["force"] = _force(bag, force[entry["topic"]], doubts)
+    if rest := [one for one in wrenches if one not in force.values()]:
         doubts.append(
-            "wrenches are tracks: a map says whose force on a gel they are, and its signs"
+            f"wrenches are tracks ({', '.join(rest)}): a map says whose force on a gel they are, "
+            "and its signs"
         )
-        return {}
-    (topic,) = wrenches
+
+
+def _force(bag: Bag, topic: str, doubts: list[str]) -> dict[str, Any]:
     doubts.append(
         f"force: {topic} is taken for that on the gel, in N, x right, y down, z into the gel, "
         "pressing positive"
@@ -81,14 +118,8 @@ def _force(bag: Bag, count: int, doubts: list[str]) -> dict[str, Any]:
         found = islice(placed(bag, topic, None, None), _LOOKED_AT)
         z = np.array([wrench_of(message)[2] for _, _, message in found], np.float64)
     except DataError:
-        return {"force": force}  # named when it is read
+        return force  # named when it is read
     if is_turned(z):
         doubts.append(f"force: z of {topic} is negative where large, so it is turned")
         force["sign"] = [1, 1, -1]
-    return {"force": force}
-
-
-def _sensor(topic: str) -> str:
-    """Type of the sensor named by a topic: that of the longest name in it."""
-    named = [name for name in SPECS if len(name) > 2 and name in topic.lower()]
-    return max(named, key=len, default=_ANY)
+    return force

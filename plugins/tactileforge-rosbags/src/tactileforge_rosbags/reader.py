@@ -14,8 +14,8 @@ from tactileforge.reading import OptionalKeys
 from tactileforge.specs import spec
 from tactileforge_rosbags.bags import Bag, changed
 from tactileforge_rosbags.map_keys import BagMap, IntervalKeys, TouchKeys, finger_of
-from tactileforge_rosbags.pictures import KINDS, BagFrames, open_frames
 from tactileforge_rosbags.series import Clock, rising
+from tactileforge_rosbags.topic_frames import KINDS, BagFrames, open_frames
 from tactileforge_rosbags.tracks import TrackReader, present
 
 #: Time before the first and after the last frame in which pictures of the camera count, s.

@@ -69,7 +69,7 @@ class Source:
 
 
 @runtime_checkable
-class Sharded(Protocol):
+class ShardedDataset(Protocol):
     """Data set with separate shards (see `contracts.Dataset`)."""
 
     def sources(self, split: str) -> list[Source]:
@@ -100,7 +100,7 @@ def sources_of(dataset: Dataset, split: str) -> list[Source]:
     Raises:
         DataNotFoundError: Something is missing; see `contracts.Dataset.recordings`.
     """
-    if isinstance(dataset, Sharded):
+    if isinstance(dataset, ShardedDataset):
         return dataset.sources(split)
     return loaded_source("", list(dataset.recordings(split)))
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import check_range, size_text
-from tactileforge.data.frames.pictures import rgb_pixels
+from tactileforge.data.frames.picture_files import rgb_pixels
 from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import DataError
 from tactileforge.util.untrusted import open_picture

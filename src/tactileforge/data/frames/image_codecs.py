@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import check_range, size_text
-from tactileforge.data.frames.pictures import orientation
+from tactileforge.data.frames.picture_files import orientation
 from tactileforge.data.frames.pixel_contract import checked_pixels
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.util.pointers import pointer_words

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import Crop, Cropped, check_range, size_text
-from tactileforge.data.frames.picture_index import Head, PictureIndex
-from tactileforge.data.frames.pictures import (
+from tactileforge.data.frames.picture_files import (
     check_depth,
     check_single,
     orientation,
     rgb_pixels,
     upright_size,
 )
+from tactileforge.data.frames.picture_index import ImageHeader, PictureIndex
 from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
 from tactileforge.data.frames.video import VIDEO_SUFFIXES, VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError
@@ -131,9 +131,9 @@ class ArrayFrames:
         return self.array[list(indices)]
 
 
-def _head(path: str) -> Head:
-    def read(image: Image.Image) -> Head:
-        return Head(*upright_size(image), orientation(image) != 1)
+def _head(path: str) -> ImageHeader:
+    def read(image: Image.Image) -> ImageHeader:
+        return ImageHeader(*upright_size(image), orientation(image) != 1)
 
     return _image(path, read)
 

@@ -30,7 +30,7 @@ _SETTLED = 2.0
 _ROW = np.dtype([("key", "<u8"), ("height", "<u4"), ("width", "<u4"), ("is_turned", "?")])
 
 
-class Head(NamedTuple):
+class ImageHeader(NamedTuple):
     """What an image's header says: height and width, pixels, upright; and whether EXIF turns it."""
 
     height: int
@@ -49,8 +49,8 @@ class PictureIndex:
 
     Example:
         >>> index = PictureIndex(Path("touches"))
-        >>> index.heads(["touches/0.png"], read=lambda path: Head(240, 320, False))
-        [Head(height=240, width=320, is_turned=False)]
+        >>> index.heads(["touches/0.png"], read=lambda path: ImageHeader(240, 320, False))
+        [ImageHeader(height=240, width=320, is_turned=False)]
         >>> index.save()
     """
 
@@ -63,9 +63,9 @@ class PictureIndex:
         self._file = cache_folder() / "pictures" / f"{digest}.npz"
         self._rows: NDArray[np.void] | None = None
         self._keys = np.empty(0, np.uint64)
-        self._new: list[tuple[int, Head]] = []
+        self._new: list[tuple[int, ImageHeader]] = []
 
-    def heads(self, paths: Sequence[str], read: Callable[[str], Head]) -> list[Head]:
+    def heads(self, paths: Sequence[str], read: Callable[[str], ImageHeader]) -> list[ImageHeader]:
         """The header of each image.
 
         Args:
@@ -82,7 +82,7 @@ class PictureIndex:
         for path, (key, is_settled), place in zip(paths, keys, places.tolist(), strict=True):
             if key and place >= 0 and int(self._keys[place]) == key:
                 _, height, width, is_turned = self._rows[place].item()
-                out.append(Head(height, width, is_turned))
+                out.append(ImageHeader(height, width, is_turned))
                 continue
             out.append(read(path))
             # what was changed while it was read has another key at the next start

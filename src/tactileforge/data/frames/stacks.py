@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import Crop, Cropped, check_range, size_text
-from tactileforge.data.frames.pictures import check_depth, page_pixels, pages, upright_size
+from tactileforge.data.frames.picture_files import check_depth, page_pixels, pages, upright_size
 from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
 from tactileforge.data.frames.video import VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError

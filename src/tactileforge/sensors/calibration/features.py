@@ -53,11 +53,11 @@ def force_features(
 ) -> dict[str, NDArray[np.float64]]:
     """Features of every frame, float64 (T,) each.
 
-    ``pictures`` are changes from the background, see `pictures.picture_inputs`, and at the borders,
-    see `borders.border_inputs`. ``taxels`` are the sums ``x``, ``y``, ``z`` of the taxels in images
-    of an array, in units of full colour. ``head`` and ``both`` are the force inputs of a model,
-    with those of its pictures, see `hub.model.Model.force_inputs`. Any other kind is the name of a
-    track (T, 3) with the columns ``x``, ``y``, ``z``.
+    ``pictures`` are changes from the background, see `picture_features.picture_inputs`, and at the
+    borders, see `borders.border_inputs`. ``taxels`` are the sums ``x``, ``y``, ``z`` of the taxels
+    in images of an array, in units of full colour. ``head`` and ``both`` are the force inputs of a
+    model, with those of its pictures, see `hub.model.Model.force_inputs`. Any other kind is a track
+    (T, 3) with the columns ``x``, ``y``, ``z``, by its name.
 
     Args:
         recording: Recording of touch.
@@ -109,7 +109,7 @@ def _joined(parts: Iterator[dict[str, NDArray[np.float64]]]) -> dict[str, NDArra
 def _pictures(frames: NDArray[np.uint8], rest: NDArray[np.uint8]) -> dict[str, NDArray[np.float64]]:
     import torch
 
-    from tactileforge.sensors.calibration.pictures import picture_inputs
+    from tactileforge.sensors.calibration.picture_features import picture_inputs
 
     seen, still = (torch.from_numpy(x).movedim(-1, -3) for x in (frames, rest[None]))
     columns = {name: value.numpy() for name, value in picture_inputs(seen, still).items()}

@@ -23,7 +23,7 @@ Image: TypeAlias = NDArray[np.uint8]
 ForceUnit: TypeAlias = Literal["N", "relative", "uncalibrated"]
 
 
-class Reading(Protocol):
+class ClipReading(Protocol):
     """Vectors and forces of clips; see `hub.forces.ModelReadings`."""
 
     @property
@@ -84,7 +84,7 @@ class ClipModel(Protocol):
         calibration: Calibration | None,
         force_unit: str | None,
         check: bool,
-    ) -> Reading:
+    ) -> ClipReading:
         """Vectors and forces of a clip."""
         ...
 

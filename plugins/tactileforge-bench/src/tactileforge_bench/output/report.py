@@ -24,8 +24,8 @@ from tactileforge.pages import (
     verdict,
 )
 from tactileforge_bench.output import comparison_tables, published, setting_tables
+from tactileforge_bench.output.figure_sections import draw_figures
 from tactileforge_bench.output.grid import ColumnHead, Table, TableEntry
-from tactileforge_bench.output.pictures import draw_figures
 from tactileforge_bench.output.published import PublishedScore
 from tactileforge_bench.output.render import render_html
 from tactileforge_bench.results.intervals import difference_interval

@@ -49,7 +49,7 @@ _NONE = ArrayFrames(np.zeros((1, 1, 1, 3), np.uint8))
 
 
 @dataclass(frozen=True)
-class Demonstrations:
+class WrittenDemonstrations:
     """The outcome of `write_demonstrations`.
 
     Attributes:
@@ -61,7 +61,7 @@ class Demonstrations:
     failed: dict[int, str]
 
 
-def write_demonstrations(options: DemonstrationOptions) -> Demonstrations:
+def write_demonstrations(options: DemonstrationOptions) -> WrittenDemonstrations:
     """Writes episodes until there are enough; a killed command resumes where it stopped.
 
     Args:
@@ -208,13 +208,13 @@ def _encoded(pictures: Any, codec: str) -> list[bytes]:
     return [encode_image(picture, codec) for picture in pictures]
 
 
-def _index(options: DemonstrationOptions, folder: Path, tried: int) -> Demonstrations:
+def _index(options: DemonstrationOptions, folder: Path, tried: int) -> WrittenDemonstrations:
     """Writes the index, all as ``train``; ``data=demonstrations`` draws the validation split."""
     entries = [IndexEntry.of(_path(folder, n)) for n in _kept(folder, tried)]
     failed = _failed(folder, options, tried)
     made = {**_made(options), "failed": {str(seed): kind for seed, kind in failed.items()}}
     Index(f"{options.word}_demonstrations", {"train": entries, "val": []}, made=made).save(folder)
-    return Demonstrations(len(entries), failed)
+    return WrittenDemonstrations(len(entries), failed)
 
 
 def _path(folder: Path, number: int) -> Path:

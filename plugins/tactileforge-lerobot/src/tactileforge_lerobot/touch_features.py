@@ -36,7 +36,7 @@ class TouchFeature:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class ReadOptions:
     """Options shared by all touch features.
 
     Attributes:

@@ -95,7 +95,7 @@ class _Redirects(HTTPRedirectHandler):
         return None
 
 
-class Link:
+class UrlReader:
     """Answers of a URL in order: its stated length (b"" for none), its chunks, b"" at the end.
 
     Args:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from tactileforge.sensors.calibration.file import ForceModel
 
 
-class ForceReader:
+class PackedForce:
     """Forces of clips by a force head beside an encoder.
 
     Args:

@@ -10,7 +10,7 @@ from tactileforge.reading import OptionalKeys
 
 
 @dataclass(frozen=True)
-class Reading:
+class Statements:
     """Statements of a user about a data set, beside its map.
 
     Attributes:
