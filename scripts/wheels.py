@@ -8,6 +8,7 @@ Run: python scripts/wheels.py [FOLDER]
 
 from __future__ import annotations
 
+import argparse
 import configparser
 import re
 import subprocess
@@ -111,7 +112,9 @@ def _number(version: str) -> tuple[int, ...]:
 
 def main() -> None:
     """Builds and checks all wheels; exits with 1 where one has a fault."""
-    out = Path(sys.argv[1] if len(sys.argv) > 1 else "dist")
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("folder", nargs="?", default="dist", help="folder of the wheels")
+    out = Path(parser.parse_args().folder)
     out.mkdir(parents=True, exist_ok=True)
     folders = projects(ROOT)
     wheels = {}

@@ -86,6 +86,35 @@ def test_cfg_job_prints_what_would_be_used(
     assert not os.listdir()
 
 
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("objective.pixel.weight=high", "objective.pixel.weight is 'high', which is not of type"),
+        ("head.pixel.width=1.5", "head.pixel.width is 1.5, which is not of type int"),
+        ("encoder.depth=two", "encoder.depth is 'two', which is not of type int"),
+        ("data.scenes=2.5", "data.scenes is 2.5, which is not of type int"),
+        ("optim.lr=fast", "optim.lr is 'fast', which is not of type float"),
+        ("optim.schedule=cosin", "unknown optim.schedule 'cosin'; did you mean 'cosine'?"),
+        ("trainer.max_steps=ten", "trainer.max_steps is 'ten', which is not of type int"),
+        ("+trainer.max_stepz=3", "unknown key 'trainer.max_stepz'; did you mean 'trainer.max_st"),
+        ("seed=x", "seed=x: give a whole number"),
+    ],
+)
+def test_cfg_job_refuses_what_training_refuses(
+    word: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert message in error_of(capsys, "train", word, "--cfg", "job")
+
+
+def test_cfg_job_shows_what_is_chosen_and_not_more(capsys: pytest.CaptureFixture[str]) -> None:
+    shown = yaml.safe_load(said(capsys, "train", "objective=[pixel,dino]", "--cfg", "job"))
+    assert [*shown["objective"]] == [*shown["head"]] == ["pixel", "dino"]
+    part = said(capsys, "train", "--cfg", "job", "--package", "head.pixel", "--resolve")
+    assert yaml.safe_load(part)["name"] == "pixel"
+    wrong = error_of(capsys, "train", "--cfg", "job", "-p", "head.pixl")
+    assert "unknown block 'head.pixl'; did you mean 'head.pixel'" in wrong
+
+
 def test_multirun_of_a_verb_without_plugins(capsys: pytest.CaptureFixture[str]) -> None:
     out = said(capsys, "zoo", "show", "-m", "model=mae,clip")
     assert "mae.base: " in out

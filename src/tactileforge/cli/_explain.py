@@ -10,14 +10,17 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from tactileforge.cli._compose import (
+    PluginSource,
     SearchPath,
     check_presets,
     composed,
     defaults_of_optimizer,
+    finish,
     initialized,
 )
 from tactileforge.cli._options import own_places
 from tactileforge.errors import ConfigError, unknown
+from tactileforge.plugins import registry
 
 
 def explain(name: str, key: str, overrides: Sequence[str], flags: Sequence[str] = ()) -> str:
@@ -45,6 +48,11 @@ def explain(name: str, key: str, overrides: Sequence[str], flags: Sequence[str] 
             if f"optim.{option}" == key:
                 typed += [(f"optim={optimizer}, its own default", _shown(value))]
         rows = [*_files(name, key, overrides), *typed]  # typed words are merged after all files
+        if name == "train":  # with the heads that a run gives to its objectives
+            config = finish(config, overrides)
+            given = OmegaConf.select(config, key, throw_on_missing=False)
+            if given is not None and not [place for place, _ in rows if place != "command line"]:
+                rows.insert(0, ("its own default", _default(config, key)))
     finally:
         SearchPath.also = []
     if not rows:
@@ -58,6 +66,16 @@ def explain(name: str, key: str, overrides: Sequence[str], flags: Sequence[str] 
     return "\n".join([f"{key} = {final}", *lines, "  (the last one wins)"])
 
 
+def _default(config: DictConfig, key: str) -> str:
+    """Default of an option of a plugin that no file chooses, such as a head of an objective."""
+    parent, _, option = key.rpartition(".")
+    node = OmegaConf.select(config, parent) if parent else None
+    kind = registry.GROUPS.get(key.partition(".")[0], "")
+    if not kind or not isinstance(node, DictConfig) or "name" not in node:
+        return _shown(OmegaConf.select(config, key))
+    return _shown(registry.options(kind, node["name"]).get(option))
+
+
 def _files(name: str, key: str, overrides: Sequence[str]) -> Iterator[tuple[str, str]]:
     """Files and plugins of the defaults list with the key, in the order of merging."""
     with initialized():
@@ -68,13 +86,19 @@ def _files(name: str, key: str, overrides: Sequence[str]) -> Iterator[tuple[str,
         for default in defaults.defaults:
             if default.config_path is None or default.config_path.startswith("hydra"):
                 continue
-            config = loader._load_single_config(default, loader.repository).config
+            found = loader._load_single_config(default, loader.repository)
+            config = found.config
             if not OmegaConf.is_config(config):
                 continue
             absent = object()  # null is a value too
             value = OmegaConf.select(config, key, default=absent, throw_on_missing=False)
             if value is not absent:
-                yield f"{default.config_path}.yaml", _shown(value)
+                group, _, option = default.config_path.partition("/")
+                of_class = str(found.path).startswith(f"{PluginSource.scheme()}://")
+                place = (
+                    f"{group}={option}, its own default" if of_class else f"{group}/{option}.yaml"
+                )
+                yield place if option else f"{group}.yaml", _shown(value)
 
 
 def _shown(value: Any) -> str:

@@ -36,15 +36,40 @@ def text(verb: str, command: Command, typed: Sequence[str] = ()) -> str:
     needed = "".join(f" {group}=NAME" for group, option in groups.items() if option == "???")
     lines = [f"tactileforge {verb}{bare}{needed} [key=value ...]", command.about, ""]
     for group, option in groups.items():
-        chosen = next((w.partition("=")[2] for w in typed if w.startswith(f"{group}=")), option)
+        chosen = _typed(group, typed) or option
+        of_objectives = group == "head" and not _typed(group, typed) and _typed("objective", typed)
+        if of_objectives:
+            chosen = f"one for each of {of_objectives}"
         known = wrap(f"Known: {', '.join(options(group))}", 96)  # 98 columns with "# "
-        lines += [*(f"# {line}" for line in known), f"{group}: {option or 'null'}", ""]
-        lines += option_keys(group, chosen)
+        lines += [*(f"# {line}" for line in known), f"{group}: {chosen or 'null'}", ""]
+        lines += _keys_of_heads(of_objectives) if of_objectives else option_keys(group, chosen)
     if command.keys is not None:
         lines += [strict.describe(command.keys), ""]
     elif command.yaml:
         lines += [_after_defaults(command.yaml), ""]
     return "\n".join([*lines, _FLAGS])
+
+
+def _typed(group: str, typed: Sequence[str]) -> str:
+    """Option of a group among words of the user; "" where none is."""
+    return next((w.partition("=")[2] for w in typed if w.startswith(f"{group}=")), "")
+
+
+def _names(chosen: str) -> list[str]:
+    """One name, or several: ``[pixel,diff]``."""
+    return [name for name in re.split(r"[\[\],\s]+", chosen) if name]
+
+
+def _keys_of_heads(objectives: str) -> list[str]:
+    """Keys of the heads that typed objectives have."""
+    lines = []
+    for name in _names(objectives):
+        if local.is_local(name):
+            registry.adopt("objectives", name, "objective")
+        if local.is_local(name) or name in registry.names("objectives"):
+            head = registry.head_of(name)
+            lines += [f"head.{local.key_of(name)}:  # {head}", *plugin_keys("head", head), ""]
+    return lines
 
 
 def option_keys(group: str, chosen: str | None) -> list[str]:
@@ -55,7 +80,7 @@ def option_keys(group: str, chosen: str | None) -> list[str]:
     if group not in registry.GROUPS or chosen in (None, "???"):
         return []
     lines = []
-    for name in filter(None, re.split(r"[\[\],\s]+", chosen)):  # one name, or [pixel,diff]
+    for name in _names(chosen):
         own = local.is_local(name)
         if own:
             registry.adopt(registry.GROUPS[group], name, group)

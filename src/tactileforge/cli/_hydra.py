@@ -5,20 +5,21 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from hydra.errors import HydraException
 from omegaconf import DictConfig
 
 from tactileforge.cli._command import Command, Result
-from tactileforge.cli._compose import defaults_of_optimizer, without_layouts
+from tactileforge.cli._compose import without_layouts
+from tactileforge.cli._known import dotted_keys
 from tactileforge.cli._options import own_places, places_of
-from tactileforge.cli._quote import hydra_value, quoted
+from tactileforge.cli._quote import quoted
 from tactileforge.cli._slips import told
 from tactileforge.cli._sweep import JOB, stopped_sweep
 from tactileforge.cli._words import Words
-from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.util.processes import end_with_parent
 
 #: Files in a folder before a run begins: those written by Hydra, and the run's own lock.
@@ -69,15 +70,13 @@ def run(verb: str, command: Command, words: Words) -> Result:
             return None
 
     name = command.declare(verb)
-    _check_flags(name, words)
+    _check_flags(words)
     # before Hydra names the folder of the sweep, which it does by the clock
     if command.yaml and words.sweeps and (folder := stopped_sweep(words.typed)):
         print(f"goes on with the sweep in {folder}; hydra.sweep.dir= starts another", flush=True)
         words.overrides.append(f"hydra.sweep.dir={quoted(str(folder))}")
-    if verb == "train" and not words.sweeps and {"--cfg", "-c"} & {*words.flags}:
-        # Hydra shows what it composes; a run completes that
-        own = defaults_of_optimizer(words.overrides)[1]
-        words.overrides += [f"optim.{key}={hydra_value(value)}" for key, value in own.items()]
+    if verb == "train" and {("--cfg", "job"), ("-c", "job")} & {*pairwise(words.flags)}:
+        return _show(command, words)
     sys.argv = ["tactileforge", *without_layouts(words.typed)]
     try:
         with told(verb, command, words, lambda: not started):
@@ -102,6 +101,28 @@ def run(verb: str, command: Command, words: Words) -> Result:
     return results[-1] if results else None
 
 
+def _show(command: Command, words: Words) -> None:
+    """Prints the configuration of a run: Hydra shows what it composes, and a run completes that."""
+    from omegaconf import OmegaConf
+
+    from tactileforge.cli._compose import SearchPath, composed, finish
+    from tactileforge.cli._known import check_types
+
+    overrides, SearchPath.also = own_places(words.overrides, words.flags)
+    try:
+        with told("train", command, words):
+            config = finish(composed("train", overrides), overrides)
+    finally:
+        SearchPath.also = []
+    check_types(config)
+    flags = dict(pairwise(words.flags))
+    place = flags.get("--package", flags.get("-p", ""))
+    shown = OmegaConf.select(config, place) if place else config
+    if not OmegaConf.is_config(shown):
+        raise ConfigError(unknown("block", place, (key for key in dotted_keys(config))))
+    print(OmegaConf.to_yaml(shown, resolve=bool({"--resolve", "-r"} & {*words.flags})), end="")
+
+
 def _forget(hydra: Any) -> None:
     """Removes the folder of a failed start, unless it holds more than Hydra's own files."""
     from tactileforge.runs.folder import is_claimed
@@ -112,28 +133,14 @@ def _forget(hydra: Any) -> None:
         shutil.rmtree(folder)
 
 
-def _check_flags(name: str, words: Words) -> None:
+def _check_flags(words: Words) -> None:
     """Checks flags answered by Hydra itself, such as ``--cfg``.
 
     Raises:
-        ConfigError: Two flags exclude each other, or a preset lacks its package line.
+        ConfigError: Two flags exclude each other.
     """
     shows = next((flag for flag in words.flags if flag in ("--cfg", "-c", "--info", "-i")), None)
     if shows and words.sweeps:
         raise ConfigError(
             f"-m and {shows} do not go together: leave -m out, and give the values of one job"
         )
-    if shows and name == "train":
-        from tactileforge.cli._compose import SearchPath, check_presets, composed
-        from tactileforge.cli._known import check_plugins, check_training
-
-        overrides, SearchPath.also = own_places(words.overrides, words.flags)
-        try:
-            config = composed(name, overrides)
-            check_presets(config)
-            check_training(config, overrides)
-            check_plugins(config)
-        except HydraException:
-            return  # reported when Hydra shows the configuration
-        finally:
-            SearchPath.also = []

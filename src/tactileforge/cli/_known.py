@@ -17,12 +17,13 @@ from importlib.resources import files
 from typing import Any
 
 import yaml
-from omegaconf import Container, DictConfig, ListConfig, Node
+from omegaconf import Container, DictConfig, ListConfig, Node, OmegaConf
 
 from tactileforge.cli._options import MULTI, yaml_groups, yaml_options, yaml_text
-from tactileforge.errors import ConfigError, PluginError, nearest_name
-from tactileforge.plugins import registry
+from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name
+from tactileforge.plugins import local, registry
 from tactileforge.plugins.registry import GROUPS
+from tactileforge.plugins.source_options import read_hints
 
 #: Keys of a node beside the options of its plugin, by group.
 _BESIDE = {"objective": frozenset({"weight"})}
@@ -30,6 +31,8 @@ _BESIDE = {"objective": frozenset({"weight"})}
 _BY_YAML = ("balance", "logger")
 #: Groups of plugins that training builds after its data, and that are checked here for that reason.
 _BUILT_LATE = ("objective", "head", "text_encoder", "image_encoder")
+#: Lightning's trainer, whose arguments are the keys of ``trainer``.
+_TRAINER = "lightning.pytorch.trainer.trainer:Trainer"
 #: First word of a key as it is typed: ``objective`` of ``+objective@objective.again=diff``.
 _TYPED = re.compile(r"\+{0,2}([\w./]+)(@[\w.]+)?=")
 
@@ -71,6 +74,44 @@ def check_plugins(config: DictConfig) -> None:
         node = config.get(group)
         for name, row in _items(node) if group in MULTI else [("", node)]:
             _check_plugin(group, name, row)
+
+
+def check_types(config: DictConfig) -> None:
+    """Checks values of a finished configuration against the types that read them.
+
+    Training does so where it builds each part; this is for showing the configuration, and imports
+    no plugin that is read from its source.
+
+    Raises:
+        ConfigError: A value has another type than the option of its plugin, or of the trainer.
+    """
+    for group, kind in GROUPS.items():
+        node = config.get(group)
+        for name, row in _items(node) if group in MULTI else [("", node)]:
+            name_of = row.get("name") if isinstance(row, DictConfig) else None
+            if name_of and name_of not in _own_yaml(group):
+                place = f"{group}.{name}" if name else group
+                given: Any = OmegaConf.to_container(row)
+                registry.check_types(kind, given, place)
+                for key in _BESIDE.get(group, ()):
+                    registry.check_hints(given, {key: float}, place)
+    schedule = (config.get("optim") or {}).get("schedule")
+    if isinstance(schedule, str) and not local.is_local(schedule):
+        check_names("optim.schedule", [schedule], registry.names("schedules"))
+    trainer: Any = OmegaConf.to_container(config.trainer) if config.get("trainer") else {}
+    known = read_hints(_TRAINER) | {"save_every": int, "keep_best": str | None}
+    for key in trainer:
+        if key not in known:
+            beside = ["trainer", *(f"trainer.{one}" for one in known)]
+            raise ConfigError(message(f"trainer.{key}", beside))
+    registry.check_hints(trainer, known, "trainer")
+    if "seed" in config and not isinstance(config.seed, int):
+        raise ConfigError(f"seed={config.seed}: give a whole number")
+
+
+def _own_yaml(group: str) -> list[str]:
+    """Options of a group whose keys are those of their YAML, and which are no plugins."""
+    return [*yaml_options(group)] if group in _BY_YAML else []
 
 
 def check_command(

@@ -70,15 +70,31 @@ def check_nodes(path: Path, header: Header) -> None:
                     f"{path}: {node['name']}.{key} is {value}, and the file has {tensors} tensors; "
                     "fetch it again"
                 )
-        own = local.is_local(node["name"])
-        if own and kind == "heads" and not local.is_given(node["name"]):
-            continue  # left out, see `own_head`
+        if kind == "heads" and not is_at_hand(node["name"]):
+            continue  # left out, see `files.warn_of_left`
         plugin = registry.get(kind, node["name"])
         if "constructing does no io" in getattr(plugin, "expected_failures", {}):
             raise DataError(
                 f"{path}: {node['name']} reads other files where it is built, and a model file "
                 "names none; fetch it again from somebody you trust"
             )
+
+
+def is_at_hand(head: str) -> bool:
+    """Whether the class of a head is installed, or was given where it is one of the user's own."""
+    return local.is_given(head) if local.is_local(head) else head in registry.names("heads")
+
+
+def of_package(head: str) -> bool:
+    """Whether a head comes with a package beside the core, and is made of the encoder alone."""
+    owners = {
+        one.distribution
+        for one in registry.list_plugins()
+        if (one.kind, one.name) == ("heads", head)
+    }
+    if not owners or "tactileforge" in owners:
+        return False
+    return registry.context(registry.get("heads", head)) <= {"encoder"}
 
 
 def own_head(key: str, name: str) -> bool:

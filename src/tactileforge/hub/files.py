@@ -20,6 +20,7 @@ from tactileforge.hub.file_checks import (
     build,
     check_nodes,
     check_plugin,
+    is_at_hand,
     own_head,
     towers_of,
 )
@@ -27,6 +28,7 @@ from tactileforge.hub.header import FORMAT, Header, read_header, seal_checkpoint
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 from tactileforge.hub.size_limit import Allowance
 from tactileforge.plugins import local, registry
+from tactileforge.plugins.distributions import how_to_get
 from tactileforge.util.files import disk_errors_named, new_part, sync, usual_mode
 
 DTYPES = {"float32": torch.float32, "float16": torch.float16}
@@ -211,7 +213,7 @@ def _open_heads(
     heads: dict[str, nn.Module] = {}
     for name, entry in header.heads.items():
         own = entry["node"]["name"]
-        if local.is_local(own) and not own_head(name, own):
+        if not (own_head(name, own) if local.is_local(own) else is_at_hand(own)):
             warn_of_left(path, name, own)
             continue
         prefix = _of_head(name)
@@ -227,6 +229,10 @@ def _open_heads(
 def warn_of_left(path: Path, name: str, own: str) -> None:
     """Warns of a head without its class: the model is loaded without it."""
     what = f"{path}: head {name} is left out: {own} is"
+    if not local.is_local(own):
+        fix = how_to_get("heads", own) or "install the package that provides it"
+        warnings.warn(f"{what} not installed; {fix}", stacklevel=4)
+        return
     why = f"{what} {NO_FIT}"
     warnings.warn(why if local.is_given(own) else str(local.not_given(what, [own])), stacklevel=4)
 

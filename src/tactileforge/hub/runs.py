@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.hub import files
 from tactileforge.hub.aligned import ALIGN, aligned_head
-from tactileforge.hub.file_checks import own_head
+from tactileforge.hub.file_checks import of_package, own_head
 from tactileforge.hub.header import Header
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 from tactileforge.plugins import local, registry
@@ -26,8 +26,9 @@ from tactileforge.util.provenance import commit
 
 #: Most names of classes that a header keeps, of the objects of the training data.
 MOST_NAMES = 2000
-#: Heads that are kept whole: `Model` reads force and surface, and a run that starts from the
-#: weights goes on with all of them. Of the aligned head the text side is kept, see `aligned_head`.
+#: Heads of the core that are kept whole: `Model` reads force and surface, and a run that starts
+#: from the weights goes on with all of them. Of the aligned head the text side is kept, see
+#: `aligned_head`.
 KEPT_HEADS = ("pixel", "diff", "surface", "force", "classify")
 
 
@@ -141,8 +142,7 @@ def _heads(
             if not own_head(name, node["name"]):
                 files.warn_of_left(run, name, node["name"])
                 continue
-        # another plugin under this name is not what `Model` reads
-        elif node["name"] != name or name not in (*KEPT_HEADS, ALIGN):
+        elif not _is_kept(name, node["name"]):
             continue
         own = _below(f"heads.{name}.", state)
         if name == ALIGN:
@@ -156,6 +156,13 @@ def _heads(
                 entries[name]["scale"] = _scales(sensors)
         files.fill_weights(heads[name], own, f"{run}, head {name}")
     return heads, entries
+
+
+def _is_kept(name: str, plugin: str) -> bool:
+    """Whether an installed head is kept under a name: of the core, those that are read."""
+    if name in registry.names("heads") and plugin != name:
+        return False  # another plugin under this name is not what `Model` reads
+    return name in (*KEPT_HEADS, ALIGN) or of_package(plugin)
 
 
 def _order(name: str) -> tuple[int, str]:

@@ -20,7 +20,12 @@ from typing import Any, get_type_hints
 from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name, unknown
 from tactileforge.plugins import local, moves
 from tactileforge.plugins.distributions import how_to_get
-from tactileforge.plugins.source_options import read_docstrings, read_options
+from tactileforge.plugins.source_options import (
+    read_attribute,
+    read_docstrings,
+    read_hints,
+    read_options,
+)
 from tactileforge.util import strict
 
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers", "checks")
@@ -240,6 +245,11 @@ def head_of(objective: str) -> str:
     Raises:
         PluginError: The class has something else for a head.
     """
+    entries = _entries("objectives").get(objective, [])
+    if len(entries) == 1 and ("objectives", objective) not in _registered:
+        written = read_attribute(entries[0].value, "head")  # without an import of torch
+        if isinstance(written, str):
+            return written
     head = get("objectives", objective).head
     if isinstance(head, str):
         return head
@@ -483,6 +493,47 @@ def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any
         if where and re.split(r"=| is |: ", text, maxsplit=1)[0] in known:
             raise ConfigError(_below(where, text)) from error
         raise
+
+
+def check_types(kind: str, config: Mapping[str, Any], where: str) -> None:
+    """Checks values of a plugin's options by the hints of its constructor.
+
+    Args:
+        kind: One of `KINDS` or `OTHERS`.
+        config: ``{"name": ..., **arguments}``; interpolations and missing values pass.
+        where: Place of the node in a configuration.
+
+    Raises:
+        PluginError: The plugin is not installed, or is claimed twice.
+        ConfigError: A value is of another type.
+    """
+    name = str(config["name"])
+    arguments = {key: value for key, value in config.items() if key in options(kind, name)}
+    entries = _entries(kind).get(name, [])
+    if len(entries) == 1 and (kind, name) not in _registered:
+        check_hints(arguments, read_hints(entries[0].value), where)
+    elif _given(kind, name) is not None:
+        _check_types(f"{where}.", get(kind, name), _written(arguments))
+
+
+def check_hints(arguments: Mapping[str, Any], hints: Mapping[str, Any], where: str) -> None:
+    """Checks values by the hints of a constructor.
+
+    Args:
+        arguments: Values by parameter; those of other names pass.
+        hints: Types by parameter; see `source_options.read_hints`.
+        where: Place of the values in a configuration.
+
+    Raises:
+        ConfigError: A value is of another type.
+    """
+    for key, value in _written(arguments).items():
+        strict.typed(f"{where}.{key}", value, hints.get(key, Any))
+
+
+def _written(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Values that are neither missing nor interpolated."""
+    return {key: x for key, x in arguments.items() if "???" not in str(x) and "${" not in str(x)}
 
 
 def _below(where: str, key: str) -> str:

@@ -8,11 +8,12 @@ is imported.
 from __future__ import annotations
 
 import ast
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.util import find_spec
 from inspect import Parameter
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, Optional, Union
 
 
 @cache
@@ -76,6 +77,71 @@ def read_options(target: str) -> dict[str, Any] | None:
         except (ValueError, KeyError, TypeError, ZeroDivisionError):
             return None
     return found
+
+
+#: Names in hints that are resolved; a hint with others is not read.
+_HINTS = {
+    **{one.__name__: one for one in (bool, int, float, str, list, tuple, dict)},
+    **{"Any": Any, "Literal": Literal, "Mapping": Mapping, "Sequence": Sequence, "Path": Path},
+    **{"Optional": Optional, "Union": Union},
+}
+
+
+def read_hints(target: str) -> dict[str, Any]:
+    """Constructor parameters of ``module:Class``, and their types where those are plain, else Any.
+
+    Args:
+        target: Value of an entry point.
+    """
+    name, _, wanted = target.partition(":")
+    tree = _module(name)
+    for node in tree.body if tree else ():
+        if not isinstance(node, ast.ClassDef) or node.name != wanted:
+            continue
+        for one in node.body:
+            if isinstance(one, ast.FunctionDef) and one.name == "__init__":
+                given = [*one.args.args, *one.args.kwonlyargs]
+                return {arg.arg: _hint(arg.annotation) for arg in given}
+        if tree and len(node.bases) == 1:
+            base = ast.unparse(node.bases[0])
+            return read_hints(_imported(tree).get(base, f"{name}:{base}"))
+    return {}
+
+
+def _hint(node: ast.expr | None) -> Any:
+    """Type written in a hint; Any where a name in it is not plain."""
+    if node is None:
+        return Any
+    names = {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+    plain = (ast.Name, ast.Constant, ast.Subscript, ast.Tuple, ast.BinOp, ast.BitOr, ast.Load)
+    if not names <= _HINTS.keys() or not all(isinstance(one, plain) for one in ast.walk(node)):
+        return Any
+    try:
+        return eval(compile(ast.Expression(node), "hint", "eval"), {"__builtins__": {}}, _HINTS)
+    except TypeError:
+        return Any
+
+
+def read_attribute(target: str, attribute: str) -> Any:
+    """Literal of an attribute of ``module:Class``, its own one; None where there is none.
+
+    Args:
+        target: Value of an entry point.
+        attribute: Name of the attribute.
+    """
+    name, _, wanted = target.partition(":")
+    tree = _module(name)
+    for node in tree.body if tree else ():
+        if isinstance(node, ast.ClassDef) and node.name == wanted:
+            for one in node.body:
+                places = one.targets if isinstance(one, ast.Assign) else []
+                if isinstance(one, ast.AnnAssign) and one.value is not None:
+                    places = [one.target]
+                if any(isinstance(x, ast.Name) and x.id == attribute for x in places):
+                    assert isinstance(one, ast.Assign | ast.AnnAssign)
+                    value = one.value
+                    return value.value if isinstance(value, ast.Constant) else None
+    return None
 
 
 def read_docstrings(target: str) -> list[str]:

@@ -50,7 +50,8 @@ def find_checkpoint(path: str | Path) -> Path:
         file = path / BEST
         if not file.is_file():
             raise DataNotFoundError(
-                f"{file}: the run kept no best weights; train with trainer.keep_best"
+                f"{file}: the run kept no best weights; train with "
+                "trainer.keep_best=val/loss, or another logged number"
             )
     if not file.is_file():
         raise DataNotFoundError(f"no checkpoint at {file}; give the folder of a run, or its file")

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from tactileforge.plugins import Bar
 from tactileforge_bench.fit import finetune
 from tactileforge_bench.fit.features import FLIPS, PLAIN, Array, FeatureStore, Flip
 from tactileforge_bench.fit.frozen_encoder import FrozenEncoder
@@ -111,7 +112,8 @@ def evaluate_probe(
     width = subject.width(choice.kind.tap)
     build = partial(choice.build, width, target)
     folds: list[list[TrainedProbe]] = []
-    for split in prepared.splits:
+    parts = prepared.splits
+    for split in Bar(parts, desc="folds", unit="fold", leave=False) if len(parts) > 1 else parts:
         select = split.test if select_on_test else split.validation
         score, uses = _scorer(prepared, select), (split.train, select, split.test)
         if features is None:

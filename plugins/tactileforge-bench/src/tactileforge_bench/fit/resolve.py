@@ -58,9 +58,13 @@ class PreparedTask:
 
     @property
     def test_clips(self) -> list[str]:
-        """Recording and last frame of each test clip, in their order."""
+        """Recording and last frame of each test clip, in their order; of one image its key."""
         rows = self.source.index[self.target.clips[self._test]].tolist()
-        return [f"{self.source.recordings[number].key}[{last}]" for number, last in rows]
+        recordings = self.source.recordings
+        return [
+            recordings[number].key + (f"[{last}]" if len(recordings[number].times) > 1 else "")
+            for number, last in rows
+        ]
 
     def test_picture(self, place: int) -> NDArray[np.uint8]:
         """Last frame of a test clip, uint8 (H, W, 3), by its place among them."""

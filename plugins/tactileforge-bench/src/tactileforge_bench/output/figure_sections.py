@@ -160,9 +160,11 @@ def _wrong(name: str, one: Predictions) -> Markup:
         return Markup()
     shares = one.probability
     sure = {i: "" if shares is None else percent(shares[i, said[i]]) for i in wrong.tolist()}
+    # a model that is mostly wrong says nothing about labels
+    look = ": those at the top may be labelled wrongly, so look at them"
     body = paragraph(
-        "The most certain ones first: those at the top may be labelled wrongly, so look at them. "
-        "What trained the probe is not tested: of suite=classes, classes.folds=5 tests each image."
+        f"The most certain ones first{look * (2 * len(wrong) < len(truth))}. What trained the "
+        "probe is not tested: of suite=classes, classes.folds=5 tests each image."
     )
     if one.pictures is not None:
         body += cards(

@@ -105,15 +105,17 @@ def _bars(results: Results, scores: Scores) -> Markup:
 def _next(results: Results) -> list[tuple[str, str]]:
     """Next commands after a bench."""
     model = results.models[0].name if results.models else "MODEL"
+    data = " classes.root=DIR classes.sensor=NAME" * (results.suite == "classes")
     return [
         (
-            f"tactileforge bench suite={results.suite} model=[{model},run:RUN]",
+            f"tactileforge bench suite={results.suite}{data} 'model=[{model},run:RUN]'",
             "compare another model, or a run of yours, in the same way",
         ),
         (f"tactileforge zoo show {model}", "what a model learned from, its licence and its limits"),
         (
             f"tactileforge export model={model} format=onnx",
-            "one file that runs without this package",
+            "one file that runs without this package; head=heads/FILE puts the classes of a task "
+            "into it",
         ),
     ]
 

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tactileforge.errors import ConfigError, home_path
+from tactileforge.errors import ConfigError, DataNotFoundError, home_path
+from tactileforge.specs import SPECS
 
 #: Names of folders of images by their use; in lower case.
 _SIDES = {
@@ -30,10 +31,13 @@ def class_task(task: Mapping[str, Any], classes: Mapping[str, Any]) -> dict[str,
     Raises:
         ConfigError: ``root`` or ``sensor`` is not given; or there is a folder to test on, and none
             to train on, or the other way round.
+        DataNotFoundError: ``root`` is not a folder.
     """
-    if lacks := [f"classes.{key}=..." for key in ("root", "sensor") if classes[key] is None]:
-        raise ConfigError(f"give {' '.join(lacks)}")
-    root = home_path(str(classes["root"]))
+    root = _root(classes["root"])
+    if classes["sensor"] is None:
+        raise ConfigError(
+            f"give classes.sensor=NAME, the sensor of the images: {', '.join(sorted(SPECS))}"
+        )
     sides = _sides(root)
     task = {**task, "data": dict(task["data"]), "split": dict(task["split"])}
     held = [side for side in ("validation", "test") if side in sides]
@@ -68,10 +72,23 @@ def class_task(task: Mapping[str, Any], classes: Mapping[str, Any]) -> dict[str,
     return task
 
 
+def _root(given: Any) -> Path:
+    """The folder of the classes."""
+    if given is None:
+        raise ConfigError("give classes.root=DIR, a folder with a folder of images for each class")
+    root = home_path(str(given))
+    if not root.is_dir():
+        raise DataNotFoundError(
+            f"classes.root={given}: {'not a' if root.exists() else 'no such'} folder; give one "
+            "with a folder of images for each class"
+        )
+    return root
+
+
 def _sides(root: Path) -> dict[str, str]:
     """Name of the folder of each use, if it holds folders of classes."""
     found = {}
-    for path in sorted(root.iterdir()) if root.is_dir() else ():
+    for path in sorted(root.iterdir()):
         for side, names in _SIDES.items():
             if path.name.lower() in names and any(below.is_dir() for below in path.iterdir()):
                 found[side] = path.name

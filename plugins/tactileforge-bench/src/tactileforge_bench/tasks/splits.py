@@ -17,7 +17,7 @@ from tactileforge.errors import ConfigError, DataError
 from tactileforge_bench.tasks.facts import matches_filter, recording_fact, unknown_values
 from tactileforge_bench.tasks.source import TaskSource
 from tactileforge_bench.tasks.suite import SplitPlan, Task
-from tactileforge_bench.tasks.targets import Target
+from tactileforge_bench.tasks.targets import Target, TargetPart
 
 #: What `Recording.part` adds to a key: first frame, and the one after the last.
 _PART = re.compile(r"\[(\d+):(\d+)\]")
@@ -288,6 +288,14 @@ def unseen_classes(target: Target, splits: Sequence[Split]) -> str:
     return f"{missed} of {tested} test labels are classes that training never saw: {listed}"
 
 
+def _counts(part: TargetPart) -> str:
+    """Number of clips of each class, the rarest first."""
+    rows, counts = np.unique(part.truth.numpy(), return_counts=True)
+    found = sorted(zip(counts.tolist(), rows.tolist(), strict=True))
+    listed = [f"{count} {part.names[int(row)]!r}" for count, row in found[:8]]
+    return ", ".join([*listed, *(["..."] if len(found) > 8 else [])])
+
+
 def _check_classes(
     task: Task, target: Target, splits: Sequence[Split], uses: Sequence[str] = ("train", "test")
 ) -> None:
@@ -302,8 +310,8 @@ def _check_classes(
             for places in rows:
                 for column in part.truth[places].T:
                     if len(column.unique()) < 2:
-                        only = part.names[int(column[0])]
                         raise DataError(
                             f"task {task.name}: all {len(column)} clips for {use} are "
-                            f"{name} {only!r}; a probe cannot be measured on one class"
+                            f"{name} {part.names[int(column[0])]!r}, of {_counts(part)}: each part "
+                            "of the split needs two classes or more; give more of the rare ones"
                         )

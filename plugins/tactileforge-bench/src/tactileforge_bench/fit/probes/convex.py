@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from tactileforge.plugins import one_thread
+
 #: Iterations of L-BFGS at most.
 _ITERATIONS = 200
+#: Multiplications of a product that one thread computes.
+_SMALL = 1 << 24
 
 
 class Axes(NamedTuple):
@@ -54,7 +59,9 @@ def fit_layer(
         return error(rows @ weight) + (shrink * weight[:-1].square()).sum() / 2
 
     first = torch.cat([axes.right @ start[:-1] / scale[:, None], start[-1:]])
-    weights = _minimise(loss, first, tolerance)
+    # threads of small products wait for each other, four times as long on a busy machine
+    with one_thread() if rows.numel() * start.shape[1] <= _SMALL else nullcontext():
+        weights = _minimise(loss, first, tolerance)
     return torch.cat([axes.right.T @ (scale[:, None] * weights[:-1]), weights[-1:]])
 
 
