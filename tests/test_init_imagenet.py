@@ -15,7 +15,7 @@ from tactileforge.hub.starting_point import imagenet_weights
 from tactileforge.runs.checkpoint_file import initialise, read_checkpoint
 
 SMALL = ["scale=demo", "debug=steps", "objective=[pixel]", "data.scenes=3", "data.val=1"]
-SIZE = ["batch.size=4", "encoder.image_size=32"]
+SIZE = ["batch.size=4", "encoder.image_size=32", "data.size=32"]
 
 
 def start(folder: Path, *more: str) -> Path:

@@ -15,7 +15,13 @@ from tactileforge.runs.checkpoint_file import read_checkpoint
 PICTURE = {"name": "tactile_vit", "size": "tiny", "depth": 2, "frames": 1, "tube": 1}
 PICTURE |= {"sensor_tokens": 0, "image_size": 32, "patch": 16, "projected": 16, "spacing": 0.0}
 WORDS = ["scale=demo", "debug=steps", "objective=[pixel]", "data.scenes=3", "data.val=1"]
-WORDS += ["batch.size=4", "encoder.image_size=32", "encoder.size=tiny", "encoder.depth=2"]
+WORDS += [
+    "data.size=32",
+    "batch.size=4",
+    "encoder.image_size=32",
+    "encoder.size=tiny",
+    "encoder.depth=2",
+]
 WORDS += [
     "encoder.norm_in=true",
     "encoder.projected=16",

@@ -92,6 +92,7 @@ def test_a_step_waits_for_nothing(recipe: str, monkeypatch: pytest.MonkeyPatch) 
     step(monkeypatch, *on_device(recipe))
 
 
+@pytest.mark.slow
 def test_all_augmentations_wait_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     ranges = {"rotate": 180, "shift": 0.1, "scale": 0.1, "blur": 1, "gain": 0.1, "colour": 0.1}
     words = [f"augment.{name}={value}" for name, value in ranges.items()]

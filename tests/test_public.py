@@ -106,6 +106,7 @@ PAGES = [
 ]
 
 
+@pytest.mark.slow
 def test_our_packages_import_what_a_third_party_could():
     """The number of private imports in packages of `plugins/`: 0."""
     found = [
@@ -211,6 +212,7 @@ def older(installed):
     return registry.get("objectives", "older")
 
 
+@pytest.mark.slow
 def test_a_field_that_changed_is_named_at_the_check(older):
     failed = [result.detail for result in check("objective", older) if result.status == "failed"]
     assert failed

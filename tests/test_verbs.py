@@ -45,6 +45,7 @@ def test_keywords_are_the_words_of_the_command_line(overrides, keys, made):
     assert words(overrides, keys) == made
 
 
+@pytest.mark.slow
 def test_a_run_has_its_numbers_its_report_and_its_model():
     make_files("DIR", Path())
     run = tactileforge.train(
@@ -69,6 +70,7 @@ def test_a_run_has_its_numbers_its_report_and_its_model():
         tactileforge.train(tactileforge.compose("anytouch2", [f"resume={run.folder}"]))
 
 
+@pytest.mark.slow
 def test_an_encoder_is_passed_as_an_instance():
     """Its run has a copy of it, and starts at its weights."""
     make_files("DIR", Path())
@@ -96,6 +98,7 @@ def test_packing_gives_a_data_set_for_training():
     assert len(list(found.recordings("train"))) == packed.rows[0]["recordings"]
 
 
+@pytest.mark.slow
 def test_inspection_gives_its_page_and_findings():
     make_files("DIR", Path())
     shown = tactileforge.inspect(data={"name": "recordings", "root": Path("DIR")}, out="a.html")

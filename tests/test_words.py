@@ -52,6 +52,7 @@ def is_test(place: str) -> bool:
     return place.startswith("tests/") or "/tests/" in place
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("of_tests", "least"), [(False, 3500), (True, 700)])
 def test_first_lines_have_no_relative_clause(of_tests: bool, least: int) -> None:
     found = [

@@ -48,6 +48,7 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.slow
 def test_every_command_has_help_that_says_each_key(capsys: pytest.CaptureFixture[str]) -> None:
     assert set(cli.verbs()) >= {"train", "sim", "data", "zoo", "plugins", "record", "live", "bench"}
     for verb in cli.verbs():
@@ -206,6 +207,7 @@ def test_a_metric_that_no_run_has_is_named_before(capsys: pytest.CaptureFixture[
     assert "'val/pixle'; did you mean 'val/pixel'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_new_key_that_nothing_reads_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     for word in ("lr=1e-4", "+lr=1e-4"):
         said = error_of(capsys, "train", *SMALL, word)
@@ -282,6 +284,7 @@ def test_mistakes_are_one_line_and_leave_nothing(
     assert not [item for item in Path().rglob("*") if item.is_file()]
 
 
+@pytest.mark.slow
 def test_an_explicit_curriculum_wins_over_a_scale() -> None:
     constant = compose("anytouch2", ["curriculum=constant", "scale=demo"]).curriculum
     assert not constant.objective
@@ -321,6 +324,7 @@ def test_a_recipe_of_ones_own_wins_over_a_scale(capsys: pytest.CaptureFixture[st
     assert "begins with defaults: [OTHER, _self_]" in message
 
 
+@pytest.mark.slow
 def test_explain_says_where_a_value_is_from(capsys: pytest.CaptureFixture[str]) -> None:
     key = "objective.force.weight"
     first, *rows = said(capsys, "train", "scale=demo", f"{key}=2", "--explain", key).splitlines()
@@ -396,6 +400,7 @@ def test_the_page_has_the_usual_optimizer_and_what_all_of_them_have(
         assert f"\n  {key}: " in out, key
 
 
+@pytest.mark.slow
 def test_what_would_be_used_has_the_optimizers_own_learning_rate(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -421,6 +426,7 @@ def test_every_key_of_a_group_has_a_meaning(path: str) -> None:
     assert all(lines[place - 1].startswith("# ") for place in keys)
 
 
+@pytest.mark.slow
 def test_a_run_below_a_file_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     Path("notes").write_text("mine")
     for folder in ("notes", "notes/run", "/proc/nothing/run"):

@@ -59,6 +59,7 @@ def test_compose_leaves_the_hydra_of_the_caller_alone(conf):
     assert not GlobalHydra.instance().is_initialized()
 
 
+@pytest.mark.slow
 def test_a_configuration_of_plain_hydra_is_completed(conf, tmp_path):
     (conf / "app.yaml").write_text(APP + "seed: ${mine}\n")
     words = ["+data=sim", "data.scenes=3", "objective=[diff]", "scale=demo"]

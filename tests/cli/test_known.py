@@ -66,6 +66,7 @@ def test_what_is_read_stays(overrides):
     assert compose("anytouch2", overrides).objective.pixel.name == "pixel"
 
 
+@pytest.mark.slow
 def test_a_key_in_a_recipe_of_ones_own(capsys):
     Path("mine/recipe").mkdir(parents=True)
     for row, said in {

@@ -132,6 +132,7 @@ def own_module(folder, monkeypatch, words, said):
     return [word.replace("OWN", name) for word in words], said.replace("OWN", name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "first", "last"),
     [

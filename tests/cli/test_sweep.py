@@ -265,6 +265,7 @@ def test_a_slip_in_an_own_yaml_is_one_line(
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_command_does_not_search_the_places_of_the_one_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

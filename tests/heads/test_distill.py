@@ -77,6 +77,7 @@ def test_the_teacher_sees_the_last_frame_less_the_background(batch: Batch) -> No
     assert torch.equal(seen[1], 127.5 + 2.0 * change)
 
 
+@pytest.mark.slow
 def test_it_learns_and_the_teacher_does_not(batch: Batch) -> None:
     touch = encoder()
     head = DistillHead(touch, Brightness()).train()

@@ -1,9 +1,14 @@
 """Spares tests half of the CPU time of a short run: its results nobody looks at."""
 
+from copy import deepcopy
+from importlib.resources import files
+from pathlib import Path
 from typing import IO, Any
 
 import pytest
+from hydra._internal.config_repository import ConfigRepository
 from hydra._internal.hydra import Hydra
+from hydra.core.object_type import ObjectType
 from markupsafe import Markup
 
 #: Parts of the paths of tests that look at figures.
@@ -36,11 +41,28 @@ def is_looked_at(path: str) -> bool:
 
 
 def compose_once(patch: pytest.MonkeyPatch) -> None:
-    """Hydra composes a command once, not first for `hydra.mode` only."""
+    """Hydra composes a command once, not first for `hydra.mode` only, and reads a file once."""
     asked = Hydra.get_mode
 
     def mode(self: Hydra, config_name: str | None, overrides: list[str]) -> Any:
         typed = any("hydra.mode" in word for word in overrides)
         return asked(self, config_name, overrides) if typed else None
 
+    load = ConfigRepository.load_config
+    known: dict[Any, Any] = {}
+
+    def load_once(self: ConfigRepository, config_path: str) -> Any:
+        source = self._find_object_source(config_path, ObjectType.CONFIG)
+        if source is None or source.scheme() != "pkg":
+            return load(self, config_path)
+        file = files(source.path).joinpath(source._normalize_file_name(config_path))
+        if not isinstance(file, Path):
+            return load(self, config_path)
+        seen = file.stat()  # a test may write another file in its place
+        key = (source.provider, source.path, file, seen.st_mtime_ns, seen.st_size)
+        if key not in known:
+            known[key] = load(self, config_path)
+        return deepcopy(known[key])
+
     patch.setattr(Hydra, "get_mode", mode)
+    patch.setattr(ConfigRepository, "load_config", load_once)

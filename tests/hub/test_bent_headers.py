@@ -54,6 +54,7 @@ def file(tmp_path: Path) -> Bent:
     return Bent(tmp_path / "a.safetensors")
 
 
+@pytest.mark.slow
 def test_a_table_of_tensors_that_is_bent_is_named(file: Bent) -> None:
     some = dict(list(file.table.items())[:2])
     rest = {name: entry for name, entry in file.table.items() if name not in some}

@@ -20,6 +20,8 @@ from tactileforge.hub.header import read_header
 from tactileforge.runs.checkpoint_file import find_checkpoint, read_checkpoint, seal
 from tactileforge.runs.folder import BEST
 
+SMALL = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1", "data.size=32"]
+
 main = partial(dispatch, "zoo")
 AddCard = Callable[..., None]
 
@@ -27,11 +29,11 @@ AddCard = Callable[..., None]
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
-    small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]
-    train(compose("anytouch2", ["scale=demo", "debug=steps", "objective=[pixel]", *small]), folder)
+    train(compose("anytouch2", ["scale=demo", "debug=steps", "objective=[pixel]", *SMALL]), folder)
     return folder
 
 
+@pytest.mark.slow
 def test_a_run_is_packed_and_loaded(run: Path, tmp_path: Path) -> None:
     path = pack.pack_run(run, tmp_path / "a.safetensors", name="mine.tiny", licence="CC0-1.0")
     model = tactileforge.load(path)
@@ -106,8 +108,7 @@ def test_the_best_weights_of_a_run_are_loaded(run: Path, tmp_path: Path) -> None
     # and where commands take a run: zoo pack, init= of a new run, bench and export
     assert main(["pack", f"run:{copy}@best", "--out", str(tmp_path / "best.safetensors")]) == 0
     new = tmp_path / "new"
-    small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]
-    words = ["scale=demo", "debug=steps", "objective=[pixel]", "trainer.max_steps=1", *small]
+    words = ["scale=demo", "debug=steps", "objective=[pixel]", "trainer.max_steps=1", *SMALL]
     train(compose("anytouch2", [*words, "optim.lr=0", f"init={copy}@best"]), new)
     export(f"run:{copy}@best", tmp_path / "best.pt2", format="torch_export", size=(32, 32))
     exported = torch.export.load(tmp_path / "best.pt2").state_dict
@@ -129,8 +130,7 @@ def test_the_best_weights_of_a_run_are_loaded(run: Path, tmp_path: Path) -> None
 @pytest.mark.slow
 def test_a_miniature_that_is_trained_twice_is_the_same_file(run: Path, tmp_path: Path) -> None:
     again = tmp_path / run.name
-    small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]
-    train(compose("anytouch2", ["scale=demo", "debug=steps", "objective=[pixel]", *small]), again)
+    train(compose("anytouch2", ["scale=demo", "debug=steps", "objective=[pixel]", *SMALL]), again)
     files = [pack.pack_run(path, tmp_path / f"{i}.bin") for i, path in enumerate((run, again))]
     assert files[0].read_bytes() == files[1].read_bytes()
 
@@ -138,9 +138,8 @@ def test_a_miniature_that_is_trained_twice_is_the_same_file(run: Path, tmp_path:
 @pytest.mark.slow
 @pytest.mark.parametrize("objective", ["jepa", "dino"])
 def test_the_slow_copy_is_what_is_packed(objective: str, tmp_path: Path) -> None:
-    small = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]
     recipe = {"jepa": "vjepa", "dino": "dino"}[objective]
-    train(compose(recipe, ["scale=demo", "debug=steps", *small]), tmp_path)
+    train(compose(recipe, ["scale=demo", "debug=steps", *SMALL]), tmp_path)
     state = read_checkpoint(tmp_path)["state_dict"]
     places = {"slow": f"heads.{objective}.target.network", "trained": "encoder"}
     for encoder, kind in ((None, "slow"), ("slow", "slow"), ("trained", "trained")):

@@ -193,11 +193,13 @@ def test_an_absent_tower_is_named(imported: Model, tmp_path: Path) -> None:
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     words = ["encoder.image_size=32", "batch.size=4", "data.scenes=3", "data.val=1"]
+    words += ["data.size=32"]
     config = compose("anytouch2", ["scale=demo", "debug=steps", "objective=[pixel,align]", *words])
     train(config, folder)
     return folder
 
 
+@pytest.mark.slow
 def test_a_run_matches_words_by_what_it_learned(run: Path, tmp_path: Path) -> None:
     model = tactileforge.load(run)
     state = read_checkpoint(run)["state_dict"]

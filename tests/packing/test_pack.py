@@ -100,6 +100,7 @@ def test_shards_hold_as_many_frames_as_asked_for(packable: ModuleType, tmp_path:
     assert all(count <= 30 for count in counts if count != 100)
 
 
+@pytest.mark.slow
 def test_processes_do_not_change_the_bytes(packable: ModuleType, tmp_path: Path) -> None:
     for folder, processes in (("one", 1), ("two", 2)):
         options = dataclasses.replace(PNG, processes=processes)

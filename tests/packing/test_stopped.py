@@ -82,6 +82,7 @@ def test_a_run_that_is_stopped_goes_on(
     assert {name: (out / f"{name}.tar").stat().st_mtime_ns for name in noted} == made
 
 
+@pytest.mark.slow
 def test_shards_that_are_not_whole_are_made_anew(
     packable: ModuleType, whole: dict[str, bytes], tmp_path: Path
 ) -> None:
@@ -96,6 +97,7 @@ def test_shards_that_are_not_whole_are_made_anew(
     assert (out / "train-000000.tar").stat().st_mtime_ns == kept
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_once_costs_nothing(
     packable: ModuleType, whole: dict[str, bytes], tmp_path: Path
 ) -> None:
@@ -106,6 +108,7 @@ def test_a_process_that_dies_once_costs_nothing(
     assert tree(tmp_path / "out") == whole
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_twice_is_an_error_that_names_the_shard(
     packable: ModuleType, tmp_path: Path
 ) -> None:
@@ -239,6 +242,7 @@ def test_what_does_not_change_the_shards_may_change(
     assert tree(tmp_path / "whole") == whole
 
 
+@pytest.mark.slow
 def test_other_data_are_not_mixed_with_what_is_there(packable: ModuleType, tmp_path: Path) -> None:
     """A crop of one size at another place gives recordings of the same look from outside."""
     crop = {"name": "recordings", "layouts": {"a": {"box": [0, 0, 8, 8]}}}

@@ -91,6 +91,7 @@ def test_an_encoder_may_know_its_state_at_another_size(packed):
     assert model.encoder.weight.tolist() == [7.0] * 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", ["encoder", "image_encoder"])
 def test_a_typed_name_is_that_of_the_network(group, nets):
     for words in (

@@ -74,6 +74,7 @@ def test_all_else_is_left_to_an_import(module, name):
     assert read_options(f"{module}:{name}") is None
 
 
+@pytest.mark.slow
 def test_help_and_a_configuration_are_shown_without_torch(lightly):
     assert "max_steps" in lightly(["train", "--help"], "torch lightning")
     assert "tactile_vit" in lightly(["train", "--cfg", "job"], "torch lightning")

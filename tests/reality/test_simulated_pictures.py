@@ -40,6 +40,7 @@ def test_no_row_draws_lines_or_grain_finer_than_real_ones(row: str) -> None:
         assert 0.01 < measures.fine_share(_change(name, [row], seed)) < _LARGEST
 
 
+@pytest.mark.slow
 def test_all_rows_together_draw_no_finer_lines() -> None:
     shares = [measures.fine_share(_change(_EDGED[s % 2], "all", s)) for s in range(1, 5)]
     assert 0.03 < np.median(shares) < _LARGEST

@@ -254,6 +254,7 @@ def test_data_and_licences_are_counted(run: Path) -> None:
     assert "Skipped recordings: none." in page.text
 
 
+@pytest.mark.slow
 def test_first_and_last_are_means_of_a_tenth(write: Write) -> None:
     losses = np.random.default_rng(0).uniform(1, 2, 40)
     metrics = [{"step": 10 * i, "train/pixel": loss} for i, loss in enumerate(losses)]
@@ -275,6 +276,7 @@ def test_the_verdict_on_a_loss(write: Write, last: float, told: str) -> None:
     assert "Validation loss was logged less than twice" in page.text
 
 
+@pytest.mark.slow
 def test_text_is_escaped(write: Write) -> None:
     page = write(Touches(), "objective=[pixel]")
     assert re.search(r"digit · object \d · val/<\d+>", page.text)
@@ -293,6 +295,7 @@ def test_findings_of_the_checks_are_on_top(write: Write) -> None:
     assert next(iter(page.tables)) == "checks"
 
 
+@pytest.mark.slow
 def test_without_findings_there_is_nothing_of_checks(write: Write) -> None:
     assert "checks" not in write(Sim(scenes=2, val=1, size=SIZE), "objective=[pixel]").tables
 
@@ -320,6 +323,7 @@ def test_a_finding_is_parted_into_what_and_fix(line: str, row: list[str]) -> Non
 # what may be missing
 
 
+@pytest.mark.slow
 def test_without_metrics_and_files(write: Write) -> None:
     page = write(Touches(), "objective=[pixel,match]")
     assert "No metrics were logged" in page.text
@@ -351,6 +355,7 @@ def test_without_force_and_labels(write: Write) -> None:
     assert "No clip has a force label." in page.text
 
 
+@pytest.mark.slow
 def test_a_loss_without_a_label_is_absent_and_said(write: Write) -> None:
     metrics = [{"step": 1, "train/pixel": 1.0, "weight/pixel": 1.0, "weight/force": 1.0}]
     page = write(Touches(), "objective=[pixel,force]", metrics=metrics)
@@ -360,6 +365,7 @@ def test_a_loss_without_a_label_is_absent_and_said(write: Write) -> None:
     assert "never computed: its weight was 0 whenever metrics were logged" in page.text
 
 
+@pytest.mark.slow
 def test_forces_along_one_axis(write: Write) -> None:
     count = {"batches": 25, "clips": 800, "labelled": 800, "x": 0, "y": 0, "z": 800}
     page = write(Touches(shear=True), "objective=[force]", met={"force": count})
@@ -372,6 +378,7 @@ def test_forces_along_one_axis(write: Write) -> None:
     assert "6 (z alone)" in recordings["digit, training"]
 
 
+@pytest.mark.slow
 def test_what_reaches_the_encoder_is_drawn(write: Write) -> None:
     steps = [
         {"step": 9, "train/pixel": 1.0, "gradient/pixel": 0.5, "weight/pixel": 2.0},
@@ -799,6 +806,7 @@ def test_the_last_lines_say_the_result() -> None:
     assert line == "Validation loss fell by more than 1.0 % for 1 of 1 objectives"
 
 
+@pytest.mark.slow
 def test_the_page_begins_with_run_date_seed_and_data_and_ends_with_what_is_next(
     write: Write, tmp_path: Path
 ) -> None:

@@ -78,6 +78,7 @@ def test_a_start_that_is_refused_leaves_the_run_that_is_there(
     assert not run_folder.is_claimed(tmp_path)
 
 
+@pytest.mark.slow
 def test_two_runs_of_one_second_have_two_folders(capsys: pytest.CaptureFixture[str]) -> None:
     folders = set()
     for _ in range(2):
@@ -211,6 +212,7 @@ def test_a_full_disk_in_other_verbs_is_one_line(tmp_path: Path, limited: Limited
     assert not list(tmp_path.rglob("*.part"))
 
 
+@pytest.mark.slow
 def test_room_is_looked_for_before_the_step(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,13 +1,17 @@
 """Every shipped plugin of every kind passes the command for its users."""
 
 import re
+from functools import cache
+from importlib.metadata import packages_distributions
 
 import pytest
+from tactileforge_published import resnet
 
 from tactileforge.cli import dispatch
 from tactileforge.encoders import efficientnet_lite
 from tactileforge.plugins import registry
 from tactileforge.plugins.distributions import is_ours
+from tactileforge.testing import general, modules
 
 SHIPPED = sorted(
     (one.kind.removesuffix("s"), one.name)
@@ -15,6 +19,7 @@ SHIPPED = sorted(
     if one.kind in (*registry.KINDS, *registry.MODULES) and is_ours(one.distribution)
 )
 _CLIP = ("image_size=32", "frames=2")
+SMALL_DENOISER = {"channels": [16, 32], "step_width": 16}
 _DECODER = ("width=32", "depth=1", "heads=2")
 #: Options that make data and networks small enough for a test.
 SMALL = {
@@ -26,7 +31,7 @@ SMALL = {
     ("encoder", "tactile_cnn"): ("image_size=64",),
     ("encoder", "tactile_vit"): ("size=tiny", "depth=1", *_CLIP),
     ("encoder", "vqgan"): ("channels=[32,32]", "attention=[1]", "blocks=1", "image_size=16"),
-    ("head", "diffusion_policy"): ("channels=[16,32]", "step_width=16"),
+    ("head", "diffusion_policy"): tuple(f"{k}={v}" for k, v in SMALL_DENOISER.items()),
     ("head", "pixel"): _DECODER,
     ("head", "diff"): _DECODER,
     ("head", "jepa"): _DECODER,
@@ -37,14 +42,29 @@ FREE = ("pixel", "diff", "jepa", "dino", "distill")
 UNLABELLED = {"unlabelled samples change nothing", "labels are counted", "missing key is named"}
 
 
+#: Read once for all of them: whose modules are installed.
+owners = cache(packages_distributions)
+
+
+@pytest.fixture(autouse=True)
+def _small(monkeypatch):
+    """Makes what feeds and carries the plugins small: the U-Net below a loss, a ResNet's stages."""
+    monkeypatch.setattr(general, "packages_distributions", owners)
+    monkeypatch.setitem(modules.SMALL_HEADS, "diffusion_policy", SMALL_DENOISER)
+    monkeypatch.setattr(resnet, "_WIDTH", 32)
+    monkeypatch.setattr(resnet, "_STAGES", (8, 16, 24, 32))
+    monkeypatch.setattr(resnet, "_BLOCKS", 1)
+
+
 @pytest.fixture
 def few_blocks(monkeypatch):
-    """Half of the blocks of Lite0: whole, it is exported with ``touch.tiny`` (test_squash.py)."""
-    stages = tuple(
-        (*row[:-1], min(row[-1], 1 + (row[3] == 24))) for row in efficientnet_lite._STAGES
-    )
-    monkeypatch.setattr(efficientnet_lite, "_STAGES", stages)
-    monkeypatch.setattr(efficientnet_lite, "_MAPS", (3, 5, 7))
+    """Six blocks of Lite0, of sixteen: whole, ``touch.tiny`` is exported with it (test_squash.py).
+
+    One has a shortcut, one is not expanded, and kernels are of both sizes.
+    """
+    stages = ((3, 1, 1, 16, 1), (3, 2, 2, 24, 2), (5, 2, 2, 40, 1), (3, 2, 2, 112, 1))
+    monkeypatch.setattr(efficientnet_lite, "_STAGES", (*stages, (5, 2, 2, 320, 1)))
+    monkeypatch.setattr(efficientnet_lite, "_MAPS", (3, 4, 5))
 
 
 @pytest.mark.slow

@@ -178,6 +178,7 @@ def test_an_optimizer_of_ones_own_has_its_options_without_the_parameters(word):
     torch.testing.assert_close(weight.detach(), -1e-3 * wanted)
 
 
+@pytest.mark.slow
 def test_the_learning_rate_of_a_recipe_is_not_for_another_optimizer():
     own = f"optim={__name__}:Steps"
     rate = {

@@ -176,6 +176,7 @@ def written_places(tree: ast.AST) -> Iterator[str]:
             yield ast.unparse(places[0])
 
 
+@pytest.mark.slow
 def test_no_module_writes_a_file_in_its_place() -> None:
     """All goes into a part, or into memory: a killed command leaves no half of a file."""
     packages = (Path(__file__).parents[2] / "plugins").glob("tactileforge-*/src")

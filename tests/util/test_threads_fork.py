@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """
 import multiprocessing as mp
 import torch
@@ -30,6 +32,7 @@ print("parent", torch.get_num_threads())
 """
 
 
+@pytest.mark.slow
 def test_a_forked_child_computes_with_one_thread() -> None:
     run = subprocess.run(
         [sys.executable, "-c", SCRIPT.format(usable=True, seconds=100)],

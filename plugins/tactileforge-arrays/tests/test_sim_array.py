@@ -122,6 +122,7 @@ def test_the_label_is_what_the_array_feels(cache: str) -> None:
     np.testing.assert_array_equal(z.force, full.force)
 
 
+@pytest.mark.slow
 def test_processes_write_what_one_does(cache: str, tmp_path: Path) -> None:
     """Also works from a script without a ``__main__`` guard: each process is a new command."""
     script = tmp_path / "script.py"

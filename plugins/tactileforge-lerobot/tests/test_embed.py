@@ -52,6 +52,7 @@ def model():
         return tactileforge.load("anytouch2.tiny", image_size=32)
 
 
+@pytest.mark.slow
 @SLOW
 def test_vectors_are_those_of_the_model_whatever_the_batch(model) -> None:
     """Computed by hand: the clip of row 9, at 6 frames a second, holds the frames 6, 7, 8, 9."""
@@ -72,6 +73,7 @@ def test_vectors_are_those_of_the_model_whatever_the_batch(model) -> None:
     np.testing.assert_allclose(cls[9], tokens[:, 0].reshape(-1).numpy(), atol=1e-5)
 
 
+@pytest.mark.slow
 @SLOW
 def test_other_devices_are_named(model) -> None:
     vectors = TouchVectors(model, "m", EmbedOptions())

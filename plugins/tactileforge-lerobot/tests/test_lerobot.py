@@ -542,6 +542,7 @@ def test_a_device_without_a_feature_is_named(tmp_path: Path) -> None:
         all_of(root)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [folder.INFO, folder.TOUCH])
 def test_metadata_that_is_bent_is_named_or_read(tmp_path: Path, name: str) -> None:
     root, found = tmp_path / "set", {"named": 0, "read": 0}
@@ -562,6 +563,7 @@ def test_metadata_that_is_bent_is_named_or_read(tmp_path: Path, name: str) -> No
 CELLS = (None, True, -1, 1 << 50, float("nan"), "x", [1], b"a", {"a": 1})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["meta/episodes", "data", "meta"])
 def test_tables_that_are_bent_are_named_or_read(tmp_path: Path, where: str) -> None:
     """Each column is dropped, renamed, and filled with cells of a different type."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import torch
@@ -15,16 +17,27 @@ from tactileforge.testing.results import require
 
 
 def small_context(seed: int = 0, frames: int = 4, image: int = 32) -> dict[str, Any]:
-    """A small touch encoder and small towers, under the names of the framework's context."""
+    """A small touch encoder and small towers, under the names of the framework's context.
+
+    They are drawn once and copied after, with the random generator as the drawing left it.
+    """
+    made, state = _drawn(seed, frames, image)
+    torch.set_rng_state(state)
+    return deepcopy(made)
+
+
+@lru_cache(8)
+def _drawn(seed: int, frames: int, image: int) -> tuple[dict[str, Any], Tensor]:
     torch.manual_seed(seed)
     touch = {"name": "tactile_vit", "size": "tiny", "frames": frames, "image_size": image}
     vit = {"name": "vit", "depth": 1}
-    return {
+    made = {
         "encoder": registry.build("encoders", {**touch, "depth": 2}),
         "text_encoder": registry.build("encoders", {"name": "byte", "depth": 1}),
         "image_encoder": registry.build("encoders", vit),
         "teacher": registry.build("encoders", {**vit, "frozen": True}),
     }
+    return made, torch.get_rng_state()
 
 
 _DECODER = {"width": 32, "depth": 1, "heads": 2}

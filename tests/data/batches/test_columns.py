@@ -205,6 +205,7 @@ def test_a_track_that_is_missing_is_named_before_training(tmp_path) -> None:
         train(compose("anytouch2", [*WORDS, "data.tracks=false"]), tmp_path / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_grip")
 def test_the_conformance_suite_feeds_columns() -> None:
     from grips import Grip as Objective

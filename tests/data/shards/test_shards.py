@@ -348,6 +348,7 @@ def rewrite(
             tar.addfile(member, io.BytesIO(content))
 
 
+@pytest.mark.slow
 def test_descriptions_that_are_bent_are_named_or_read(touch: Recording, tmp_path: Path) -> None:
     """With the right checksum: an opened shard has numbers for every reader."""
     path, named, read = tmp_path / "a.tar", 0, 0

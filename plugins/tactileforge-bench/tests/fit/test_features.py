@@ -96,6 +96,7 @@ def test_they_are_those_of_the_encoder(subject: FrozenEncoder, store: FeatureSto
     np.testing.assert_allclose(projected, cls.numpy(), rtol=2e-3, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_the_encoder_is_not_asked_twice(
     subject: FrozenEncoder, store: FeatureStore, calls: list[int]
 ) -> None:
@@ -111,6 +112,7 @@ def test_the_encoder_is_not_asked_twice(
     assert sum(calls) == 2 * len(of)
 
 
+@pytest.mark.slow
 def test_another_process_that_computes_them_is_waited_for(
     subject: FrozenEncoder, store: FeatureStore, calls: list[int], tmp_path: Path
 ) -> None:
@@ -140,6 +142,7 @@ def test_another_process_that_computes_them_is_waited_for(
     assert sum(calls) == len(of), "the other process had computed them"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["weights", "pixels", "clips", "spacing", "policy"])
 def test_what_changes_them_changes_the_key(
     what: str, subject: FrozenEncoder, store: FeatureStore, calls: list[int]
@@ -163,6 +166,7 @@ def test_what_changes_them_changes_the_key(
     assert sum(calls) == before + len(clips)
 
 
+@pytest.mark.slow
 def test_a_stopped_extraction_goes_on(
     subject: FrozenEncoder,
     store: FeatureStore,
@@ -194,6 +198,7 @@ def test_a_stopped_extraction_goes_on(
     assert [p.name for p in store.folder.rglob("*") if p.is_file()] == ["tokens.npy"]
 
 
+@pytest.mark.slow
 def test_mirror_images(subject: FrozenEncoder, store: FeatureStore) -> None:
     of = source()
     arrays = extract_features(store, subject, of, every(of), ["projected"], FLIPS)
@@ -211,6 +216,7 @@ def test_mirror_images(subject: FrozenEncoder, store: FeatureStore) -> None:
     assert np.abs(arrays["projected", PLAIN] - wanted).max() > 0.1
 
 
+@pytest.mark.slow
 def test_single_frames_are_averaged(store: FeatureStore) -> None:
     encoder = PlainViT("tiny", frames=1, tube=1, image_size=32, spacing=0.0)
     header = make_header(
@@ -276,6 +282,7 @@ def test_features_that_are_no_numbers(subject: FrozenEncoder, store: FeatureStor
     assert not list(store.folder.rglob("*.npy"))
 
 
+@pytest.mark.slow
 def test_sensors_a_model_does_not_know(subject: FrozenEncoder, store: FeatureStore) -> None:
     assert subject.unknown(["digit", "gelsight"]) == []
     subject.encoder.sensors = {"gelsight": 0}
@@ -300,6 +307,7 @@ def test_pixels_know_where_things_are() -> None:
     assert changed.tolist() == [8 + 2], "second row, third column"
 
 
+@pytest.mark.slow
 def test_random_weights_in_the_shape_of_a_recipe() -> None:
     words = ["scale=demo", "encoder.image_size=32"]
     recording = models.model_entry("untrained:anytouch2", words).open[0]()

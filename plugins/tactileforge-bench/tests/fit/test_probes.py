@@ -50,6 +50,7 @@ def test_every_name_gives_a_probe() -> None:
         probe_class("linaer")
 
 
+@pytest.mark.slow
 def test_published_sizes() -> None:
     """Numbers of parameters, and shapes, of the published heads for a base encoder."""
     assert size(Force(768, {"force": force()})) == 7_236_867
@@ -193,6 +194,7 @@ KINDS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "part", "shape"), KINDS)
 def test_together_is_as_alone(kind: type[Probe], part: object, shape: tuple[int, ...]) -> None:
     """Three seeds at two rates in one pass end as each does on its own."""

@@ -87,6 +87,7 @@ def test_it_tells_classes_apart_that_are_apart_and_only_those(kind: type[Ridge])
     assert np.mean(right["shuffled"]) == pytest.approx(1 / 3, abs=0.045)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Ridge, Logistic])
 def test_rare_classes_count_as_much_as_common_ones(kind: type[Ridge]) -> None:
     noise, rng = made(600, 10)
@@ -132,6 +133,7 @@ def test_inner_folds_go_by_group() -> None:
     assert error(["one"] * 120) == error([str(i) for i in range(120)])
 
 
+@pytest.mark.slow
 def test_logistic_inner_folds_go_by_group() -> None:
     """A feature with the name of the recording explains the class of its own clips alone."""
     rng = torch.Generator().manual_seed(3)
@@ -235,6 +237,7 @@ def weighed(kind: type[Ridge], part: TargetPart, y: Tensor, sizes: list[int]) ->
     return out
 
 
+@pytest.mark.slow
 def test_a_group_of_many_features_that_say_nothing_gets_no_weight() -> None:
     """In one group with the others, 400 columns of noise hide the six useful ones."""
     y = torch.randn(120, 1, generator=torch.Generator().manual_seed(1))
@@ -246,6 +249,7 @@ def test_a_group_of_many_features_that_say_nothing_gets_no_weight() -> None:
     assert errors[0] < 0.6 * errors[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Ridge, Logistic])
 def test_classes_are_weighed_too(kind: type[Ridge]) -> None:
     y = torch.randint(3, (120, 1), generator=torch.Generator().manual_seed(1)).float()

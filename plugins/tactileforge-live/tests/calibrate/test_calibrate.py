@@ -63,6 +63,7 @@ def presses(count: int = 6, seed: int = 0, lag: int = 0) -> list[Recording]:
     return out
 
 
+@pytest.mark.slow
 def test_forces_of_pictures_are_found_on_presses_that_were_not_seen() -> None:
     result = calibrate(presses(10), CalibrateOptions())
     force = result.calibration.force
@@ -75,6 +76,7 @@ def test_forces_of_pictures_are_found_on_presses_that_were_not_seen() -> None:
     assert result.notes == []
 
 
+@pytest.mark.slow
 def test_the_error_that_is_told_is_that_of_new_presses() -> None:
     force = calibrate(presses(8), CalibrateOptions(axes=["z"])).calibration.force
     assert force is not None
@@ -123,6 +125,7 @@ def test_a_model_that_was_written_as_a_track_is_scaled() -> None:
     np.testing.assert_allclose(fits, [(2, 0.1), (1, 0.2), (1.25, -0.4)], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_lag_of_pictures_behind_forces_is_found() -> None:
     recordings = presses(lag=3)  # frames of 1/30 s
     force = calibrate(recordings, CalibrateOptions(max_lag=0.2, axes=["z"])).calibration.force
@@ -133,6 +136,7 @@ def test_the_lag_of_pictures_behind_forces_is_found() -> None:
     assert force.axes["z"].rmse < 0.5 * plain.axes["z"].rmse
 
 
+@pytest.mark.slow
 def test_forces_that_stop_are_not_made_up() -> None:
     """Half of each press has no force: nothing is read into it, at any lag."""
     recordings = presses(count=8, lag=3)
@@ -146,6 +150,7 @@ def test_forces_that_stop_are_not_made_up() -> None:
     assert len(done.fits["z"].measured) <= 8 * 18
 
 
+@pytest.mark.slow
 def test_forces_that_pictures_do_not_show_are_no_calibration() -> None:
     rng = np.random.default_rng(3)
     noise = [replace(press, force=forces(rng)[::-1].copy()) for press in presses()]
@@ -159,6 +164,7 @@ def test_presses_are_held_out_whole() -> None:
     assert folds([10]).tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
 
 
+@pytest.mark.slow
 def test_two_units_look_alike_once_they_are_balanced() -> None:
     gains = np.array([0.8, 1.1, 0.9])
     reference, other = calibrate(presses(), CalibrateOptions()).calibration, presses()[0]
@@ -292,6 +298,7 @@ def test_the_verb_writes_a_file_and_a_page(
         assert said in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_calibration_travels_with_recordings(tmp_path: Path) -> None:
     calibration = calibrate(presses(), CalibrateOptions()).calibration
     calibration.save(tmp_path / "d1.yaml")
@@ -401,6 +408,7 @@ def test_wrong_forces_are_not_fitted(code: str, turn: Callable[[np.ndarray], np.
         calibrate(wrong, CalibrateOptions())
 
 
+@pytest.mark.slow
 def test_wrong_forces_are_fitted_when_told_to_and_said() -> None:
     wrong = [replace(press, force=press.force + np.float32([0, 0, 2.5])) for press in presses()]
     result = calibrate(wrong, CalibrateOptions(checks=False))
@@ -408,6 +416,7 @@ def test_wrong_forces_are_fitted_when_told_to_and_said() -> None:
     assert not any("TF2" in line for line in calibrate(presses(), CalibrateOptions()).notes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, -1.0])
 def test_the_command_writes_no_calibration_of_wrong_forces(
     factor: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -70,6 +70,7 @@ def recordings(presses: Presses, *, marked: bool = True) -> list[Recording]:
     return found
 
 
+@pytest.mark.slow
 def test_a_unit_is_read_better_than_by_the_shipped_calibration(made: Presses) -> None:
     result = calibrate_depth(recordings(made), OPTIONS)
     assert result.before is not None
@@ -81,12 +82,14 @@ def test_a_unit_is_read_better_than_by_the_shipped_calibration(made: Presses) ->
     assert page.count("<img") == 6 * 4
 
 
+@pytest.mark.slow
 def test_a_calibration_is_judged_on_presses_that_it_did_not_see(made: Presses) -> None:
     """Pictures of other circles cannot be read, however well they are fitted."""
     mixed = replace(made, circles=made.circles.roll(5, 0))
     assert calibrate_depth(recordings(mixed), OPTIONS).after.correlation.mean() < 0.5
 
 
+@pytest.mark.slow
 def test_circles_are_found_where_none_are_marked(made: Presses) -> None:
     result = calibrate_depth(recordings(made, marked=False), OPTIONS)
     centres = (result.presses.circles - made.circles)[:, :2].norm(dim=1)
@@ -94,6 +97,7 @@ def test_circles_are_found_where_none_are_marked(made: Presses) -> None:
     assert "circles of 16 presses are found in the pictures" in result.notes[0]
 
 
+@pytest.mark.slow
 def test_presses_that_cannot_be_used_are_named(made: Presses) -> None:
     good = recordings(made)
     with pytest.raises(DataError, match="7 presses: press the ball at least 8 times"):
@@ -130,6 +134,7 @@ def test_options_out_of_range(options: dict[str, float], message: str) -> None:
         DepthOptions(**options)
 
 
+@pytest.mark.slow
 def test_the_command_line_writes_a_calibration_and_its_page(
     made: Presses, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,8 +12,9 @@ from tactileforge.encoders import AS_THEY_ARE, ConvBackbone
 
 _WIDTH = 512
 _STRIDE = 32  # pixels of a frame for one place of the last map
-#: Channels of the four stages; each has two blocks, and all but the first halve the map.
+#: Channels of the four stages; all but the first halve the map.
 _STAGES = (64, 128, 256, _WIDTH)
+_BLOCKS = 2  # of a stage
 
 
 class FixedNorm(nn.Module):
@@ -118,7 +119,7 @@ class ResNet18(ConvBackbone):
         stages = []
         for number, out in enumerate(_STAGES):
             first = _Block(given, out, 2 if number else 1)
-            stages.append(nn.Sequential(first, _Block(out, out, 1)))
+            stages.append(nn.Sequential(first, *(_Block(out, out, 1) for _ in range(1, _BLOCKS))))
             given = out
         self.stages = nn.ModuleList(stages)
         self.project = nn.Linear(_WIDTH, projected)
