@@ -1,5 +1,6 @@
 from tactileforge.reading.container import DEEPEST as DEEPEST
 from tactileforge.reading.container import MOST_BYTES as MOST_BYTES
+from tactileforge.reading.container import MOST_RATIO as MOST_RATIO
 from tactileforge.reading.container import MOST_TEXT as MOST_TEXT
 from tactileforge.reading.container import Container as Container
 from tactileforge.reading.container import Facts as Facts
