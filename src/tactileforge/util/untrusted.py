@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -30,7 +31,8 @@ class _Loader(yaml.SafeLoader):
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        if twice := [key for key in keys if key != "<<" and keys.count(key) > 1]:
+        counts = Counter(map(str, keys))
+        if twice := [key for key in keys if key != "<<" and counts[str(key)] > 1]:
             raise ValueError(f"line {node.start_mark.line + 1}: {twice[0]!r} comes twice")
         return super().construct_mapping(node, deep)
 
