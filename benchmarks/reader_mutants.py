@@ -809,6 +809,9 @@ def mutants(
                 continue
             else:
                 out = read_apart(kind, root)
+                words = {root.name, *(Path(how.split(": ")[1]).with_suffix("").parts)}
+                if out["state"] == "nameless" and any(one in out["error"] for one in words):
+                    out["state"] = "refused"
                 yield how, outcome(out, whole), out
             finally:
                 shutil.rmtree(root)

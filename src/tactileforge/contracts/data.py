@@ -125,8 +125,8 @@ class Recording:
         Raises:
             DataError: The key comes from names of files that are not UTF-8.
         """
-        if (shown := in_utf8(self.key)) != self.key:
-            raise DataError(f"{shown}: its name is not UTF-8; rename the file or folder")
+        if in_utf8(self.key) != self.key:
+            raise DataError(f"{self.key!a}: its name is not UTF-8; rename the file or folder")
 
     @property
     def period(self) -> float:

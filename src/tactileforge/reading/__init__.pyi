@@ -74,3 +74,4 @@ from tactileforge.util.regular import open_regular as open_regular
 from tactileforge.util.regular import read_regular as read_regular
 from tactileforge.util.regular import regular_text as regular_text
 from tactileforge.util.regular import stays_inside as stays_inside
+from tactileforge.util.tars import BoundedTarInfo as BoundedTarInfo

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from PIL import Image
 
 #: Most characters of a YAML text, and most values in it, counted as often as aliases repeat them.
-_MAX_YAML, _MAX_NODES = 1 << 20, 100_000
+_MAX_YAML, _MAX_NODES = 1 << 19, 100_000
 #: Most pixels of a picture: 8192 x 8192.
 MAX_PIXELS = 1 << 26
 

@@ -107,7 +107,8 @@ class Mat5File(ArrayFile):
         # of 8 bytes each: headers of classes without a size, structs and cells, are small
         if (size := sum(prod(shape) * 8 for _, shape, kind in found if kind == "double")) > _MOST:
             raise DataError(f"{name}: {size >> 20} MB at once; save it with -v7.3, or as npz")
-        self._known = [variable for variable, _, _ in found]
+        # scipy believes the places of sparse values, and no touch is sparse
+        self._known = [variable for variable, _, kind in found if kind != "sparse"]
 
     def _list(self) -> list[str]:
         check_keys(self.name, len(self._known))

@@ -1,4 +1,4 @@
-"""Limits of MATLAB 5 files: what they unpack to, and how many cells and structs they say to hold."""
+"""Limits of MATLAB 5 files: what they unpack to, and how much they say to hold."""
 
 from __future__ import annotations
 
@@ -10,17 +10,20 @@ import numpy as np
 
 from tactileforge.errors import DataError
 from tactileforge.reading import DEEPEST, check_unpacked
+from tactileforge_episodes.slices import Slice
 
 #: Types of elements: an array, and packed ones.
 _MATRIX, _PACKED = 14, 15
 #: Classes of arrays that hold arrays: cells, structs and objects.
 _HOLDERS = (1, 2, 3)
+#: Class of sparse arrays, whose places scipy believes.
+_SPARSE = 5
 #: Most bytes of an unpacked variable whose inner arrays are looked at; of larger ones, the first.
 _LOOKED = 1 << 26
 _HEADER = 128
 
 
-def check_mat5(name: str, file: IO[bytes]) -> None:
+def check_mat5(name: str, file: IO[bytes] | Slice) -> None:
     """Refuses variables that unpack to too much, or say to hold more than their bytes can.
 
     Args:
@@ -31,6 +34,8 @@ def check_mat5(name: str, file: IO[bytes]) -> None:
         DataError: A variable is too large; a damaged one is left to its reader.
     """
     head = file.read(_HEADER)
+    if 0 in head[:4]:
+        _check_mat4(name, file)
     order = {b"IM": "<", b"MI": ">"}.get(head[126:128])
     while order and len(tag := file.read(8)) == 8:
         kind, size = (int(one) for one in np.frombuffer(tag, f"{order}u4"))
@@ -43,6 +48,25 @@ def check_mat5(name: str, file: IO[bytes]) -> None:
             break
         _look(name, content, order)
     file.seek(0)
+
+
+def _check_mat4(name: str, file: IO[bytes] | Slice) -> None:
+    """Refuses variables of version 4 that say to have more values than bytes follow.
+
+    Raises:
+        DataError: There are fewer bytes.
+    """
+    end, at = file.seek(0, 2), 0
+    while at + 20 <= end:
+        file.seek(at)
+        head = file.read(20)
+        swapped = not 0 <= int.from_bytes(head[:4], "little") <= 5000
+        kind, rows, columns, parts, length = np.frombuffer(head, ">i4" if swapped else "<i4")
+        item = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}.get(int(kind) // 10 % 10, 8)
+        size = int(rows) * int(columns) * item * (2 if parts else 1) + int(length)
+        if min(rows, columns, length) < 0 or at + 20 + size > end:
+            raise DataError(f"{name}: a variable of {rows} x {columns} values, and no such bytes")
+        at += 20 + size
 
 
 def _unpacked(name: str, packed: bytes) -> bytes:
@@ -81,6 +105,8 @@ def _look_at(name: str, content: bytes, size: int, order: str, depth: int) -> No
     if len(content) < 32:
         return
     holder = int(np.frombuffer(content[8:12], f"{order}u4")[0]) & 0xFF
+    if holder == _SPARSE and depth:
+        raise DataError(f"{name}: a sparse array in a struct or cell; save it as a full one")
     if holder not in _HOLDERS:
         return
     _, length, begin = _tag(content, 16, order)

@@ -36,7 +36,9 @@ def read_mat_table(path: Path) -> list[tuple[str, dict[str, str]]]:
             return rows_of_arrays(path, dict(_of_hdf5(content)))
     with path.open("rb") as file:
         check_mat5(str(path), file)
-    content = need("scipy.io", str(path)).loadmat(str(path), simplify_cells=True)
+    scipy = need("scipy.io", str(path))
+    names = [name for name, _, kind in scipy.whosmat(str(path)) if kind != "sparse"]
+    content = scipy.loadmat(str(path), variable_names=names, simplify_cells=True)
     return rows_of_arrays(path, dict(_of_structs(content)))
 
 

@@ -178,7 +178,8 @@ class _OpenBag:
                 f"data=rosbags cannot import rosbags ({error}): pip install rosbags lz4"
             ) from error
         self.path = path
-        _check_files(Path(path))
+        with _named(path):
+            _check_files(Path(path))
         if _SQLITE & set(path) and any(name.endswith(".db3") for name in _names(Path(path))):
             raise DataError(f"{path}: sqlite misreads ?, # and % in a path; rename the bag")
         self.is1 = path.endswith(".bag")
@@ -186,10 +187,11 @@ class _OpenBag:
         with _named(path):
             self.reader: Any = Reader1(path) if self.is1 else Reader2(path)
             self.reader.open()
-        if self.is1:
-            limit_chunks(path, self.reader)
-        else:
-            _limit(path, self.reader)
+        try:
+            limit_chunks(path, self.reader) if self.is1 else _limit(path, self.reader)
+        except DataError:
+            self.reader.close()
+            raise
 
     @cached_property
     def topics(self) -> dict[str, Topic]:
@@ -224,7 +226,7 @@ class _OpenBag:
 
 
 def _check_files(path: Path) -> None:
-    """Raises a `DataError` for a file of a bag that opening it would unpack, or run, without end."""
+    """Raises a `DataError` for a file that unpacks, or runs, without end where it is opened."""
     check_metadata(path / _METADATA)
     for file in _files(path) if path.is_dir() else [path]:
         if file.name.endswith(_PACKED):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sqlite3
 from collections.abc import Callable, Iterator
@@ -10,7 +11,7 @@ from functools import partial
 from importlib import import_module
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from tactileforge.errors import DataError
 from tactileforge.reading import MOST_BYTES, MOST_RATIO, MOST_TEXT, check_unpacked, zstd_size
@@ -19,6 +20,7 @@ from tactileforge.reading import MOST_BYTES, MOST_RATIO, MOST_TEXT, check_unpack
 _SCHEMA, _CHUNK, _INDEX, _FOOTER = 3, 6, 8, 37
 #: Bytes of the kind and the size of a record, and of a chunk's times, size and checksum.
 _HEAD, _TIMES = 9, 28
+_MAGIC = b"\x89MCAP0\r\n"
 #: Connection, time and bytes of a message.
 _Raw = tuple[Any, int, bytes]
 #: Values of sqlite that are computed when they are read, in `PRAGMA table_xinfo`.
@@ -94,40 +96,48 @@ def check_unindexed(file: Path) -> None:
     Raises:
         DataError: A chunk unpacks to too much.
     """
-    size = file.stat().st_size
-    if size < _FOOTER:
-        return
-    with file.open("rb") as raw, mmap(raw.fileno(), 0, access=ACCESS_READ) as content:
-        begin = int.from_bytes(content[size - 28 : size - 20], "little")
-        summary = {kind for kind, _, _ in _records(content, begin)} if begin else set()
+    with file.open("rb") as content:
+        size = content.seek(0, os.SEEK_END)
+        begin = int.from_bytes(_part(content, size - 28, 8), "little")
+        if size < _FOOTER or _part(content, size - 8, 8) != _MAGIC:
+            return  # its reader says so
+        summary = {kind for kind, _, _ in _records(file, content, begin, size)} if begin else set()
         if {_SCHEMA, _INDEX} <= summary:
             return
-        for kind, at, _ in _records(content, 8):
+        for kind, at, packed in _records(file, content, 8, size):
             if kind == _CHUNK:
-                _check_record(file, content, at)
+                _check_record(file, content, at, packed)
 
 
-def _records(content: mmap, at: int) -> Iterator[tuple[int, int, int]]:
-    """Kind, begin and size of each record of an mcap."""
-    while at + _HEAD <= len(content) - 8:
-        size = int.from_bytes(content[at + 1 : at + _HEAD], "little")
-        yield content[at], at + _HEAD, size
-        at += _HEAD + size
+def _part(file: BinaryIO, at: int, size: int) -> bytes:
+    file.seek(max(0, at))
+    return file.read(size)
 
 
-def _check_record(file: Path, content: mmap, at: int) -> None:
-    said = int.from_bytes(content[at + 16 : at + 24], "little")
-    at += _TIMES
-    name = int.from_bytes(content[at : at + 4], "little")
-    if name > _FOOTER:
+def _records(file: Path, content: BinaryIO, at: int, size: int) -> Iterator[tuple[int, int, int]]:
+    """Kind, begin and size of each record of an mcap.
+
+    Raises:
+        DataError: One has no kind: a hole in the file, of any size.
+    """
+    while at + _HEAD <= size - 8:
+        head = _part(content, at, _HEAD)
+        if not head[0]:
+            raise DataError(f"{file}: no record at byte {at}; mend it: mcap recover")
+        length = int.from_bytes(head[1:], "little")
+        yield head[0], at + _HEAD, length
+        at += _HEAD + length
+
+
+def _check_record(file: Path, content: BinaryIO, at: int, size: int) -> None:
+    head = _part(content, at, _TIMES + _FOOTER)
+    said, name = (int.from_bytes(head[k : k + n], "little") for k, n in ((16, 8), (_TIMES, 4)))
+    end = _TIMES + 4 + name
+    if name > len(head) - _TIMES - 12:
         return  # its reader says so
-    coding = content[at + 4 : at + 4 + name]
-    at += 4 + name
-    packed = int.from_bytes(content[at : at + 8], "little")
-    check_chunk(
-        f"{file}", coding.decode("latin1"), content[at + 8 : min(at + 8 + packed, len(content))],
-        said,
-    )  # fmt: skip
+    packed = int.from_bytes(head[end : end + 8], "little")
+    coding = head[_TIMES + 4 : end].decode("latin1")
+    check_chunk(f"{file}", coding, _part(content, at + end + 8, min(packed, size)), said)
 
 
 def check_chunk(where: str, coding: str, content: bytes, said: int) -> None:
@@ -160,9 +170,8 @@ def _exceeds(coding: str, content: bytes, most: int) -> bool:
 
         return _counts(ZstdDecompressor, ZstdError, content, most)
     if coding == "lz4":
-        from lz4.frame import LZ4FrameDecompressor
-
-        return _counts(LZ4FrameDecompressor, RuntimeError, content, most)
+        start = import_module("lz4.frame").LZ4FrameDecompressor
+        return _counts(start, RuntimeError, content, most)
     return False
 
 
