@@ -28,7 +28,7 @@ _MARKS = {
 
 
 #: Most characters of a line of a table.
-_MOST_LINE = 1 << 22
+_MOST_LINE = 1 << 19
 #: Longer spellings of endings.
 _ENDINGS = {".jpeg": ".jpg", ".tiff": ".tif"}
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 #: Most characters of a YAML text, and most values in it, counted as often as aliases repeat them.
 _MAX_YAML, _MAX_NODES = 1 << 19, 100_000
-#: Most pixels of a picture: 8192 x 8192.
-MAX_PIXELS = 1 << 26
+#: Most pixels of a picture: 8192 x 4096, of which decoders make up to six copies.
+MAX_PIXELS = 1 << 25
 
 
 class _Loader(yaml.SafeLoader):

@@ -25,9 +25,11 @@ def avi_tail(path: Path, start: int = 0, size: int | None = None) -> int:
                 file.seek(at)
                 head = file.read(8)
                 length = int.from_bytes(head[4:], "little")
-                if head[:4] != b"RIFF" or length in _UNKNOWN:
+                if head[:4] != b"RIFF":
                     break
+                if length in _UNKNOWN:
+                    return 0
                 at += 8 + length + length % 2
-            return max(0, end - at) if at > start and length not in _UNKNOWN else 0
+            return max(0, end - at) if at > start else 0
     except OSError:  # its decoder says so
         return 0

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tactileforge.data.frames.avi_tail import avi_tail
 from tactileforge.data.frames.mp4_edits import shown_share
-from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.errors import DataError, DataNotFoundError, in_utf8
 from tactileforge.util.pointers import check_pointer
 from tactileforge.util.untrusted import MAX_PIXELS
 
@@ -119,6 +119,8 @@ def open_video(path: str) -> Any:
         DataNotFoundError: There is no such file.
         DataError: The path is a folder, or no video.
     """
+    if in_utf8(path) != path:  # OpenCV ends the process
+        raise DataError(f"{path!a}: its name is not UTF-8; rename the file or folder")
     _check_file(path)
     _check_tail(path)
     # one level for all of the process, so that it is put back
