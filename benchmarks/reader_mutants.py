@@ -717,8 +717,8 @@ def read_apart(kind: Kind, root: Path, wall: float = WALL) -> dict[str, Any]:
     """Reads a folder in a process of its own.
 
     Returns:
-        ``state`` (read, refused, nameless, traceback, hang), ``digest``, ``said``, ``mb`` (its peak) and
-        ``error``.
+        ``state`` (read, refused, nameless, traceback, hang), ``digest``, ``said``, ``mb`` (its
+        peak) and ``error``.
     """
     ends = os.pipe()
     child = os.fork()
@@ -827,7 +827,9 @@ def _changes(
             break
         place = path.relative_to(good)
 
-        def structure(root: Path, place: Path = place, said: str = said, change: Any = change) -> str:
+        def structure(
+            root: Path, place: Path = place, said: str = said, change: Any = change
+        ) -> str:
             nonlocal applied
             change(root / place, rng)
             applied += 1
@@ -882,9 +884,7 @@ def _row(name: str, found: Iterator[tuple[str, str, dict[str, Any]]], show: bool
         named = sum(counts[one] for one in ("refused", "counted", "nameless"))
         row |= {"files": list(files), "named": named}
         return row | {one: counts[one] for one in ("equal", "silent", *BAD)}
-    return row | {
-        way: {one: held[one] for one in OUTCOMES} for way, held in sorted(ways.items())
-    }
+    return row | {way: {one: held[one] for one in OUTCOMES} for way, held in sorted(ways.items())}
 
 
 def _ending(how: str) -> str:

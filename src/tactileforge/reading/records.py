@@ -81,6 +81,10 @@ def conversion(path: Path) -> str:
     return ""
 
 
+#: Most characters of a name or a cell of a table in JSON.
+_MOST_CELL = 1 << 19
+
+
 def _starts_with(path: Path, start: bytes) -> bool:
     try:
         check_regular(path)
@@ -116,7 +120,11 @@ def read_records(path: Path) -> list[tuple[str, dict[str, str]]]:
     places = [
         str(path) if is_one else f"{path}, row {number}" for number in range(1, len(rows) + 1)
     ]
-    return _filled([(where, _cells(row, path)) for where, row in zip(places, rows, strict=True)])
+    found = [(where, _cells(row, path)) for where, row in zip(places, rows, strict=True)]
+    for where, cells in found:
+        if any(len(text) > _MOST_CELL for pair in cells.items() for text in pair):
+            raise DataError(f"{where}: a name or text of more than {_MOST_CELL} characters")
+    return _filled(found)
 
 
 def read_many(pattern: Path) -> list[tuple[str, dict[str, str]]]:
