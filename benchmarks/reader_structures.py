@@ -271,7 +271,7 @@ CSV: dict[str, Change] = {
     "a cell that opens a quote": partial(_cell, value='"'),
     "a cell of 40 MB": partial(_cell, value="9" * 40_000_000),
     "a line of 20 MB": partial(_insert, text="," * 20_000_000 + "\n"),
-    "3,000 more rows": partial(_rows, count=3000),
+    "300 more rows": partial(_rows, count=300),
     "300,000 more columns": _wide,
     "rows turned round": _turned,
     "UTF-16": partial(_coded, coding="utf-16"),
@@ -1202,7 +1202,7 @@ def _ros1_chunk(path: Path, rng: Rng, coding: str) -> None:
     for place in range(begin, size_at):
         size = int.from_bytes(raw[place : place + 4], "little")
         end = place + 4 + size
-        if size > 100 and raw[end + 4 :][:4] in _SIZES and raw[end : end + 4] == b"\x2f\0\0\0":  # fmt: skip
+        if size > 100 and raw[end + 4 :][:4] in _SIZES and raw[end : end + 4] == b"/\0\0\0":
             break
     else:
         raise LookupError("no chunk")

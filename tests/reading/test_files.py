@@ -11,6 +11,7 @@ from tactileforge.errors import DataError
 from tactileforge.reading import files
 from tactileforge.reading.files import matching_files, read_rows, read_text
 from tactileforge.reading.notes import add_once
+from tactileforge.reading.records import read_records
 
 
 @pytest.mark.parametrize(
@@ -93,3 +94,12 @@ def test_many_lines_are_added_once():
     kept.append("d")
     add_once(kept, "d")
     assert kept == ["x", "y", "z", "a", "d"]
+
+
+def test_a_text_of_a_table_in_json_is_not_too_long(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text('[{"' + "x" * (1 << 19) + '": 1}]')
+    with pytest.raises(DataError, match=r"a.json: a name or text of more than 524288 characters"):
+        read_records(path)
+    path.write_text('[{"' + "x" * ((1 << 19) - 1) + '": 1}]')
+    assert len(read_records(path)) == 1
