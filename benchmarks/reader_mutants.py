@@ -1,15 +1,20 @@
 """Damaged files for every reader: each mutant in a process of its own, with limits.
 
-``python benchmarks/reader_mutants.py`` reads 2,000 and writes ``results/reader_mutants.json``;
-``--only zarr,HDF5`` and ``--count 50`` take a part of them, ``--show`` prints each that is silent.
-With ``--instead`` each kind of file of each format is replaced in turn by random bytes of three
-sizes, its first half, nothing, a folder and a pipe: ``results/reader_instead.json``, of which
-result_tables.py makes the table of docs/reliability.md. A mutant is one of
+``python benchmarks/reader_mutants.py`` reads over 2,000 and writes
+``results/reader_mutants.json``: of each format ``--count`` with other bytes, and as many as
+``--structures`` with another structure (reader_structures.py). ``--only zarr,HDF5`` takes a part,
+``--show`` prints each that is silent. With ``--instead`` each kind of file of each format is
+replaced in turn by random bytes of three sizes, its first half, nothing, a folder and a pipe:
+``results/reader_instead.json``. result_tables.py makes the tables of docs/reliability.md.
 
-- named: an error of the project, or a file in ``skipped`` or a new note;
+A data set is read through two doors: the scan of ``data inspect``, and then every frame and label
+of every recording. A mutant is one of
+
+- refused: an error of the project that names the file or the set; nameless: one that does not;
+- counted: a file in ``skipped``, or a new note;
 - equal: read as the whole file is;
 - silent: read as something else, without a word;
-- traceback: any other exception; hang: over 5 s of CPU or 30 s of wall time (other programs share
+- traceback: any other exception; hang: over 5 s of CPU or 120 s of wall time (other programs share
   the machine); memory: over 500 MB more than reading the whole file takes.
 """
 
@@ -25,6 +30,7 @@ import pickle
 import resource
 import shutil
 import signal
+import sqlite3
 import sys
 import tempfile
 import time
@@ -39,6 +45,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pyarrow as arrow
+import reader_structures
 import torch
 from _pytest.outcomes import Skipped
 from common import RESULTS, memory_mb
@@ -72,6 +80,7 @@ from bent import bent  # type: ignore[import-not-found]  # noqa: E402
 from tactileforge_datasets.webdataset import WebDataset  # noqa: E402
 from tactileforge_depth.reader import read_optics  # noqa: E402
 from tactileforge_episodes.dataset import Episodes  # noqa: E402
+from tactileforge_inspect.scan import scan_dataset  # noqa: E402
 from tactileforge_labels.marks import read_marks  # noqa: E402
 from tactileforge_lerobot.dataset import LeRobot  # noqa: E402
 from tactileforge_published.files import read_tensors  # noqa: E402
@@ -79,10 +88,18 @@ from tactileforge_rosbags.dataset import Rosbags  # noqa: E402
 from tactileforge_sim.geometry.mesh_files import load_mesh, load_points  # noqa: E402
 
 #: Limits of a mutant: CPU s, wall s, MB more than the whole file takes.
-CPU, WALL, MORE = 5.0, 30.0, 500.0
+CPU, WALL, MORE = 5.0, 120.0, 500.0
 #: Wall time of a set with a pipe, which is waited for without CPU time, s.
 PIPE = 10.0
-OUTCOMES = ("named", "equal", "silent", "traceback", "hang", "memory")
+#: Recordings that the scan of `data inspect` decodes.
+_LOOKED = 40
+OUTCOMES = (
+    "refused", "counted", "nameless", "equal", "silent", "traceback", "hang", "memory",
+)  # fmt: skip
+#: Outcomes that no mutant may have.
+BAD = ("traceback", "hang", "memory")
+#: Errors of a change that a file cannot have: none of its kind is there, or its format forbids it.
+NOT_MADE = (LookupError, ValueError, TypeError, OSError, sqlite3.Error, arrow.ArrowException)
 
 
 @dataclass(frozen=True)
@@ -105,8 +122,12 @@ def _add(total: Any, value: Any) -> None:
 
 
 def _all(data: Any, root: Path) -> tuple[str, list[str]]:
-    """Digest of all recordings of a data set, and its messages."""
-    total = hashlib.sha256()
+    """Digest of all recordings of a data set, and its messages, through both doors."""
+    total, scanned, refused = hashlib.sha256(), list[str](), None
+    try:
+        scanned = scan_dataset(data, _LOOKED, progress=False).findings.unreadable
+    except TactileForgeError as error:
+        refused = error
     for split in ("train", "val"):
         for one in data.recordings(split):
             _add(total, (one.key.replace(str(root), ""), one.sensor, one.object, one.text))
@@ -118,7 +139,9 @@ def _all(data: Any, root: Path) -> tuple[str, list[str]]:
             for values in (one.force, one.action, *(one.tracks[k] for k in sorted(one.tracks))):
                 if values is not None:
                     _add(total, np.asarray(values))
-    said = [*data.skipped, *getattr(data, "notes", [])]
+    if refused is not None:
+        raise refused
+    said = [*data.skipped, *getattr(data, "notes", []), *scanned]
     return total.hexdigest(), [line.replace(str(root), "") for line in said]
 
 
@@ -694,8 +717,8 @@ def read_apart(kind: Kind, root: Path, wall: float = WALL) -> dict[str, Any]:
     """Reads a folder in a process of its own.
 
     Returns:
-        ``state`` (read, named, traceback, hang), ``digest``, ``said``, ``mb`` (its peak) and
-        ``error``.
+        ``state`` (read, refused, nameless, traceback, hang), ``digest``, ``said``, ``mb`` (its
+        peak) and ``error``.
     """
     ends = os.pipe()
     child = os.fork()
@@ -711,9 +734,8 @@ def read_apart(kind: Kind, root: Path, wall: float = WALL) -> dict[str, Any]:
         try:
             out["digest"], out["said"] = kind.read(root)
         except TactileForgeError as error:
-            out |= {"state": "named", "error": str(error)[:300]}
-            if root.name not in str(error) and "\n" in str(error)[:-1]:
-                out["error"] = "several lines: " + out["error"]
+            state = "refused" if root.name in str(error) else "nameless"
+            out |= {"state": state, "error": str(error)[:300]}
         except BaseException:
             out |= {"state": "traceback", "error": traceback.format_exc()[-1500:]}
         out["mb"] = _peak()
@@ -763,53 +785,106 @@ def outcome(out: dict[str, Any], whole: dict[str, Any]) -> str:
         return str(out["state"])
     if out["mb"] > whole["mb"] + MORE:
         return "memory"
-    if out["state"] == "named" or set(out["said"]) - set(whole["said"]):
-        return "named"
+    if out["state"] in ("refused", "nameless"):
+        return str(out["state"])
+    if set(out["said"]) - set(whole["said"]):
+        return "counted"
     return "equal" if out["digest"] == whole["digest"] else "silent"
 
 
-def mutants(name: str, count: int, seed: int) -> Iterator[tuple[str, str, dict[str, Any]]]:
+def mutants(
+    name: str, count: int, structures: int, seed: int
+) -> Iterator[tuple[str, str, dict[str, Any]]]:
     """Reads mutants of a format: what was done, what became of it, and the details."""
     kind = KINDS[name]
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
     with tempfile.TemporaryDirectory() as held:
         good, whole = _good(kind, name, Path(held))
-        for number in range(count):
-            root = Path(held) / f"m{number}"
+        for number, change in enumerate(_changes(rng, good, count, structures)):
+            root = Path(held) / f"m{number:05}"
             shutil.copytree(good, root, symlinks=True)
-            how = mutate(rng, root)
-            out = read_apart(kind, root)
-            yield how, outcome(out, whole), out
-            shutil.rmtree(root)
+            try:
+                how = change(root)
+            except NOT_MADE:  # nothing in this file is of that kind
+                continue
+            else:
+                out = read_apart(kind, root)
+                words = {root.name, "udcff", *(Path(how.split(": ")[1]).with_suffix("").parts)}
+                if out["state"] == "nameless" and any(one in out["error"] for one in words):
+                    out["state"] = "refused"
+                yield how, outcome(out, whole), out
+            finally:
+                shutil.rmtree(root)
+
+
+def _changes(
+    rng: np.random.Generator, good: Path, count: int, structures: int
+) -> Iterator[Callable[[Path], str]]:
+    """Changes of a folder: of structure, then of bytes."""
+    applied = 0
+    for path, said, change in reader_structures.changes(good, rng):
+        if applied == structures:
+            break
+        place = path.relative_to(good)
+
+        def structure(
+            root: Path, place: Path = place, said: str = said, change: Any = change
+        ) -> str:
+            nonlocal applied
+            change(root / place, rng)
+            applied += 1
+            return f"structure: {place}: {said}"
+
+        yield structure
+    for _ in range(count):
+        yield lambda root: f"bytes: {mutate(rng, root)}"
 
 
 def main() -> None:
     """Reads the mutants and writes their counts."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--only", default="")
-    parser.add_argument("--count", type=int, default=2000 // len(KINDS) + 1)
+    parser.add_argument("--count", type=int, default=12)
+    parser.add_argument("--structures", type=int, default=30)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--show", action="store_true")
     parser.add_argument("--instead", action="store_true")
     given = parser.parse_args()
     path = RESULTS / ("reader_instead.json" if given.instead else "reader_mutants.json")
-    held = json.loads(path.read_text()) if path.exists() else {}
     for name in [n for n in KINDS if any(word in n for word in given.only.split(","))]:
-        counts: Counter[str] = Counter()
-        files: dict[str, None] = {}
-        for how, what, out in (
-            instead(name) if given.instead else mutants(name, given.count, given.seed)
-        ):
-            counts[what] += 1
-            files[_ending(how)] = None
-            if what in ("traceback", "hang", "memory") or (given.show and what == "silent"):
-                print(f"{name}: {what}: {how} ({out['mb']:.0f} MB)\n{out['error']}", flush=True)
-        row: dict[str, Any] = {"mutants": sum(counts.values()), "checksum": KINDS[name].checksum}
-        row |= {"files": list(files)} if given.instead else {}
-        held[name] = row | {one: counts[one] for one in OUTCOMES}
-        print(name, held[name], flush=True)
+        found = (
+            instead(name)
+            if given.instead
+            else mutants(name, given.count, given.structures, given.seed)
+        )
+        row = _row(name, found, given.show)
+        print(name, row, flush=True)
+        # read again: other processes may write other formats
+        held = json.loads(path.read_text()) if path.exists() else {}
+        held[name] = row
         order = {one: held[one] for one in KINDS if one in held}
         path.write_text(json.dumps(order, indent=1) + "\n")
+
+
+def _row(name: str, found: Iterator[tuple[str, str, dict[str, Any]]], show: bool) -> dict[str, Any]:
+    """Counts of the outcomes of a format, and of the silent ones by the kind of change."""
+    counts: Counter[str] = Counter()
+    ways: dict[str, Counter[str]] = {}
+    files: dict[str, None] = {}
+    for how, what, out in found:
+        counts[what] += 1
+        way, _, rest = how.partition(": ")
+        if way in ("bytes", "structure"):
+            ways.setdefault(way, Counter())[what] += 1
+        files[_ending(rest if way in ("bytes", "structure") else how)] = None
+        if what in BAD or (show and what in ("silent", "nameless")):
+            print(f"{name}: {what}: {how} ({out['mb']:.0f} MB)\n{out['error']}", flush=True)
+    row: dict[str, Any] = {"mutants": sum(counts.values()), "checksum": KINDS[name].checksum}
+    if not ways:
+        named = sum(counts[one] for one in ("refused", "counted", "nameless"))
+        row |= {"files": list(files), "named": named}
+        return row | {one: counts[one] for one in ("equal", "silent", *BAD)}
+    return row | {way: {one: held[one] for one in OUTCOMES} for way, held in sorted(ways.items())}
 
 
 def _ending(how: str) -> str:

@@ -1,4 +1,4 @@
-"""Writes the tables of growth.json (docs/fast.md) and reader_instead.json (docs/reliability.md).
+"""Writes the tables of growth.json (docs/fast.md) and of damaged files (docs/reliability.md).
 
 Run: python result_tables.py
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from itertools import groupby
 from pathlib import Path
 from textwrap import TextWrapper
 from typing import Any
@@ -88,6 +89,75 @@ def instead_table(found: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+#: Formats by the readers of their files, for the table of mutants.
+FORMATS: dict[str, tuple[str, ...]] = {
+    "zarr 2 and 3, also in a zip": (
+        "zarr 2", "zarr 3", "zarr in a zip", "reactive_diffusion", "touch_in_the_wild", "manifeel",
+    ),
+    "HDF5": ("HDF5", "HDF5, groups", "freetacman", "aloha", "vtouch", "omnisharing"),
+    "npz and npy": ("npz", "png, npy", "npy, CSV", "feats", "points", "tactile_tracking"),
+    "MATLAB 5 and 7.3": ("mat 5", "mat 7.3"),
+    "LeRobot 2.1 and 3.0": ("LeRobot 2.1, video", "LeRobot 3.0, video", "LeRobot 3.0, parquet"),
+    "parquet": ("gelsight_mini_pretrain", "tactile_mnist", "image_tables"),
+    "ROS 2 bags, sqlite3": ("bag, sqlite3",),
+    "ROS 2 bags, mcap": ("bag, mcap", "bag, mcap zstd"),
+    "ROS 1 bags": ("bag, ROS 1",),
+    "shards": ("shards, index", "shards, no index"),
+    "tars of samples": ("tars of samples", "fota"),
+    "videos and tables": ("mp4, CSV", "avi, CSV", "gelslam", "octopi"),
+    "pickles": ("pickle", "sparsh_force", "sparsh_pose", "sparsh_slip", "touch_slide"),
+    "checkpoints, models and calibrations": ("checkpoint", "model", "calibration"),
+    "heads and published weights": (
+        "class head", "published weights, pt", "published weights, safetensors",
+    ),
+}  # fmt: skip
+_TABLES_BESIDE = "tables of forces beside pictures"
+_PICTURES = "pictures, tables and other files"
+
+
+def format_of(name: str) -> str:
+    """Format of a reader, for the table of mutants."""
+    if name.startswith("forces in"):
+        return _TABLES_BESIDE
+    return next((one for one, names in FORMATS.items() if name in names), _PICTURES)
+
+
+def mutants_table(found: Mapping[str, Any]) -> str:
+    """Outcomes of damaged files, by format and by checksum."""
+    lines = [
+        "| format | checksum | bytes | silent | structure | silent | refused | counted | same | "
+        "traceback, hang, 500 MB |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    order = (*FORMATS, _TABLES_BESIDE, _PICTURES)
+    rows = sorted(found.items(), key=lambda item: order.index(format_of(item[0])))
+    for name, group in groupby(rows, key=lambda item: format_of(item[0])):
+        held = [row for _, row in group]
+        lines.append(_mutants_row(name, "own" if held[0]["checksum"] else "none", held))
+    for said, own in (("own", True), ("none", False)):
+        held = [row for row in found.values() if row["checksum"] is own]
+        lines.append(_mutants_row(f"all {len(held)} readers", said, held))
+    return "\n".join(lines) + "\n"
+
+
+def _mutants_row(name: str, checksum: str, rows: list[Any]) -> str:
+    def total(*keys: str, ways: tuple[str, ...] = ("bytes", "structure")) -> int:
+        return sum(row.get(way, {}).get(key, 0) for row in rows for way in ways for key in keys)
+
+    every = tuple(key for key in rows[0]["structure"])
+    cells = [
+        total(*every, ways=("bytes",)),
+        total("silent", ways=("bytes",)),
+        total(*every, ways=("structure",)),
+        total("silent", ways=("structure",)),
+        total("refused", "nameless"),
+        total("counted"),
+        total("equal"),
+        total("traceback", "hang", "memory"),
+    ]
+    return f"| {name} | {checksum} | {' | '.join(map(str, cells))} |"
+
+
 #: Page, mark, file of results and table.
 TABLES = (
     ("fast.md", "<!-- made by benchmarks/growth.py -->\n", "growth.json", growth_table),
@@ -96,6 +166,12 @@ TABLES = (
         "<!-- made by benchmarks/reader_mutants.py --instead -->\n",
         "reader_instead.json",
         instead_table,
+    ),
+    (
+        "reliability.md",
+        "<!-- made by benchmarks/reader_mutants.py -->\n",
+        "reader_mutants.json",
+        mutants_table,
     ),
 )
 

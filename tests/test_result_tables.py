@@ -26,3 +26,14 @@ def test_no_reader_fails_in_another_way_than_by_name() -> None:
     assert len(found) > 60
     for name, row in found.items():
         assert (row["traceback"], row["hang"], row["memory"]) == (0, 0, 0), name
+
+
+def test_no_damaged_file_ends_in_another_way_than_by_name() -> None:
+    found = json.loads((result_tables.RESULTS / "reader_mutants.json").read_text("utf-8"))
+    assert sum(row["mutants"] for row in found.values()) > 2000
+    for name, row in found.items():
+        for way in ("bytes", "structure"):
+            held = row.get(way, {})
+            assert not any(held.get(one) for one in ("traceback", "hang", "memory")), name
+            if row["checksum"] and name != "shards, no index":
+                assert not held.get("silent"), name

@@ -12,6 +12,9 @@ from pathlib import Path
 class TactileForgeError(Exception):
     """Base of the errors raised on purpose; the CLI prints them without a traceback."""
 
+    def __init__(self, *words: object) -> None:
+        super().__init__(*(in_utf8(one) if isinstance(one, str) else one for one in words))
+
 
 class PluginError(TactileForgeError):
     """A plugin is not installed, is ambiguous, or cannot be imported."""
@@ -41,6 +44,16 @@ class SensorError(TactileForgeError):
 
 #: Error numbers of a full disk: no space, over the quota, file too large.
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+
+
+def in_utf8(text: str) -> str:
+    r"""A text with bytes that are no UTF-8, as names of files may have them, in digits.
+
+    Example:
+        >>> in_utf8("touch" + chr(0xDCFF) + ".csv")
+        'touch\\udcff.csv'
+    """
+    return text if text.isascii() else text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def home_path(path: str | Path) -> Path:

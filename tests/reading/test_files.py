@@ -8,7 +8,10 @@ from tactileforge_datasets.touch_and_go import TouchAndGo
 from tactileforge_datasets.tvl import Tvl
 
 from tactileforge.errors import DataError
+from tactileforge.reading import files
 from tactileforge.reading.files import matching_files, read_rows, read_text
+from tactileforge.reading.notes import add_once
+from tactileforge.reading.records import read_records
 
 
 @pytest.mark.parametrize(
@@ -60,3 +63,43 @@ def test_an_index_that_is_no_text_is_named(
     (tmp_path / file).write_bytes(b"a/0.jpg,3\nf\xff\xfe")
     with pytest.raises(DataError, match=rf"{file}: byte 11 is not UTF-8; download it again"):
         list(reader(str(tmp_path), val=0).recordings("train"))
+
+
+def test_a_line_of_a_table_is_not_too_long(monkeypatch, tmp_path):
+    monkeypatch.setattr(files, "_MOST_LINE", 10)
+    path = tmp_path / "a.csv"
+    for good in ("a,b\n" * 9, "0123456789\n" * 3, "0123456789", "a\n0123456789"):
+        path.write_text(good)
+        assert files.read_rows(path)
+    for bad, number in (
+        ("a\n" * 5 + "0123456789,\nb\n", 6),
+        ("01234567890", 1),
+        ("a\n01234567890", 2),
+    ):
+        path.write_text(bad)
+        with pytest.raises(DataError, match=f"a.csv: line {number} has more than 10 characters"):
+            files.read_rows(path)
+
+
+def test_many_lines_are_added_once():
+    kept, other = ["a"], ["b"]
+    for line in ("a", "b", "b", "c"):
+        add_once(kept, line)
+        add_once(other, line)
+    assert (kept, other) == (["a", "b", "c"], ["b", "a", "c"])
+    kept[:] = ["x", "y", "z"]  # as long as before
+    add_once(kept, "a")
+    add_once(kept, "z")
+    assert kept == ["x", "y", "z", "a"]
+    kept.append("d")
+    add_once(kept, "d")
+    assert kept == ["x", "y", "z", "a", "d"]
+
+
+def test_a_text_of_a_table_in_json_is_not_too_long(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text('[{"' + "x" * (1 << 19) + '": 1}]')
+    with pytest.raises(DataError, match=r"a.json: a name or text of more than 524288 characters"):
+        read_records(path)
+    path.write_text('[{"' + "x" * ((1 << 19) - 1) + '": 1}]')
+    assert len(read_records(path)) == 1

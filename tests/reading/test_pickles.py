@@ -9,6 +9,7 @@ import pytest
 
 from tactileforge.data.frames.encoded import Blob
 from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.reading import pickles
 from tactileforge.reading.pickles import load_pickle, load_pickled_array
 
 PROTOCOLS = range(2, pickle.HIGHEST_PROTOCOL + 1)
@@ -166,3 +167,23 @@ def test_a_header_of_an_array_that_is_no_literal(tmp_path: Path) -> None:
     path.write_bytes(b"\x93NUMPY\x01\0\x20\0" + b"(" * 32)
     with pytest.raises(DataError, match=r"a\.npy: not a pickle, or damaged \(TokenError"):
         load_pickled_array(path)
+
+
+def test_a_pickle_that_repeats_its_values_without_end(monkeypatch, tmp_path):
+    monkeypatch.setattr(pickles, "_MOST_VALUES", 31)
+    value = ["x"]
+    for _ in range(3):
+        value = [value, value]
+    path = tmp_path / "a.pkl"
+    path.write_bytes(pickle.dumps({"a": value, "b": 7}))  # 23 and 2 values
+    assert load_pickle(path)["a"] == value
+    path.write_bytes(pickle.dumps([value, (value,)]))
+    with pytest.raises(DataError, match="more than 31 values, with those that it repeats"):
+        load_pickle(path)
+    value.append(value)
+    path.write_bytes(pickle.dumps(value))
+    with pytest.raises(DataError, match="a container that holds itself"):
+        load_pickle(path)
+    path.write_bytes(b"\x80\x04" + b"]" * 100_000 + b"a" * 99_999 + b".")
+    with pytest.raises(DataError, match="RecursionError"):
+        load_pickle(path)

@@ -1,10 +1,14 @@
 """Costs of damaged or hostile files: limits of links, chunks and unpacking, by the reader."""
 
+import io
 import json
 import os
 import re
 import shutil
+import struct
 import tarfile
+import zlib
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -20,7 +24,16 @@ from made_episodes import (
     write_zarr,
 )
 from numcodecs import Zstd
+from tactileforge_episodes import hdf_chunks
 from tactileforge_episodes.dataset import Episodes
+from tactileforge_episodes.grids import Grid
+from tactileforge_episodes.hdf import HdfFile
+from tactileforge_episodes.hdf_chunks import lzf_size
+from tactileforge_episodes.mat_limits import check_mat5
+from tactileforge_episodes.members import FolderMembers, TarMembers
+from tactileforge_episodes.places import Place
+from tactileforge_episodes.refs import ArrayRef
+from tactileforge_episodes.slices import Handle, Slice
 
 from tactileforge.plugin import DataError
 
@@ -186,3 +199,153 @@ def test_a_chunk_of_zstd_that_unpacks_to_more_than_its_values_is_not_unpacked(tm
     (path / FORCE / "1.0.0").write_bytes(bomb)
     line = the_one_fault(tmp_path)
     assert f"{len(bomb)} bytes that unpack to more than its values of" in line
+
+
+# --- chunks of HDF5
+
+
+def hdf_of(path, values, chunk=None, **how):
+    """An HDF5 file of one packed array, whose only chunk may be another."""
+    with h5py.File(path, "w") as file:
+        made = file.create_dataset("x", data=values, chunks=values.shape, **how)
+        if chunk is not None:
+            made.id.write_direct_chunk((0,) * values.ndim, chunk)
+    return HdfFile(str(path), Slice(Handle(path)))
+
+
+ZEROS = np.zeros((40, 30, 30), np.uint8)
+
+
+@pytest.mark.parametrize("how", [{"compression": "gzip"}, {"compression": "lzf"}])
+def test_a_packed_chunk_that_holds_its_values_is_read(how, tmp_path):
+    values = np.random.default_rng(0).integers(200, 256, (60, 100, 100)).astype(np.uint8)
+    for more in ({}, {"shuffle": True}, {"fletcher32": True}):
+        file = hdf_of(tmp_path / "a.h5", values, **how, **more)
+        assert (file.read("x", 0, 60) == values).all()
+
+
+def test_a_bomb_of_gzip_in_hdf5(monkeypatch, tmp_path):
+    monkeypatch.setattr(hdf_chunks, "MOST_BYTES", 1 << 10)
+    bomb = zlib.compress(bytes(1 << 20))
+    file = hdf_of(tmp_path / "a.h5", ZEROS, bomb, compression="gzip")
+    wanted = r"a.h5, x, chunk at \(0, 0, 0\): \d+ bytes that unpack to more than its values of"
+    with pytest.raises(DataError, match=wanted):
+        file.read("x", 0, 40)
+
+
+def test_a_bomb_of_lzf_in_hdf5(monkeypatch, tmp_path):
+    monkeypatch.setattr(hdf_chunks, "_SMALL", 1 << 10)
+    bomb = b"\x00\x00" + b"\xe0\xff\x00" * 4000
+    assert lzf_size(bomb, 1 << 30) >= 4000 * 264
+    with pytest.raises(DataError, match="that unpack to more than its values of 101536 bytes"):
+        hdf_of(tmp_path / "a.h5", ZEROS, bomb, compression="lzf").read("x", 0, 40)
+
+
+def test_the_size_of_lzf_is_counted():
+    assert lzf_size(bytes([2, 1, 2, 3, 0x20, 0]), 5) == 3 + 3
+    assert lzf_size(bytes([0, 255, 0, 255, 0, 255]), 6) == 3  # literals of 255, and no repeat
+    assert lzf_size(bytes([0, 7, 0xE0, 10, 0]), 10) == 1 + 19
+
+
+def test_a_chunk_that_is_packed_twice(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        about = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        about.set_chunk((40, 30, 30))
+        about.set_deflate(1)
+        about.set_deflate(1)
+        h5py.h5d.create(
+            file.id, b"x", h5py.h5t.STD_U8LE, h5py.h5s.create_simple((40, 30, 30)), about
+        )
+    with pytest.raises(DataError, match=r"a.h5, x: compressed twice"):
+        HdfFile("a.h5", Slice(Handle(tmp_path / "a.h5"))).read("x", 0, 40)
+
+
+def test_an_array_of_which_more_is_lost_than_anyone_loses(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("x", (100_000_000, 2), "f4", chunks=(10, 2))
+        file.create_dataset("y", (100_000_000,), "u1")
+        file["x"][0] = 1
+    opened = HdfFile("a.h5", Slice(Handle(tmp_path / "a.h5")))
+    for key, count in (("x", 10_000_000), ("y", 100_000_000)):
+        with pytest.raises(DataError, match=f"a.h5, {key}: its shape says {count} rows or more"):
+            opened.lost(key, 0, 100_000_000)
+    assert opened.lost("x", 0, 30) == [*range(10, 30)]
+
+
+def test_a_shape_of_zarr_of_which_nothing_is_stored():
+    grid = Grid("a", (100_000_000,), (10,), "", ".")
+    with pytest.raises(DataError, match="its shape says 10000000 rows or more that are not stored"):
+        grid.lost(FolderMembers(Path("/nonexistent")), 0, 100_000_000)
+    grid = Grid("a", (100_000_000,), (50_000_000,), "", ".")
+    with pytest.raises(DataError, match="its shape says 50000000 rows or more that are not stored"):
+        grid.lost(FolderMembers(Path("/nonexistent")), 0, 100_000_000)
+
+
+def test_an_array_that_is_read_whole_is_small(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("x", (100_000_000,), "f8", chunks=(100_000,))
+        file["y"] = np.arange(3)
+    place = Place(str(tmp_path / "a.h5"), "", "hdf5")
+    with pytest.raises(DataError, match=r"a.h5, x: 762 MB at once, where 256 MB are the limit"):
+        ArrayRef(place, "x").whole()
+    assert ArrayRef(place, "y").whole().tolist() == [0, 1, 2]
+
+
+# --- MATLAB
+
+
+def element(kind, content):
+    return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def variable(holder, sizes, inner=b"", name=b"x"):
+    """A variable of MATLAB 5."""
+    flags = element(6, struct.pack("<II", holder, 0))
+    return element(14, flags + element(5, struct.pack("<ii", *sizes)) + element(1, name) + inner)
+
+
+def mat_of(*elements):
+    return io.BytesIO(b"MATLAB 5.0".ljust(124) + b"\0\1IM" + b"".join(elements))
+
+
+def test_variables_of_matlab_5_within_limits():
+    number = variable(6, (1, 1), element(9, bytes(8)))
+    packed = zlib.compress(number)
+    check_mat5("a", mat_of(number, element(15, packed), variable(1, (2, 1), number * 2)))
+    check_mat5("a", mat_of(element(15, packed[:-8])))  # scipy says so
+    bomb = zlib.compress(bytes(100 << 20))
+    with pytest.raises(DataError, match=r"a: .* bytes unpacked from .*: no data compress so well"):
+        check_mat5("a", mat_of(struct.pack("<II", 15, len(bomb)) + bomb))
+    for holder in (1, 2, 3):
+        with pytest.raises(DataError, match=r"a: 100000000 cells or structs in .* bytes"):
+            check_mat5("a", mat_of(number, variable(holder, (100_000_000, 1))))
+        inner = variable(1, (1, 1), variable(holder, (1000, 1000)))
+        with pytest.raises(DataError, match=r"a: 1000000 cells or structs in .* bytes"):
+            check_mat5("a", mat_of(element(15, zlib.compress(inner))))
+    check_mat5("a", mat_of(variable(5, (9, 9))))
+    with pytest.raises(DataError, match="a sparse array in a struct or cell"):
+        check_mat5("a", mat_of(variable(1, (1, 1), variable(5, (9, 9)))))
+    deep = number
+    for _ in range(40):
+        deep = variable(1, (1, 1), deep)
+    with pytest.raises(DataError, match="more than 32 structs and cells in each other"):
+        check_mat5("a", mat_of(deep))
+
+
+def test_variables_of_matlab_4_within_limits():
+    good = struct.pack("<5i", 0, 3, 2, 0, 2) + b"x\0" + bytes(48)
+    check_mat5("a", io.BytesIO(good * 2))
+    swapped = struct.pack(">5i", 1000, 3, 2, 0, 2) + b"x\0" + bytes(48)
+    check_mat5("a", io.BytesIO(swapped))
+    for head in ((0, 10**8, 3, 0, 2), (0, -1, 2, 0, 2), (0, 3, 2, 1, 2)):
+        with pytest.raises(DataError, match=f"a variable of {head[1]} x {head[2]} values, and no"):
+            check_mat5("a", io.BytesIO(struct.pack("<5i", *head) + b"x\0" + bytes(48)))
+
+
+def test_a_header_of_a_tar_is_small(tmp_path):
+    with tarfile.open(tmp_path / "a.tar", "w", format=tarfile.PAX_FORMAT) as file:
+        about = tarfile.TarInfo("x.h5")
+        about.pax_headers = {"comment": "9" * (1 << 20)}
+        file.addfile(about)
+    with pytest.raises(DataError, match=r"a.tar: not a readable tar .*a header of 1048.* bytes"):
+        TarMembers(tmp_path / "a.tar")

@@ -1,9 +1,12 @@
 """Damaged or contradictory bags are named and left out; the rest is read."""
 
 import builtins
+import os
 import shutil
 import sqlite3
+from contextlib import closing
 
+import lz4.frame
 import numpy as np
 import pytest
 from made_bags import (
@@ -17,9 +20,9 @@ from made_bags import (
     write,
     write_rig,
 )
-from rosbags import rosbag2
+from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2.writer import zstd
-from tactileforge_rosbags import bags
+from tactileforge_rosbags import bags, guards
 from tactileforge_rosbags.dataset import Rosbags
 
 from tactileforge.plugin import ConfigError, DataError, DataNotFoundError
@@ -420,3 +423,150 @@ def test_zstd_that_unpacks_to_anything_is_named(mode, tmp_path):
     assert [one.key for one in made.recordings("train")] == ["one/gel"]
     (line,) = made.skipped
     assert wanted in line
+
+
+@pytest.fixture
+def small_limit(monkeypatch):
+    """A limit of 1 MB of what is unpacked together."""
+    monkeypatch.setattr(guards, "MOST_BYTES", 1 << 20)
+    monkeypatch.setattr(bags, "MOST_BYTES", 1 << 20)
+
+
+def of_zeros(kind, count=2 << 20):
+    """Small pictures, and a text of zeros between them."""
+    rows = [*frame_rows(kind, "/gel", 3)]
+    return [*rows[:2], ("/notes", rows[1][1] + 1, Messages(kind).text("\0" * count)), *rows[2:]]
+
+
+def without_index(path):
+    """Has an mcap scanned: its footer names no summary."""
+    raw = bytearray(path.read_bytes())
+    raw[-28:-20] = bytes(8)
+    path.write_bytes(raw)
+
+
+def test_a_chunk_of_mcap_is_unpacked_within_the_limit(small_limit, tmp_path):
+    storage = rosbag2.CompressionMode.STORAGE
+    write(tmp_path / "good/one", "mcap", of_zeros("mcap", 1000), storage)
+    assert len(next(data(tmp_path / "good").recordings("train")).frames) == 3
+    without_index(tmp_path / "good/one/one.mcap")
+    assert len(next(data(tmp_path / "good").recordings("train")).frames) == 3
+    write(tmp_path / "set/one", "mcap", of_zeros("mcap"), storage)
+    refused(data(tmp_path / "set"), r"set/one: a chunk of \d+ bytes unpacks to 2\d+ bytes; record")
+    without_index(tmp_path / "set/one/one.mcap")
+    refused(data(tmp_path / "set"), r"one.mcap: a chunk of \d+ bytes unpacks to 2\d+ bytes; record")
+
+
+def test_a_chunk_of_mcap_that_says_less_than_it_unpacks_to():
+    content = bytes(2 << 20)
+    for coding, pack in (("zstd", zstd.compress), ("lz4", lz4.frame.compress)):
+        guards.check_chunk("a", coding, pack(content), len(content))
+        guards.check_chunk("a", coding, pack(content)[:-9], len(content))  # its reader says so
+    with pytest.raises(DataError, match="unpacks to more than the 4096 bytes"):
+        guards.check_chunk("a", "lz4", lz4.frame.compress(content), 4096)
+    several = zstd.compress(b"x") + zstd.compress(bytes(1 << 25)) * 3
+    with pytest.raises(DataError, match="more than the 4096 bytes that it says"):
+        guards.check_chunk("a", "zstd", several, 4096)
+    with pytest.raises(DataError, match="no data compress so well"):
+        guards.check_chunk("a", "", b"x", 1 << 27)
+
+
+@pytest.mark.parametrize(
+    "compress", [rosbag1.Writer.CompressionFormat.BZ2, rosbag1.Writer.CompressionFormat.LZ4]
+)
+def test_a_chunk_of_ros_1_is_unpacked_within_the_limit(compress, small_limit, tmp_path):
+    write(tmp_path / "good/one", "ros1", of_zeros("ros1", 1000), compress)
+    assert len(next(data(tmp_path / "good").recordings("train")).frames) == 3
+    write(tmp_path / "set/one", "ros1", of_zeros("ros1"), compress)
+    refused(data(tmp_path / "set"), r"one.bag: a chunk of \d+ bytes unpacks to more than 1048576; ")
+
+
+def test_a_message_of_several_frames_of_zstd(small_limit, tmp_path):
+    write(
+        tmp_path / "one",
+        "sqlite3",
+        frame_rows("sqlite3", "/gel", 3),
+        rosbag2.CompressionMode.MESSAGE,
+    )
+    with closing(sqlite3.connect(tmp_path / "one/one.db3")) as base:
+        (first,) = base.execute("SELECT data FROM messages WHERE id = 1").fetchone()
+        base.execute(
+            "UPDATE messages SET data = ? WHERE id = 1", (first + zstd.compress(bytes(2 << 20)),)
+        )
+        base.commit()
+    refused(data(tmp_path), r"a message of \d+ bytes unpacks to more: \d+ bytes")
+
+
+def test_a_hole_in_an_mcap(tmp_path):
+    path = write(tmp_path / "set/one", "mcap", frame_rows("mcap", "/gel", 3)) / "one.mcap"
+    without_index(path)
+    raw = path.read_bytes()
+    path.write_bytes(raw[:-37] + bytes(900) + raw[-37:])
+    refused(data(tmp_path / "set"), f"one.mcap: no record at byte {len(raw) - 37}; mend it: mcap")
+    path.write_bytes(raw[:-20])
+    refused(data(tmp_path / "set"), "set/one: cannot be read .ReaderError: File end magic")
+
+
+def test_an_index_that_names_a_chunk_twice(tmp_path):
+    path = write(tmp_path / "set/one", "mcap", frame_rows("mcap", "/gel", 3)) / "one.mcap"
+    raw = path.read_bytes()
+    at = int.from_bytes(raw[-28:-20], "little")
+    while raw[at] != 8:
+        at += 9 + int.from_bytes(raw[at + 1 : at + 9], "little")
+    end = at + 9 + int.from_bytes(raw[at + 1 : at + 9], "little")
+    path.write_bytes(raw[:end] + raw[at:end] * 5 + raw[end:])
+    refused(data(tmp_path / "set"), "set/one: its index names a chunk twice; mend it: mcap recover")
+
+
+SCRIPTS = {
+    "a view": "ALTER TABLE schema RENAME TO s; CREATE VIEW schema AS WITH RECURSIVE c(x) AS (SELECT"
+    " 4 UNION ALL SELECT x FROM c) SELECT max(x) AS schema_version, 'x' AS ros_distro FROM c",
+    "a generated column": "ALTER TABLE messages RENAME TO m; CREATE TABLE messages(id INTEGER, "
+    "topic_id INTEGER, timestamp INTEGER, raw BLOB, data BLOB AS (zeroblob(900000000)))",
+    "a virtual table": "DROP TABLE topics; CREATE VIRTUAL TABLE topics USING fts5(id, name)",
+    "a trigger": "CREATE TRIGGER t AFTER INSERT ON topics BEGIN SELECT 1; END",
+}
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_a_database_that_runs_something(script, tmp_path):
+    write(tmp_path / "one", "sqlite3", frame_rows("sqlite3", "/gel", 3))
+    with closing(sqlite3.connect(tmp_path / "one/one.db3")) as base:
+        base.executescript(SCRIPTS[script])
+    refused(data(tmp_path), r"one/one.db3: '\w+' (is a \w+ that runs|computes values); record it")
+
+
+@pytest.mark.parametrize(
+    ("change", "wanted"),
+    [
+        ("data = 'x'", "TypeError: /gel has a message of <class 'str'> at 17"),
+        ("timestamp = 'soon'", "TypeError: /gel has a message of <class 'bytes'> at 'soon'"),
+        ("data = zeroblob(2000000)", "one: cannot be read .TooBigError"),
+    ],
+)
+def test_a_database_of_other_values(change, wanted, small_limit, tmp_path):
+    write(tmp_path / "one", "sqlite3", frame_rows("sqlite3", "/gel", 3))
+    with closing(sqlite3.connect(tmp_path / "one/one.db3")) as base:
+        base.execute(f"UPDATE messages SET {change} WHERE id = 2")
+        base.commit()
+    refused(data(tmp_path), wanted)
+
+
+@pytest.mark.parametrize(
+    ("more", "wanted"),
+    [
+        ("a: &a [1]\nb: [*a, *a]\n", "metadata.yaml: has aliases, which no bag has; make it again"),
+        ("# " + "x" * (1 << 24), "metadata.yaml: 167.* bytes, where 16777216 are the limit"),
+    ],
+)
+def test_a_description_beyond_any_bag(more, wanted, tmp_path):
+    write(tmp_path / "one", "sqlite3", frame_rows("sqlite3", "/gel", 3))
+    with (tmp_path / "one/metadata.yaml").open("a") as file:
+        file.write(more)
+    refused(data(tmp_path), wanted)
+
+
+def test_a_bag_of_a_name_that_is_not_utf_8(tmp_path):
+    write(tmp_path / "one", "mcap", frame_rows("mcap", "/gel", 3))
+    (tmp_path / "one").rename(os.fsdecode(os.fsencode(tmp_path) + b"/\xff"))
+    refused(data(tmp_path), r"^'\\udcff/gel': its name is not UTF-8; rename the file or folder$")

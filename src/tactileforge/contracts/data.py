@@ -15,6 +15,8 @@ from typing import (
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.errors import DataError, in_utf8
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -116,6 +118,15 @@ class Recording:
     source: str = ""
     tier: int = 5
     licence: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuses a key that no table, page or shard can hold.
+
+        Raises:
+            DataError: The key comes from names of files that are not UTF-8.
+        """
+        if in_utf8(self.key) != self.key:
+            raise DataError(f"{self.key!a}: its name is not UTF-8; rename the file or folder")
 
     @property
     def period(self) -> float:

@@ -126,7 +126,7 @@ def read_class_head(path: str | Path) -> ClassHead:
             if shape[0] != len(facts.names) or len(shape) != 2 or shape[1] > _WIDEST:
                 raise ConfigError(f"weight is {shape} for {len(facts.names)} classes")
             weight, bias = (file.get_tensor(key).float() for key in ("weight", "bias"))
-    except (SafetensorError, ConfigError, ValueError, IndexError, OSError) as error:
+    except (SafetensorError, ConfigError, ValueError, LookupError, OSError, MemoryError) as error:
         raise DataError(
             f"{path}: not a head of classes ({error}); make it with tactileforge bench"
         ) from error

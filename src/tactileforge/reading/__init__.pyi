@@ -1,5 +1,6 @@
 from tactileforge.reading.container import DEEPEST as DEEPEST
 from tactileforge.reading.container import MOST_BYTES as MOST_BYTES
+from tactileforge.reading.container import MOST_RATIO as MOST_RATIO
 from tactileforge.reading.container import MOST_TEXT as MOST_TEXT
 from tactileforge.reading.container import Container as Container
 from tactileforge.reading.container import Facts as Facts
@@ -78,3 +79,4 @@ from tactileforge.util.regular import open_regular as open_regular
 from tactileforge.util.regular import read_regular as read_regular
 from tactileforge.util.regular import regular_text as regular_text
 from tactileforge.util.regular import stays_inside as stays_inside
+from tactileforge.util.tars import BoundedTarInfo as BoundedTarInfo

@@ -27,6 +27,8 @@ _MARKS = {
 }
 
 
+#: Most characters of a line of a table.
+_MOST_LINE = 1 << 19
 #: Longer spellings of endings.
 _ENDINGS = {".jpeg": ".jpg", ".tiff": ".tif"}
 
@@ -79,6 +81,21 @@ def wide_encoding(raw: bytes) -> str | None:
     return "utf-16be" if even > odd else "utf-16le"
 
 
+def check_lines(path: Path, text: str) -> None:
+    """Refuses a table with a line longer than any: its cells would take a hundred times the memory.
+
+    Raises:
+        DataError: A line is longer than `_MOST_LINE`.
+    """
+    at, end = 0, len(text)
+    while end - at > _MOST_LINE:
+        stop = text.find("\n", at)
+        if (stop if stop >= 0 else end) - at > _MOST_LINE:
+            number = text.count("\n", 0, at) + 1
+            raise DataError(f"{path}: line {number} has more than {_MOST_LINE} characters")
+        at = stop + 1
+
+
 def read_rows(path: Path) -> list[list[str]]:
     """The cells of each line of a CSV without a header; [] for an empty line.
 
@@ -86,8 +103,10 @@ def read_rows(path: Path) -> list[list[str]]:
         DataError: The file cannot be read, or is not a CSV; names it.
     """
     try:
+        text = read_text(path)
+        check_lines(path, text)
         # newline="" leaves line ends inside of quoted cells to the parser (docs of csv)
-        return list(csv.reader(StringIO(read_text(path), newline="")))
+        return list(csv.reader(StringIO(text, newline="")))
     except csv.Error as error:
         raise DataError(f"{path}: not a CSV ({error}); download it again") from error
 

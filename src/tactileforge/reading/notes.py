@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections import deque
 
 #: Differences between two notes of one kind: numbers, quoted names and paths.
 _DETAILS = re.compile(r"'[^']*'|\S*/\S*|\d[\d.e+-]*")
+
+#: The latest lists of `add_once`, and their lines.
+_KNOWN: deque[tuple[list[str], set[str]]] = deque(maxlen=8)
 
 
 def add_once(lines: list[str], problem: object) -> None:
@@ -22,8 +26,24 @@ def add_once(lines: list[str], problem: object) -> None:
         >>> len(skipped)
         1
     """
-    if (line := str(problem)) not in lines:
+    known = _known(lines)
+    if (line := str(problem)) not in known:
+        known.add(line)
         lines.append(line)
+
+
+def _known(lines: list[str]) -> set[str]:
+    """Lines of a list as a set, kept for the latest lists: a list alone takes ever longer."""
+    for kept in _KNOWN:
+        if kept[0] is lines:
+            if len(kept[1]) != len(lines) or not kept[1].issuperset(
+                lines[-1:]
+            ):  # changed elsewhere
+                kept[1].clear()
+                kept[1].update(lines)
+            return kept[1]
+    _KNOWN.append((lines, set(lines)))
+    return _KNOWN[-1][1]
 
 
 class Notes:

@@ -21,6 +21,9 @@ from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.util.pointers import check_pointer
 from tactileforge.util.regular import check_regular
 
+#: Most values of a pickle, counted as often as it repeats them.
+_MOST_VALUES = 10_000_000
+
 
 def load_pickle(path: str | Path) -> Any:
     """Content of a pickle (protocol 2 to 5), with byte strings of 256 bytes or more as `Blob`.
@@ -100,6 +103,24 @@ def _run(path: str | Path, start: Callable[[BinaryIO], None]) -> Any:
         raise DataError(
             f"{path}: not a pickle, or damaged ({type(error).__name__}: {error}); download it again"
         ) from error
+
+
+def _count(value: Any, known: dict[int, int]) -> int:
+    """Values of a container, each as often as the container repeats it.
+
+    Raises:
+        ValueError: It holds itself.
+        RecursionError: It is nested too deep.
+    """
+    if not isinstance(value, list | tuple | dict):
+        return 1
+    if id(value) not in known:
+        known[id(value)] = -1
+        parts = value.values() if isinstance(value, dict) else value
+        known[id(value)] = 1 + sum(_count(one, known) for one in parts)
+    if known[id(value)] < 0:
+        raise ValueError("a container that holds itself")
+    return known[id(value)]
 
 
 class _Refused(Exception):
@@ -211,6 +232,8 @@ class _Machine:
 
     def result(self) -> Any:
         (value,) = self.stack
+        if _count(value, {}) > _MOST_VALUES:
+            raise ValueError(f"more than {_MOST_VALUES} values, with those that it repeats")
         return value
 
     def run(self, name: str, argument: Any, position: int) -> None:

@@ -6,6 +6,7 @@ Values within others are named by a point: ``{"force": {"z": 2}}`` has the colum
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.util import find_spec
@@ -81,6 +82,11 @@ def conversion(path: Path) -> str:
     return ""
 
 
+#: Most characters of a name or a cell of a table in JSON.
+_MOST_CELL = 1 << 19
+_LONG = re.compile(rf'"[^"\\]{{{_MOST_CELL}}}')
+
+
 def _starts_with(path: Path, start: bytes) -> bool:
     try:
         check_regular(path)
@@ -136,6 +142,8 @@ def read_many(pattern: Path) -> list[tuple[str, dict[str, str]]]:
 
 
 def _parsed(path: Path, text: str, line: int = 0) -> Any:
+    if len(text) > _MOST_CELL and _LONG.search(text):
+        raise DataError(f"{path}: a name or text of more than {_MOST_CELL} characters")
     is_yaml = path.suffix.lower() in (".yaml", ".yml")
     try:
         return load_yaml(text) if is_yaml else load_json(text)

@@ -19,7 +19,7 @@ from tactileforge.data.labels.clock import after_midnight, clock_number
 from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.plausible import impossible_row, limits
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
-from tactileforge.reading.files import read_text
+from tactileforge.reading.files import check_lines, read_text
 from tactileforge.reading.layout import check_action
 from tactileforge.reading.layout_keys import FrameTable
 from tactileforge.reading.records import RECORDS, conversion, read_many, read_records, sheets
@@ -291,7 +291,9 @@ def joined(cells: Mapping[str, str], template: str) -> dict[str, str]:
 
 
 def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[Row]:
-    table = read_text_table(read_text(path))
+    text = read_text(path)
+    check_lines(path, text)
+    table = read_text_table(text)
     header = table.header
     if twice := [name for name in needed if header.count(name) > 1]:
         raise DataError(f"{path}: two columns are called {twice[0]!r}; rename one")

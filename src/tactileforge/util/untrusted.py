@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -20,9 +21,9 @@ if TYPE_CHECKING:
     from PIL import Image
 
 #: Most characters of a YAML text, and most values in it, counted as often as aliases repeat them.
-_MAX_YAML, _MAX_NODES = 1 << 20, 100_000
-#: Most pixels of a picture: 8192 x 8192.
-MAX_PIXELS = 1 << 26
+_MAX_YAML, _MAX_NODES = 1 << 19, 100_000
+#: Most pixels of a picture: 8192 x 4096, of which decoders make up to six copies.
+MAX_PIXELS = 1 << 25
 
 
 class _Loader(yaml.SafeLoader):
@@ -30,7 +31,8 @@ class _Loader(yaml.SafeLoader):
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        if twice := [key for key in keys if key != "<<" and keys.count(key) > 1]:
+        counts = Counter(map(str, keys))
+        if twice := [key for key in keys if key != "<<" and counts[str(key)] > 1]:
             raise ValueError(f"line {node.start_mark.line + 1}: {twice[0]!r} comes twice")
         return super().construct_mapping(node, deep)
 

@@ -78,12 +78,9 @@ class Cloth(PublishedDataset):
             # held out by cloth: trials of one look alike
             yield RecordingItem(key, opened, {"list": side}, group=cloth)
 
-    def _open(self, key: str, folder: Path, classes: list[Any]) -> Recording:
+    def _open(self, key: str, folder: Path, classes: Any) -> Recording:
         touch = NumberedImages(folder, r"\d+")
         frames = touch.frames(self._index)
-        labels = {f"attribute_{i}": float(value) for i, value in enumerate(classes[:-1])}
-        if classes:
-            labels["class"] = float(classes[-1])
         return self._recording(
             key,
             sensor="gelsight",
@@ -91,7 +88,7 @@ class Cloth(PublishedDataset):
             times=frame_times(list(touch.files), self.fps),
             no_contact=FrameSubset(frames, [0]),
             object=f"cloth_{_plain(key.split('/')[0])}",
-            labels=labels,
+            labels=_labels(key, classes),
         )
 
     def _sides(self) -> dict[tuple[str, str], str]:
@@ -119,6 +116,23 @@ class Cloth(PublishedDataset):
             return {_plain(key): value for key, value in content.items()}
         except (AttributeError, ValueError) as error:
             raise DataError(f"{path}: not a JSON object: {error}; download it again") from error
+
+
+def _labels(key: str, classes: Any) -> dict[str, float]:
+    """Attributes of a cloth, and its class, which is the last of them.
+
+    Raises:
+        DataError: They are no numbers.
+    """
+    try:
+        values = [float(value) for value in (classes if isinstance(classes, list) else [classes])]
+    except (TypeError, ValueError) as error:
+        raise DataError(
+            f"{key}: its classes {str(classes)[:60]} are no numbers; download cloth_metadata.json "
+            "again"
+        ) from error
+    names = [f"attribute_{i}" for i in range(len(values) - 1)] + ["class"] * bool(values)
+    return dict(zip(names, values, strict=True))
 
 
 def _plain(number: Any) -> str:

@@ -17,6 +17,7 @@ from tactileforge.data import Blob, EncodedFrames
 from tactileforge.errors import DataError
 from tactileforge.plugins import check_pointer, load_json
 from tactileforge.reading import (
+    BoundedTarInfo,
     OfficialSplit,
     PublishedDataset,
     RecordingItem,
@@ -133,7 +134,7 @@ class FoTa(PublishedDataset):
         found: dict[str, dict[str, Blob]] = {}
         try:
             check_regular(path)
-            with tarfile.open(path, "r:") as tar:
+            with tarfile.open(path, "r:", tarinfo=BoundedTarInfo) as tar:
                 end = 0
                 for member in tar:
                     end = member.offset_data + member.size
@@ -144,7 +145,7 @@ class FoTa(PublishedDataset):
                     found.setdefault(name, {})[ending.lower()] = blob
             if end + tarfile.BLOCKSIZE > path.stat().st_size:
                 raise tarfile.ReadError("it ends before its end mark")
-        except (tarfile.TarError, OSError) as error:
+        except (tarfile.TarError, OSError, ValueError) as error:
             try:
                 check_pointer(path)
                 add_once(self.skipped, f"{path}: damaged ({error}); download it again")

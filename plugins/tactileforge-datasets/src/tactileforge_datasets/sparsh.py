@@ -63,7 +63,7 @@ class PickleFolder:
     def images(self) -> list[Any]:
         """All images of the batch, without their duplicates in ``org_dataset_*``."""
         files = sorted(self.folder.glob(f"dataset_{_FILES[self.sensor]}_*.pkl"))
-        return [image for path in files for image in load_pickle(path)]
+        return [image for path in files for image in _images(path)]
 
     @cached_property
     def sign(self) -> float:
@@ -192,3 +192,14 @@ class SparshTrajectories(PublishedDataset):
             object=f"sparsh_{batch.folder.parent.name}",
             tracks={"slip": slip[:count], "image": rows},
         )
+
+
+def _images(path: Path) -> list[Any]:
+    """Images of a pickle.
+
+    Raises:
+        DataError: It holds no list.
+    """
+    if not isinstance(found := load_pickle(path), list):
+        raise DataError(f"{path}: no list of images; download it again")
+    return found

@@ -87,7 +87,7 @@ class SparshPose(PublishedDataset):
             images, poses = (list(bag[name]) for name in names)
             count = min(len(images), len(poses))
             relative = np.asarray(poses[:count], np.float32).reshape(count, 4, 4)
-        except (KeyError, TypeError, ValueError) as error:
+        except (LookupError, TypeError, ValueError) as error:
             raise DataError(
                 f"{path}: no images and 4x4 poses under {' and '.join(names)} ({error!r}); "
                 "download it again"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from datetime import datetime, timedelta
 from functools import partial
@@ -16,7 +15,7 @@ from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data import EncodedFrames, LazyImages
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.plugins import load_json
-from tactileforge.reading import PublishedDataset, RecordingItem, check_regular
+from tactileforge.reading import PublishedDataset, RecordingItem, read_rows
 from tactileforge.sensors import TaxelLayout
 from tactileforge_datasets.checks import numbers, pressing_sign, rising
 
@@ -153,17 +152,10 @@ def _turned(wrench: NDArray[np.float64], degrees: float) -> NDArray[np.float64]:
 def _read(path: Path, shape: tuple[int, int, int], drop: int) -> _Rows:
     """Numbers of a file, after its header and some rows."""
     columns: list[list[object]] = [[], [], [], [], []]
-    try:
-        check_regular(path)
-        with path.open(encoding="utf-8", newline="") as file:
-            lines = csv.reader(file)
-            next(lines, None)
-            for number, cells in enumerate(lines):
-                if number >= drop and cells:
-                    for column, value in zip(columns, _row(cells, path, number), strict=True):
-                        column.append(value)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise DataError(f"{path}: not a CSV ({error}); download it again") from error
+    for number, cells in enumerate(read_rows(path)[1:]):
+        if number >= drop and cells:
+            for column, value in zip(columns, _row(cells, path, number), strict=True):
+                column.append(value)
     if not columns[0]:
         raise DataError(f"{path}: no row after the first {drop}; lower data.drop, or remove it")
     where, count = str(path), len(columns[0])

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 _KEPT = 1 << 27
 #: Size of a block of numbers that is read ahead, bytes.
 _STEP = 1 << 20
+#: Most rows of an array that are looked for one by one, or said to be lost.
+_MOST_LOST = 1 << 22
 #: Most bytes of the rows that are asked for at once.
 _ASKED = 1 << 30
 
@@ -135,6 +137,22 @@ class ArrayFile(ABC):
 
     def _wrong(self, key: str, why: str) -> DataError:
         return DataError(f"{self.name}, {key}: cannot be read ({why}); {self.fix}")
+
+
+def check_lost(where: str, count: int) -> None:
+    """Refuses an array of which more is not there than anyone lost: its shape is damaged.
+
+    Args:
+        where: Name of the array.
+        count: Number of rows without a stored chunk, or of chunks to look for.
+
+    Raises:
+        DataError: There are too many.
+    """
+    if count > _MOST_LOST:
+        raise DataError(
+            f"{where}: its shape says {count} rows or more that are not stored; download it again"
+        )
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from math import prod
 from typing import Any
 
 from tactileforge.reading import check_keys
+from tactileforge_episodes.arrays import check_lost
 from tactileforge_episodes.members import Members
 
 
@@ -70,7 +71,7 @@ class Grid:
             stop: Row after the last.
 
         Raises:
-            DataError: A row has more chunks than anyone writes.
+            DataError: A row has more chunks than anyone writes, or more is lost than anyone loses.
         """
         if not self.shape:
             name = self.start.rstrip(self.mark) or "0"
@@ -80,12 +81,15 @@ class Grid:
         step, rests = self.chunks[0], self._rests
         flat = members.files(self.folder) if self.mark != "/" else None
         out: list[int] = []
+        check_lost(self.folder, stop // step - start // step)
         for row in range(start // step, -(-stop // step)):
             for rest in rests:
                 name = f"{self.start}{row}{rest}"
                 there = name in flat if flat is not None else members.has(f"{self.folder}/{name}")
                 if not there:
-                    out += range(max(start, row * step), min(stop, (row + 1) * step))
+                    rows = range(max(start, row * step), min(stop, (row + 1) * step))
+                    check_lost(self.folder, len(out) + len(rows))
+                    out += rows
                     break
         return out
 

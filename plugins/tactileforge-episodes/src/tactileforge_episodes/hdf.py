@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from tactileforge.errors import DataError
 from tactileforge.reading import DEEPEST, MOST_TEXT, Facts, check_keys, check_size
-from tactileforge_episodes.arrays import ArrayFile
+from tactileforge_episodes.arrays import ArrayFile, check_lost
+from tactileforge_episodes.hdf_chunks import Chunks
 from tactileforge_episodes.members import DAMAGED
 from tactileforge_episodes.packages import need
 from tactileforge_episodes.slices import Slice
@@ -49,6 +50,7 @@ class HdfFile(ArrayFile):
                 error
             )
         self._sets: dict[str, Dataset] = {}
+        self._chunks: dict[str, Chunks] = {}
         self._count, self._listed = 0, set[str]()
 
     def _list(self) -> list[str]:
@@ -134,7 +136,16 @@ class HdfFile(ArrayFile):
                     f"{number}) is not installed: pip install {_FILTERS}"
                 )
 
+    def check_chunks(self, key: str, start: int, stop: int) -> None:
+        """Looks at the chunks of some rows before they are unpacked; see `Chunks.check`."""
+        found = self._sets[key]
+        if found.chunks is not None:
+            if key not in self._chunks:
+                self._chunks[key] = Chunks(f"{self.name}, {key}", found)
+            self._chunks[key].check(start, stop)
+
     def _rows(self, key: str, facts: Facts, start: int, stop: int) -> NDArray[Any]:
+        self.check_chunks(key, start, stop)
         values = self._sets[key][start:stop] if facts.shape else self._sets[key][()]
         if facts.shape or facts.dtype.kind != "O":
             return np.asarray(values)
@@ -149,15 +160,21 @@ class HdfFile(ArrayFile):
         if not facts.shape or not all(facts.shape):
             return []
         if found.chunks is None:
-            return [] if found.id.get_storage_size() else list(range(start, stop))
+            if found.id.get_storage_size():
+                return []
+            check_lost(f"{self.name}, {key}", stop - start)
+            return list(range(start, stop))
         counts = [-(-size // step) for size, step in zip(found.shape, found.chunks, strict=True)]
         with self.naming(key):
             if found.id.get_num_chunks() == prod(counts):
                 return []
             step, out = found.chunks[0], list[int]()
+            check_lost(f"{self.name}, {key}", stop // step - start // step)
             for row in range(start // step, -(-stop // step)):
                 if not all(self._stored(found, (row, *rest)) for rest in _cells(counts[1:])):
-                    out += range(max(start, row * step), min(stop, (row + 1) * step))
+                    rows = range(max(start, row * step), min(stop, (row + 1) * step))
+                    check_lost(f"{self.name}, {key}", len(out) + len(rows))
+                    out += rows
             return out
 
     def _stored(self, found: Dataset, place: Sequence[int]) -> bool:

@@ -16,6 +16,7 @@ from tactileforge.errors import DataError
 from tactileforge.reading import Facts, check_keys
 from tactileforge_episodes.arrays import ArrayFile
 from tactileforge_episodes.hdf import HdfFile
+from tactileforge_episodes.mat_limits import check_mat5
 from tactileforge_episodes.packages import need
 from tactileforge_episodes.slices import Slice
 
@@ -65,6 +66,7 @@ class Mat73File(HdfFile):
 
     def _rows(self, key: str, facts: Facts, start: int, stop: int) -> NDArray[Any]:
         found = self._sets[key]
+        self.check_chunks(key, 0, found.shape[0] if found.ndim else 1)  # axes are turned round
         if not facts.shape:
             return np.asarray(found[()]).reshape(())
         if len(facts.shape) < found.ndim:  # a vector
@@ -96,6 +98,7 @@ class Mat5File(ArrayFile):
         super().__init__(name)
         self._scipy, self._file = need("scipy.io", name), file
         self._values: dict[str, Any] = {}
+        check_mat5(name, file)
         try:
             found = self._scipy.whosmat(file)
         except Exception as error:  # scipy fails in its own ways at damage
@@ -104,7 +107,8 @@ class Mat5File(ArrayFile):
         # of 8 bytes each: headers of classes without a size, structs and cells, are small
         if (size := sum(prod(shape) * 8 for _, shape, kind in found if kind == "double")) > _MOST:
             raise DataError(f"{name}: {size >> 20} MB at once; save it with -v7.3, or as npz")
-        self._known = [variable for variable, _, _ in found]
+        # scipy believes the places of sparse values, and no touch is sparse
+        self._known = [variable for variable, _, kind in found if kind != "sparse"]
 
     def _list(self) -> list[str]:
         check_keys(self.name, len(self._known))

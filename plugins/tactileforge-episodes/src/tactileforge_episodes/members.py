@@ -15,7 +15,7 @@ from tokenize import TokenError
 from typing import IO, Protocol
 
 from tactileforge.errors import DataError
-from tactileforge.reading import check_unpacked, open_regular, stays_inside
+from tactileforge.reading import BoundedTarInfo, check_unpacked, open_regular, stays_inside
 from tactileforge_episodes.slices import Handle, Slice
 
 #: Errors of damaged files, from the decoders of all formats.
@@ -260,7 +260,7 @@ class TarMembers(ArchiveMembers):
     def __init__(self, path: Path) -> None:
         self.places: dict[str, tuple[int, int]] = {}
         try:
-            with tarfile.open(path, "r:") as archive:
+            with tarfile.open(path, "r:", tarinfo=BoundedTarInfo) as archive:
                 for entry in archive:
                     if entry.size < 0:
                         raise tarfile.ReadError(f"{entry.name!r} has {entry.size} bytes")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import prod
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.errors import DataError
-from tactileforge.reading import Facts
+from tactileforge.reading import MOST_BYTES, Facts
 from tactileforge_episodes.arrays import KEPT
 from tactileforge_episodes.places import Place, open_place
 
@@ -59,7 +60,17 @@ class ArrayRef:
         return open_place(self.place).attribute(self.key, name)
 
     def whole(self) -> NDArray[Any]:
-        """All values of an array without a time axis."""
+        """All values of an array without a time axis.
+
+        Raises:
+            DataError: They are more than is read at once.
+        """
+        facts = self.facts
+        if (size := prod(facts.shape) * facts.dtype.itemsize) > MOST_BYTES:
+            raise DataError(
+                f"{self}: {size >> 20} MB at once, where {MOST_BYTES >> 20} MB are the limit; "
+                "correct its shape, or leave it out of the map"
+            )
         return open_place(self.place).read(self.key, 0, self.facts.rows)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from tactileforge.data import without_companions
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.plugins import load_json
+from tactileforge.reading import regular_text
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.info import Info
 from tactileforge_lerobot.parquet import WRONG, column_names, read_parquet
@@ -70,10 +71,9 @@ def json_lines(path: Path) -> Iterator[dict[str, Any]]:
     if not path.is_file():
         raise DataNotFoundError(f"{path}: not there; download the data set again")
     try:
-        with path.open(encoding="utf-8") as lines:
-            for number, line in enumerate(lines, 1):
-                if line.strip():
-                    yield _json_object(line, f"{path}, line {number}")
+        for number, line in enumerate(regular_text(path).split("\n"), 1):
+            if line.strip():
+                yield _json_object(line, f"{path}, line {number}")
     except (OSError, UnicodeError) as error:
         raise DataError(f"{path}: cannot be read ({error}); download it again") from error
 

@@ -146,7 +146,7 @@ def _load(path: Path) -> Any:
     if _is_safetensors(path):
         try:
             return load_file(path)
-        except (SafetensorError, ValueError) as error:
+        except (SafetensorError, ValueError, OSError, MemoryError) as error:
             raise DataError(f"{path} is not a whole safetensors file: {error}") from error
     # files of torch.save before 1.6 are not zip: they have no checksums, and cannot be mapped
     zipped = zipfile.is_zipfile(path)

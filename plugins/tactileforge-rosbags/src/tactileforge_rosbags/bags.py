@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
-from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from threading import RLock
 from typing import Any
@@ -17,6 +16,15 @@ from typing import Any
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, unknown
 from tactileforge.plugins import check_pointer
 from tactileforge.reading import MOST_BYTES, check_unpacked, folders_below, zstd_size
+from tactileforge_rosbags.guards import (
+    CheckedChunks,
+    check_metadata,
+    check_packed,
+    check_tables,
+    check_unindexed,
+    limit_chunks,
+    limit_tables,
+)
 
 #: Ends of the files of bags.
 _ENDS = (".bag", ".db3", ".mcap")
@@ -170,7 +178,8 @@ class _OpenBag:
                 f"data=rosbags cannot import rosbags ({error}): pip install rosbags lz4"
             ) from error
         self.path = path
-        _check_packed(Path(path))
+        with _named(path):
+            _check_files(Path(path))
         if _SQLITE & set(path) and any(name.endswith(".db3") for name in _names(Path(path))):
             raise DataError(f"{path}: sqlite misreads ?, # and % in a path; rename the bag")
         self.is1 = path.endswith(".bag")
@@ -178,8 +187,11 @@ class _OpenBag:
         with _named(path):
             self.reader: Any = Reader1(path) if self.is1 else Reader2(path)
             self.reader.open()
-        if not self.is1:
-            _check_messages(path, self.reader)
+        try:
+            limit_chunks(path, self.reader) if self.is1 else _limit(path, self.reader)
+        except DataError:
+            self.reader.close()
+            raise
 
     @cached_property
     def topics(self) -> dict[str, Topic]:
@@ -200,6 +212,8 @@ class _OpenBag:
                 self._check_type(connection.msgtype, connection.digest)
             decode = self.store.deserialize_ros1 if self.is1 else self.store.deserialize_cdr
             for connection, time, raw in self.reader.messages(connections, start, stop):
+                if type(time) is not int or type(raw) is not bytes:  # sqlite has no types
+                    raise TypeError(f"{topic} has a message of {type(raw)} at {time!r:.20}")
                 yield time, decode(raw, connection.msgtype)
 
     def _check_type(self, kind: str, digest: str) -> None:
@@ -211,27 +225,35 @@ class _OpenBag:
             )
 
 
-def _check_packed(path: Path) -> None:
-    """Raises a `DataError` for a file of a bag beyond the limit of unpacking."""
-    for file in _files(path) if path.is_dir() else ():
-        if file.name.endswith(_PACKED) and (packed := file.stat().st_size):
-            with file.open("rb") as raw, mmap(raw.fileno(), 0, access=ACCESS_READ) as content:
-                why = check_unpacked(packed, zstd_size(content, whole=True)[0])
-            if why:
-                raise DataError(f"{file}: {why}; record it again, or unpack it: zstd -d")
+def _check_files(path: Path) -> None:
+    """Raises a `DataError` for a file that unpacks, or runs, without end where it is opened."""
+    check_metadata(path / _METADATA)
+    for file in _files(path) if path.is_dir() else [path]:
+        if file.name.endswith(_PACKED):
+            check_packed(file)
+        elif file.suffix == ".db3":
+            check_tables(file)
+        elif file.suffix == ".mcap":
+            check_unindexed(file)
 
 
-def _check_messages(path: str, reader: Any) -> None:
-    """Has an open bag check each of its single compressed messages."""
-    if reader.compression_mode == "message":
-        for storage in reader.storage.storages:
+def _limit(path: str, reader: Any) -> None:
+    """Has an open bag check what it unpacks while it is read."""
+    for storage in getattr(reader.storage, "storages", [reader.storage]):
+        if hasattr(storage, "dbconn"):
+            limit_tables(storage)
+        if getattr(storage, "chunks", None):
+            storage.messages = CheckedChunks(path, storage).messages
+        if reader.compression_mode == "message":
             storage.messages = partial(_checked, path, storage.messages)
 
 
 def _checked(path: str, messages: Callable[..., Iterator[_Raw]], *which: Any) -> Iterator[_Raw]:
     """Single compressed messages, each checked to unpack to a picture at most."""
     for found in messages(*which):
-        size, _ = zstd_size(found[2])
+        size, is_bound = zstd_size(found[2])
+        if not is_bound:  # of the first frame, behind which others may be
+            size = max(size, zstd_size(found[2], whole=True)[0])
         if why := f"{size} bytes" if size > MOST_BYTES else check_unpacked(len(found[2]), size):
             raise DataError(f"{path}: a message of {len(found[2])} bytes unpacks to more: {why}")
         yield found

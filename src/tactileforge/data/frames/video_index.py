@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.data.frames.avi_tail import avi_tail
 from tactileforge.data.frames.mp4_edits import shown_share
-from tactileforge.errors import DataError, DataNotFoundError
+from tactileforge.errors import DataError, DataNotFoundError, in_utf8
 from tactileforge.util.pointers import check_pointer
 from tactileforge.util.untrusted import MAX_PIXELS
 
@@ -35,6 +36,8 @@ _SEEK_MARGIN = 16
 #: Frames per second of a video without times and without a rate: implausible on purpose, so that
 #: `video_clock.video_times` asks for a rate.
 _NO_RATE = 1e6
+#: Most bytes behind the end of an AVI file.
+_MAX_TAIL = 1 << 26
 #: Largest number of frames of a video: 38 hours at 30 a second.
 MAX_FRAMES = 1 << 22
 
@@ -116,7 +119,10 @@ def open_video(path: str) -> Any:
         DataNotFoundError: There is no such file.
         DataError: The path is a folder, or no video.
     """
+    if in_utf8(path) != path:  # OpenCV ends the process
+        raise DataError(f"{path!a}: its name is not UTF-8; rename the file or folder")
     _check_file(path)
+    _check_tail(path)
     # one level for all of the process, so that it is put back
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(0)
@@ -142,6 +148,15 @@ def _check_file(path: str) -> None:
     if "%" in Path(path).name:
         raise DataNotFoundError(f"{path}: no such file, and no pattern of images; {_IMAGES}")
     raise DataNotFoundError(f"{path}: no such file; correct the path")
+
+
+def _check_tail(path: str) -> None:
+    """Check for bytes behind the end of the file, which would be searched for frames one by one."""
+    found = _INSIDE.fullmatch(path)
+    start = int(found[1]) if found else 0
+    tail = avi_tail(_outer(path), start, int(found[2]) - start if found else None)
+    if tail > _MAX_TAIL:
+        raise DataError(f"{path}: {tail} bytes behind its end; {HINT}")
 
 
 def read_index(path: str) -> VideoIndex:

@@ -11,6 +11,7 @@ from tactileforge.data.frames.image_codecs import CODECS, GROUPS
 from tactileforge.errors import DataError, command
 from tactileforge.util.pointers import check_pointer
 from tactileforge.util.regular import open_regular
+from tactileforge.util.tars import BoundedTarInfo
 
 #: Members to look at: a shard has a picture among the first few, after a description.
 _LOOKED = 64
@@ -67,7 +68,10 @@ def _member_names(path: Path) -> list[str]:
     names: list[str] = []
     try:
         # ":" for no compression: the first members of a compressed tar cost its unpacking
-        with os.fdopen(open_regular(path), "rb") as file, tarfile.open(None, "r:", file) as tar:
+        with (
+            os.fdopen(open_regular(path), "rb") as file,
+            tarfile.open(None, "r:", file, tarinfo=BoundedTarInfo) as tar,
+        ):
             for member in tar:
                 if member.isfile():
                     names.append(member.name)
