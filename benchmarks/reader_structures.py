@@ -49,8 +49,9 @@ def bomb(kind: str) -> bytes:
     part = bytes(1 << 25)
     count = BOMB >> 25
     if kind in ("gzip", "bz2", "zstd", "xz"):
-        pack = {"gzip": gzip.compress, "bz2": bz2.compress, "zstd": zstd.compress}
-        return {**pack, "xz": lzma.compress}[kind](part) * count
+        pack: dict[str, Any] = {"gzip": gzip.compress, "bz2": bz2.compress}
+        pack |= {"zstd": zstd.compress, "xz": lzma.compress}
+        return bytes(pack[kind](part)) * count
     if kind == "lz4":  # one frame: of a second one nothing is read
         return bytes(lz4.frame.compress(bytes(BOMB)))
     if kind == "lz4 block":
@@ -322,8 +323,14 @@ _SWAPS: dict[str, Callable[[Any], Any]] = {
     "an axis more": lambda array: array[None],
     "half the rows": lambda array: array[: len(array) // 2] if array.ndim else array,
 }
+
+
+def _any(keys: dict[str, str]) -> dict[str, Any]:
+    return {**keys}
+
+
 NPY: dict[str, Change] = {
-    **{said: partial(_npy, **keys) for said, keys in _HEADS.items()},
+    **{said: partial(_npy, **_any(keys)) for said, keys in _HEADS.items()},
     **{said: partial(_npy_array, change=change) for said, change in _SWAPS.items()},
     "a header of 4 GB": lambda path, rng: _at(path, 6, b"\x02\x00\xff\xff\xff\xff"),
     "version 9": lambda path, rng: _at(path, 6, b"\x09"),
@@ -688,7 +695,7 @@ def _chunk(path: Path, rng: Rng, made: Callable[[], bytes], codec: Any = None) -
             name = codec["id"]
             ends = {"zstd": {"level": 0, "checksum": False}, "gzip": {"level": 1}}.get(name)
             coded = [{"name": "bytes", "configuration": {"endian": "little"}}]
-            coded += [{"name": name if ends else f"numcodecs.{name}", "configuration": ends or {}}]  # type: ignore[list-item]
+            coded += [{"name": name if ends else f"numcodecs.{name}", "configuration": ends or {}}]
             about.write_text(json.dumps({**plain, "codecs": coded}))
             break
         if (place / ".zarray").exists():
