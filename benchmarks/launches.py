@@ -34,7 +34,7 @@ SUBJECTS = ("pixel+diff", "videomae", "all five")
 
 
 class Launches(TorchDispatchMode):  # type: ignore[no-untyped-call]
-    """Counts operators that launch while its block runs.
+    """Counts launches of operators in its block.
 
     Attributes:
         names: Counts by name of the operator.

@@ -1,4 +1,4 @@
-"""A start over many pictures in folders: the first, which reads their headers, and the next.
+"""Two starts over many pictures in folders: the first reads their headers.
 
 Seconds of CPU time, in this process, to list and open all recordings of both splits: of folders of
 200 JPEGs of 160 x 120, as sequences and as single touches; medians of three. Pillow's headers

@@ -307,7 +307,7 @@ def _module(path: str) -> Any:
 
 
 def _fixture(function: Any, root: Path) -> Any:
-    """What a fixture of the tests gives, in a folder."""
+    """Files of a fixture of the tests, in a folder."""
     plain = inspect.unwrap(function)
     given: dict[str, Any] = {}
     for name in inspect.signature(plain).parameters:
@@ -795,7 +795,7 @@ def outcome(out: dict[str, Any], whole: dict[str, Any]) -> str:
 def mutants(
     name: str, count: int, structures: int, seed: int
 ) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    """Reads mutants of a format: what was done, what became of it, and the details."""
+    """Reads mutants of a format: the change, the verdict, and the details."""
     kind = KINDS[name]
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
     with tempfile.TemporaryDirectory() as held:

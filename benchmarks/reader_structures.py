@@ -502,7 +502,7 @@ def _tar_kind(path: Path, rng: Rng, kind: bytes) -> None:
 
 
 def _tar_links(path: Path, rng: Rng) -> None:
-    """Two members that are hard links to each other."""
+    """Two members, hard links to each other."""
     items = _tar_items(path)
     first, second = items[0][0], items[-1][0]
     first.type = second.type = tarfile.LNKTYPE
@@ -680,7 +680,7 @@ ZARRAY: dict[str, Change] = {
 
 
 def _chunk(path: Path, rng: Rng, made: Callable[[], bytes], codec: Any = None) -> None:
-    """A chunk of other bytes, under another codec where one is given."""
+    """A chunk of other bytes, under another codec if given."""
     for place in path.parents:
         about = place / ".zarray"
         if about.exists() and codec is not None:
@@ -771,7 +771,7 @@ def _hdf_of(change: Callable[[Any], Any]) -> Change:
 
 
 def _grown(file: h5py.File, name: str, rows: int, **how: Any) -> None:
-    """An array with more rows, of which none is written."""
+    """An array with more rows, none of them written."""
     old = file[name]
     shape, dtype = (rows, *old.shape[1:]), old.dtype
     if not old.ndim:
@@ -781,7 +781,7 @@ def _grown(file: h5py.File, name: str, rows: int, **how: Any) -> None:
 
 
 def _hdf_bomb(file: h5py.File, name: str, size: int = BOMB) -> None:
-    """A chunk that unpacks to a gigabyte."""
+    """A chunk of a gigabyte, packed."""
     old = file[name]
     if not old.ndim or old.dtype.kind not in "iuf":
         raise LookupError("a number")
@@ -936,7 +936,7 @@ def _mat(path: Path, rng: Rng, change: Callable[[Any], Any], packed: bool = Fals
 
 
 def _mat_sizes(path: Path, rng: Rng, sizes: tuple[int, int], kind: int = 0) -> None:
-    """Sizes, and type, of a variable that is not packed."""
+    """Sizes and type of an unpacked variable."""
     _mat(path, rng, lambda values: values)
     raw = path.read_bytes()
     mark = b"\x06\x00\x00\x00\x08\x00\x00\x00"  # flags of an array
@@ -1025,7 +1025,7 @@ def _column(table: Any, at: int, values: Any) -> Any:
 
 
 def _long(table: Any, at: int) -> Any:
-    """Ten million equal rows, which a dictionary holds in a few bytes."""
+    """Ten million equal rows, in a dictionary of a few bytes."""
     row = table.slice(0, 1)
     picked = arrow.array(np.zeros(10_000_000, np.int32))
     columns = []
@@ -1103,7 +1103,7 @@ def _records(raw: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 def _mcap_chunk(path: Path, rng: Rng, coding: str, packed: Callable[[], bytes], said: int) -> None:
-    """An mcap whose chunk is a bomb; without an index, so that it is scanned."""
+    """An mcap with a bomb for a chunk; without an index, so that it is scanned."""
     raw = path.read_bytes()
     begin = next(at for kind, at, _ in _records(raw) if kind == 6)
     head = raw[begin : begin + 16] + said.to_bytes(8, "little") + bytes(4)
@@ -1229,7 +1229,7 @@ def _ros1_chunk(path: Path, rng: Rng, coding: str) -> None:
 
 
 def _fix_header(raw: bytearray, at: int, grown: int) -> None:
-    """Length of the header of a record that holds a field."""
+    """Length of the header of a record with a field."""
     for start in range(at - 4, max(0, at - 200), -1):
         size = int.from_bytes(raw[start : start + 4], "little")
         if 20 < size < 200 and start + 4 + size > at and raw[start + 4 + 4 :][:1].isalpha():
@@ -1345,7 +1345,7 @@ _SCRIPTS = {
 
 
 def _pages(path: Path, rng: Rng) -> None:
-    """A page of the file in the place of another: trees that lead into themselves."""
+    """A page of the file in the place of another: trees leading into themselves."""
     raw = bytearray(path.read_bytes())
     size = int.from_bytes(raw[16:18], "big") or 4096
     count = len(raw) // size

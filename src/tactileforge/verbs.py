@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
 from inspect import isroutine
@@ -52,7 +52,7 @@ class Run:
     """
 
     folder: Path
-    module: TouchModule | None = None
+    module: TouchModule | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "folder", Path(self.folder))

@@ -57,7 +57,8 @@ def test_every_command_has_help_that_says_each_key(capsys: pytest.CaptureFixture
             assert command.about
             assert command.about in out
             keys = command.keys.__dataclass_fields__ if command.keys else ()
-            for key in keys:
+            typed = {real: name for name, real in command.also.items()}
+            for key in (typed.get(one, one) for one in keys):
                 before, _, _ = out.partition(f"\n{key}:")
                 assert before != out, key
                 assert before.rpartition("\n")[2].startswith("#"), (
@@ -114,6 +115,13 @@ def test_cfg_job_shows_what_is_chosen_and_not_more(capsys: pytest.CaptureFixture
     assert yaml.safe_load(part)["name"] == "pixel"
     wrong = error_of(capsys, "train", "--cfg", "job", "-p", "head.pixl")
     assert "unknown block 'head.pixl'; did you mean 'head.pixel'" in wrong
+
+
+def test_keys_are_shown_by_the_names_that_are_typed(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["plugins", "new"], ["zoo", "get"]):
+        shown = said(capsys, *words, "--help")
+        assert "\nfrom: null" in shown
+        assert not re.search("^(source|file):", shown, re.MULTILINE)
 
 
 def test_multirun_of_a_verb_without_plugins(capsys: pytest.CaptureFixture[str]) -> None:
@@ -330,7 +338,7 @@ def test_explain_says_where_a_value_is_from(capsys: pytest.CaptureFixture[str]) 
     first, *rows = said(capsys, "train", "scale=demo", f"{key}=2", "--explain", key).splitlines()
     assert first == f"{key} = 2"
     assert [row.split() for row in rows[:-1]] == [
-        ["objective/force.yaml", "1.0"],
+        ["objective=force,", "its", "own", "default", "1.0"],
         ["recipe/anytouch2.yaml", "0.1"],
         ["scale/demo.yaml", "1.0"],
         ["command", "line", "2"],

@@ -59,6 +59,16 @@ def test_compose_leaves_the_hydra_of_the_caller_alone(conf):
     assert not GlobalHydra.instance().is_initialized()
 
 
+def test_a_key_of_the_application_that_is_nearly_a_group_is_named(conf, caplog):
+    with hydra.initialize_config_dir(str(conf), version_base="1.3"):
+        words = ["+encodr.size=3", "+data=recordings", "data.root=x", "objective=[force]"]
+        config = hydra.compose("app", words)
+    with caplog.at_level("WARNING", "tactileforge"):
+        tactileforge.compose(config)
+    assert "encodr= is left to your application; for training it is encoder=" in caplog.text
+    assert "mine=" not in caplog.text
+
+
 @pytest.mark.slow
 def test_a_configuration_of_plain_hydra_is_completed(conf, tmp_path):
     (conf / "app.yaml").write_text(APP + "seed: ${mine}\n")

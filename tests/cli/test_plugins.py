@@ -43,6 +43,12 @@ def toy(installed):
     installed("toy-plugins", ENTRY_POINTS, {"toy_plugins.py": source})
 
 
+def test_a_container_is_checked_on_a_file(monkeypatch):
+    monkeypatch.setitem(registry._registered, ("containers", "grain"), object)
+    with pytest.raises(PluginError, match=r"'grain' is a container, .*check_container\(FILE\)"):
+        main(["check", "grain"])
+
+
 def test_list_aligns_its_columns(toy, capsys):
     assert main(["list"]) == 0
     header, *rows = capsys.readouterr().out.splitlines()
@@ -241,6 +247,7 @@ def test_check_of_attached_sensors_names_a_broken_one(installed, capsys):
             PluginError,
             "'cosine' is a schedule, which has no conformance suite",
         ),
+        (["new", "objective", "shiny", "fron=a:B"], ConfigError, "'fron'; did you mean 'from'"),
         (["check", "bench", "arrays"], PluginError, "'arrays' is a package of options, which has"),
         (["check", "pixel", "--kind", "sensor"], PluginError, "unknown sensor 'pixel'"),
         (["check", "pixel", "a=1"], ConfigError, "a= is an option of one plugin, and 2"),
@@ -267,7 +274,9 @@ def test_new_says_how_to_publish_and_takes_a_licence(words, licence, tmp_path, m
     project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
     assert project.get("license") == licence
     assert project["dependencies"][0] == "tactileforge>=0.1,<0.2"
-    section = (folder / "README.md").read_text().partition("## Publish it\n")[2]
+    readme = (folder / "README.md").read_text()
+    assert "Apache" not in readme, "that is the example's"
+    section = readme.partition("## Publish it\n")[2]
     assert "python -m build\ntwine upload dist/*\n" in section
     assert "`pip install tactileforge-shiny`" in section
     assert ("It has no licence yet" in section) == (licence is None)

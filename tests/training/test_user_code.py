@@ -263,6 +263,20 @@ def test_a_checkpoint_with_a_class_of_ones_own_takes_it(tmp_path):
     assert isinstance(again.objectives["own"], Own)
 
 
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("lightning.pytorch.callbacks:EarlyStopping", True),
+        ("torch.optim:SGD", True),
+        ("torch.optim:sgd", False),  # a module
+        ("torch.hub:load", False),
+        ("os:system", False),
+    ],
+)
+def test_a_file_may_name_callbacks_of_lightning_and_optimizers_of_torch(name, given):
+    assert local.is_given(name) is given
+
+
 class Own(Pixel):
     """An objective of one's own."""
 

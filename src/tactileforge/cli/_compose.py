@@ -11,6 +11,7 @@ import logging
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from difflib import get_close_matches
 from enum import Enum
 from inspect import Parameter
 from pathlib import Path
@@ -274,6 +275,9 @@ def _completed(config: Mapping[str, Any] | DictConfig) -> DictConfig:
     for key, name in (("trainer", "default"), ("optim", "adamw")):
         if "name" not in own.get(key, {"name": ""}):  # what a recipe alone has of it
             own[key] = OmegaConf.merge(OmegaConf.create(yaml_text(f"{key}/{name}")), own[key])
+    for key in {*own} - {*base}:
+        if near := get_close_matches(str(key), list(base), n=1, cutoff=0.8):
+            log.warning("%s= is left to your application; for training it is %s=", key, near[0])
     for key in {*base} & {*own}:
         # of a group the option is the application's; blocks of fixed keys have defaults
         keeps = key in ("data", "augment") and isinstance(own[key], dict)

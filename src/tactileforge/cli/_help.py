@@ -44,7 +44,7 @@ def text(verb: str, command: Command, typed: Sequence[str] = ()) -> str:
         lines += [*(f"# {line}" for line in known), f"{group}: {chosen or 'null'}", ""]
         lines += _keys_of_heads(of_objectives) if of_objectives else option_keys(group, chosen)
     if command.keys is not None:
-        lines += [strict.describe(command.keys), ""]
+        lines += [_described(command), ""]
     elif command.yaml:
         lines += [_after_defaults(command.yaml), ""]
     return "\n".join([*lines, _FLAGS])
@@ -98,7 +98,7 @@ def keys_page() -> str:
     added = {one.name.partition(".")[0] for one in ours if one.kind == "verbs"}
     for verb in [*builtin(), *sorted(added - builtin().keys())]:
         for action, command in commands(verb).items():
-            if command.keys is not None and (rows := strict.describe(command.keys)):
+            if command.keys is not None and (rows := _described(command)):
                 lines += [f"### {f'{verb} {action}'.strip()}", "", *_block(rows)]
     lines += ["## Training", "", "`tactileforge train` has these in groups.", ""]
     lines += _block(_after_defaults("train"))
@@ -121,6 +121,14 @@ def keys_page() -> str:
             if rows := "\n".join(plugin_keys(group, plugin.name, "", shared=False)):
                 lines += [f"### {group}={plugin.name}", "", *_block(rows)]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _described(command: Command) -> str:
+    """Keys of a command with their meanings, by the names that are typed."""
+    rows = strict.describe(command.keys) if command.keys else ""
+    for name, key in command.also.items():
+        rows = re.sub(rf"^{key}:", f"{name}:", rows, flags=re.MULTILINE)
+    return rows
 
 
 _HEAD = """\

@@ -14,6 +14,7 @@ from tactileforge.cli import _words
 from tactileforge.cli._command import Command, Result
 from tactileforge.cli._quote import for_hydra, quoted, split, unquoted
 from tactileforge.cli._words import Words
+from tactileforge.errors import check_names
 
 
 def run(verb: str, command: Command, argv: Sequence[str]) -> int:
@@ -90,6 +91,10 @@ def _light(command: Command, words: Words, given: dict[str, Any]) -> Result:
     if command.others:
         others = {key: given.pop(key) for key in [*given] if key not in hints}
         given[command.others] = others
+    else:
+        shown = {real: name for name, real in command.also.items()}
+        strange = [key for key in given if key not in hints]
+        check_names("key", strange, {shown.get(key, key) for key in hints})
     return command.start(given, given)
 
 

@@ -164,6 +164,11 @@ def _unchecked(name: str) -> str:
         shown = command("bench", f"suite={name}", "--cfg", "job")
         tried = command("bench", f"suite={name}", "model=pixels", f"out={name}")
         return f"{name!r} is a suite, which is options: {shown} composes it, and {tried} runs it"
+    if name in registry.names("containers"):
+        return (
+            f"'{name}' is a container, which is checked on a file of its format: "
+            "tactileforge.testing.check_container(FILE), as the test of its package does"
+        )
     kind = next((kind for kind in registry.OTHERS if name in registry.names(kind)), None)
     what = {"conf": "package of options"}.get(kind or "", (kind or "").removesuffix("s"))
     return f"{name!r} is a {what}, which has no conformance suite: test what it does" * bool(kind)
@@ -333,6 +338,7 @@ def _sections_of(kind: str, text: str) -> str:
         rf"## The {other}$|\[project\.entry-points\.\"tactileforge\.{group}"
         for other, group in groups.items()
     ]
+    heads.append("## Licence$")  # of the example itself
     if kind != "suite":
         heads.append(r"\[tool\.setuptools\.package-data")
     about_others = re.compile("|".join(heads), re.MULTILINE)

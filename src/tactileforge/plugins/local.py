@@ -29,6 +29,8 @@ _LOCAL = re.compile(rf"({_MODULE}|.*\.py):({_MODULE})", re.DOTALL)
 #: What was meant as such a name, and has a slip in it.
 _MEANT = re.compile(rf".*\.py(:.*)?|{_MODULE}:.*", re.DOTALL)
 
+#: Modules of libraries that runs import anyway, and the base of their classes that a file may name.
+_LIBRARIES = {"lightning.pytorch.callbacks": "Callback", "torch.optim": "Optimizer"}
 #: What was typed or given in this process, by its name.
 _known: dict[str, Any] = {}
 #: Modules that were read from files: what the file held, and the module.
@@ -97,21 +99,35 @@ def resolve(name: str, where: str = "") -> Any:
 
 
 def find(name: str) -> Any:
-    """What was typed or given under a name in this process; imports nothing.
+    """What was typed or given under a name in this process; imports nothing of others.
 
-    A class that was given under another name serves too, if its own name is the same and no other
-    class has it: the file may have moved since.
+    Callbacks of Lightning and optimizers of torch, which are no more than their options, are found
+    by their own names. A class that was given under another name serves too, if its own name is the
+    same and no other class has it: the file may have moved since.
 
     Raises:
         KeyError: Nothing was.
     """
     if name in _known:
         return _known[name]
+    if (found := _of_library(name)) is not None:
+        return found
     own = name.rpartition(":")[2]
     same = {id(value): value for key, value in _given() if key.rpartition(":")[2] == own}
     if len(same) != 1:
         raise KeyError(name)
     return next(iter(same.values()))
+
+
+def _of_library(name: str) -> Any:
+    """A class of `_LIBRARIES`; None for another name."""
+    source, _, own = name.partition(":")
+    if source not in _LIBRARIES:
+        return None
+    module = import_module(source)
+    found = vars(module).get(own)
+    base = getattr(module, _LIBRARIES[source])
+    return found if isinstance(found, type) and issubclass(found, base) else None
 
 
 def names_in(node: Any) -> list[str]:

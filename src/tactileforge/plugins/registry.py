@@ -120,7 +120,7 @@ def names(kind: str) -> list[str]:
 #: Methods and attributes that a class of each kind needs, beside its constructor.
 _CONTRACTS = {
     "sensors": ("discover", "open", "read", "close"),
-    "datasets": ("recordings", "provides", "plot"),
+    "datasets": ("recordings", "provides"),
     "encoders": ("forward",),
     "heads": ("forward",),
     "objectives": ("head", "needs", "forward"),

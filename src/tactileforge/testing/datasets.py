@@ -169,6 +169,8 @@ def plot_gives_a_figure(subject: CheckSubject) -> None:
     from matplotlib.figure import Figure
 
     dataset = subject.build()
+    if not hasattr(dataset, "plot"):
+        raise Skip("it has no plot, which training does without")
     recordings = _first(dataset, "train", 1)
     if not recordings:
         raise Skip("there is no recording to plot")

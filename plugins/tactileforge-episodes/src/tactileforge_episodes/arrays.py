@@ -140,7 +140,7 @@ class ArrayFile(ABC):
 
 
 def check_lost(where: str, count: int) -> None:
-    """Refuses an array of which more is not there than anyone lost: its shape is damaged.
+    """Refuses an array with too few chunks for its shape, as if that were damaged.
 
     Args:
         where: Name of the array.

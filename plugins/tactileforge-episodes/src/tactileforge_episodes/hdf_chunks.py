@@ -1,4 +1,4 @@
-"""Chunks of HDF5 that unpack to more than their values, found before the library unpacks them."""
+"""Bombs among the chunks of HDF5, found before the library unpacks them."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Chunks:
         self._doubtful = {} if not packers else dict(self._listed())
 
     def _listed(self) -> Iterator[tuple[tuple[int, ...], int]]:
-        """Corner and mask of each chunk that may unpack to more than the limit."""
+        """Corner and mask of each chunk of doubtful size."""
         seen: list[Any] = []
         self.found.id.chunk_iter(seen.append)
         ratio = _PACKERS[self.packer]
@@ -95,7 +95,7 @@ def _filters(found: Dataset) -> list[int]:
 
 
 def lzf_size(content: bytes, most: int) -> int:
-    """Bytes that a chunk of lzf unpacks to, or a bound of them that is within a limit.
+    """Bytes of a chunk of lzf, unpacked, or a bound of them within a limit.
 
     Args:
         content: The chunk: runs of literals, and repeats of 2 or 3 bytes.

@@ -1,4 +1,4 @@
-"""Limits of MATLAB 5 files: what they unpack to, and how much they say to hold."""
+"""Limits of MATLAB 5 files: unpacked bytes, and stated sizes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _HEADER = 128
 
 
 def check_mat5(name: str, file: IO[bytes] | Slice) -> None:
-    """Refuses variables that unpack to too much, or say to hold more than their bytes can.
+    """Refuses variables larger than the limit, or than their bytes can hold.
 
     Args:
         name: Path of the file, for messages.
@@ -51,7 +51,7 @@ def check_mat5(name: str, file: IO[bytes] | Slice) -> None:
 
 
 def _check_mat4(name: str, file: IO[bytes] | Slice) -> None:
-    """Refuses variables of version 4 that say to have more values than bytes follow.
+    """Refuses variables of version 4 with more values than bytes.
 
     Raises:
         DataError: There are fewer bytes.

@@ -97,7 +97,7 @@ def _touch(info: Info, options: dict[str, Any]) -> list[str]:
 
 
 def _force(info: Info, touch: list[str], options: dict[str, Any], doubts: list[str]) -> list[str]:
-    """Fill in the forces that have a word of their touch, and return their features.
+    """Fill in the forces with a word of their touch, and return their features.
 
     Another force may be of the robot, which most data sets of this format are about.
     """

@@ -226,7 +226,7 @@ class _OpenBag:
 
 
 def _check_files(path: Path) -> None:
-    """Raises a `DataError` for a file that unpacks, or runs, without end where it is opened."""
+    """Raises a `DataError` for a file without end, to unpack or to run, when it is opened."""
     check_metadata(path / _METADATA)
     for file in _files(path) if path.is_dir() else [path]:
         if file.name.endswith(_PACKED):
@@ -238,7 +238,7 @@ def _check_files(path: Path) -> None:
 
 
 def _limit(path: str, reader: Any) -> None:
-    """Has an open bag check what it unpacks while it is read."""
+    """Makes an open bag check unpacked chunks while it is read."""
     for storage in getattr(reader.storage, "storages", [reader.storage]):
         if hasattr(storage, "dbconn"):
             limit_tables(storage)

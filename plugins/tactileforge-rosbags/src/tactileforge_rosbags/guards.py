@@ -1,4 +1,4 @@
-"""Limits of what bags unpack to, and of what runs in them, before rosbags reads them."""
+"""Limits of bags: unpacked bytes and running SQL, before rosbags reads them."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def _check_record(file: Path, content: BinaryIO, at: int, size: int) -> None:
 
 
 def check_chunk(where: str, coding: str, content: bytes, said: int) -> None:
-    """Refuses a chunk of an mcap that says, or unpacks to, too much.
+    """Refuses a chunk of an mcap beyond the limit, stated or unpacked.
 
     Args:
         where: Name of the bag.
@@ -176,7 +176,7 @@ def _exceeds(coding: str, content: bytes, most: int) -> bool:
 
 
 def _counts(start: Callable[[], Any], damage: Any, content: bytes, most: int) -> bool:
-    """Whether frames unpack to more than a size, found by unpacking no more than that."""
+    """Whether unpacked frames exceed a size, found by unpacking up to that."""
     size = 0
     try:
         while content and size <= most:
@@ -246,7 +246,7 @@ def limit_chunks(path: str, reader: Any) -> None:
 
 
 def _unpacked(path: str, unpack: Callable[[bytes], bytes], content: bytes) -> bytes:
-    """A chunk of ROS 1, unpacked if that is within the limits.
+    """A chunk of ROS 1, unpacked within the limits.
 
     Raises:
         DataError: It is not.
