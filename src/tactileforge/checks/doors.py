@@ -110,7 +110,7 @@ def background_lines(still: NDArray[np.uint8], sensor: str) -> list[str]:
     seen = [Resting("background", sensor, still.shape[:2], still.astype(np.float32))]
     return [
         f"{CODES[odd.reason]} the background looks {odd.words.partition(' (')[0].strip()} for a "
-        f"{sensor}; {_PICTURE_FIXES[odd.reason]}"
+        f"{sensor}; if so, {_PICTURE_FIXES[odd.reason]}"
         for odd in odd_pictures(seen)
         if odd.reason in _PICTURE_FIXES
     ]

@@ -176,7 +176,7 @@ class ColoursSwapped(_RestingCheck):
         "The gel at rest has the colours of the others, or of its sensor, with red and blue "
         "exchanged: the program that recorded wrote blue first. In a layout, channels: bgr."
     )
-    fix = "channels: bgr in the layout"
+    fix = "if so, channels: bgr in the layout; if not, ignore: [TF306]"
 
     @staticmethod
     def examples() -> Examples:
@@ -194,7 +194,7 @@ class OnItsSide(_RestingCheck):
         "The gel at rest has its lights, or the picture its sides, where those of the sensor are "
         "after a quarter turn. In a layout, rotate: 90 or 270."
     )
-    fix = "rotate: 90 or 270 in the layout"
+    fix = "if so, rotate: 90 or 270 in the layout; if not, ignore: [TF307]"
 
     @staticmethod
     def examples() -> Examples:
@@ -213,7 +213,7 @@ class Mirrored(_RestingCheck):
         "webcam program flips its pictures. The sign of the shear and the names of slides are "
         "wrong. In a layout, mirror: x (left and right) or y (up and down)."
     )
-    fix = "mirror: x or y in the layout"
+    fix = "if so, mirror: x or y in the layout; if not, ignore: [TF308]"
 
     @staticmethod
     def examples() -> Examples:

@@ -11,7 +11,7 @@ from tactileforge.cli._moved_data import put_in, taken_out
 from tactileforge.cli._quote import quoted, unquoted
 from tactileforge.cli._words import free_heads
 from tactileforge.errors import ConfigError, command
-from tactileforge.plugins.local import check_given, names_in
+from tactileforge.plugins.local import check_given, code_words, names_in, of_library
 from tactileforge.training.run_length import LENGTHS, MACHINE
 
 
@@ -89,7 +89,8 @@ def resumed(config: dict[str, Any], typed: Sequence[str]) -> dict[str, Any]:
 
 def _onward(config: dict[str, Any], folder: Path) -> str:
     """Command that resumes a run, with the user's own classes in it."""
-    return command("train", f"resume={folder}", *(f"code={n}" for n in names_in(config)))
+    own = [name for name in names_in(config) if not of_library(name)]
+    return command("train", f"resume={folder}", *code_words(own))
 
 
 def _check_encoder(init: str) -> None:

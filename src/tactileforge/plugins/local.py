@@ -110,7 +110,7 @@ def find(name: str) -> Any:
     """
     if name in _known:
         return _known[name]
-    if (found := _of_library(name)) is not None:
+    if (found := of_library(name)) is not None:
         return found
     own = name.rpartition(":")[2]
     same = {id(value): value for key, value in _given() if key.rpartition(":")[2] == own}
@@ -119,8 +119,8 @@ def find(name: str) -> Any:
     return next(iter(same.values()))
 
 
-def _of_library(name: str) -> Any:
-    """A class of `_LIBRARIES`; None for another name."""
+def of_library(name: str) -> Any:
+    """A callback of Lightning or an optimizer of torch; None for another name."""
     source, _, own = name.partition(":")
     if source not in _LIBRARIES:
         return None
@@ -161,13 +161,24 @@ def not_given(what: str, names: Sequence[str]) -> PluginError:
         what: Begin of a sentence about them.
         names: The names.
     """
-    listed = ",".join(names)
-    word = shlex.quote(f"code=[{listed}]" if len(names) > 1 else f"code={listed}")
+    word = shlex.join(code_words(names))
     classes = ", ".join(f"{name!r}: {name.rpartition(':')[2]}" for name in names)
     return PluginError(
         f"{what} of somebody's own, and what a file names is never imported: give it, {word} on "
         f"the command line if it is yours, or in Python classes={{{classes}}}"
     )
+
+
+def code_words(names: Sequence[str]) -> list[str]:
+    """The word of a command that gives classes of one's own; none without a name.
+
+    Example:
+        >>> code_words(["mine:Net"]), code_words(["mine:Net", "./b.py:Loss"])
+        (['code=mine:Net'], ['code=[mine:Net,./b.py:Loss]'])
+    """
+    if len(names) > 1:
+        return [f"code=[{','.join(names)}]"]
+    return [f"code={name}" for name in names]
 
 
 def is_given(name: str) -> bool:
