@@ -168,24 +168,28 @@ def _exceeds(coding: str, content: bytes, most: int) -> bool:
         # its bound: blocks may hold less than they can
         from backports.zstd import ZstdDecompressor, ZstdError
 
-        return _counts(ZstdDecompressor, ZstdError, content, most)
+        return _pieces(ZstdDecompressor, ZstdError, content, most) is None
     if coding == "lz4":
         start = import_module("lz4.frame").LZ4FrameDecompressor
-        return _counts(start, RuntimeError, content, most)
+        return _pieces(start, RuntimeError, content, most) is None
     return False
 
 
-def _counts(start: Callable[[], Any], damage: Any, content: bytes, most: int) -> bool:
-    """Whether unpacked frames exceed a size, found by unpacking up to that."""
-    size = 0
+def _pieces(start: Callable[[], Any], damage: Any, content: bytes, most: int) -> list[bytes] | None:
+    """Unpacked frames, none of damaged ones; None where they exceed a size."""
+    pieces: list[bytes] = []
+    left = most
     try:
-        while content and size <= most:
+        while content and left >= 0:
             coder = start()
-            size += len(coder.decompress(content, max_length=most + 1 - size))
+            pieces.append(coder.decompress(content, max_length=left + 1))
+            left -= len(pieces[-1])
+            if left >= 0 and not coder.eof:
+                return []
             content = coder.unused_data or b""
     except (damage, EOFError, ValueError):
-        return False
-    return size > most
+        return []
+    return pieces if left >= 0 else None
 
 
 class CheckedChunks:
@@ -255,9 +259,12 @@ def _unpacked(path: str, unpack: Callable[[bytes], bytes], content: bytes) -> by
     if coder := _ROS1.get(content[:3]):
         module, _, name = coder.partition(":")
         start = getattr(import_module(module), name)
-        if _counts(start, (OSError, RuntimeError), content, most):
+        pieces = _pieces(start, (OSError, RuntimeError), content, most)
+        if pieces is None:
             raise DataError(
                 f"{path}: a chunk of {len(content)} bytes unpacks to more than {most}; record it "
                 "again, in smaller chunks"
             )
+        if pieces:
+            return b"".join(pieces)
     return unpack(content)
