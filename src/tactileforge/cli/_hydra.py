@@ -12,13 +12,19 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 
 from tactileforge.cli._command import Command, Result
-from tactileforge.cli._compose import defaults_of_optimizer, without_layouts
+from tactileforge.cli._compose import (
+    check_claims,
+    defaults_of_optimizer,
+    initialized,
+    without_layouts,
+)
 from tactileforge.cli._options import own_places, places_of
 from tactileforge.cli._quote import hydra_value, quoted
 from tactileforge.cli._slips import told
 from tactileforge.cli._sweep import JOB, stopped_sweep
 from tactileforge.cli._words import Words
 from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.plugins import local
 from tactileforge.util.processes import end_with_parent
 
 #: Files in a folder before a run begins: those written by Hydra, and the run's own lock.
@@ -57,6 +63,9 @@ def run(verb: str, command: Command, words: Words) -> Result:
         try:
             # a preset that the command itself composes: Hydra would print its own lines
             with told(verb, command, words, lambda: False):
+                if local.given():
+                    with initialized():
+                        check_claims(name, HydraConfig.get().overrides.task)
                 given = command.completed(config, HydraConfig.get().overrides.task)
                 results.append(command.start(given))
             # a sweep keeps numbers, and an object for Python is none
