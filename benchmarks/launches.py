@@ -57,7 +57,7 @@ class Launches(TorchDispatchMode):  # type: ignore[no-untyped-call]
 
     @property
     def total(self) -> int:
-        """Operators that launch."""
+        """Number of launches."""
         return sum(self.names.values())
 
 

@@ -221,6 +221,7 @@ def _shown(verb: str, action: str, overrides: Sequence[Any], keys: Mapping[str, 
 def _typed(overrides: Sequence[Any], keys: Mapping[str, Any]) -> list[str]:
     """Words of a verb, once the classes of the user's own among them are given."""
     from tactileforge.cli._run import taken_code
+    from tactileforge.cli._words import check_twice
 
     keys = dict(keys)
     # bench has options classes.root and the like; a name of one's own has a colon
@@ -228,7 +229,9 @@ def _typed(overrides: Sequence[Any], keys: Mapping[str, Any]) -> list[str]:
     if isinstance(classes, Mapping) and any(":" in str(name) for name in classes):
         for name, given in keys.pop("classes").items():
             registry.give(name, given)
-    return taken_code(words(overrides, keys))[1]
+    typed = words(overrides, keys)
+    check_twice(typed)
+    return taken_code(typed)[1]
 
 
 def words(overrides: Sequence[Any], keys: Mapping[str, Any]) -> list[str]:

@@ -1,11 +1,15 @@
 """Each class breaks one thing, and its check sees it."""
 
+import re
 from contextlib import suppress
 
 import pytest
 import torch
 from torch import nn
 
+from tactileforge.cli.plugins import _result_lines
+from tactileforge.contracts import Sensor
+from tactileforge.testing import CheckResult, check
 from tactileforge.util.distributed import masked_mean
 
 
@@ -204,3 +208,63 @@ def test_good_objective_passes(failed):
 def test_an_objective_whose_head_is_not_installed(result_of):
     result = result_of("objective", Push, "head and needs are declared")
     assert "unknown head 'contact'" in result.detail
+
+
+class BrokenHead(Mean):
+    def forward(self, views, batch):
+        raise KeyError("no such view")
+
+
+class HeadWithoutEncoder(Mean):
+    def __init__(self, encoder, size: int) -> None:
+        super().__init__(encoder)
+
+
+class NoForward(nn.Module):
+    def __init__(self, encoder) -> None:
+        super().__init__()
+
+
+@pytest.mark.parametrize(
+    ("head", "said"),
+    [
+        (BrokenHead, r"^its head BrokenHead is at fault: test_\w+\.py:\d+: KeyError: 'no such v"),
+        (HeadWithoutEncoder, "^its head HeadWithoutEncoder is at fault: .*TypeError: .*'size'"),
+        (NoForward, "^its head NoForward is at fault: it has no forward: see Head"),
+    ],
+)
+def test_a_head_at_fault_is_named(result_of, head, said):
+    result = result_of("objective", Push, "loss is a finite scalar", head=head)
+    assert result.status == "failed"
+    assert re.search(said, result.detail)
+
+
+def test_what_a_kind_needs_is_said_once():
+    class Half(Sensor):
+        def discover(self):
+            return []
+
+    failed = [one for one in check("sensor", Half) if one.status == "failed"]
+    assert [(one.name, one.detail) for one in failed] == [
+        (
+            "it has what its kind needs",
+            "it has no open, no read, no close: see Sensor of tactileforge.contracts",
+        )
+    ]
+
+
+def test_a_cause_of_several_failures_is_one_line():
+    results = [
+        CheckResult("a", "ran"),
+        CheckResult("b", "failed", "no luck\nmore"),
+        CheckResult("c", "skipped", "no luck\nmore"),
+        CheckResult("d", "failed", "no luck\nmore"),
+        CheckResult("e", "failed", "another"),
+        CheckResult("f", "failed", "no luck\nmore"),
+    ]
+    assert [*_result_lines(results)] == [
+        "  ran      a",
+        "  failed   b and 2 more checks: no luck",
+        "  skipped  c: no luck",
+        "  failed   e: another",
+    ]

@@ -279,3 +279,48 @@ def test_an_objective_of_the_old_form_is_named(module: TouchModule, batch: Batch
     module.objectives["force"].forward = lambda *_: (0.5, {})
     with pytest.raises(PluginError, match="objective 'force': the loss is no Mean and no tensor"):
         module.losses(batch, {"force": 1.0})
+
+
+class _Returns(torch.nn.Module):
+    """An objective that returns what it is given, made of the prediction's first tensor."""
+
+    def __init__(self, make: Any) -> None:
+        super().__init__()
+        self.make, self.calls = make, 0
+
+    def forward(self, prediction: Any, batch: Batch) -> Any:
+        self.calls += 1
+        return self.make(batch["frames"].float().mean((1, 2, 3, 4)))
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda x: (x, {}), r"objective 'pixel': the loss has shape \(\d+,\); it must be a scalar"),
+        (lambda x: (x[:1], {}), r"the loss has shape \(1,\); it must be a scalar"),
+        (lambda x: (x.mean(), {"rate": x}), r"objective 'pixel': rate has shape \(\d+,\)"),
+        (lambda x: x.mean(), r"forward returned only a tensor of shape \(\); it must return the l"),
+        (lambda x: x[:2], r"forward returned only a tensor of shape \(2,\)"),
+        (lambda x: masked_mean(x, x > 0), "forward returned only a Mean"),
+        (lambda x: (x.mean(), None), r"forward returned \(Tensor, NoneType\)"),
+        (lambda x: None, "forward returned NoneType; it must return the loss and a mapping"),
+    ],
+)
+def test_what_an_objective_returns_is_told_by_its_contract(
+    module: TouchModule, batch: Batch, make: Any, said: str
+) -> None:
+    module.objectives["pixel"] = _Returns(make)
+    with pytest.raises(PluginError, match=said):
+        module.losses(batch, {"pixel": 1.0})
+
+
+def test_shapes_are_looked_at_once(
+    module: TouchModule, batch: Batch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[str] = []
+    monkeypatch.setattr(
+        "tactileforge.training.module.check_scalars", lambda key, term: looked.append(key)
+    )
+    for _ in range(3):
+        module.losses(batch, {"pixel": 1.0, "diff": 1.0})
+    assert looked == ["pixel", "diff"]

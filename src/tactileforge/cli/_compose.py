@@ -28,6 +28,7 @@ from hydra.core.plugins import Plugins
 from hydra.errors import ConfigCompositionException, MissingConfigException
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
+from hydra.types import RunMode
 from hydra.version import VersionBase
 from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf, open_dict
 
@@ -137,7 +138,9 @@ class SearchPath(SearchPathPlugin):
 
 def node_of(group: str, name: str) -> dict[str, Any]:
     """The configuration node of an installed plugin in a group: name, weight, defaults."""
-    defaults = registry.options(GROUPS[group], name)
+    kind = GROUPS[group]
+    defaults = registry.options(kind, name)
+    registry.check_free(kind, defaults, f"{kind.removesuffix('s')} {name!r}")
     shared: dict[str, Any] = {"weight": 1.0} if group == "objective" else {}
     if group == "optim":
         from tactileforge.training.optim import COMMON  # imports torch
@@ -297,7 +300,39 @@ def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
         HydraException: An override does not fit.
     """
     with initialized():
-        return hydra_compose(name, without_layouts(overrides))
+        config = hydra_compose(name, without_layouts(overrides))
+        check_claims(name, overrides)
+        return config
+
+
+def check_claims(name: str, overrides: Sequence[str]) -> None:
+    """Refuses a list of options in which two classes would have one key, and the last would win.
+
+    Called where Hydra is initialised.
+
+    Args:
+        name: Name of the configuration; see `composed`.
+        overrides: ``key=value`` strings.
+
+    Raises:
+        PluginError: Two options of one list have one key; names both, and how to name the second.
+    """
+    if not local.given():  # names of plugins and of YAML differ
+        return
+    loader = GlobalHydra.instance().config_loader()
+    words = [*without_layouts(overrides)]
+    found: dict[tuple[str | None, str | None], str] = {}
+    for one in loader.compute_defaults_list(name, words, RunMode.RUN).defaults:
+        group, option = _parted(one.config_path or "")
+        if group not in MULTI or one.is_self:
+            continue
+        first = found.setdefault((one.parent, one.package), option)
+        if first != option:
+            raise PluginError(
+                f"{group}=[...]: {first} and {option} would both be {one.package}: leave one in "
+                f"the list, and give the other by a name of its own, "
+                f"+{group}@{group}.second={option}"
+            )
 
 
 @contextmanager
@@ -413,8 +448,27 @@ def adopt(config: DictConfig) -> None:
             node = None if OmegaConf.is_missing(config, group) else config._get_node(group)
             if isinstance(node, DictConfig) and not node._is_none():
                 if group == "augment" and isinstance(node.get("also"), ListConfig):
-                    node.also = {local.key_of(name): {"name": name} for name in node.also}
+                    node.also = _by_key(node.also)
                 _adopt(node, str(group), _KINDS.get(str(group), ""))
+
+
+def _by_key(names: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Nodes of listed changes of batches, by the keys of their classes.
+
+    Raises:
+        PluginError: Two of them have one key.
+    """
+    nodes: dict[str, dict[str, str]] = {}
+    for name in names:
+        key = local.key_of(name)
+        if key in nodes:
+            raise PluginError(
+                f"augment.also=[...]: {nodes[key]['name']} and {name} would both be "
+                f"augment.also.{key}: name them, augment.also={{{key}: {{name: "
+                f"{nodes[key]['name']}}}, second: {{name: {name}}}}}"
+            )
+        nodes[key] = {"name": name}
+    return nodes
 
 
 def _adopt(node: DictConfig, place: str, kind: str) -> None:

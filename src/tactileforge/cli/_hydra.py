@@ -12,7 +12,7 @@ from typing import Any
 from omegaconf import DictConfig
 
 from tactileforge.cli._command import Command, Result
-from tactileforge.cli._compose import without_layouts
+from tactileforge.cli._compose import check_claims, initialized, without_layouts
 from tactileforge.cli._known import dotted_keys
 from tactileforge.cli._options import own_places, places_of
 from tactileforge.cli._quote import quoted
@@ -20,6 +20,7 @@ from tactileforge.cli._slips import told
 from tactileforge.cli._sweep import JOB, stopped_sweep
 from tactileforge.cli._words import Words
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
+from tactileforge.plugins import local
 from tactileforge.util.processes import end_with_parent
 
 #: Files in a folder before a run begins: those written by Hydra, and the run's own lock.
@@ -58,6 +59,9 @@ def run(verb: str, command: Command, words: Words) -> Result:
         try:
             # a preset that the command itself composes: Hydra would print its own lines
             with told(verb, command, words, lambda: False):
+                if local.given():
+                    with initialized():
+                        check_claims(name, HydraConfig.get().overrides.task)
                 given = command.completed(config, HydraConfig.get().overrides.task)
                 results.append(command.start(given))
             # a sweep keeps numbers, and an object for Python is none

@@ -92,7 +92,7 @@ def check_types(config: DictConfig) -> None:
             if name_of and name_of not in _own_yaml(group):
                 place = f"{group}.{name}" if name else group
                 given: Any = OmegaConf.to_container(row)
-                registry.check_types(kind, given, place)
+                registry.check_node(kind, given, place)
                 for key in _BESIDE.get(group, ()):
                     registry.check_hints(given, {key: float}, place)
     schedule = (config.get("optim") or {}).get("schedule")

@@ -27,7 +27,7 @@ _CHOICES = {
 #: Flags as they are completed.
 FLAGS = ("--help", "--explain", *(flag for flag in _FLAGS if flag.startswith("--")))
 #: Options of a group with several at once, each under its own name.
-_SEVERAL = re.compile(r"(sensor|objective|head)=\[.*\]")
+_SEVERAL = re.compile(r"(sensor|objective|head|callbacks)=\[.*\]")
 #: Keys of Hydra itself, and the prefixes that add or remove a key.
 _OF_HYDRA = re.compile(r"hydra[./]|[+~]")
 
@@ -108,11 +108,11 @@ def read(argv: Sequence[str]) -> Words:
             words.overrides.append(word)
         else:
             words.bare.append(word)
-    _check_twice(words.overrides)
+    check_twice(words.overrides)
     return words
 
 
-def _check_twice(overrides: Sequence[str]) -> None:
+def check_twice(overrides: Sequence[str]) -> None:
     """Refuses a list with the same plugin twice, since Hydra would take it for one.
 
     Raises:

@@ -6,12 +6,13 @@ import json
 import keyword
 import re
 import shlex
-from collections.abc import Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from inspect import Parameter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tactileforge.cli import _options, _verbs
 from tactileforge.cli._command import Command
@@ -19,6 +20,9 @@ from tactileforge.errors import ConfigError, PluginError, SensorError, check_nam
 from tactileforge.plugins import local, registry
 from tactileforge.util.files import disk_errors_named, new_part, write_text
 from tactileforge.util.licences import check_licence
+
+if TYPE_CHECKING:
+    from tactileforge.testing import CheckResult
 
 #: Kinds of plugins as they are typed, in the singular.
 _KINDS = [kind.removesuffix("s") for kind in (*registry.KINDS, *registry.MODULES)]
@@ -150,12 +154,26 @@ def _check(keys: _Check, _: dict[str, Any]) -> int:
     for plugin_kind, name, given in runs:
         address = [f"{key}={given[key]}" for key in _ADDRESSES if attached and key in given]
         print(" ".join([plugin_kind.removesuffix("s"), name, *address]), flush=True)
-        for result in check(plugin_kind, name, **given):
+        results = check(plugin_kind, name, **given)
+        for result in results:
             counts[result.status] += 1
-            first = (result.detail.splitlines() or [""])[0]
-            print(f"  {result.status:<9}{result.name}{': ' * bool(first)}{first}")
+        print("\n".join(_result_lines(results)))
     print(", ".join(f"{count} {status}" for status, count in counts.items()))
     return 1 if counts["failed"] else 0
+
+
+def _result_lines(results: Sequence[CheckResult]) -> Iterator[str]:
+    """A line for each check; a cause that fails several is said once, with their number."""
+    causes = Counter((result.status, result.detail) for result in results)
+    said = set()
+    for result in results:
+        first = (result.detail.splitlines() or [""])[0]
+        also = causes[result.status, result.detail] - 1 if result.status == "failed" else 0
+        if also and result.detail in said:
+            continue
+        said.add(result.detail)
+        more = f" and {also} more {'check' if also == 1 else 'checks'}" if also else ""
+        yield f"  {result.status:<9}{result.name}{more}{': ' * bool(first)}{first}"
 
 
 def _unchecked(name: str) -> str:

@@ -77,8 +77,13 @@ def resumed(config: dict[str, Any], typed: Sequence[str]) -> dict[str, Any]:
         config: Composed configuration.
         typed: ``key=value`` words of the user.
     """
+    from tactileforge.plugins.recorded import check_installed
+    from tactileforge.runs.folder import read_versions
+
     run = _of_run(config["resume"])
     check_given(run, str(config["resume"]))
+    recorded = read_versions(Path(config["resume"])).get("plugins", {})
+    check_installed(run, recorded, str(config["resume"]))
     put_in(run, _moved)
     given = {word.lstrip("+").partition("=")[0] for word in typed}
     for path in given.intersection(_ANEW):

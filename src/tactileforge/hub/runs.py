@@ -17,6 +17,7 @@ from tactileforge.hub.file_checks import of_package, own_head
 from tactileforge.hub.header import Header
 from tactileforge.hub.positions import changed_options, rebuild_encoder
 from tactileforge.plugins import local, registry
+from tactileforge.plugins.recorded import check_installed
 from tactileforge.runs import folder as run_folder
 from tactileforge.runs.checkpoint_file import find_checkpoint, read_own
 from tactileforge.runs.folder import split_best
@@ -64,6 +65,7 @@ def read_run(
     place, (run, _) = run, split_best(run)
     config = _config(run)
     kept = run_folder.read_versions(run)
+    check_installed(config, kept.get("plugins", {}), str(run), ("encoder",))
     if (known := config["encoder"].get("sensors")) and (trained := kept.get("sensors")):
         # rows of other sensors were never trained
         config["encoder"]["sensors"] = {name: known[name] for name in known if name in trained}

@@ -31,6 +31,8 @@ _MEANT = re.compile(rf".*\.py(:.*)?|{_MODULE}:.*", re.DOTALL)
 
 #: Modules of libraries that runs import anyway, and the base of their classes that a file may name.
 _LIBRARIES = {"lightning.pytorch.callbacks": "Callback", "torch.optim": "Optimizer"}
+#: Our own package, through which a class of the user's own is imported, built and called.
+_OURS = Path(__file__).parents[1]
 #: What was typed or given in this process, by its name.
 _known: dict[str, Any] = {}
 #: Modules that were read from files: what the file held, and the module.
@@ -244,7 +246,7 @@ def _from_path(name: str, place: str) -> ModuleType:
             return import_module(name)
         except ModuleNotFoundError as error:
             if not error.name or not f"{name}.".startswith(f"{error.name}."):
-                raise PluginError(f"{place}: {_at(error)}") from error
+                raise PluginError(f"{place}: {place_of(error)}") from error
             folder = here.joinpath(*name.split(".")[:-1])
             files = [item.stem for item in folder.glob("*.py")] if folder.is_dir() else []
             head = "".join(f"{part}." for part in name.split(".")[:-1])
@@ -254,7 +256,7 @@ def _from_path(name: str, place: str) -> ModuleType:
                 f"ones{near}"
             ) from error
         except (Exception, SystemExit) as error:
-            raise PluginError(f"{place}: {_at(error)}") from error
+            raise PluginError(f"{place}: {place_of(error)}") from error
 
 
 def _from_file(source: str, place: str) -> ModuleType:
@@ -286,7 +288,7 @@ def _from_file(source: str, place: str) -> ModuleType:
             del sys.modules[name]
             if before is not None:
                 sys.modules[name] = before
-            raise PluginError(f"{place}: {_at(error)}") from error
+            raise PluginError(f"{place}: {place_of(error)}") from error
     _files[path] = (held, module)
     return module
 
@@ -328,15 +330,19 @@ def _first(folder: Path) -> Iterator[None]:
             sys.path.append(here)
 
 
-def _at(error: BaseException) -> str:
-    """An error with the innermost line of the user's own code: ``net.py:12: ValueError: ...``."""
+def place_of(error: BaseException) -> str:
+    """An error with the innermost line of the user's own code: ``net.py:12: ValueError: ...``.
+
+    Args:
+        error: What was raised in it, or below it.
+    """
     said = f"{type(error).__name__}: {error}"
     if isinstance(error, SyntaxError) and error.filename:
         return f"{Path(error.filename).name}:{error.lineno}: {type(error).__name__}: {error.msg}"
     mine = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith("<") and Path(frame.filename) != Path(__file__)
+        if not frame.filename.startswith("<") and _OURS not in Path(frame.filename).parents
     ]
     # what the user wrote comes before what it calls in libraries
     own = [one for one in mine if not re.search(r"[/\\\\]lib[/\\\\]python3", one.filename)] or mine

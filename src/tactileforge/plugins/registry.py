@@ -17,7 +17,14 @@ from importlib.metadata import EntryPoint, entry_points
 from inspect import Parameter, signature
 from typing import Any, get_type_hints
 
-from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name, unknown
+from tactileforge.errors import (
+    ConfigError,
+    PluginError,
+    TactileForgeError,
+    check_names,
+    nearest_name,
+    unknown,
+)
 from tactileforge.plugins import local, moves
 from tactileforge.plugins.distributions import how_to_get
 from tactileforge.plugins.source_options import (
@@ -130,6 +137,15 @@ _CONTRACTS = {
 }
 #: Parameters of a `torch.optim.Optimizer` chosen by the framework, or without a meaning here.
 OF_OPTIMIZER = ("params", "fused", "foreach", "capturable", "differentiable")
+#: Keys of the framework beside the options of a plugin, by kind; ``name`` and ``_target_`` are
+#: those of every kind.
+RESERVED = {
+    "datasets": frozenset({"max_bad"}),
+    "objectives": frozenset({"weight"}),
+    "optimizers": frozenset({"warmup", "schedule", "clip", "layer_decay", "rates"}),
+}
+#: Packages whose errors say enough without a place in their files.
+_TOLD = ("tactileforge", "lightning", "torch")
 #: What `register` was given, by kind and name.
 _registered: dict[tuple[str, str], Any] = {}
 
@@ -158,7 +174,7 @@ def register(kind: str, name: str, plugin: Any) -> None:
         )
     if not re.fullmatch(r"[A-Za-z_]\w*", name):
         raise PluginError(f"{name!r} is not a name: use letters, digits and underscores")
-    _check_contract(kind, plugin, f"{kind.removesuffix('s')} {name!r}")
+    check_contract(kind, plugin, f"{kind.removesuffix('s')} {name!r}")
     _registered[kind, name] = plugin
 
 
@@ -196,26 +212,65 @@ def adopt(kind: str, name: str, where: str = "") -> Any:
         PluginError: It cannot be imported, or is something else; one line with the place.
     """
     plugin = local.resolve(name, where)
-    _check_contract(kind, plugin, f"{where}={name}" if where else name)
+    check_contract(kind, plugin, f"{where}={name}" if where else name)
     return plugin
 
 
-def _check_contract(kind: str, plugin: Any, what: str) -> None:
+def check_contract(kind: str, plugin: Any, what: str) -> None:
+    """Checks a class for the members of its kind, and for options that no one could give.
+
+    Args:
+        kind: Kind of plugin that is wanted.
+        plugin: The class, or a finished instance or function.
+        what: Its name, for errors.
+
+    Raises:
+        PluginError: It is something else, lacks a member, or has an option of a reserved name.
+    """
     _entries(kind)  # an unknown kind
+    check_members(kind, plugin, what)
+    if isinstance(plugin, type):
+        check_constructor(kind, plugin, what)
+
+
+def check_constructor(kind: str, plugin: type[Any], what: str) -> None:
+    """Checks a constructor for parameters that would never get a value of the configuration.
+
+    Arguments and errors are those of `check_contract`.
+    """
+    check_free(kind, parameters(plugin), what)
+    if kind == "objectives" and (given := sorted(context(plugin))):
+        raise PluginError(
+            f"{what} has {', '.join(given)} in its constructor, which heads alone are given: put "
+            "what needs it into the head, whose result forward(prediction, batch) takes"
+        )
+
+
+def check_members(kind: str, plugin: Any, what: str) -> None:
+    """Checks a class for the members of its kind; arguments and errors as of `check_contract`."""
+    if kind == "optimizers" and _has(plugin, "zero_grad"):
+        return  # one of torch, made a plugin at use
     needed = _CONTRACTS.get(kind, ())
     if not needed:
         if not callable(plugin):
             raise PluginError(f"{what} is a {type(plugin).__name__}: give a function or a class")
+        if kind == "augmentations":
+            _check_change(plugin, what)
         return
     if inspect.isroutine(plugin) or inspect.ismodule(plugin):
         raise PluginError(f"{what} is a {type(plugin).__name__}: give a class")
-    if kind == "optimizers" and _has(plugin, "zero_grad"):  # one of torch, made a plugin at use
-        return
+    single = kind.removesuffix("s")
+    seen, why = _seen(plugin)
+    if kind in _IN_PLACE_OF and seen not in ("", single):
+        raise PluginError(
+            f"{what} is an {seen} ({why}), no {single}: {_IN_PLACE_OF[kind]}".replace(
+                "an head", "a head"
+            )
+        )
     if missing := [name for name in needed if not _has(plugin, name)]:
-        fix = f"see {kind.removesuffix('s').capitalize()} of tactileforge.contracts"
+        fix = f"see {single.capitalize()} of tactileforge.contracts"
         if kind in ("callbacks", "loggers"):
-            base = kind.removesuffix("s").capitalize()
-            fix = f"derive it from {base} of lightning.pytorch.{kind}"
+            fix = f"derive it from {single.capitalize()} of lightning.pytorch.{kind}"
         if (kind, missing) == ("objectives", ["head"]):
             fix = (
                 "give it a class attribute head, the name of a head (tactileforge plugins list "
@@ -224,12 +279,80 @@ def _check_contract(kind: str, plugin: Any, what: str) -> None:
         raise PluginError(f"{what} has no {', no '.join(missing)}: {fix}")
 
 
+#: What networks have by which they are told apart, for one that is given in place of another.
+_IN_PLACE_OF = {
+    "encoders": (
+        "an encoder has forward(frames, background, sensor), frames, image_size, sensors, width, "
+        "projected and views, see Encoder of tactileforge.contracts; derive it from Backbone or "
+        "ConvBackbone of tactileforge.encoders"
+    ),
+    "heads": (
+        "a head is made as head(encoder) and has forward(views, batch), see Head of "
+        "tactileforge.contracts"
+    ),
+}
+
+
+def _seen(plugin: Any) -> tuple[str, str]:
+    """Kind of network that a class shows itself to be, and by what; empty for neither."""
+    if not isinstance(plugin, type):
+        return "", ""
+    if _has(plugin, "head") and _has(plugin, "needs"):
+        return "objective", "it has head and needs"
+    given = signature(plugin).parameters.get("encoder")
+    if given is not None and given.default is Parameter.empty:
+        return "head", "its constructor takes the encoder"
+    return "", ""
+
+
+def _check_change(plugin: Any, what: str) -> None:
+    """Checks what is to be made a change of batches: a class with ``__call__``, or its maker."""
+    fix = "give a class whose instance takes a batch, def __call__(self, batch), and returns it"
+    if isinstance(plugin, type):
+        if not any({"__call__", "forward"} & vars(base).keys() for base in plugin.__mro__[:-1]):
+            raise PluginError(f"{what} has no __call__: {fix}")
+    elif inspect.isroutine(plugin):
+        needed = [n for n, p in signature(plugin).parameters.items() if p.default is p.empty]
+        if needed:
+            raise PluginError(f"{what} is a function of {', '.join(needed)}: {fix}")
+
+
+def check_free(kind: str, options: Mapping[str, Any], what: str) -> None:
+    """Checks the options of a plugin for names that are keys of the framework itself.
+
+    A value given for such a key never reaches the constructor. Callbacks and loggers of other
+    packages may have a ``name`` with a default, which it keeps.
+
+    Args:
+        kind: Kind of the plugin.
+        options: Its options with their defaults; see `parameters`.
+        what: Its name, for errors.
+
+    Raises:
+        PluginError: An option has a reserved name.
+    """
+    reserved = {"name", "_target_", *RESERVED.get(kind, ())}
+    taken = sorted(reserved & options.keys())
+    if kind in ("callbacks", "loggers") and options.get("name", Parameter.empty) != Parameter.empty:
+        taken.remove("name")
+    if taken:
+        raise PluginError(
+            f"{what} takes {' and '.join(map(repr, taken))}, and the framework has keys of that "
+            "name, so that no value of theirs reaches the constructor: call it something else, as "
+            f"own_{taken[0]}; taken are {', '.join(sorted(reserved))}"
+        )
+
+
 def _has(plugin: Any, name: str) -> bool:
     found = getattr(plugin, name, None)
     if name == "forward":  # nn.Module has one that refuses every call
         own = getattr(found, "__name__", "forward") != "_forward_unimplemented"
         cls = plugin if isinstance(plugin, type) else type(plugin)
         return (found is not None and own) or "__call__" in vars(cls)
+    # a method of a protocol is a stub
+    module = getattr(found, "__module__", "") if inspect.isfunction(found) else ""
+    if str(module).startswith("tactileforge.contracts"):
+        return False
     annotated = (
         k for base in getattr(plugin, "__mro__", ()) for k in vars(base).get("__annotations__", ())
     )
@@ -257,7 +380,7 @@ def head_of(objective: str) -> str:
     for installed, entries in _entries("heads").items():
         if any(entry.value == target for entry in entries):  # in a package, beside its objective
             return installed
-    _check_contract("heads", head, f"the head of objective {objective!r}")
+    check_contract("heads", head, f"the head of objective {objective!r}")
     name = _beside(objective, get("objectives", objective), head)
     local.keep(name, head)
     return name
@@ -353,7 +476,7 @@ def _given(kind: str, name: str) -> Any:
         found = local.find(name)
     except KeyError:
         raise local.not_given(f"{what} is", [name]) from None
-    _check_contract(kind, found, what)
+    check_contract(kind, found, what)
     return found
 
 
@@ -451,6 +574,8 @@ def chosen(kind: str, config: Mapping[str, Any]) -> tuple[type[Any], str, dict[s
     name = str(arguments.pop("name"))
     plugin = get(kind, name)
     known, what = parameters(plugin), f"{kind.removesuffix('s')} {name!r}"
+    if isinstance(plugin, type):
+        check_constructor(kind, plugin, what)
     for key in arguments:
         fix = f"Where a recipe or scale gave it, take it away: ~encoder.{key}"
         check_names(f"option of {what}", [key], known, fix if kind == "encoders" else "")
@@ -476,12 +601,8 @@ def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any
         >>> build("objectives", {"name": "surface"}).head
         'surface'
     """
-    plugin, name, arguments = chosen(kind, config)
-    known, what = parameters(plugin), f"{kind.removesuffix('s')} {name!r}"
-    for key, default in known.items():
-        if default is Parameter.empty and key not in arguments:
-            raise ConfigError(f"{what} needs {key!r}: set {_below(where, key)}=...")
-    _check_types(f"{where}." if where else f"{what}: ", plugin, arguments)
+    plugin, name, arguments = checked(kind, config, where)
+    known = parameters(plugin)
     if not isinstance(plugin, type) and not inspect.isroutine(plugin):
         return copy.deepcopy(plugin)
     wanted = context(plugin)
@@ -493,9 +614,32 @@ def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any
         if where and re.split(r"=| is |: ", text, maxsplit=1)[0] in known:
             raise ConfigError(_below(where, text)) from error
         raise
+    except TactileForgeError:
+        raise
+    except Exception as error:  # the author's line, not a traceback of ours
+        if plugin.__module__.partition(".")[0] in _TOLD:
+            raise
+        place = f"{where}: {name}" if where else f"{kind.removesuffix('s')} {name!r}"
+        raise PluginError(f"{place} cannot be built: {local.place_of(error)}") from error
 
 
-def check_types(kind: str, config: Mapping[str, Any], where: str) -> None:
+def checked(
+    kind: str, config: Mapping[str, Any], where: str = ""
+) -> tuple[type[Any], str, dict[str, Any]]:
+    """The plugin of a configuration, its name and arguments: known, present and of their types.
+
+    Arguments and errors are those of `build`; nothing is built.
+    """
+    plugin, name, arguments = chosen(kind, config)
+    what = f"{kind.removesuffix('s')} {name!r}"
+    for key, default in parameters(plugin).items():
+        if default is Parameter.empty and key not in arguments:
+            raise ConfigError(f"{what} needs {key!r}: set {_below(where, key)}=...")
+    check_types(f"{where}." if where else f"{what}: ", plugin, arguments)
+    return plugin, name, arguments
+
+
+def check_node(kind: str, config: Mapping[str, Any], where: str) -> None:
     """Checks values of a plugin's options by the hints of its constructor.
 
     Args:
@@ -513,7 +657,7 @@ def check_types(kind: str, config: Mapping[str, Any], where: str) -> None:
     if len(entries) == 1 and (kind, name) not in _registered:
         check_hints(arguments, read_hints(entries[0].value), where)
     elif _given(kind, name) is not None:
-        _check_types(f"{where}.", get(kind, name), _written(arguments))
+        check_types(f"{where}.", get(kind, name), _written(arguments))
 
 
 def check_hints(arguments: Mapping[str, Any], hints: Mapping[str, Any], where: str) -> None:
@@ -540,7 +684,17 @@ def _below(where: str, key: str) -> str:
     return f"{where}.{key}" if where else key
 
 
-def _check_types(before: str, plugin: type[Any], arguments: Mapping[str, Any]) -> None:
+def check_types(before: str, plugin: type[Any], arguments: Mapping[str, Any]) -> None:
+    """Checks arguments against the hints of a constructor.
+
+    Args:
+        before: Place of the arguments with what separates it from their names, for errors.
+        plugin: The class.
+        arguments: Its arguments, as plain data.
+
+    Raises:
+        ConfigError: One is of another type.
+    """
     try:
         hints = get_type_hints(plugin.__init__)
     except Exception:  # names imported for type checking alone cannot be resolved: no check

@@ -25,11 +25,15 @@ from tactileforge.plugins import local, registry
 from tactileforge.testing import general
 from tactileforge.testing.batches import batch
 from tactileforge.testing.kinds import kind_of
-from tactileforge.testing.results import Check, CheckResult, CheckSubject, run_check
+from tactileforge.testing.results import Check, CheckResult, CheckSubject, name_of, run_check
 from tactileforge.training.torch_optimizers import plugin_of
 from tactileforge.util.threads import one_thread
 
 __all__ = ["CheckResult", "batch", "check", "check_container", "kind_of"]
+
+
+#: The check without which those of a kind would say one cause many times.
+_HAS_ALL = name_of(general.it_has_what_its_kind_needs)
 
 
 def check(
@@ -74,7 +78,11 @@ def check(
     shared = [general.name_is_snake_case] if kind in registry.MODULES else general.CHECKS
     # seeds of checks are their own affair; one thread, as sums over several differ in the last bit
     with torch.random.fork_rng(devices=[]), one_thread():
-        return [run_check(test, subject) for test in (*shared, *own)]
+        results = [run_check(test, subject) for test in shared]
+        if any(one.name == _HAS_ALL and one.status == "failed" for one in results):
+            why = f"the check {_HAS_ALL!r} failed"
+            return [*results, *(CheckResult(name_of(test), "skipped", why) for test in own)]
+        return [*results, *(run_check(test, subject) for test in own)]
 
 
 def check_container(container: Any) -> list[CheckResult]:

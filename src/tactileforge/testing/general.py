@@ -19,10 +19,11 @@ from typing import Any
 from torch import nn
 
 from tactileforge.contracts import Sensor
+from tactileforge.errors import PluginError
 from tactileforge.plugins import registry
 from tactileforge.testing.batches import context_of
 from tactileforge.testing.modules import small_context
-from tactileforge.testing.results import Check, CheckSubject, Skip, require
+from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, require
 
 
 def name_is_snake_case(subject: CheckSubject) -> None:
@@ -34,6 +35,14 @@ def name_is_snake_case(subject: CheckSubject) -> None:
     require(good is not None, f"{subject.name!r} is not snake_case")
 
 
+def it_has_what_its_kind_needs(subject: CheckSubject) -> None:
+    """It has the methods and attributes of its kind, and is not of another kind."""
+    try:
+        registry.check_members(subject.kind, subject.plugin, "it")
+    except PluginError as error:
+        raise Violation(str(error)) from error
+
+
 def parameters_are_explicit(subject: CheckSubject) -> None:
     """Every parameter has a name of its own, since parameters become keys of the configuration."""
     if subject.plugin.__init__ in (nn.Module.__init__, Sensor.__init__):  # an inherited one
@@ -41,6 +50,14 @@ def parameters_are_explicit(subject: CheckSubject) -> None:
     for parameter in signature(subject.plugin).parameters.values():
         explicit = parameter.kind in (Parameter.POSITIONAL_OR_KEYWORD, Parameter.KEYWORD_ONLY)
         require(explicit, f"constructor has {parameter}: name each parameter")
+
+
+def option_names_are_free(subject: CheckSubject) -> None:
+    """No option has the name of a key of the framework, which would keep its value."""
+    try:
+        registry.check_constructor(subject.kind, subject.plugin, "the constructor")
+    except PluginError as error:
+        raise Violation(str(error)) from error
 
 
 def defaults_are_plain_data(subject: CheckSubject) -> None:
@@ -200,7 +217,9 @@ def _closure(distribution: str) -> frozenset[str]:
 
 CHECKS: list[Check] = [
     name_is_snake_case,
+    it_has_what_its_kind_needs,
     parameters_are_explicit,
+    option_names_are_free,
     defaults_are_plain_data,
     constructing_does_no_io,
     module_imports_no_vendor_sdk,

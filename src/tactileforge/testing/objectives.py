@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -12,7 +14,8 @@ from torch import Tensor, nn
 
 from tactileforge.contracts import LABELS, Batch, Views
 from tactileforge.data.batches.columns import own_columns
-from tactileforge.plugins import registry
+from tactileforge.errors import PluginError
+from tactileforge.plugins import local, registry
 from tactileforge.testing.batches import (
     batch,
     context_of,
@@ -24,7 +27,7 @@ from tactileforge.testing.batches import (
 from tactileforge.testing.modules import SMALL_HEADS, finite, small_context, views_of
 from tactileforge.testing.nan_causes import cause_of_nan
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, construct, require
-from tactileforge.training.parts import Term, term_of
+from tactileforge.training.parts import Term, check_scalars, term_of
 
 
 @dataclass(frozen=True)
@@ -46,14 +49,37 @@ class _Parts:
         return self.of_views(self.encoder.views(made), made)
 
     def of_views(self, views: Views, made: Batch) -> Term:
-        return term_of("objective", self.objective, self.head(views, made), made)
+        with _of_head(type(self.head).__name__):
+            prediction = self.head(views, made)
+        name = type(self.objective).__name__
+        term = term_of(name, self.objective, prediction, made)
+        check_scalars(name, term)
+        return term
+
+
+@contextmanager
+def _of_head(name: str) -> Iterator[None]:
+    """Names the head in its errors, which are not the objective's.
+
+    Raises:
+        Violation: The head raised.
+    """
+    try:
+        yield
+    except PluginError as error:
+        raise Violation(f"its head {name} is at fault: {error}") from error
+    except Exception as error:  # it raises what it likes
+        raise Violation(f"its head {name} is at fault: {local.place_of(error)}") from error
 
 
 def _parts(subject: CheckSubject) -> _Parts:
     plugins = _plugins(subject)
     context = small_context() | context_of(plugins)
     named = subject.head or subject.plugin.head
-    head = construct(_plugins(subject)[0], SMALL_HEADS.get(named, {}), context)
+    made = _plugins(subject)[0]
+    with _of_head(made.__name__):
+        registry.check_contract("heads", made, "it")
+        head = construct(made, SMALL_HEADS.get(named, {}), context)
     return _Parts(context["encoder"], head, subject.build(**context))
 
 

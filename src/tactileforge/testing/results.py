@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from inspect import Parameter
 from typing import Any, Literal, TypeAlias
 
-from tactileforge.errors import DataNotFoundError
-from tactileforge.plugins import moves, registry
+from tactileforge.errors import DataNotFoundError, PluginError, TactileForgeError
+from tactileforge.plugins import local, moves, registry
 
 
 @dataclass(frozen=True)
@@ -91,12 +91,26 @@ def construct(plugin: type[Any], options: Mapping[str, Any], context: Mapping[st
     return plugin(**options, **{key: context[key] for key in wanted if key in context})
 
 
+def _told(error: BaseException) -> str:
+    """What a check says of an error: ours as they are, others with the line of the author."""
+    if isinstance(error, Violation | PluginError):
+        return str(error)
+    if isinstance(error, TactileForgeError):
+        return f"{type(error).__name__}: {error}"
+    return local.place_of(error)
+
+
 Check: TypeAlias = Callable[[CheckSubject], None]
+
+
+def name_of(check: Check) -> str:
+    """Name of a check, in words."""
+    return check.__name__.replace("_", " ")
 
 
 def run_check(check: Check, subject: CheckSubject) -> CheckResult:
     """Runs one check and turns any exception into its result."""
-    name = check.__name__.replace("_", " ")
+    name = name_of(check)
     reason = getattr(subject.plugin, "expected_failures", {}).get(name)
     try:
         check(subject)
@@ -105,7 +119,7 @@ def run_check(check: Check, subject: CheckSubject) -> CheckResult:
     except DataNotFoundError as error:
         return CheckResult(name, "skipped", f"its data is not here: {error}")
     except (Exception, SystemExit) as error:  # Ctrl-C alone ends the suite
-        text = str(error) if isinstance(error, Violation) else f"{type(error).__name__}: {error}"
+        text = _told(error)
         text = "; ".join([text, *moves.change_hints(subject.plugin)])
         if reason is None:
             return CheckResult(name, "failed", text)

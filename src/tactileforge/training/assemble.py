@@ -119,12 +119,24 @@ def _with_changes(augment: Mapping[str, Any] | None) -> dict[str, Any]:
     """Options of the augmentation, with the changes of others built."""
     options = dict(augment or {})
     if nodes := options.pop("also", None):
-        options["also"] = {
-            key: registry.build("augmentations", {"name": key, **node}, f"augment.also.{key}")
-            for key, node in nodes.items()
-            if node is not None
-        }
+        kept = {key: {"name": key, **node} for key, node in nodes.items() if node is not None}
+        options["also"] = {key: _change(key, node) for key, node in kept.items()}
     return options
+
+
+def _change(key: str, node: Mapping[str, Any]) -> Any:
+    """A change of batches, built.
+
+    Raises:
+        ConfigError: It cannot be called.
+    """
+    made = registry.build("augmentations", node, f"augment.also.{key}")
+    if not callable(made):
+        raise ConfigError(
+            f"augment.also.{key}: {node['name']} gives a {type(made).__name__}, which has no "
+            "__call__: give a class whose instance takes a batch and returns it"
+        )
+    return made
 
 
 def check_blocks(batch: Mapping[str, Any], augment: Mapping[str, Any]) -> None:

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from tactileforge.contracts import AfterStep, Batch, Prepared, Ramped, Scored, Views
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.encoders.views import views_of
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, PluginError
 from tactileforge.plugins import moves, registry
 from tactileforge.runs.checkpoint_file import find_checkpoint
 from tactileforge.training import balance as balances
@@ -23,7 +23,15 @@ from tactileforge.training.callbacks import TOTAL
 from tactileforge.training.curriculum import Curriculum, from_config, without_waiting
 from tactileforge.training.finite import FiniteWatch, NotFiniteError
 from tactileforge.training.optim import build_optimizer, set_rate
-from tactileforge.training.parts import Term, build_parts, changing, logs_of, plain, term_of
+from tactileforge.training.parts import (
+    Term,
+    build_parts,
+    changing,
+    check_scalars,
+    logs_of,
+    plain,
+    term_of,
+)
 from tactileforge.training.strategies import shard
 from tactileforge.util.distributed import alone, mean_over_ranks, seed_step, sum_over_ranks
 from tactileforge.util.means import Mean
@@ -97,6 +105,8 @@ class TouchModule(L.LightningModule):
         #: Numbers changed by the curriculum, by place: the part, and the name of its attribute.
         self._changing: dict[str, tuple[Any, str]] = {}
         self.finite = FiniteWatch(list(objectives))
+        #: Objectives whose first term had the shapes of the contract.
+        self._seen: set[str] = set()
 
     @classmethod
     def from_config(
@@ -275,7 +285,11 @@ class TouchModule(L.LightningModule):
     def _term(self, key: str, views: Any, batch: Batch) -> Term:
         with moves.explained(self.heads[key], self.objectives[key]):
             prediction = self.heads[key](views, batch)
-            return term_of(key, self.objectives[key], prediction, batch)
+            term = term_of(key, self.objectives[key], prediction, batch)
+        if key not in self._seen:  # shapes are those of its class, not of a batch
+            check_scalars(key, term)
+            self._seen.add(key)
+        return term
 
     def losses(
         self, batch: Batch, weights: Mapping[str, float], universal: float = 0.0
@@ -312,7 +326,13 @@ class TouchModule(L.LightningModule):
         losses = {key: term.loss.value for key, term in terms.items()}
         self.finite.note(losses, self.global_step)
         total: Tensor = self.balance(losses, weights, self.global_step, self.encoder)
-        if not total.requires_grad:  # every objective still has weight 0
+        if not total.requires_grad:
+            if cut := [key for key in losses if weights.get(key)]:
+                raise PluginError(
+                    f"the loss of {' and '.join(map(repr, cut))} has no gradient: it is made of "
+                    "constants, or of what was detached or computed without torch"
+                )
+            # every objective still has weight 0
             raise ConfigError(
                 f"no objective has a weight above 0 at step {self.global_step}: the curriculum "
                 "starts them later. Add objective=pixel, or give curriculum=constant"

@@ -108,6 +108,7 @@ def parse_optim(config: Mapping[str, Any]) -> tuple[OptimizerPlugin, OptimOption
         options = {key: value for key, value in named.items() if key != "name"}
         what = f"option of optimizer {named['name']!r}"
         check_names(what, options, registry.parameters(plugin_of(made)))
+        registry.check_types("optim.", made, options)
         plugin: OptimizerPlugin = plugin_of(made)(**options)
     else:
         plugin = registry.build("optimizers", named, "optim")

@@ -52,10 +52,12 @@ def term_of(key: str, objective: nn.Module, prediction: Any, batch: Batch) -> Te
         PluginError: The objective uses a `Mean` as a tensor, or returns something else.
     """
     try:
-        loss, extra = objective(prediction, batch)
+        made = objective(prediction, batch)
+        if not (isinstance(made, tuple | list) and len(made) == 2 and isinstance(made[1], Mapping)):
+            raise PluginError(f"objective {key!r}: {_returned(made)}")
         rows = len(batch["group"])
-        logs = {name: _counted(value, rows, name) for name, value in extra.items()}
-        return Term(prediction, _counted(loss, rows, "the loss"), logs)
+        logs = {name: _counted(value, rows, name) for name, value in made[1].items()}
+        return Term(prediction, _counted(made[0], rows, "the loss"), logs)
     except NotATensorError as error:
         raise PluginError(f"objective {key!r}: {error}") from error
     except TypeError as error:
@@ -64,6 +66,40 @@ def term_of(key: str, objective: nn.Module, prediction: Any, batch: Batch) -> Te
         raise PluginError(
             f"objective {key!r}: {error}; masked_mean returns a Mean: {FIX}"
         ) from error
+
+
+def _returned(made: Any) -> str:
+    """Words on what an objective returned in place of its loss and logs."""
+    what = type(made).__name__
+    if isinstance(made, Tensor):
+        what = f"only a tensor of shape {tuple(made.shape)}"
+    elif isinstance(made, Mean):
+        what = "only a Mean"
+    elif isinstance(made, tuple | list):
+        what = f"({', '.join(type(one).__name__ for one in made)})"
+    return (
+        f"forward returned {what}; it must return the loss and a mapping of what is logged, "
+        "return loss, {}: see Objective of tactileforge.contracts"
+    )
+
+
+def check_scalars(key: str, term: Term) -> None:
+    """Checks the shapes of a term; what is on the device is not waited for.
+
+    Args:
+        key: Name of the objective.
+        term: Its term of some batch.
+
+    Raises:
+        PluginError: The loss, or what is logged, is no scalar.
+    """
+    for name, mean in {"the loss": term.loss, **term.extra}.items():
+        if shape := tuple(mean.value.shape):
+            raise PluginError(
+                f"objective {key!r}: {name} has shape {shape}; it must be a scalar, the mean over "
+                "the batch (loss.mean(), or masked_mean of tactileforge.training where labels may "
+                "be missing): see Objective of tactileforge.contracts"
+            )
 
 
 def _counted(value: Any, rows: int, name: str) -> Mean:
@@ -196,6 +232,25 @@ def changing(place: str, parts: Mapping[str, Any]) -> tuple[Any, str]:
     return parts[owner], name
 
 
+def check_arguments(config: Mapping[str, Any]) -> None:
+    """Checks the options of heads, objectives and towers, which are built after data is read.
+
+    Raises:
+        ConfigError: An option is unknown, missing, or of another type.
+    """
+    for group in ("objective", "head"):
+        for key, node in config[group].items():
+            options = {name: v for name, v in node.items() if (group, name) != _WEIGHT}
+            registry.checked(f"{group}s", options, f"{group}.{key}")
+    for place in ("text_encoder", "image_encoder"):
+        if config.get(place):
+            registry.checked("encoders", config[place], place)
+
+
+#: Key of an objective that its constructor does not have.
+_WEIGHT = ("objective", "weight")
+
+
 def check_values(config: Mapping[str, Any]) -> None:
     """Builds the encoder and the objectives with both ends of each changing number.
 
@@ -241,7 +296,12 @@ def outline(node: Mapping[str, Any]) -> Any:
         try:
             with torch.device("meta"):
                 shell = registry.build("encoders", node, "encoder")
-        except (NotImplementedError, RuntimeError, TypeError):  # needs numbers of a meta tensor
+        except (
+            NotImplementedError,
+            RuntimeError,
+            TypeError,
+            PluginError,
+        ):
             shell = registry.build("encoders", node, "encoder")
     # counted on the meta device, before memory is asked for
     needs = sum(x.numel() for x in shell.state_dict().values())

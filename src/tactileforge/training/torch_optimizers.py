@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from tactileforge.errors import ConfigError
-from tactileforge.plugins import registry
+from tactileforge.plugins import local, registry
 
 
 class TorchOptimizer:
@@ -45,22 +45,32 @@ class TorchOptimizer:
         }
         try:
             return self.made([group for group in groups if group["params"]], **options)
-        except (TypeError, ValueError, RuntimeError) as error:
-            raise ConfigError(f"optim: {self.made.__name__}: {error}") from error
+        except Exception as error:  # one of the user's own raises what it likes
+            own = not _is_of_torch(self.made)
+            said = local.place_of(error) if own else str(error)
+            raise ConfigError(f"optim: {self.made.__name__}: {said}") from error
 
 
 def _check_step(optimizer: torch.optim.Optimizer, weight: nn.Parameter) -> None:
     """Raises a ConfigError if an optimiser of the user's never computes the loss of a step."""
-    if type(optimizer).__module__.startswith("torch.optim"):
+    if _is_of_torch(type(optimizer)):
         return
     weight.grad, called = torch.zeros_like(weight), []
-    # typed for a float, and torch's own take a tensor
-    optimizer.step(lambda: called.append(1) or torch.zeros(()))  # type: ignore[func-returns-value,arg-type,return-value]
+    try:
+        # typed for a float, and torch's own take a tensor
+        optimizer.step(lambda: called.append(1) or torch.zeros(()))  # type: ignore[func-returns-value,arg-type,return-value]
+    except Exception as error:
+        what = f"optim: {type(optimizer).__name__}.step fails on a weight of one number"
+        raise ConfigError(f"{what}: {local.place_of(error)}") from error
     if not called:
         raise ConfigError(
             f"optim: {type(optimizer).__name__}.step(closure) never calls its closure, which "
             "computes the loss: begin it with loss = closure() if closure is not None else None"
         )
+
+
+def _is_of_torch(made: type[torch.optim.Optimizer]) -> bool:
+    return made.__module__.startswith("torch.optim")
 
 
 def plugin_of(made: type[torch.optim.Optimizer]) -> type[TorchOptimizer]:

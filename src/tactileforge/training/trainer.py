@@ -21,7 +21,7 @@ from tactileforge.training.assemble import check_blocks
 from tactileforge.training.callbacks import TOTAL, build_callbacks
 from tactileforge.training.loggers import build_loggers, own_logger
 from tactileforge.training.optim import check_optim, parse_optim
-from tactileforge.training.parts import check_values
+from tactileforge.training.parts import check_arguments, check_values
 from tactileforge.training.probe import Probe
 from tactileforge.training.progress import Progress
 from tactileforge.training.speed import Speed
@@ -88,6 +88,7 @@ def check_options(config: Mapping[str, Any]) -> None:
         ConfigError: A key or value is invalid, or the package of the logger is not installed.
     """
     parse_optim(config["optim"])
+    check_arguments(config)
     check_values(config)
     check_started(config["trainer"]["devices"])
     for key in _ELSEWHERE.keys() & config["trainer"].keys():

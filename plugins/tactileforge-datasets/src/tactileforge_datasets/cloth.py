@@ -119,7 +119,7 @@ class Cloth(PublishedDataset):
 
 
 def _labels(key: str, classes: Any) -> dict[str, float]:
-    """Attributes of a cloth, and its class, which is the last of them.
+    """Attributes of a cloth, and its class, the last of them.
 
     Raises:
         DataError: They are no numbers.

@@ -127,7 +127,7 @@ def _frames(recording: Recording, contact: NDArray[np.float64]) -> list[dict[str
 
 
 def _force(recording: Recording, row: int) -> dict[str, Any]:
-    """The force of a frame, N, and the level that it gives."""
+    """The force of a frame, N, and its level."""
     force = [np.nan] * 3 if recording.force is None else recording.force[row].tolist()
     if not np.isfinite(force[2]):
         return {"compliance_level": "L1"}

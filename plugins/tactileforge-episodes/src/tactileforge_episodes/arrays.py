@@ -100,7 +100,7 @@ class ArrayFile(ABC):
         return found
 
     def lost(self, key: str, start: int, stop: int) -> list[int]:
-        """Rows in a range whose chunk is not stored, though others of the array are.
+        """Rows in a range without a stored chunk, in an array with others.
 
         Raises:
             DataError: The array is missing or damaged.

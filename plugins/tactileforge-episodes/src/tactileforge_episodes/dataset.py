@@ -292,7 +292,7 @@ class Episodes:
 
     @property
     def _template(self) -> str:
-        """Template of the unit that is held out as one; "" for an episode."""
+        """Template of the unit held out as one; "" for an episode."""
         return self.keys.hold_out if self.hold_out is None else self.hold_out
 
     @cached_property

@@ -166,7 +166,7 @@ def open_pictures(
 
 
 def check_stored(ref: ArrayRef, rows: range) -> None:
-    """Raises a `DataError` for pictures of a chunk that is not stored: they would be black."""
+    """Raises a `DataError` for pictures of a missing chunk: they would be black."""
     if len(rows) and ref.facts.rows >= rows.stop and (lost := ref.lost(rows.start, rows.stop)):
         raise DataError(
             f"{ref}: {len(lost)} of {len(rows)} pictures, the first of row {lost[0]}, lie in a "

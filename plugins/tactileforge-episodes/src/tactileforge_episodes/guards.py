@@ -1,4 +1,4 @@
-"""Limits of what the chunks of zarr unpack to, before their decoder runs."""
+"""Limits of unpacked chunks of zarr, before their decoder runs."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def guard_of(metadata: Mapping[str, Any], values: int, any_length: bool) -> Guar
 
 
 def _unpacked(codec: str, content: bytes, most: int) -> int:
-    """Bytes that a chunk unpacks to, at most one beyond the limit."""
+    """Unpacked bytes of a chunk, at most one beyond the limit."""
     start: Any = {
         "zlib": zlib.decompressobj,
         "gzip": lambda: zlib.decompressobj(31),

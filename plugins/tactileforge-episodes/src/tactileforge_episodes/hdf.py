@@ -154,7 +154,7 @@ class HdfFile(ArrayFile):
         return single
 
     def lost(self, key: str, start: int, stop: int) -> list[int]:
-        """Rows in a range that were never written; see `ArrayFile.lost`."""
+        """Rows of a range without stored values; see `ArrayFile.lost`."""
         facts, found = self.facts(key), self._sets[key]
         stop = min(stop, facts.rows)
         if not facts.shape or not all(facts.shape):
