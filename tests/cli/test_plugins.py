@@ -78,12 +78,15 @@ def test_check_prints_each_result_and_the_sum(toy, capsys):
     out = capsys.readouterr().out
     assert out.startswith("sensor toy\n  ran      name is snake case\n")
     assert "  skipped  frames are as specified: it cannot be opened, and no device is found" in out
-    assert out.endswith("9 ran, 0 failed, 0 expected, 4 skipped\n")
+    assert out.endswith("11 ran, 0 failed, 0 expected, 4 skipped\n")
 
 
 def test_check_passes_options_on_and_fails_by_exit_code(toy, capsys):
     assert main(["check", "toy", "--kind", "sensor", "gain=3.5"]) == 1
-    assert "failed   constructing does no io: ValueError: too loud" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    once = r"failed   constructing does no io and 8 more checks: \S+\.py:\d+: ValueError: too loud"
+    assert re.search(once, said)
+    assert said.count("too loud") == 1
 
 
 @pytest.mark.slow
@@ -135,11 +138,11 @@ def own_module(folder, monkeypatch, words, said):
 @pytest.mark.parametrize(
     ("words", "first", "last"),
     [
-        (["OWN:Good"], "sensor OWN:Good", "6 ran, 1 failed, "),
-        (["OWN:Good", "gain=3.5"], "sensor OWN:Good", "2 ran, 9 failed, "),
-        (["./OWN.py:Sign"], "optimizer ./OWN.py:Sign", "8 ran, 0 failed, "),
-        (["OWN:Read", "width=4"], "head OWN:Read", "8 ran, 0 failed, "),
-        (["OWN:Small"], "objective OWN:Small", "9 ran, 0 failed, "),
+        (["OWN:Good"], "sensor OWN:Good", "8 ran, 1 failed, "),
+        (["OWN:Good", "gain=3.5"], "sensor OWN:Good", "4 ran, 9 failed, "),
+        (["./OWN.py:Sign"], "optimizer ./OWN.py:Sign", "10 ran, 0 failed, "),
+        (["OWN:Read", "width=4"], "head OWN:Read", "10 ran, 0 failed, "),
+        (["OWN:Small"], "objective OWN:Small", "11 ran, 0 failed, "),
         (["OWN:Net", "kind=head"], "head OWN:Net", " failed, 0 expected"),
     ],
 )
@@ -206,7 +209,7 @@ class Bench(SimWrench):
     )
     assert "failed" not in one
     assert "ran      frames are as specified" in one
-    assert "failed   frames are as specified: SensorError: /dev/two: busy" in two
+    assert "failed   frames are as specified and 3 more checks: SensorError: /dev/two: busy" in two
     assert "replay" not in out  # its path is not given
     assert "pixel" not in out
 

@@ -585,7 +585,9 @@ def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any
             name are not passed.
 
     Raises:
-        PluginError: The plugin is not installed, claimed twice, or broken.
+        PluginError: The plugin is not installed, claimed twice, or broken; or where ``where`` is
+            given, its constructor raised: one line with the place in its file. Otherwise, and of
+            our own and Lightning's plugins, that error is as it was.
         ConfigError: An argument is unknown, missing, or of another type than its hint.
 
     Example:
@@ -607,11 +609,12 @@ def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any
         raise
     except TactileForgeError:
         raise
-    except Exception as error:  # the author's line, not a traceback of ours
-        if plugin.__module__.partition(".")[0] in _TOLD:
+    except Exception as error:
+        # what reads files of models tells of errors itself
+        if not where or plugin.__module__.partition(".")[0] in _TOLD:
             raise
-        place = f"{where}: {name}" if where else f"{kind.removesuffix('s')} {name!r}"
-        raise PluginError(f"{place} cannot be built: {local.place_of(error)}") from error
+        # the author's line, not a traceback of ours
+        raise PluginError(f"{where}: {name} cannot be built: {local.place_of(error)}") from error
 
 
 def checked(
