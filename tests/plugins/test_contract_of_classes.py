@@ -109,6 +109,21 @@ def test_an_option_with_a_key_of_the_framework_is_refused(kind, plugin, key):
         del registry._registered[kind, "of_a_package"]
 
 
+class Late:
+    """A data set that says what it provides once it has its options."""
+
+    def __init__(self, root: str = "touches") -> None:
+        self.provides = frozenset({"force"} if root else ())
+        self.skipped: list[str] = []
+
+    def recordings(self, split):
+        return []
+
+
+def test_what_a_constructor_sets_is_there():
+    registry.check_contract("datasets", Late, "mine")
+
+
 def test_reserved_keys_are_those_that_are_taken_away():
     assert registry.RESERVED["optimizers"] == {*COMMON}
 

@@ -356,7 +356,13 @@ def _has(plugin: Any, name: str) -> bool:
     annotated = (
         k for base in getattr(plugin, "__mro__", ()) for k in vars(base).get("__annotations__", ())
     )
-    return found is not None or name in annotated
+    return found is not None or name in annotated or _is_set_in_init(plugin, name)
+
+
+def _is_set_in_init(plugin: Any, name: str) -> bool:
+    """Whether a constructor of a class has an attribute of a name, as in ``self.provides = ...``."""
+    made = [vars(base).get("__init__") for base in getattr(plugin, "__mro__", ())[:-1]]
+    return any(name in one.__code__.co_names for one in made if inspect.isfunction(one))
 
 
 def head_of(objective: str) -> str:
@@ -594,7 +600,9 @@ def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any
             name are not passed.
 
     Raises:
-        PluginError: The plugin is not installed, claimed twice, or broken.
+        PluginError: The plugin is not installed, claimed twice, or broken; or where ``where`` is
+            given, its constructor raised: one line with the place in its file. Otherwise, and of
+            our own and Lightning's plugins, that error is as it was.
         ConfigError: An argument is unknown, missing, or of another type than its hint.
 
     Example:
@@ -616,11 +624,12 @@ def build(kind: str, config: Mapping[str, Any], where: str = "", /, **given: Any
         raise
     except TactileForgeError:
         raise
-    except Exception as error:  # the author's line, not a traceback of ours
-        if plugin.__module__.partition(".")[0] in _TOLD:
+    except Exception as error:
+        # what reads files of models tells of errors itself
+        if not where or plugin.__module__.partition(".")[0] in _TOLD:
             raise
-        place = f"{where}: {name}" if where else f"{kind.removesuffix('s')} {name!r}"
-        raise PluginError(f"{place} cannot be built: {local.place_of(error)}") from error
+        # the author's line, not a traceback of ours
+        raise PluginError(f"{where}: {name} cannot be built: {local.place_of(error)}") from error
 
 
 def checked(
