@@ -1,4 +1,4 @@
-"""What a class of one's own has to have, and must not have, where its name is typed."""
+"""Needed and forbidden members of a class of one's own."""
 
 import pytest
 import torch
@@ -110,7 +110,7 @@ def test_an_option_with_a_key_of_the_framework_is_refused(kind, plugin, key):
 
 
 class Late:
-    """A data set that says what it provides once it has its options."""
+    """A data set with labels by its options."""
 
     def __init__(self, root: str = "touches") -> None:
         self.provides = frozenset({"force"} if root else ())

@@ -1,4 +1,4 @@
-"""A run says which distributions its plugins were from."""
+"""Distributions of the plugins of a run."""
 
 import pytest
 

@@ -205,7 +205,7 @@ def test_a_chunk_of_zstd_that_unpacks_to_more_than_its_values_is_not_unpacked(tm
 
 
 def hdf_of(path, values, chunk=None, **how):
-    """An HDF5 file of one packed array, whose only chunk may be another."""
+    """An HDF5 file of one packed array, its only chunk given."""
     with h5py.File(path, "w") as file:
         made = file.create_dataset("x", data=values, chunks=values.shape, **how)
         if chunk is not None:

@@ -427,7 +427,7 @@ def test_zstd_that_unpacks_to_anything_is_named(mode, tmp_path):
 
 @pytest.fixture
 def small_limit(monkeypatch):
-    """A limit of 1 MB of what is unpacked together."""
+    """A limit of 1 MB for all unpacked bytes together."""
     monkeypatch.setattr(guards, "MOST_BYTES", 1 << 20)
     monkeypatch.setattr(bags, "MOST_BYTES", 1 << 20)
 

@@ -360,7 +360,7 @@ def _has(plugin: Any, name: str) -> bool:
 
 
 def _is_set_in_init(plugin: Any, name: str) -> bool:
-    """Whether a constructor of a class has an attribute of a name, as in ``self.provides = ...``."""
+    """Whether a constructor of a class sets an attribute, as in ``self.provides = ...``."""
     made = [vars(base).get("__init__") for base in getattr(plugin, "__mro__", ())[:-1]]
     return any(name in one.__code__.co_names for one in made if inspect.isfunction(one))
 
