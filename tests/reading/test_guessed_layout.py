@@ -132,3 +132,20 @@ def test_a_picture_of_another_kind_is_no_background_by_that_alone(tmp_path: Path
         data = Recordings(**guess.options)
         names = [one.key for split in ("train", "val") for one in data.recordings(split)]
         assert len(names) == (21 if folder == "last" else 5)
+
+
+@pytest.mark.parametrize(("moves", "each"), [(True, "sequence"), (False, "touch")])
+def test_noise_of_a_camera_is_no_change(moves: bool, each: str, tmp_path: Path) -> None:
+    """A small imprint in a noisy picture: one that slides, and one at a place of its own."""
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:96, :128]
+    at = rng.uniform(20, 76, (60, 2))
+    for number in range(60):
+        row, column = (30 + 36 * number / 59, 48) if moves else at[number]
+        bump = 40 * np.exp(-((y - row) ** 2 + (x - column) ** 2) / 60)
+        frame = 110 + bump[..., None] + rng.normal(0, 3, (96, 128, 3))
+        cv2.imwrite(str(tmp_path / f"{number:03d}.png"), frame.clip(0, 255).astype(np.uint8))
+    guess = Recordings.recognise(tmp_path)
+    assert guess is not None
+    (layout,) = guess.options["layouts"].values()
+    assert layout["each"] == each

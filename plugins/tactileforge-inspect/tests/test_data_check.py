@@ -10,7 +10,7 @@ import pytest
 
 from tactileforge import cli
 from tactileforge.checks import made_touch
-from tactileforge.checks.made import resting
+from tactileforge.checks.made import press, resting
 
 
 @pytest.fixture
@@ -117,3 +117,26 @@ def test_a_guess_of_a_path_says_how_to_correct_it(
     assert how in capsys.readouterr().out
     cli.run(["data", "check", str(folder), "frames=false", "data.layouts.guessed.sensor=digi"])
     assert "unknown sensor 'digi'" in capsys.readouterr().err
+
+
+def test_the_lag_of_the_first_recordings_is_estimated_unasked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By .43 s of 3: near the end of the lags that stand out, and far better than none."""
+    root = tmp_path / "late"
+    for seed in range(8):
+        depth = np.concatenate([press(45), 0.6 * press(45)])
+        one = made_touch(seed, depth=depth)
+        (root / str(seed)).mkdir(parents=True)
+        for number, frame in enumerate(one.frames.read(range(90))):
+            cv2.imwrite(str(root / str(seed) / f"{number:03d}.jpg"), frame[..., ::-1])
+        assert one.force is not None
+        rows = np.roll(one.force, 13, axis=0)
+        lines = ["fx,fy,fz", *(",".join(f"{axis:.4f}" for axis in row) for row in rows)]
+        (root / f"{seed}.csv").write_text("\n".join(lines) + "\n")
+    layout = '{images: "*/*.jpg", each: sequence, fps: 30, sensor: digit, background: {first: 2}, '
+    layout += 'force: {file: "{stem}.csv", columns: [fx, fy, fz]}}'
+    (root / "tactileforge.yaml").write_text(f"layouts:\n  mine: {layout}\n")
+    for words, count in ([], 6), (["lag=true"], 8), (["select=[TF2]"], 0), (["ignore=[lag]"], 0):
+        run(root, *words)
+        assert capsys.readouterr().out.count("TF104 images come 0.43 s before forces") == count

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -20,6 +21,8 @@ from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 
 _FRAMES = frozenset({"frames"})
+#: Share of saturated pixels beyond which the picture is lost.
+_LOST = 0.5
 
 
 class NoBackground(LabelCheck):
@@ -128,6 +131,11 @@ class Saturated(PixelCheck):
         "255, where touch leaves no trace."
     )
     fix = "record with less light or a shorter exposure"
+
+    def look(self, seen: Seen) -> Iterable[Finding]:
+        """See `Check.look`; where most of a picture is lost, it is a warning."""
+        for one in super().look(seen):
+            yield replace(one, level="warning") if one.value > _LOST else one
 
     @staticmethod
     def examples() -> Examples:

@@ -12,8 +12,9 @@ from tactileforge.data.frames.small import shrink, strongest
 
 #: Smallest share of frames with a force of exactly 0 to look into.
 _SHARE = 0.05
-#: Frames of them that are looked at, and smallest share of these with a contact.
-_LOOKED, _PRESSED = 6, 0.5
+#: Frames of them that are decoded beside those of the sample, smallest share of all these with a
+#: contact, and smallest number.
+_LOOKED, _PRESSED, _LEAST = 6, 0.15, 2
 #: Smallest contact without a force, as a share of that at the largest force, and grey levels.
 _LIKE, _CLEAR = 0.5, 3 * NO_CONTACT
 
@@ -37,12 +38,14 @@ def zero_where_pressed(recording: Recording, seen: FrameSample) -> Suspicion | N
     if not size.any() or len(none) < max(2.0, _SHARE * known.sum()):
         return None
     # frames without force, from all over, and the one of the largest
-    rows = [int(none[i]) for i in np.linspace(0, len(none) - 1, _LOOKED).astype(int)]
-    frames = recording.frames.read([*rows, int(size.argmax())])
-    contact = [strongest(shrink(frame) - still) for frame in frames]
+    rows = {int(none[i]) for i in np.linspace(0, len(none) - 1, _LOOKED).astype(int)}
+    known_rows = {int(row): place for place, row in enumerate(seen.rows) if row in none}
+    frames = recording.frames.read([*(rows - known_rows.keys()), int(size.argmax())])
+    contact = [strongest(seen.frames[place] - still) for place in known_rows.values()]
+    contact += [strongest(shrink(frame) - still) for frame in frames]
     least = max(_CLEAR, _LIKE * contact[-1])
-    pressed = float(np.mean([one > least for one in contact[:-1]]))
-    if pressed < _PRESSED or contact[-1] < NO_CONTACT:
+    pressed = [one > least for one in contact[:-1]]
+    if sum(pressed) < max(_LEAST, _PRESSED * len(pressed)) or contact[-1] < NO_CONTACT:
         return None
     share = len(none) / known.sum()
     words = f"force is zero for {100 * share:.0f} % of the frames, where the gel is pressed"

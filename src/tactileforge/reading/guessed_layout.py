@@ -9,7 +9,9 @@ from itertools import islice, takewhile
 from pathlib import Path, PurePath
 from typing import Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tactileforge.contracts import Guess
 from tactileforge.data.frames.companions import is_companion
@@ -51,8 +53,9 @@ from tactileforge.reading.view_words import DERIVED, scenes, words_of
 #: Largest number of files that are listed; the rest of a large set looks like its start.
 _MOST_FILES = 50_000
 #: Images of a folder to compare, and the largest change from one to the next in a recording, over
-#: that between images in another order. Takes of a sensor have .1 to .4, still touches about 1.
-_COMPARED, _SMOOTH = 24, 0.6
+#: that between images in another order; and the same of means of 8 x 8 pixels. Takes of a sensor
+#: have .1 to .4, more with noise in single pixels, still touches about 1, on a grid of places .6.
+_COMPARED, _SMOOTH, _SMOOTH_AREAS = 24, 0.6, 0.4
 #: Endings of tables that may be notes as well.
 _NOTES = frozenset({".txt", ".dat"})
 #: Endings of tables that are read.
@@ -398,12 +401,29 @@ def _follow_each_other(images: Sequence[Path]) -> bool:
     except TactileForgeError:
         return False
     # every eighth pixel: neighbours say nearly the same, and a guess is for the whole picture
-    small = dict(zip(chosen, pictures[:, ::8, ::8].astype(np.float32), strict=True))
-    following = np.mean([np.abs(small[start + 1] - small[start]).mean() for start in starts])
+    if _change_ratio(dict(zip(chosen, pictures[:, ::8, ::8], strict=True)), starts) <= _SMOOTH:
+        return True
+    # a camera's noise is in every pair, and is no change
+    height, width = (max(1, side // 8) for side in pictures.shape[1:3])
+    areas = [
+        cv2.resize(one.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+        for one in pictures
+    ]
+    return _change_ratio(dict(zip(chosen, areas, strict=True)), starts) <= _SMOOTH_AREAS
+
+
+def _change_ratio(pictures: Mapping[int, NDArray[Any]], starts: Sequence[int]) -> float:
+    """Change from a picture to the next, as a share of that between distant ones."""
+
+    def change(first: int, second: int) -> float:
+        one, other = (pictures[row].astype(np.float32) for row in (first, second))
+        return float(np.abs(one - other).mean())
+
+    following = sum(change(start + 1, start) for start in starts) / len(starts)
     half = len(starts) // 2
-    pairs = zip(starts[half : 2 * half], starts[:half], strict=True)
-    apart = np.mean([np.abs(small[a] - small[b]).mean() for a, b in pairs])
-    return bool(following <= _SMOOTH * apart)
+    pairs = [*zip(starts[half : 2 * half], starts[:half], strict=True)]
+    apart = sum(change(a, b) for a, b in pairs) / max(1, len(pairs))
+    return following / apart if apart else float("inf" if following else 0)
 
 
 def _sensor(

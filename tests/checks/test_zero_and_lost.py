@@ -1,0 +1,28 @@
+"""Forces of 0 under a press, and pictures that are lost."""
+
+import numpy as np
+
+from tactileforge.checks import CheckRun
+from tactileforge.checks.made import made_touch, press
+
+
+def test_a_zero_force_under_a_weaker_press_is_found():
+    depth = np.concatenate([press(45), 0.65 * press(45)])
+    right = made_touch(depth=depth)
+    assert right.force is not None
+    missing = np.where((np.arange(90) < 45)[:, None], right.force, 0).astype(np.float32)
+    air = np.where((np.abs(np.arange(90) - 44) > 40)[:, None], 0, right.force).astype(np.float32)
+    made = [made_touch(depth=depth, force=force) for force in (right.force, air, missing)]
+    found = [
+        [one.words for one in CheckRun(["TF203"]).look(recording, "train", False)]
+        for recording in made
+    ]
+    assert found == [[], [], ["force is zero for 50 % of the frames, where the gel is pressed"]]
+
+
+def test_a_picture_that_is_mostly_lost_is_more_than_a_note():
+    levels = {}
+    for share in (0.1, 0.9):
+        bad = made_touch(edit=lambda frames, n=int(80 * share): frames[:, :n].fill(255))
+        levels[share] = [one.level for one in CheckRun(["TF305"]).look(bad, "train", False)]
+    assert levels == {0.1: ["note"], 0.9: ["warning"]}
