@@ -176,6 +176,54 @@ def test_units_and_sensors_in_names(tmp_path: Path, file: str, header: str, fact
         check(one, factor)
 
 
+@pytest.mark.parametrize(
+    ("header", "factor", "axes"),
+    [
+        ("time,force", 1, 1),
+        ("t,load_N", 1, 1),
+        ("timestamp,weight_g", 0.00980665, 1),
+        ("frame,Fn", 1, 1),
+        ("Zeit [s],Kraft X [N],Kraft Y [N],Kraft Z [N]", 1, 3),
+        ("time,Fuerza_x,Fuerza_y,Fuerza_z", 1, 3),
+        ("time,sensor_x[mN],sensor_y[mN],sensor_z[mN]", 0.001, 3),
+    ],
+)
+def test_forces_as_they_are_called(header: str, factor: float, axes: int, tmp_path: Path) -> None:
+    for k in range(3):
+        images(tmp_path / f"take_{k}/digit")
+        # a table with gaps elsewhere writes its frame numbers as 1.0
+        times = [f"{n}.0" if header.startswith("frame") else f"{n / 20}" for n in range(COUNT)]
+        forces(tmp_path / f"take_{k}/data.csv", header, times, axes)
+    found, doubts = read(tmp_path)
+    assert len(found) == 3
+    for one in found.values():
+        check(one, factor)
+        assert one.force is not None
+        assert np.isnan(one.force[:, :2]).all() == (axes == 1)
+    assert any("for the normal one" in line for line in doubts) == (axes == 1)
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("time,F1,F2,F3", "force: F1, F2, F3 of {folder}/data.csv say no axis, and are not read"),
+        ("time,cpu_load,weight,note", ""),
+        ("time,grip_N,b,c", "force: grip_N of {folder}/data.csv say no axis"),
+    ],
+)
+def test_numbers_that_are_no_force_by_their_names_are_told_and_left(
+    header: str, said: str, tmp_path: Path
+) -> None:
+    for k in range(3):
+        images(tmp_path / f"take_{k}/digit")
+        times = [f"{n / 20}" for n in range(COUNT)]
+        forces(tmp_path / f"take_{k}/data.csv", header, times)
+    found, doubts = read(tmp_path)
+    assert all(one.force is None for one in found.values())
+    assert any(line.startswith(said) for line in doubts)
+    assert said or not any(line.startswith("force") for line in doubts)
+
+
 def test_forces_of_a_robot_or_of_several_are_told_and_left(tmp_path: Path) -> None:
     for k, header in enumerate(("frame,ee_fx,ee_fy,ee_fz", "frame,left_fz,up_fz,right_fz")):
         images(tmp_path / f"{k}/0/cam")

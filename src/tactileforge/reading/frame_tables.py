@@ -20,7 +20,14 @@ from tactileforge.reading.layout import DatasetLayout
 from tactileforge.reading.layout_keys import FrameTable, TrackKeys, TrackRanges
 from tactileforge.reading.name_times import frame_numbers
 from tactileforge.reading.table_clock import on_frames
-from tactileforge.reading.tables import Row, read_actions, read_cells, read_force, read_tracks
+from tactileforge.reading.tables import (
+    Row,
+    read_actions,
+    read_cells,
+    read_force,
+    read_tracks,
+    whole,
+)
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.trial_rows import recordings_of
 
@@ -163,7 +170,7 @@ class FrameTables:
             if found is None:
                 found = {}
                 for where, cells in own:
-                    if not (cell := cells[str(table.frame)]).isdecimal():
+                    if not (cell := whole(cells[str(table.frame)])).isdecimal():
                         raise DataError(
                             f"{where}: frame {cell!r} is not a whole number; correct it"
                         )
@@ -228,7 +235,7 @@ def _numbered(
         return None
     if rows is None:
         rows = read_cells(path, [*(name for name in table.columns if name), table.frame])
-    cells = [row[table.frame] for _, row in rows]
+    cells = [whole(row[table.frame]) for _, row in rows]
     written = {int(cell): row for cell, row in zip(cells, rows, strict=True) if cell.isdecimal()}
     if len(written) < len(rows):  # no numbers, or one twice: `read_force` and the like name it
         return None

@@ -36,18 +36,23 @@ from tactileforge.specs.published import spec
 
 #: Name of what stands before a value of a message (``field.wrench.force.x``), or of a file.
 _BEFORE = r"(?:\S*[./])?"
+#: Force, in English, German, Dutch, Spanish and Italian.
+_FORCE = r"(?:forces?|kraft|kracht|fuerza|forza)"
 #: Words for a force along an axis.
 _WORDS = {axis: rf"(?:shear|tangential|lateral)(?:[_ ]?force)?[_ ]?{axis}" for axis in "xy"}
 _WORDS["z"] = r"(?:normal(?:[_ ]?force)?|force[_ ]?normal)"
 #: Headers of columns, without the unit behind them.
 _FORCES = {
     axis: re.compile(
-        rf"{_BEFORE}(?:(?:forces?|f)[_ .]?{axis}(?![^\W_]).*|{axis}[_ .]?force(?![^\W_]).*"
+        rf"{_BEFORE}(?:(?:{_FORCE}|f)[_ .]?{axis}(?![^\W_]).*|{axis}[_ .]?{_FORCE}(?![^\W_]).*"
         rf"|(?:forces?|wrench(?:es)?|ft|f|fxyz|force_?torques?)(?:_\w+)?[_.]{place}"
         rf"|{_WORDS[axis]}(?![^\W_]).*)"
     )
     for place, axis in enumerate("xyz")
 }
+#: Header of the only force, without an axis; and words that need a unit.
+_ALONE = re.compile(rf"{_BEFORE}(?:{_FORCE}|load|load_?cell|fn)(?:[_ (\[]+\w+[)\]]?)?")
+_WEIGHED = re.compile(rf"{_BEFORE}(?:weight|{_FORCE}|load)(?![^\W_])")
 _TIME = re.compile(
     r"t|[mun]s|%?(?:times?|zeit|elapsed(?:[_ ]time)?)(?:[_ ]?stamps?)?"
     r"(?:[_ (\[]{1,2}(?:[mun]?s|secs?|seconds?)[)\]]?)?"
@@ -270,9 +275,10 @@ def guess_force(
         if columns[2] and is_turned(_numbers(family, columns[2])):
             table["sign"] = [1, 1, -1]
             doubts.append(f"force: {columns[2]} is negative where it is large, so z is turned")
-        doubts.append(
-            f"force: taken for {said}, x right, y down, z into the gel, pressing positive"
-        )
+        along = "x right, y down, z into the gel, pressing positive"
+        if columns[0] is columns[1] is None:
+            along = f"{columns[2]} for the normal one, pressing positive; x and y are not known"
+        doubts.append(f"force: taken for {said}, {along}")
         return {"force": table}, [family]
     for family in found:
         if others := [name for name in family.rows[0] if _is_elsewhere(name)]:
@@ -280,6 +286,15 @@ def guess_force(
                 f"force: {', '.join(others[:3])} of {family.template} act elsewhere by their "
                 "names, or are of several, and are left out; if they act on the gel: force: {file: "
                 f"{family.template!r}, columns: [...]}}"
+            )
+            break
+    for family in found:
+        if others := [name for name in family.rows[0] if _says_no_axis(name)]:
+            columns = ", ".join((others + ["null"] * 2)[:3])
+            doubts.append(
+                f"force: {', '.join(others[:6])} of {family.template} say no axis, and are not "
+                "read; if they act on the gel, name those along x, y and z: force: {file: "
+                f"{family.template!r}, columns: [{columns}]}}"
             )
             break
     for family in found:
@@ -323,7 +338,8 @@ def is_turned(force: NDArray[np.float64]) -> bool:
 def _force_columns(family: Family) -> list[str | None]:
     if not family.is_numbered:
         found = [family.column(_FORCES[axis]) for axis in "xyz"]
-        return found if any(found) else _forces_of_one(family)
+        ways = (_forces_of_one, _forces_by_unit, _normal_force)
+        return found if any(found) else next(filter(any, (way(family) for way in ways)), found)
     if not _is_called(_FORCE_STEM, family):
         return [None] * 3
     return _numbered_forces(family)
@@ -339,6 +355,40 @@ def _forces_of_one(family: Family) -> list[str | None]:
                 names.setdefault(found[1], [None, None, None])[place] = title
     whole = [one for name, one in names.items() if one[2] and _ELSEWHERE.isdisjoint(words_of(name))]
     return whole[0] if len(whole) == 1 else [None] * 3
+
+
+def _forces_by_unit(family: Family) -> list[str | None]:
+    """Columns that state a unit of force and an axis: ``sensor_x [N]``; one for each axis."""
+    found: list[str | None] = []
+    for axis in "xyz":
+        named = [title for title in family.rows[0] if axis in words_of(title)]
+        of_force = [title for title in named if named_unit(title) in NEWTONS]
+        found.append(of_force[0] if len(of_force) == 1 else None)
+    return found if all(found) else [None] * 3
+
+
+def _normal_force(family: Family) -> list[str | None]:
+    """The only column of force, as of a load cell: the normal one."""
+    named = [title for title in family.rows[0] if _is_normal(title)]
+    if len(named) != 1 or _is_constant(family, named[0]):
+        return [None] * 3
+    return [None, None, named[0]]
+
+
+def _is_normal(title: str) -> bool:
+    """Whether a column is called force or load, or weighs in a unit."""
+    words = apart_by_capitals(title.strip()).lower()
+    if not _ELSEWHERE.isdisjoint(words_of(title)):
+        return False
+    return bool(_ALONE.fullmatch(words)) or (
+        bool(_WEIGHED.match(words)) and named_unit(title) in NEWTONS
+    )
+
+
+def _says_no_axis(title: str) -> bool:
+    """Whether a column is a force by its name or unit, along no known axis."""
+    numbered = re.fullmatch(rf"(?:{_FORCE}|f)[_ ]?\d.*", title.strip().lower())
+    return bool(numbered) or named_unit(title) in NEWTONS
 
 
 def _is_elsewhere(title: str) -> bool:

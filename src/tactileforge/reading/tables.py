@@ -198,7 +198,7 @@ def _per_frame(
     if rows is None:
         rows = read_cells(path, needed, whole=table.frame is None)
     for i, (where, cells) in enumerate(rows):
-        text = cells[table.frame] if table.frame else str(i)
+        text = whole(cells[table.frame]) if table.frame else str(i)
         try:
             frame = int(text)
         except ValueError:
@@ -336,6 +336,16 @@ def _spread(rows: list[Row]) -> list[Row]:
             for (where, cells), more in zip(rows, inner, strict=True)
         ]
     return rows
+
+
+def whole(cell: str) -> str:
+    """A whole number as such: tables with a gap elsewhere write it as ``12.0``.
+
+    Example:
+        >>> whole("12.0"), whole("12"), whole("1.5")
+        ('12', '12', '1.5')
+    """
+    return re.sub(r"\.0+$", "", cell.strip())
 
 
 def number_or_text(cell: str) -> str | float:
