@@ -120,3 +120,27 @@ def test_a_type_of_sensor_without_a_package_is_said(tmp_path: Path) -> None:
     found, doubts = read(tmp_path)
     assert {one.sensor for one in found.values()} == {"gelsight"}
     assert "sensor: wedge by its name, which no package has" in "".join(doubts)
+
+
+def test_forces_of_both_sides_in_one_table(tmp_path: Path) -> None:
+    """Each side has its columns, and both of a trial are held out together."""
+    for k in range(4):
+        for side in ("left", "right"):
+            for n in range(8):
+                image(tmp_path / f"trial_{k}/{side}/{n:03d}.png", 60 + 5 * n + k)
+        names = [f"{side}_f{axis}" for side in ("left", "right") for axis in "xyz"]
+        header = ",".join(["frame", *names])
+        rows = [f"{n},0,0,{n / 4},0,0,{n}" for n in range(8)]
+        (tmp_path / f"trial_{k}/forces.csv").write_text("\n".join([header, *rows]) + "\n")
+    guess = Recordings.recognise(tmp_path)
+    assert guess is not None
+    data = Recordings(**guess.options)
+    held = {one.key for one in data.recordings("val")}
+    found = {one.key: one for one in (*data.recordings("train"), *data.recordings("val"))}
+    assert len(found) == 8
+    for key, one in found.items():
+        assert one.force is not None
+        factor = 0.25 if key.startswith("left/") else 1.0
+        np.testing.assert_allclose(one.force[:, 2], factor * np.arange(8), atol=1e-6)
+    assert {key.split("/")[0] for key in held} == {"left", "right"}
+    assert len({key.split("/")[1] for key in held}) == 1

@@ -30,7 +30,7 @@ from tactileforge.reading.layout import (
     parse_layout,
 )
 from tactileforge.reading.notes import Notes, add_once
-from tactileforge.reading.reader import LayoutReader
+from tactileforge.reading.reader import LayoutReader, join_trials
 from tactileforge.reading.splits import (
     SPLIT_OF_FOLDER,
     check_share,
@@ -231,17 +231,16 @@ class Recordings(Drawn):
 
         A split must not depend on readable files.
         """
+        listed = [(reader, reader.touches()) for reader in readers]
         found = []
-        for reader in readers:
-            touches = reader.touches()
+        for (reader, touches), named in zip(listed, join_trials(listed), strict=True):
             for line in reader.odd:
                 add_once(self.skipped, line)
-            trials = reader.trials(touches)
             told = [
-                _side(reader.layout, touch, trial)
-                for touch, trial in zip(touches, trials, strict=True)
+                _side(reader.layout, touch, *trial)
+                for touch, trial in zip(touches, named, strict=True)
             ]
-            found.append((reader, touches, trials, told))
+            found.append((reader, touches, [trial for _, trial in named], told))
         drawn = [name for *_, told in found for name, _ in told if name]
         sides_told = {side for *_, told in found for _, side in told}
         held = held_out_names(drawn, 0 if {"val", "time"} & sides_told else self.val)
@@ -306,7 +305,7 @@ class _SplitUp:
         )
 
 
-def _side(layout: DatasetLayout, touch: LayoutTouch, trial: str) -> tuple[str, str]:
+def _side(layout: DatasetLayout, touch: LayoutTouch, home: str, trial: str) -> tuple[str, str]:
     """Name by which the side of a touch is drawn, or ``train``, ``val`` or ``time``; "" for one."""
     row, unit_of = touch.row, layout.hold_out
     side = {"none": "train", "all": "val"}.get(unit_of) or row.fill(unit_of)
@@ -317,7 +316,7 @@ def _side(layout: DatasetLayout, touch: LayoutTouch, trial: str) -> tuple[str, s
     if of_file and side and side.casefold() not in SPLIT_OF_FOLDER:
         unit = side
     if unit is not None:
-        return f"{layout.name}/{unit}", ""
+        return f"{home}/{unit}", ""
     if side not in ("train", "val", "time"):
         column = unit_of.strip("{}")
         raise DataError(

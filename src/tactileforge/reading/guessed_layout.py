@@ -99,6 +99,8 @@ def guess_layout(root: Path) -> Guess | None:
     apart = _with_backgrounds(root, touches, [path for path in media if path not in {*touches}])
     if [*parts] == [""] and apart and _frames(root, touches, files, []).get("each") == "touch":
         parts = apart
+    if [*parts] == [""]:
+        parts = _with_forces_of_sides(root, touches, files) or parts
     for folder, own in parts.items():
         told: list[str] = []
         layouts[re.sub(r"\W+", "_", folder) or "guessed"] = layout = _layout(
@@ -141,6 +143,20 @@ def _parts(root: Path, media: Sequence[Path]) -> dict[str, list[Path]]:
     return named if len(named.keys() - {""}) > 1 else {"": list(media)}
 
 
+def _with_forces_of_sides(
+    root: Path, media: Sequence[Path], files: Sequence[Path]
+) -> dict[str, list[Path]]:
+    """Files of each side of a gripper, where tables have the forces of each; {} otherwise."""
+    sides: dict[str, list[Path]] = {}
+    for path in media:
+        sides.setdefault(path.parent.name, []).append(path)
+    if len(sides) < 2 or not {name.lower() for name in sides} <= SIDES:
+        return {}
+    layouts = [_layout(root, side, own, files, [], set()) for side, own in sides.items()]
+    forces = {str(layout.get("force")) for layout in layouts if "force" in layout}
+    return sides if len(forces) == len(sides) else {}
+
+
 def _with_backgrounds(
     root: Path, media: Sequence[Path], stills: Sequence[Path]
 ) -> dict[str, list[Path]]:
@@ -178,6 +194,8 @@ def _layout(
         tables = [path for path in tables if named_sensor(path.stem) in (folder, "")]
         tables.sort(key=lambda path: named_sensor(path.stem) == "")
     found = families(tables, units)
+    for family in found:
+        family.side = folder.lower() if folder.lower() in SIDES else ""
     told: list[str] = []
     shared, of_shared = guess_shared(found, units, "fps" in layout, told)
     if shared:

@@ -290,11 +290,11 @@ def guess_force(
             break
     for family in found:
         if others := [name for name in family.rows[0] if _says_no_axis(name)]:
-            columns = ", ".join((others + ["null"] * 2)[:3])
+            named = ", ".join((others + ["null"] * 2)[:3])
             doubts.append(
                 f"force: {', '.join(others[:6])} of {family.template} say no axis, and are not "
                 "read; if they act on the gel, name those along x, y and z: force: {file: "
-                f"{family.template!r}, columns: [{columns}]}}"
+                f"{family.template!r}, columns: [{named}]}}"
             )
             break
     for family in found:
@@ -353,6 +353,8 @@ def _forces_of_one(family: Family) -> list[str | None]:
             plain = apart_by_capitals(title.strip()).lower()
             if found := re.fullmatch(rf"(\w+?)[_ ]{_FORCES[axis].pattern}", plain):
                 names.setdefault(found[1], [None, None, None])[place] = title
+    if family.side:  # of a table of both sides
+        names = {name: one for name, one in names.items() if family.side in words_of(name)}
     whole = [one for name, one in names.items() if one[2] and _ELSEWHERE.isdisjoint(words_of(name))]
     return whole[0] if len(whole) == 1 else [None] * 3
 

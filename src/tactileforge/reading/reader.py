@@ -43,6 +43,39 @@ from tactileforge.reading.touch import FileFrames, LayoutTouch, open_files
 from tactileforge.reading.trials import TRIAL, trials_of
 
 
+def join_trials(
+    found: Sequence[tuple[LayoutReader, Sequence[LayoutTouch]]],
+) -> list[list[tuple[str, str]]]:
+    """Layout and name of the trials of the touches of each layout.
+
+    Layouts of one folder share trials, each under the first of them: two sensors of a take may each
+    have a layout of their own.
+
+    Args:
+        found: Layouts with all their touches.
+    """
+    trials = [
+        [(reader.layout.name, trial) for trial in reader.trials(touches)]
+        for reader, touches in found
+    ]
+    folders: dict[Path, list[tuple[int, int, str]]] = {}
+    for of, (reader, touches) in enumerate(found):
+        named = zip(touches, reader.names(touches), strict=True)
+        for place, (touch, name) in enumerate(named):
+            is_only = trials[of][place][1] == touch.name  # of its layout
+            if is_only and reader.layout.hold_out == "trial":
+                folders.setdefault(reader.folder, []).append((of, place, name))
+    for rows in folders.values():
+        joined = trials_of([name for *_, name in rows])
+        layouts: dict[str, set[int]] = {}
+        for (of, *_), trial in zip(rows, joined, strict=True):
+            layouts.setdefault(trial, set()).add(of)
+        for (of, place, _), trial in zip(rows, joined, strict=True):
+            if len(layouts[trial]) > 1:
+                trials[of][place] = found[min(layouts[trial])][0].layout.name, trial
+    return trials
+
+
 class LayoutReader:
     """Finds, opens and labels the touches of a layout.
 
@@ -207,9 +240,7 @@ class LayoutReader:
         Args:
             touches: All touches of the layout.
         """
-        names = [touch.folder or touch.name for touch in touches]
-        if self.layout.each != "sequence":  # without the endings of files
-            names = [str(PurePosixPath(name).with_suffix("")) for name in names]
+        names = self.names(touches)
         spans = {}
         for name, touch in zip(names, touches, strict=True):
             if (span := _span(touch.paths)) is not None:
@@ -221,6 +252,13 @@ class LayoutReader:
             trial if alone[trial] > 1 else touch.name
             for trial, touch in zip(trials, touches, strict=True)
         ]
+
+    def names(self, touches: Sequence[LayoutTouch]) -> list[str]:
+        """Names of touches by which trials are told: paths without the endings of files."""
+        names = [touch.folder or touch.name for touch in touches]
+        if self.layout.each != "sequence":
+            names = [str(PurePosixPath(name).with_suffix("")) for name in names]
+        return names
 
     def open(self, touch: LayoutTouch) -> FileFrames:
         """Opens the frames of a touch; decodes nothing.

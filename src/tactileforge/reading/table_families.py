@@ -78,12 +78,14 @@ class Family:
         key: Column with the names of images or recordings; None without one.
         apart: Column that names the recording of each of several rows, in a table for all; None
             for other tables.
+        side: Side of the touch that is asked for, such as ``left``; "" for none.
     """
 
     template: str
     unit: Parts
     files: list[Path] = field(default_factory=list)
     rows: Cells = ()
+    side: str = ""
     key: str | None = None
     apart: str | None = None
 
