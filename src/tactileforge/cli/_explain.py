@@ -67,7 +67,7 @@ def explain(name: str, key: str, overrides: Sequence[str], flags: Sequence[str] 
 
 
 def _default(config: DictConfig, key: str) -> str:
-    """Default of an option of a plugin that no file chooses, such as a head of an objective."""
+    """Default of an option of a plugin outside of all files, such as a head of an objective."""
     parent, _, option = key.rpartition(".")
     node = OmegaConf.select(config, parent) if parent else None
     kind = registry.GROUPS.get(key.partition(".")[0], "")

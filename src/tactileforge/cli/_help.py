@@ -51,7 +51,7 @@ def text(verb: str, command: Command, typed: Sequence[str] = ()) -> str:
 
 
 def _typed(group: str, typed: Sequence[str]) -> str:
-    """Option of a group among words of the user; "" where none is."""
+    """Option of a group among words of the user; "" without one."""
     return next((w.partition("=")[2] for w in typed if w.startswith(f"{group}=")), "")
 
 
@@ -61,7 +61,7 @@ def _names(chosen: str) -> list[str]:
 
 
 def _keys_of_heads(objectives: str) -> list[str]:
-    """Keys of the heads that typed objectives have."""
+    """Keys of the heads of typed objectives."""
     lines = []
     for name in _names(objectives):
         if local.is_local(name):
@@ -124,7 +124,7 @@ def keys_page() -> str:
 
 
 def _described(command: Command) -> str:
-    """Keys of a command with their meanings, by the names that are typed."""
+    """Keys of a command with their meanings, by their typed names."""
     rows = strict.describe(command.keys) if command.keys else ""
     for name, key in command.also.items():
         rows = re.sub(rf"^{key}:", f"{name}:", rows, flags=re.MULTILINE)

@@ -110,7 +110,7 @@ def check_types(config: DictConfig) -> None:
 
 
 def _own_yaml(group: str) -> list[str]:
-    """Options of a group whose keys are those of their YAML, and which are no plugins."""
+    """Options of a group in YAML alone, without a plugin."""
     return [*yaml_options(group)] if group in _BY_YAML else []
 
 

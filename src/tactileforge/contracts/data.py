@@ -120,7 +120,7 @@ class Recording:
     licence: str = ""
 
     def __post_init__(self) -> None:
-        """Refuses a key that no table, page or shard can hold.
+        """Refuses a key beyond tables, pages and shards.
 
         Raises:
             DataError: The key comes from names of files that are not UTF-8.

@@ -161,7 +161,7 @@ def _heads(
 
 
 def _is_kept(name: str, plugin: str) -> bool:
-    """Whether an installed head is kept under a name: of the core, those that are read."""
+    """Whether an installed head is kept under a name: of the core, only heads for reading."""
     if name in registry.names("heads") and plugin != name:
         return False  # another plugin under this name is not what `Model` reads
     return name in (*KEPT_HEADS, ALIGN) or of_package(plugin)

@@ -1,4 +1,4 @@
-"""Plugins that a run was made with and that are not installed here, with their distributions."""
+"""Absent plugins of a run, with their distributions."""
 
 from __future__ import annotations
 

@@ -294,7 +294,7 @@ _IN_PLACE_OF = {
 
 
 def _seen(plugin: Any) -> tuple[str, str]:
-    """Kind of network that a class shows itself to be, and by what; empty for neither."""
+    """Kind of network of a class by its members, and by which; empty for neither."""
     if not isinstance(plugin, type):
         return "", ""
     if _has(plugin, "head") and _has(plugin, "needs"):
@@ -306,7 +306,7 @@ def _seen(plugin: Any) -> tuple[str, str]:
 
 
 def _check_change(plugin: Any, what: str) -> None:
-    """Checks what is to be made a change of batches: a class with ``__call__``, or its maker."""
+    """Checks a change of batches: a class with ``__call__``, or its maker."""
     fix = "give a class whose instance takes a batch, def __call__(self, batch), and returns it"
     if isinstance(plugin, type):
         if not any({"__call__", "forward"} & vars(base).keys() for base in plugin.__mro__[:-1]):

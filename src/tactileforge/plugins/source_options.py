@@ -109,7 +109,7 @@ def read_hints(target: str) -> dict[str, Any]:
 
 
 def _hint(node: ast.expr | None) -> Any:
-    """Type written in a hint; Any where a name in it is not plain."""
+    """Type written in a hint; Any for one with other names."""
     if node is None:
         return Any
     names = {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}

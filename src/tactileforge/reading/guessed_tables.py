@@ -360,7 +360,7 @@ def _forces_of_one(family: Family) -> list[str | None]:
 
 
 def _forces_by_unit(family: Family) -> list[str | None]:
-    """Columns that state a unit of force and an axis: ``sensor_x [N]``; one for each axis."""
+    """Columns with a unit of force and an axis, ``sensor_x [N]``; one for each axis."""
     found: list[str | None] = []
     for axis in "xyz":
         named = [title for title in family.rows[0] if axis in words_of(title)]

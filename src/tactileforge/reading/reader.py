@@ -254,7 +254,7 @@ class LayoutReader:
         ]
 
     def names(self, touches: Sequence[LayoutTouch]) -> list[str]:
-        """Names of touches by which trials are told: paths without the endings of files."""
+        """Names of touches, for telling trials: paths without the endings of files."""
         names = [touch.folder or touch.name for touch in touches]
         if self.layout.each != "sequence":
             names = [str(PurePosixPath(name).with_suffix("")) for name in names]

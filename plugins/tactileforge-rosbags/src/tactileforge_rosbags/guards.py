@@ -176,7 +176,7 @@ def _exceeds(coding: str, content: bytes, most: int) -> bool:
 
 
 def _pieces(start: Callable[[], Any], damage: Any, content: bytes, most: int) -> list[bytes] | None:
-    """Unpacked frames, none of damaged ones; None where they exceed a size."""
+    """Unpacked frames, none of damaged ones; None beyond a size."""
     pieces: list[bytes] = []
     left = most
     try:

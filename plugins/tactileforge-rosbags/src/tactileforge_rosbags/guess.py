@@ -95,7 +95,7 @@ def _sensor(bag: Bag, topic: str, doubts: list[str]) -> dict[str, Any]:
 
 
 def _add_forces(bag: Bag, touch: list[dict[str, Any]], doubts: list[str]) -> None:
-    """Add to each touch the key of its force, where names of topics leave no choice."""
+    """Add to each touch the key of its force, if names of topics leave no choice."""
     wrenches = sorted(one.name for one in bag.topics.values() if one.kind in WRENCHES)
     force = force_of_touch([one["topic"] for one in touch], wrenches)
     for entry in touch:
