@@ -144,3 +144,21 @@ def test_forces_of_both_sides_in_one_table(tmp_path: Path) -> None:
         np.testing.assert_allclose(one.force[:, 2], factor * np.arange(8), atol=1e-6)
     assert {key.split("/")[0] for key in held} == {"left", "right"}
     assert len({key.split("/")[1] for key in held}) == 1
+
+
+def test_a_table_is_of_the_sensor_in_its_name(tmp_path: Path) -> None:
+    for k in range(3):
+        for sensor in ("digit", "gelsight_mini"):
+            for n in range(8):
+                image(tmp_path / f"grasp_{k}/{sensor}/{n:03d}.png", 60 + 5 * n + k)
+        rows = [f"{n},0,0,{n}" for n in range(8)]
+        table = tmp_path / f"grasp_{k}/digit_force.csv"
+        table.write_text("\n".join(["frame,fx,fy,fz", *rows]) + "\n")
+    guess = Recordings.recognise(tmp_path)
+    assert guess is not None
+    data = Recordings(**guess.options)
+    found = [*data.recordings("train"), *data.recordings("val")]
+    assert {(one.sensor, one.force is not None) for one in found} == {
+        ("digit", True),
+        ("gelsight_mini", False),
+    }

@@ -143,6 +143,17 @@ def _parts(root: Path, media: Sequence[Path]) -> dict[str, list[Path]]:
     return named if len(named.keys() - {""}) > 1 else {"": list(media)}
 
 
+def _names_part(stem: str, folder: str) -> bool | None:
+    """Whether a name is of the sensor or side of a folder; None where it tells none."""
+    if sensor := named_sensor(folder):
+        named = named_sensor(stem)
+        return named == sensor if named else None
+    if folder.lower() in SIDES:
+        sides = SIDES.intersection(words_of(stem))
+        return folder.lower() in sides if sides else None
+    return None
+
+
 def _with_forces_of_sides(
     root: Path, media: Sequence[Path], files: Sequence[Path]
 ) -> dict[str, list[Path]]:
@@ -189,10 +200,9 @@ def _layout(
     tables = [path for path in of_endings(files, _TABLES | sheets()) if path not in frames]
     # those of the folder first
     tables.sort(key=lambda path: folder not in path.relative_to(root).parts)
-    # of files named by sensors, a table is of the sensor in its name
-    if folder and folder == named_sensor(media[0].stem):
-        tables = [path for path in tables if named_sensor(path.stem) in (folder, "")]
-        tables.sort(key=lambda path: named_sensor(path.stem) == "")
+    # a table is of the sensor or side in its name; those with the name come first
+    tables = [path for path in tables if _names_part(path.stem, folder) is not False]
+    tables.sort(key=lambda path: _names_part(path.stem, folder) is None)
     found = families(tables, units)
     for family in found:
         family.side = folder.lower() if folder.lower() in SIDES else ""
