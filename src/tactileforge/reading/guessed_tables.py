@@ -20,6 +20,7 @@ from tactileforge.reading.sensor_names import named_sensor
 from tactileforge.reading.series import series_of
 from tactileforge.reading.table_families import (
     RECORDING,
+    SIDES,
     Family,
     Units,
     apart_by_capitals,
@@ -353,7 +354,8 @@ def _forces_of_one(family: Family) -> list[str | None]:
             plain = apart_by_capitals(title.strip()).lower()
             if found := re.fullmatch(rf"(\w+?)[_ ]{_FORCES[axis].pattern}", plain):
                 names.setdefault(found[1], [None, None, None])[place] = title
-    if family.side:  # of a table of both sides
+    if family.side and any(not SIDES.isdisjoint(words_of(name)) for name in names):
+        # of a table of both sides
         names = {name: one for name, one in names.items() if family.side in words_of(name)}
     whole = [one for name, one in names.items() if one[2] and _ELSEWHERE.isdisjoint(words_of(name))]
     return whole[0] if len(whole) == 1 else [None] * 3
