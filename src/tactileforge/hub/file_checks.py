@@ -55,7 +55,11 @@ def check_nodes(path: Path, header: Header) -> None:
         raise DataError(f"{path}: damaged: {error}; fetch or write it again") from error
     for kind, node in [
         ("encoders", header.encoder),
-        *(("heads", entry["node"]) for entry in header.heads.values()),
+        *(
+            ("heads", entry["node"])
+            for key, entry in header.heads.items()
+            if not is_left_out(key, entry["node"]["name"])
+        ),
         *(
             ("encoders", row["text_encoder"])
             for row in header.heads.values()
@@ -70,8 +74,6 @@ def check_nodes(path: Path, header: Header) -> None:
                     f"{path}: {node['name']}.{key} is {value}, and the file has {tensors} tensors; "
                     "fetch it again"
                 )
-        if kind == "heads" and not is_at_hand(node["name"]):
-            continue  # left out, see `files.warn_of_left`
         plugin = registry.get(kind, node["name"])
         if "constructing does no io" in getattr(plugin, "expected_failures", {}):
             raise DataError(
@@ -80,9 +82,16 @@ def check_nodes(path: Path, header: Header) -> None:
             )
 
 
-def is_at_hand(head: str) -> bool:
-    """Whether the class of a head is installed, or was given where it is one of the user's own."""
-    return local.is_given(head) if local.is_local(head) else head in registry.names("heads")
+def is_left_out(key: str, head: str) -> bool:
+    """Whether a head of a file is left out, see `files.warn_of_left`: its class is not at hand.
+
+    Args:
+        key: Name of the head; by that of an installed one another class is damage.
+        head: Name of its class.
+    """
+    if local.is_local(head):
+        return not local.is_given(head)
+    return not {head, key} & {*registry.names("heads")}
 
 
 def of_package(head: str) -> bool:

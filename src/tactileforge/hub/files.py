@@ -20,7 +20,7 @@ from tactileforge.hub.file_checks import (
     build,
     check_nodes,
     check_plugin,
-    is_at_hand,
+    is_left_out,
     own_head,
     towers_of,
 )
@@ -213,7 +213,7 @@ def _open_heads(
     heads: dict[str, nn.Module] = {}
     for name, entry in header.heads.items():
         own = entry["node"]["name"]
-        if not (own_head(name, own) if local.is_local(own) else is_at_hand(own)):
+        if is_left_out(name, own) or (local.is_local(own) and not own_head(name, own)):
             warn_of_left(path, name, own)
             continue
         prefix = _of_head(name)

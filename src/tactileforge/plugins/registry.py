@@ -299,7 +299,10 @@ def _seen(plugin: Any) -> tuple[str, str]:
         return "", ""
     if _has(plugin, "head") and _has(plugin, "needs"):
         return "objective", "it has head and needs"
-    given = signature(plugin).parameters.get("encoder")
+    try:
+        given = signature(plugin).parameters.get("encoder")
+    except ValueError:  # a type of Python itself
+        return "", ""
     if given is not None and given.default is Parameter.empty:
         return "head", "its constructor takes the encoder"
     return "", ""
