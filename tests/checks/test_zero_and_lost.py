@@ -21,8 +21,8 @@ def test_a_zero_force_under_a_weaker_press_is_found():
 
 
 def test_a_picture_that_is_mostly_lost_is_more_than_a_note():
-    levels = {}
-    for share in (0.1, 0.9):
-        bad = made_touch(edit=lambda frames, n=int(80 * share): frames[:, :n].fill(255))
-        levels[share] = [one.level for one in CheckRun(["TF305"]).look(bad, "train", False)]
-    assert levels == {0.1: ["note"], 0.9: ["warning"]}
+    levels = []
+    for share, level in (0.1, 255), (0.9, 255), (0.9, 0):
+        bad = made_touch(edit=lambda frames, n=int(80 * share), to=level: frames[:, :n].fill(to))
+        levels += [one.level for one in CheckRun(["TF305"]).look(bad, "train", False)]
+    assert levels == ["note", "warning", "note"], "of light, not of a black border"

@@ -21,7 +21,7 @@ from tactileforge.contracts import FrameSubset, Recording
 from tactileforge.data.frames.lazy import ArrayFrames
 
 _FRAMES = frozenset({"frames"})
-#: Share of saturated pixels beyond which the picture is lost.
+#: Share of white pixels beyond which the picture is lost.
 _LOST = 0.5
 
 
@@ -133,9 +133,10 @@ class Saturated(PixelCheck):
     fix = "record with less light or a shorter exposure"
 
     def look(self, seen: Seen) -> Iterable[Finding]:
-        """See `Check.look`; where most of a picture is lost, it is a warning."""
+        """See `Check.look`; where light took most of a picture, it is a warning."""
         for one in super().look(seen):
-            yield replace(one, level="warning") if one.value > _LOST else one
+            # a black border takes as much, and nothing is lost there
+            yield replace(one, level="warning") if seen.sample.white > _LOST else one
 
     @staticmethod
     def examples() -> Examples:

@@ -52,6 +52,7 @@ class FrameSample:
         ground: Median difference in the frame of smallest change.
         others: The same of three quarters of the frames that are not the background, at least.
         saturated: Share of pixels with a channel at 0 or 255, in the worst frame.
+        white: The same at 255 alone.
         frozen: Longest run of identical frames around those decoded, s.
         digest: Hash of the pixels of all decoded frames.
         signature: int16 (8, 24, 32, 3), tiny frames for comparison.
@@ -69,6 +70,7 @@ class FrameSample:
     ground: float
     others: float
     saturated: float
+    white: float
     frozen: float
     digest: bytes
     signature: NDArray[np.int16]
@@ -91,12 +93,14 @@ def sample_of(recording: Recording) -> FrameSample:
         )
     background = background_of(recording)
     rows = evenly(len(recording.frames), FRAMES)
-    small, saturated, digests = [], 0.0, []
+    small, saturated, white, digests = [], 0.0, 0.0, []
     for chunk in checked_chunks(recording.frames, rows.tolist(), "frames", CHUNK):
         for frame in chunk:
             # before it is made small: an average hides single pixels
             ends = ((frame == 0) | (frame == 255)).any(axis=-1)
-            saturated = max(saturated, float(ends.mean()))
+            saturated = max(saturated, share := float(ends.mean()))
+            if share > white:
+                white = max(white, float((frame == 255).any(axis=-1).mean()))
             digests.append(digest_of(frame))
             small.append(shrink(frame))
     frames = np.stack(small)
@@ -126,6 +130,7 @@ def sample_of(recording: Recording) -> FrameSample:
         ground=float(np.median(away[least])),
         others=float(np.quantile(grounds, 0.25)),
         saturated=saturated,
+        white=white,
         frozen=frozen_time(recording, rows.tolist(), digests),
         digest=hashlib.blake2b(b"".join(digests), digest_size=16).digest(),
         signature=signature,
