@@ -212,3 +212,11 @@ def test_a_first_load_imports_no_compiler() -> None:
         "sys.exit(' '.join({'sympy', 'torch._dynamo'} & set(sys.modules)) or 0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_client_is_whole_in_a_fresh_process() -> None:
+    """Its submodules come with it only where somebody imported them."""
+    code = "from tactileforge.hub.remote import client; c = client(); "
+    code += "print(c.constants.ENDPOINT, c.errors.HfHubHTTPError.__name__, c.HfApi.__name__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.split()[1:] == ["HfHubHTTPError", "HfApi"], done.stderr

@@ -6,6 +6,7 @@ from torch import nn
 
 from tactileforge.contracts import CONTEXT, Dataset, Sensor
 from tactileforge.errors import ConfigError, PluginError
+from tactileforge.objectives import Pixel
 from tactileforge.plugins import local, registry
 from tactileforge.training.assemble import build_data
 from tactileforge.training.optim import COMMON, parse_optim
@@ -175,6 +176,7 @@ def test_methods_of_a_protocol_are_stubs():
     [
         (type("Silent", (), {}), "has no __call__: give a class whose instance takes a batch"),
         (lambda batch: batch, "is a function of batch: give a class"),
+        (Pixel, "is called with prediction, batch: give a class"),
     ],
 )
 def test_a_change_of_batches_has_to_be_called(change, said):

@@ -121,4 +121,9 @@ def test_all_that_is_missing_is_named_at_once():
         local.check_given(config, "runs/a")
     listed = "'code=[./absent.py:Mine,absent_too:rate,absent_three:Loss]'"
     assert listed in str(error.value)
+    # of the words to type, those that were given too: a command has them all or none
+    local.keep("./absent.py:Mine", object)
+    with pytest.raises(PluginError, match="made with absent_too:rate and absent_three") as error:
+        local.check_given(config, "runs/a")
+    assert listed in str(error.value)
     local.check_given({"encoder": {"name": "pixel"}}, "runs/a")

@@ -222,9 +222,10 @@ class Wants(Steps):
         super().__init__(params, lr, momentum)
 
 
-def test_a_target_in_yaml_leaves_out_what_the_recipe_gave_another_class(tmp_path):
+@pytest.mark.parametrize("word", ["_target_: torch.optim.SGD", "name: 'torch.optim:SGD'"])
+def test_a_class_in_yaml_leaves_out_what_the_recipe_gave_another(word, tmp_path):
     (tmp_path / "recipe").mkdir()
-    text = "# @package _global_\ndefaults: [mae]\noptim: {_target_: torch.optim.SGD, lr: 0.01}\n"
+    text = f"# @package _global_\ndefaults: [mae, _self_]\noptim: {{{word}, lr: 0.01}}\n"
     (tmp_path / "recipe/steady.yaml").write_text(text)
     optim = compose("steady", [f"hydra.searchpath=[{tmp_path}]", *WORDS])["optim"]
     assert (optim["name"], optim["lr"]) == ("torch.optim:SGD", 0.01)

@@ -559,6 +559,7 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
     }
     config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
     _leave_out(config.encoder, typed)
+    _leave_out_optimizers(config.optim, typed)
     _, own = defaults_of_optimizer(typed)
     for key, value in own.items():
         if config.optim.get(key) != value:
@@ -631,6 +632,20 @@ def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
             del encoder[key]
         names = ", ".join(left)
         log.info("encoder=%s: left out what it has not and a preset gave: %s", encoder.name, names)
+
+
+def _leave_out_optimizers(optim: DictConfig, typed: Sequence[str]) -> None:
+    """Removes options of AdamW that a preset gave from an optimizer of one's own without them."""
+    if not local.is_local(optim.get("name")):
+        return
+    from tactileforge.training.optim import COMMON  # imports torch
+
+    own = registry.parameters(registry.get("optimizers", optim["name"]))
+    given = {word.lstrip("+").partition("=")[0] for word in typed}
+    usual = registry.options("optimizers", "adamw").keys() - {*own, *COMMON, "name"}
+    for key in [one for one in optim if one in usual and f"optim.{one}" not in given]:
+        log.info("optim=%s: left out %s, which it has not and a preset gave", optim["name"], key)
+        del optim[key]
 
 
 def _chosen(group: str, config: DictConfig, also: Collection[str] = ()) -> dict[str, Any]:

@@ -31,6 +31,7 @@ def client() -> Any:
     """
     try:
         import huggingface_hub
+        import huggingface_hub.constants
         import huggingface_hub.errors
     except ImportError as error:
         raise ConfigError("the model hub needs: pip install huggingface_hub") from error

@@ -151,9 +151,11 @@ def check_given(config: Mapping[str, Any], what: str) -> None:
     Raises:
         PluginError: Something was not; names all that is missing, as words to type.
     """
-    missing = [name for name in names_in(config) if not is_given(name)]
+    named = names_in(config)
+    missing = [name for name in named if not is_given(name)]
     if missing:
-        raise not_given(f"{what} was made with {' and '.join(missing)},", missing)
+        said = f"{what} was made with {' and '.join(missing)},"
+        raise not_given(said, [name for name in named if not of_library(name)])
 
 
 def not_given(what: str, names: Sequence[str]) -> PluginError:

@@ -312,8 +312,19 @@ def _check_change(plugin: Any, what: str) -> None:
     """Checks a change of batches: a class with ``__call__``, or its maker."""
     fix = "give a class whose instance takes a batch, def __call__(self, batch), and returns it"
     if isinstance(plugin, type):
-        if not any({"__call__", "forward"} & vars(base).keys() for base in plugin.__mro__[:-1]):
+        calls = [
+            vars(base)[name]
+            for base in plugin.__mro__[:-1]
+            for name in ("forward", "__call__")
+            if inspect.isfunction(vars(base).get(name))
+            and not base.__module__.startswith("torch.nn")
+        ]
+        if not calls:
             raise PluginError(f"{what} has no __call__: {fix}")
+        takes = [*signature(calls[0]).parameters.values()][1:]
+        needed = [one.name for one in takes if one.default is one.empty and one.kind < 2]
+        if len(needed) != 1 and not any(one.kind is one.VAR_POSITIONAL for one in takes):
+            raise PluginError(f"{what} is called with {', '.join(needed) or 'nothing'}: {fix}")
     elif inspect.isroutine(plugin):
         needed = [n for n, p in signature(plugin).parameters.items() if p.default is p.empty]
         if needed:
