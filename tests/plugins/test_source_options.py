@@ -1,9 +1,11 @@
 """Options read from source equal those of the imported class."""
 
+from typing import Any
+
 import pytest
 
 from tactileforge.plugins import registry
-from tactileforge.plugins.source_options import read_options
+from tactileforge.plugins.source_options import read_attribute, read_hints, read_options
 from tactileforge.util import strict
 
 PLUGINS = [
@@ -79,3 +81,12 @@ def test_help_and_a_configuration_are_shown_without_torch(lightly):
     assert "max_steps" in lightly(["train", "--help"], "torch lightning")
     assert "tactile_vit" in lightly(["train", "--cfg", "job"], "torch lightning")
     assert "train" in lightly(["--help"], "torch numpy hydra")
+
+
+def test_an_attribute_of_a_class_is_read_by_its_name():
+    where = "tactileforge.objectives.match:Match"
+    assert read_attribute(where, "head") == "match"
+    assert read_attribute(where, "pairs") is True
+    assert read_attribute(where, "needs") is None, "no literal"
+    assert read_attribute(where, "absent") is None
+    assert read_hints(where) == {"self": Any, "of_object": float, "of_action": float}
