@@ -7,7 +7,7 @@ from torch import nn
 from tactileforge.contracts import CONTEXT, Dataset, Sensor
 from tactileforge.errors import ConfigError, PluginError
 from tactileforge.objectives import Pixel
-from tactileforge.plugins import local, registry
+from tactileforge.plugins import class_contracts, local, registry
 from tactileforge.training.assemble import build_data
 from tactileforge.training.optim import COMMON, parse_optim
 
@@ -101,7 +101,7 @@ class NamedChange:
 )
 def test_an_option_with_a_key_of_the_framework_is_refused(kind, plugin, key):
     with pytest.raises(PluginError, match=f"^mine takes '{key}', and.*call it something else"):
-        registry.check_contract(kind, plugin, "mine")
+        class_contracts.check_contract(kind, plugin, "mine")
     registry._registered[kind, "of_a_package"] = plugin  # as an entry point, which no one looks at
     try:
         with pytest.raises(PluginError, match=f"takes '{key}', and"):
@@ -122,23 +122,23 @@ class Late:
 
 
 def test_what_a_constructor_sets_is_there():
-    registry.check_contract("datasets", Late, "mine")
+    class_contracts.check_contract("datasets", Late, "mine")
 
 
 def test_reserved_keys_are_those_that_are_taken_away():
-    assert registry.RESERVED["optimizers"] == {*COMMON}
+    assert class_contracts.RESERVED["optimizers"] == {*COMMON}
 
 
 def test_a_logger_of_lightning_keeps_the_default_of_its_name():
     from lightning.pytorch.loggers import CSVLogger
 
-    registry.check_contract("loggers", CSVLogger, "mine")
+    class_contracts.check_contract("loggers", CSVLogger, "mine")
 
 
 def test_what_heads_alone_are_given_is_refused_elsewhere():
     assert "encoder" in CONTEXT
     with pytest.raises(PluginError, match="has encoder in its constructor, which heads alone"):
-        registry.check_contract("objectives", EncoderGoal, "mine")
+        class_contracts.check_contract("objectives", EncoderGoal, "mine")
 
 
 @pytest.mark.parametrize(
@@ -153,7 +153,7 @@ def test_what_heads_alone_are_given_is_refused_elsewhere():
 )
 def test_a_class_of_another_kind_is_told(kind, plugin, said):
     with pytest.raises(PluginError, match=said):
-        registry.check_contract(kind, plugin, "mine")
+        class_contracts.check_contract(kind, plugin, "mine")
 
 
 def test_methods_of_a_protocol_are_stubs():
@@ -166,9 +166,9 @@ def test_methods_of_a_protocol_are_stubs():
     class Bare(Dataset): ...
 
     with pytest.raises(PluginError, match=r"^mine has no read, no close: see Sensor"):
-        registry.check_contract("sensors", Half, "mine")
+        class_contracts.check_contract("sensors", Half, "mine")
     with pytest.raises(PluginError, match=r"^mine has no recordings"):
-        registry.check_contract("datasets", Bare, "mine")
+        class_contracts.check_contract("datasets", Bare, "mine")
 
 
 @pytest.mark.parametrize(
@@ -181,7 +181,7 @@ def test_methods_of_a_protocol_are_stubs():
 )
 def test_a_change_of_batches_has_to_be_called(change, said):
     with pytest.raises(PluginError, match=said):
-        registry.check_contract("augmentations", change, "augment.also.mine")
+        class_contracts.check_contract("augmentations", change, "augment.also.mine")
 
 
 def test_a_function_that_makes_no_change_is_told_before_data_is_read():

@@ -37,7 +37,7 @@ from tactileforge.cli._options import MULTI, yaml_text
 from tactileforge.cli._quote import unquoted
 from tactileforge.cli._words import free_heads
 from tactileforge.errors import ConfigError, PluginError, unknown
-from tactileforge.plugins import local, registry
+from tactileforge.plugins import class_contracts, local, registry
 from tactileforge.plugins.distributions import conf_packages, how_to_get
 from tactileforge.plugins.registry import GROUPS
 
@@ -140,7 +140,7 @@ def node_of(group: str, name: str) -> dict[str, Any]:
     """The configuration node of an installed plugin in a group: name, weight, defaults."""
     kind = GROUPS[group]
     defaults = registry.options(kind, name)
-    registry.check_free(kind, defaults, f"{kind.removesuffix('s')} {name!r}")
+    class_contracts.check_free(kind, defaults, f"{kind.removesuffix('s')} {name!r}")
     shared: dict[str, Any] = {"weight": 1.0} if group == "objective" else {}
     if group == "optim":
         from tactileforge.training.optim import COMMON  # imports torch

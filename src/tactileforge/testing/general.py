@@ -20,7 +20,7 @@ from torch import nn
 
 from tactileforge.contracts import Sensor
 from tactileforge.errors import PluginError
-from tactileforge.plugins import registry
+from tactileforge.plugins import class_contracts, registry
 from tactileforge.testing.batches import context_of
 from tactileforge.testing.modules import small_context
 from tactileforge.testing.results import Check, CheckSubject, Skip, Violation, require
@@ -38,7 +38,7 @@ def name_is_snake_case(subject: CheckSubject) -> None:
 def it_has_what_its_kind_needs(subject: CheckSubject) -> None:
     """It has the methods and attributes of its kind, and is not of another kind."""
     try:
-        registry.check_members(subject.kind, subject.plugin, "it")
+        class_contracts.check_members(subject.kind, subject.plugin, "it")
     except PluginError as error:
         raise Violation(str(error)) from error
 
@@ -55,7 +55,7 @@ def parameters_are_explicit(subject: CheckSubject) -> None:
 def option_names_are_free(subject: CheckSubject) -> None:
     """No option has the name of a key of the framework, which would keep its value."""
     try:
-        registry.check_constructor(subject.kind, subject.plugin, "the constructor")
+        class_contracts.check_constructor(subject.kind, subject.plugin, "the constructor")
     except PluginError as error:
         raise Violation(str(error)) from error
 

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from tactileforge.contracts import LABELS, Batch, Views
 from tactileforge.data.batches.columns import own_columns
 from tactileforge.errors import PluginError
-from tactileforge.plugins import local, registry
+from tactileforge.plugins import class_contracts, local, registry
 from tactileforge.testing.batches import (
     batch,
     context_of,
@@ -78,7 +78,7 @@ def _parts(subject: CheckSubject) -> _Parts:
     named = subject.head or subject.plugin.head
     made = _plugins(subject)[0]
     with _of_head(made.__name__):
-        registry.check_contract("heads", made, "it")
+        class_contracts.check_contract("heads", made, "it")
         head = construct(made, SMALL_HEADS.get(named, {}), context)
     return _Parts(context["encoder"], head, subject.build(**context))
 

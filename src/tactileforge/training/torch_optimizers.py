@@ -11,7 +11,8 @@ import torch
 from torch import nn
 
 from tactileforge.errors import ConfigError
-from tactileforge.plugins import local, registry
+from tactileforge.plugins import local
+from tactileforge.plugins.class_contracts import OF_OPTIMIZER
 
 
 class TorchOptimizer:
@@ -86,7 +87,7 @@ def plugin_of(made: type[torch.optim.Optimizer]) -> type[TorchOptimizer]:
     own = [
         parameter.replace(kind=Parameter.KEYWORD_ONLY, default=_plain(parameter.default))
         for name, parameter in signature(made).parameters.items()
-        if name not in registry.OF_OPTIMIZER and parameter.kind is not Parameter.VAR_KEYWORD
+        if name not in OF_OPTIMIZER and parameter.kind is not Parameter.VAR_KEYWORD
     ]
     doc = f"{made.__name__} of {made.__module__.partition('.')[0]}, with its options.\n\nArgs:\n"
     doc += "".join(f"    {one.name}: {_meaning(made, one.name)}\n" for one in own)
