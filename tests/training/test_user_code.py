@@ -278,6 +278,25 @@ def test_a_file_may_name_callbacks_of_lightning_and_optimizers_of_torch(name, gi
     assert local.is_given(name) is given
 
 
+class Narrow(torch.nn.Module):
+    """A head in place of that of `pixel`, with fewer options."""
+
+    def __init__(self, encoder, width: int = 8) -> None:
+        super().__init__()
+        self.layer = torch.nn.Linear(encoder.projected, width)
+
+    def forward(self, views, batch):
+        return self.layer(views.full.cls)
+
+
+def test_a_head_of_ones_own_in_the_place_of_a_usual_one():
+    word = f"head.pixel.name={__name__}:Narrow"
+    head = compose("mae", [*WORDS, "objective=[pixel]", word, "head.pixel.width=4"])["head"]
+    assert head == {"pixel": {"name": f"{__name__}:Narrow", "width": 4}}
+    with pytest.raises(ConfigError, match=r"head\.pixel\.depth"):
+        compose("mae", [*WORDS, "objective=[pixel]", word, "head.pixel.depth=3"])
+
+
 class Own(Pixel):
     """An objective of one's own."""
 

@@ -559,7 +559,10 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
     }
     config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
     _leave_out(config.encoder, typed)
-    _leave_out_optimizers(config.optim, typed)
+    _leave_out_usual(config.optim, "optimizers", "adamw", "optim", typed)
+    for key, node in config.head.items():
+        if key in registry.names("heads"):
+            _leave_out_usual(node, "heads", key, f"head.{key}", typed)
     _, own = defaults_of_optimizer(typed)
     for key, value in own.items():
         if config.optim.get(key) != value:
@@ -634,18 +637,27 @@ def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
         log.info("encoder=%s: left out what it has not and a preset gave: %s", encoder.name, names)
 
 
-def _leave_out_optimizers(optim: DictConfig, typed: Sequence[str]) -> None:
-    """Removes options of AdamW that a preset gave from an optimizer of one's own without them."""
-    if not local.is_local(optim.get("name")):
-        return
-    from tactileforge.training.optim import COMMON  # imports torch
+def _leave_out_usual(
+    node: DictConfig, kind: str, usual: str, place: str, typed: Sequence[str]
+) -> None:
+    """Removes options of the usual class, given by a preset, from one of one's own without them.
 
-    own = registry.parameters(registry.get("optimizers", optim["name"]))
+    Args:
+        node: Node of the chosen class; it is changed.
+        kind: Its kind.
+        usual: Name of the usual class.
+        place: Place of the node, as in ``head.pixel``.
+        typed: Overrides typed by the user; the options they set stay.
+    """
+    name = node.get("name")
+    if not local.is_local(name):
+        return
+    own = {"name", *registry.parameters(registry.get(kind, name)), *class_contracts.keys_of(kind)}
     given = {word.lstrip("+").partition("=")[0] for word in typed}
-    usual = registry.options("optimizers", "adamw").keys() - {*own, *COMMON, "name"}
-    for key in [one for one in optim if one in usual and f"optim.{one}" not in given]:
-        log.info("optim=%s: left out %s, which it has not and a preset gave", optim["name"], key)
-        del optim[key]
+    left = [key for key in node if key in registry.options(kind, usual).keys() - own]
+    for key in [one for one in left if f"{place}.{one}" not in given]:
+        log.info("%s=%s: left out %s, which it has not and a preset gave", place, name, key)
+        del node[key]
 
 
 def _chosen(group: str, config: DictConfig, also: Collection[str] = ()) -> dict[str, Any]:

@@ -71,6 +71,11 @@ def context(plugin: type[Any]) -> frozenset[str]:
     return CONTEXT & set(signature(plugin).parameters)
 
 
+def keys_of(kind: str) -> frozenset[str]:
+    """Keys of the framework in the nodes of a kind, beside the options of the plugin."""
+    return RESERVED.get(kind, frozenset())
+
+
 def check_contract(kind: str, plugin: Any, what: str) -> None:
     """Checks a class for the members of its kind, and for options that no one could give.
 
