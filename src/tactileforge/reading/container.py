@@ -21,8 +21,10 @@ DEEPEST = 32
 MOST_BYTES = 1 << 28
 #: Most bytes of a description: metadata, attributes and the like.
 MOST_TEXT = 1 << 24
-#: Most bytes of a compressed file that is unpacked to disk, and how far it may expand.
-MOST_UNPACKED, MOST_RATIO = 1 << 33, 50
+#: Most bytes of a compressed file that is unpacked to disk.
+MOST_UNPACKED = 1 << 33
+#: Largest ratio of unpacked bytes to packed ones, beyond 64 MB.
+MOST_RATIO = 50
 #: Most bytes of an array, which no disk holds.
 _MOST = 1 << 50
 #: Begin of a frame of zstd, and the most bytes of a block.
