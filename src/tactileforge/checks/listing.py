@@ -46,10 +46,10 @@ def chosen(
         ConfigError: No check has such a code.
 
     Example:
-        >>> [check.code for check in chosen(select=["TF2"], ignore=["TF20"])]
-        ['TF210', 'TF211']
-        >>> [check.name for check in chosen(select=["TF202", "mirrored"])]
-        ['pulling_force', 'mirrored']
+        >>> " ".join(check.code for check in chosen(select=["TF2"], ignore=["TF20"]))
+        'TF210 TF211'
+        >>> " ".join(check.name for check in chosen(select=["TF202", "mirrored"]))
+        'pulling_force mirrored'
     """
     select, ignore, without = tuple(select), tuple(ignore), frozenset(without)
     known = catalogue()

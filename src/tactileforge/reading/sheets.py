@@ -111,7 +111,8 @@ def rows_of_arrays(
 
     Example:
         >>> arrays = {"force": np.zeros((2, 2)), "t": np.arange(2), "who": np.array("me")}
-        >>> rows_of_arrays(Path("a.npz"), arrays)[1][1]
+        >>> _, row = rows_of_arrays(Path("a.npz"), arrays)[1]
+        >>> row
         {'who': 'me', 'force.0': '0.0', 'force.1': '0.0', 't': '1'}
     """
     columns: dict[str, NDArray[Any]] = {}

@@ -39,8 +39,8 @@ def picture_inputs(frames: Tensor, background: Tensor) -> dict[str, Tensor]:
         >>> import torch
         >>> rest = torch.full((1, 3, 16, 16), 100, dtype=torch.uint8)
         >>> inputs = picture_inputs(rest + 8, rest)
-        >>> [round(float(inputs[name]), 3) for name in ("change", "red_00")]
-        [8.0, 8.0]
+        >>> round(float(inputs["change"]), 3), round(float(inputs["red_00"]), 3)
+        (8.0, 8.0)
     """
     # the names above are needed where torch is not, as in help
     import torch
