@@ -1,4 +1,4 @@
-"""Forces of 0 under a press, and pictures that are lost."""
+"""Forces of 0 under a press, and lost pictures."""
 
 import numpy as np
 

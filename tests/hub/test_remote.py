@@ -215,7 +215,7 @@ def test_a_first_load_imports_no_compiler() -> None:
 
 
 def test_the_client_is_whole_in_a_fresh_process() -> None:
-    """Its submodules come with it only where somebody imported them."""
+    """Its submodules come only with an import of their own."""
     code = "from tactileforge.hub.remote import client; c = client(); "
     code += "print(c.constants.ENDPOINT, c.errors.HfHubHTTPError.__name__, c.HfApi.__name__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -136,7 +136,7 @@ def test_a_picture_of_another_kind_is_no_background_by_that_alone(tmp_path: Path
 
 @pytest.mark.parametrize(("moves", "each"), [(True, "sequence"), (False, "touch")])
 def test_noise_of_a_camera_is_no_change(moves: bool, each: str, tmp_path: Path) -> None:
-    """A small imprint in a noisy picture: one that slides, and one at a place of its own."""
+    """A small imprint in a noisy picture: sliding, or at a place of its own."""
     rng = np.random.default_rng(0)
     y, x = np.mgrid[:96, :128]
     at = rng.uniform(20, 76, (60, 2))

@@ -122,7 +122,7 @@ def test_a_guess_of_a_path_says_how_to_correct_it(
 def test_the_lag_of_the_first_recordings_is_estimated_unasked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By .43 s of 3: near the end of the lags that stand out, and far better than none."""
+    """By .43 s of 3: near the end of all lags, and far better than none."""
     root = tmp_path / "late"
     for seed in range(8):
         depth = np.concatenate([press(45), 0.6 * press(45)])
