@@ -360,7 +360,7 @@ def _zip_twice(path: Path, rng: Rng) -> None:
 
 
 def _zip_bomb(path: Path, rng: Rng, said: int = 0) -> None:
-    """A member of a gigabyte; with a size said, one that lies about it."""
+    """A member of a gigabyte, with a false size if one is given."""
     items = _members(path)
     name = _pick(rng, [*items])
     items[name] = b"BOMB"
@@ -1103,7 +1103,7 @@ def _records(raw: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 def _mcap_chunk(path: Path, rng: Rng, coding: str, packed: Callable[[], bytes], said: int) -> None:
-    """An mcap with a bomb for a chunk; without an index, so that it is scanned."""
+    """An mcap with a bomb for a chunk, and without an index."""
     raw = path.read_bytes()
     begin = next(at for kind, at, _ in _records(raw) if kind == 6)
     head = raw[begin : begin + 16] + said.to_bytes(8, "little") + bytes(4)

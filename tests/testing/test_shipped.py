@@ -48,7 +48,7 @@ owners = cache(packages_distributions)
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch):
-    """Makes what feeds and carries the plugins small: the U-Net below a loss, a ResNet's stages."""
+    """Makes the networks around the plugins small: the U-Net below a loss, a ResNet's stages."""
     monkeypatch.setattr(general, "packages_distributions", owners)
     monkeypatch.setitem(modules.SMALL_HEADS, "diffusion_policy", SMALL_DENOISER)
     monkeypatch.setattr(resnet, "_WIDTH", 32)

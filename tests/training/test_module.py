@@ -282,7 +282,7 @@ def test_an_objective_of_the_old_form_is_named(module: TouchModule, batch: Batch
 
 
 class _Returns(torch.nn.Module):
-    """An objective that returns what it is given, made of the prediction's first tensor."""
+    """An objective with a given result, made of the prediction's first tensor."""
 
     def __init__(self, make: Any) -> None:
         super().__init__()

@@ -306,7 +306,7 @@ def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
 
 
 def check_claims(name: str, overrides: Sequence[str]) -> None:
-    """Refuses a list of options in which two classes would have one key, and the last would win.
+    """Refuses two classes with one key in a list of options: the last would win.
 
     Called where Hydra is initialised.
 
@@ -558,11 +558,12 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
         for key, node in chosen.items()
     }
     config.curriculum.objective = {key: row for key, row in rows.items() if key in chosen}
-    _leave_out(config.encoder, typed)
-    _leave_out_usual(config.optim, "optimizers", "adamw", "optim", typed)
+    _leave_out(config.encoder, "encoders", _SIZED, "encoder", typed)
+    if local.is_local(config.optim.get("name")):
+        _leave_out(config.optim, "optimizers", ("adamw",), "optim", typed)
     for key, node in config.head.items():
-        if key in registry.names("heads"):
-            _leave_out_usual(node, "heads", key, f"head.{key}", typed)
+        if key in registry.names("heads") and local.is_local(node.get("name")):
+            _leave_out(node, "heads", (key,), f"head.{key}", typed)
     _, own = defaults_of_optimizer(typed)
     for key, value in own.items():
         if config.optim.get(key) != value:
@@ -620,44 +621,31 @@ def _name_networks(config: DictConfig, typed: Sequence[str]) -> None:
 _SIZED = ("tactile_vit", "plain_vit")
 
 
-def _leave_out(encoder: DictConfig, typed: Sequence[str]) -> None:
-    """Removes options of our own encoders from an encoder without such options."""
-    name = encoder["name"]
-    known_name = name in registry.names("encoders") or local.is_local(name)
-    if name in _SIZED or not known_name:
-        return
-    own = registry.parameters(registry.get("encoders", encoder["name"]))
-    known = {key for name in _SIZED for key in node_of("encoder", name)}
-    given = {word.lstrip("+").partition("=")[0] for word in typed}
-    left = [k for k in encoder if k not in {*own, "name"} and k in known]
-    if left := sorted(key for key in left if f"encoder.{key}" not in given):
-        for key in left:
-            del encoder[key]
-        names = ", ".join(left)
-        log.info("encoder=%s: left out what it has not and a preset gave: %s", encoder.name, names)
-
-
-def _leave_out_usual(
-    node: DictConfig, kind: str, usual: str, place: str, typed: Sequence[str]
+def _leave_out(
+    node: DictConfig, kind: str, usual: Collection[str], place: str, typed: Sequence[str]
 ) -> None:
-    """Removes options of the usual class, given by a preset, from one of one's own without them.
+    """Removes options of the usual classes, given by a preset, from a class without them.
 
     Args:
         node: Node of the chosen class; it is changed.
         kind: Its kind.
-        usual: Name of the usual class.
+        usual: Names of the usual classes.
         place: Place of the node, as in ``head.pixel``.
         typed: Overrides typed by the user; the options they set stay.
     """
     name = node.get("name")
-    if not local.is_local(name):
+    if name in usual or not (name in registry.names(kind) or local.is_local(name)):
         return
-    own = {"name", *registry.parameters(registry.get(kind, name)), *class_contracts.keys_of(kind)}
+    own = {"name", *class_contracts.RESERVED.get(kind, ())}
+    own |= registry.parameters(registry.get(kind, name)).keys()
+    known = {key for one in usual for key in registry.options(kind, one)}
     given = {word.lstrip("+").partition("=")[0] for word in typed}
-    left = [key for key in node if key in registry.options(kind, usual).keys() - own]
-    for key in [one for one in left if f"{place}.{one}" not in given]:
-        log.info("%s=%s: left out %s, which it has not and a preset gave", place, name, key)
+    left = [key for key in node if key in known - own and f"{place}.{key}" not in given]
+    for key in left:
         del node[key]
+    if left:
+        names = ", ".join(sorted(left))
+        log.info("%s=%s: left out what it has not and a preset gave: %s", place, name, names)
 
 
 def _chosen(group: str, config: DictConfig, also: Collection[str] = ()) -> dict[str, Any]:

@@ -22,11 +22,12 @@ from omegaconf import Container, DictConfig, ListConfig, Node, OmegaConf
 from tactileforge.cli._options import MULTI, yaml_groups, yaml_options, yaml_text
 from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name
 from tactileforge.plugins import local, registry
+from tactileforge.plugins.class_contracts import RESERVED
 from tactileforge.plugins.registry import GROUPS
 from tactileforge.plugins.source_options import read_hints
 
 #: Keys of a node beside the options of its plugin, by group.
-_BESIDE = {"objective": frozenset({"weight"})}
+_BESIDE = {"objective": RESERVED["objectives"]}
 #: Groups without plugins whose keys are those of their YAML.
 _BY_YAML = ("balance", "logger")
 #: Groups of plugins that training builds after its data, and that are checked here for that reason.
@@ -77,7 +78,7 @@ def check_plugins(config: DictConfig) -> None:
 
 
 def check_types(config: DictConfig) -> None:
-    """Checks values of a finished configuration against the types that read them.
+    """Checks values of a finished configuration against the types of their options.
 
     Training does so where it builds each part; this is for showing the configuration, and imports
     no plugin that is read from its source.

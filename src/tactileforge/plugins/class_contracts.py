@@ -1,4 +1,4 @@
-"""Contracts of plugin classes: members of each kind, and names of options that are free."""
+"""Contracts of plugin classes: members of each kind, and free names of options."""
 
 from __future__ import annotations
 
@@ -71,13 +71,8 @@ def context(plugin: type[Any]) -> frozenset[str]:
     return CONTEXT & set(signature(plugin).parameters)
 
 
-def keys_of(kind: str) -> frozenset[str]:
-    """Keys of the framework in the nodes of a kind, beside the options of the plugin."""
-    return RESERVED.get(kind, frozenset())
-
-
 def check_contract(kind: str, plugin: Any, what: str) -> None:
-    """Checks a class for the members of its kind, and for options that no one could give.
+    """Checks a class for the members of its kind, and for options with reserved names.
 
     Args:
         kind: Kind of plugin that is wanted.
@@ -93,7 +88,7 @@ def check_contract(kind: str, plugin: Any, what: str) -> None:
 
 
 def check_constructor(kind: str, plugin: type[Any], what: str) -> None:
-    """Checks a constructor for parameters that would never get a value of the configuration.
+    """Checks a constructor for parameters out of reach of the configuration.
 
     Arguments and errors are those of `check_contract`.
     """
@@ -139,7 +134,7 @@ def check_members(kind: str, plugin: Any, what: str) -> None:
 
 
 def _seen(plugin: Any) -> tuple[str, str]:
-    """Kind of network of a class by its members, and by which; empty for neither."""
+    """Kind of network of a class by its members, and these members; empty for neither."""
     if not isinstance(plugin, type):
         return "", ""
     if _has(plugin, "head") and _has(plugin, "needs"):
@@ -177,7 +172,7 @@ def _check_change(plugin: Any, what: str) -> None:
 
 
 def check_free(kind: str, options: Mapping[str, Any], what: str) -> None:
-    """Checks the options of a plugin for names that are keys of the framework itself.
+    """Checks the options of a plugin for names of keys of the framework.
 
     A value given for such a key never reaches the constructor. Callbacks and loggers of other
     packages may have a ``name`` with a default, which it keeps.

@@ -174,7 +174,7 @@ def not_given(what: str, names: Sequence[str]) -> PluginError:
 
 
 def code_words(names: Sequence[str]) -> list[str]:
-    """The word of a command that gives classes of one's own; none without a name.
+    """The word of a command to give classes of one's own; none without a name.
 
     Example:
         >>> code_words(["mine:Net"]), code_words(["mine:Net", "./b.py:Loss"])

@@ -20,7 +20,7 @@ def check_installed(
     what: str,
     groups: Collection[str] = tuple(registry.GROUPS),
 ) -> None:
-    """Checks that the plugins of a run are installed, as far as the run says where they were from.
+    """Checks that the plugins of a run are installed, if the run recorded their distributions.
 
     Args:
         config: Configuration of the run.

@@ -492,7 +492,7 @@ def check_hints(arguments: Mapping[str, Any], hints: Mapping[str, Any], where: s
 
 
 def _written(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Values that are neither missing nor interpolated."""
+    """Values given as such: neither missing nor interpolated."""
     return {key: x for key, x in arguments.items() if "???" not in str(x) and "${" not in str(x)}
 
 

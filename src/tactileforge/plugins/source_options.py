@@ -88,7 +88,7 @@ _HINTS = {
 
 
 def read_hints(target: str) -> dict[str, Any]:
-    """Constructor parameters of ``module:Class``, and their types where those are plain, else Any.
+    """Constructor parameters of ``module:Class`` and their types, Any for types with other names.
 
     Args:
         target: Value of an entry point.
@@ -123,7 +123,7 @@ def _hint(node: ast.expr | None) -> Any:
 
 
 def read_attribute(target: str, attribute: str) -> Any:
-    """Literal of an attribute of ``module:Class``, its own one; None where there is none.
+    """Literal of an attribute of ``module:Class`` itself; None without one.
 
     Args:
         target: Value of an entry point.

@@ -144,7 +144,7 @@ def _parts(root: Path, media: Sequence[Path]) -> dict[str, list[Path]]:
 
 
 def _names_part(stem: str, folder: str) -> bool | None:
-    """Whether a name is of the sensor or side of a folder; None where it tells none."""
+    """Whether a name is of the sensor or side of a folder; None for a name of neither."""
     if sensor := named_sensor(folder):
         named = named_sensor(stem)
         return named == sensor if named else None
@@ -157,7 +157,7 @@ def _names_part(stem: str, folder: str) -> bool | None:
 def _with_forces_of_sides(
     root: Path, media: Sequence[Path], files: Sequence[Path]
 ) -> dict[str, list[Path]]:
-    """Files of each side of a gripper, where tables have the forces of each; {} otherwise."""
+    """Files of each side of a gripper, if tables have the forces of each; {} otherwise."""
     sides: dict[str, list[Path]] = {}
     for path in media:
         sides.setdefault(path.parent.name, []).append(path)

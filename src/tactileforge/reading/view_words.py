@@ -65,7 +65,7 @@ def words_of(name: str) -> tuple[str, ...]:
 def force_of_touch(
     touch: Sequence[str], forces: Sequence[str], *, only: bool = True
 ) -> dict[str, str]:
-    """Name the force on the gel of each touch, where names leave no choice.
+    """Name the force on the gel of each touch, if names leave no choice.
 
     A force of the robot's body (`ROBOT`), or one that is aimed at (`COMMANDS`), is none, unless its
     touch has the same word. A touch has the one force that shares a word with it and with no other

@@ -53,7 +53,7 @@ def parameters_are_explicit(subject: CheckSubject) -> None:
 
 
 def option_names_are_free(subject: CheckSubject) -> None:
-    """No option has the name of a key of the framework, which would keep its value."""
+    """Names of options are not those of keys of the framework."""
     try:
         class_contracts.check_constructor(subject.kind, subject.plugin, "the constructor")
     except PluginError as error:

@@ -59,7 +59,7 @@ class _Parts:
 
 @contextmanager
 def _of_head(name: str) -> Iterator[None]:
-    """Names the head in its errors, which are not the objective's.
+    """Names the head in its errors, in place of the objective.
 
     Raises:
         Violation: The head raised.

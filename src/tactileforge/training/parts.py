@@ -69,7 +69,7 @@ def term_of(key: str, objective: nn.Module, prediction: Any, batch: Batch) -> Te
 
 
 def _returned(made: Any) -> str:
-    """Words on what an objective returned in place of its loss and logs."""
+    """Words on a wrong result of an objective."""
     what = type(made).__name__
     if isinstance(made, Tensor):
         what = f"only a tensor of shape {tuple(made.shape)}"
@@ -233,7 +233,7 @@ def changing(place: str, parts: Mapping[str, Any]) -> tuple[Any, str]:
 
 
 def check_arguments(config: Mapping[str, Any]) -> None:
-    """Checks the options of heads, objectives and towers, which are built after data is read.
+    """Checks the options of heads, objectives and towers before data is read.
 
     Raises:
         ConfigError: An option is unknown, missing, or of another type.

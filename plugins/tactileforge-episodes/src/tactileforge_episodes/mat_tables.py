@@ -77,7 +77,7 @@ def _of_hdf5(
 
 
 def _is_plain(node: Any) -> bool:
-    """Whether an array has values of its own, which are read at once."""
+    """Whether an array has values of its own, read at once."""
     if node.external or node.is_virtual or node.dtype.hasobject or node.shape is None:
         return False
     return bool(node.size * node.dtype.itemsize <= MOST_BYTES)

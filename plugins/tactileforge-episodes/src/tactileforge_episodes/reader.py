@@ -345,7 +345,7 @@ class EpisodeFile:
         return {one.ref for one in self.touches} | {ref for ref in found if ref is not None}
 
     def _lost(self, ref: ArrayRef, rows: range, then: str) -> list[int]:
-        """Rows of values without a stored chunk, which are noted."""
+        """Rows of values without a stored chunk; notes them."""
         if ref not in self._gaps:  # of all episodes at once: each has few of the array's rows
             self._gaps[ref] = ref.lost(0, ref.facts.rows), ref.is_void
         gaps, is_void = self._gaps[ref]

@@ -37,7 +37,7 @@ class _Check:
         baseline: File of findings that are known: they are not told. Written where it is missing.
         frames: Whether frames are decoded; without, labels and times alone are checked.
         lag: Whether the delay of images behind forces is estimated in each recording, which reads
-            all frames, and not in the first six with forces alone.
+            all frames; otherwise only in the first six with forces.
         notes: Whether notes, which are choices and no faults, count.
         fix: Whether keys that put pictures right are written into the layout file.
         json: Whether to print JSON, for programs.

@@ -32,7 +32,7 @@ _ROS1 = {b"BZh": "bz2:BZ2Decompressor", b"\x04\x22\x4d": "lz4.frame:LZ4FrameDeco
 
 
 def check_metadata(path: Path) -> None:
-    """Refuses a description of a folder that is no list of values, or too large to be read at once.
+    """Refuses a description of a folder with aliases, or too large to be read at once.
 
     Merged aliases double with every line; nothing that writes bags has any.
 
@@ -49,7 +49,7 @@ def check_metadata(path: Path) -> None:
 
 
 def check_packed(file: Path) -> None:
-    """Refuses a file that is compressed whole beyond the limit of unpacking.
+    """Refuses a wholly compressed file beyond the limit of unpacking.
 
     Raises:
         DataError: It unpacks to too much.

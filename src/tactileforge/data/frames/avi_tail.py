@@ -1,4 +1,4 @@
-"""Bytes behind the end of an AVI file, which FFmpeg searches one by one."""
+"""Bytes behind the end of an AVI file: FFmpeg searches them one by one."""
 
 from __future__ import annotations
 

@@ -151,7 +151,7 @@ def _check_file(path: str) -> None:
 
 
 def _check_tail(path: str) -> None:
-    """Check for bytes behind the end of the file, which would be searched for frames one by one."""
+    """Check for bytes behind the end of the file, to be searched for frames one by one."""
     found = _INSIDE.fullmatch(path)
     start = int(found[1]) if found else 0
     tail = avi_tail(_outer(path), start, int(found[2]) - start if found else None)
