@@ -116,6 +116,7 @@ def test_a_disk_that_is_full_is_one_line(checkpoint: Path, tmp_path: Path) -> No
         "from tactileforge.errors import DataError\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "encoder, header = open_encoder(sys.argv[1])\n"
+        "sys.dont_write_bytecode = True\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, 1 << 20))\n"
         "try: save_checkpoint(sys.argv[2], encoder, header)\n"
         "except DataError as error: print(error)\n"
