@@ -86,7 +86,7 @@ def test_anytouch1_has_two_stages() -> None:
 
 
 def test_unitouch_trains_touch_against_a_frozen_image_tower() -> None:
-    small = ["encoder.size=tiny", "encoder.image_size=28"]
+    small = ["encoder.size=tiny", "encoder.image_size=28", "image_encoder=vit"]
     plain = OmegaConf.to_container(compose("unitouch", small), resolve=True)
     module = TouchModule.from_config(plain, {"text", "image"})
     head = module.heads["touch_vision"]

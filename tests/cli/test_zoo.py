@@ -94,13 +94,17 @@ def test_show_says_what_has_to_be_done_before_loading(capsys: pytest.CaptureFixt
     assert second.startswith("load it: tactileforge zoo get anytouch2.base --from FILE, then ")
     assert second.endswith("licence of the weights: NOASSERTION")
     assert third == "release gate: not measured"
+    assert main(["show", "clip"]) == 0
+    assert "load it: tactileforge zoo get clip.vitb16 accept=MIT, then " in capsys.readouterr().out
     assert main(["show", "imitation"]) == 0
     assert "\nno weights: tactileforge train recipe=imitation\n" in capsys.readouterr().out
 
 
 def test_get_without_a_file_says_where_to_get_it() -> None:
-    with pytest.raises(DataNotFoundError, match=r"zoo get anytouch2.base --from FILE"):
+    with pytest.raises(ConfigError, match=r"no licence: read .*zoo get anytouch2.base --from FILE"):
         main(["get", "anytouch2"])
+    with pytest.raises(ConfigError, match=r"^accept='MIT': .* are under NOASSERTION: accept="):
+        main(["get", "anytouch2", "accept=MIT"])
     with pytest.raises(DataNotFoundError, match="no such file; download it from https"):
         main(["get", "anytouch2", "--from", "nothing.pth"])
 

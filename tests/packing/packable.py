@@ -123,7 +123,8 @@ def main(out, given):
     if limit := arguments.pop("file_limit", None):
         import resource
 
-        sys.dont_write_bytecode = True  # a compiled file that is cut would break later imports
+        # a compiled file that is cut would break later imports
+        sys.dont_write_bytecode = True
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
     options = build(PackOptions, "pack", arguments.pop("options"))
     try:

@@ -162,7 +162,8 @@ LIMITED = """
 import resource, sys
 from tactileforge.cli import run
 limit = int(sys.argv[1])
-sys.dont_write_bytecode = True  # a compiled file that is cut would break later imports
+# a compiled file that is cut would break later imports
+sys.dont_write_bytecode = True
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 sys.exit(run(sys.argv[2:]))
 """

@@ -28,7 +28,7 @@ __getattr__, __dir__, __all__ = lazy.attach(__name__)
 #: End of ``tactileforge --help``.
 _EXAMPLES = """\
   tactileforge train scale=demo                                   a small model on simulated touch
-  tactileforge train recipe=anytouch2 data=recordings data.root=DIR
+  tactileforge train scale=tiny data=recordings data.root=DIR     touch of your own
   tactileforge train -m seed=0,1 scale=demo                       two runs, one after the other
   tactileforge train resume=RUN                                   go on with a run that was stopped
 """

@@ -33,7 +33,7 @@ from hydra.version import VersionBase
 from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf, open_dict
 
 from tactileforge.cli import _known
-from tactileforge.cli._options import MULTI, yaml_text
+from tactileforge.cli._options import MULTI, tower, yaml_text
 from tactileforge.cli._quote import unquoted
 from tactileforge.cli._words import free_heads
 from tactileforge.errors import ConfigError, PluginError, unknown
@@ -173,6 +173,7 @@ def register() -> None:
     """
     Plugins.instance().register(PluginSource)
     Plugins.instance().register(SearchPath)
+    OmegaConf.register_new_resolver("tactileforge_tower", tower, replace=True)
 
 
 #: Override that leaves a layout out; the layout may be defined in the file of the data alone.
@@ -273,7 +274,7 @@ def _completed(config: Mapping[str, Any] | DictConfig) -> DictConfig:
     """A configuration of another application, with the defaults of training, and without others."""
     given = config if isinstance(config, DictConfig) else OmegaConf.create(dict(config))
     own: Any = OmegaConf.to_container(given, resolve=True)
-    base: Any = composed("train", [])
+    base: Any = composed("train", ["init=null", "text_encoder=byte", "image_encoder=vit"])
     OmegaConf.set_struct(base, False)
     for key, name in (("trainer", "default"), ("optim", "adamw")):
         if "name" not in own.get(key, {"name": ""}):  # what a recipe alone has of it
@@ -564,6 +565,8 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
     for key, node in config.head.items():
         if key in registry.names("heads") and local.is_local(node.get("name")):
             _leave_out(node, "heads", (key,), f"head.{key}", typed)
+    if config.encoder.name != "tactile_vit" and not any(w.startswith("init=") for w in typed):
+        config.init = None if config.init == "clip.vitb16" else config.init  # it would replace it
     _, own = defaults_of_optimizer(typed)
     for key, value in own.items():
         if config.optim.get(key) != value:

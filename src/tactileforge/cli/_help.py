@@ -32,7 +32,9 @@ def text(verb: str, command: Command, typed: Sequence[str] = ()) -> str:
         typed: Words beside ``--help``; the keys of options chosen by them are listed too.
     """
     bare = "".join(f" {word.upper()}" for word in command.bare)
-    groups = dict(command.groups) or (yaml_groups(command.yaml) if command.yaml else {})
+    groups = dict(command.groups) or (
+        yaml_groups(command.yaml, _typed("scale", typed)) if command.yaml else {}
+    )
     needed = "".join(f" {group}=NAME" for group, option in groups.items() if option == "???")
     lines = [f"tactileforge {verb}{bare}{needed} [key=value ...]", command.about, ""]
     for group, option in groups.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -79,6 +80,10 @@ def _folder(place: str, group: str) -> Traversable | None:
         return None
 
 
+#: Default of a group whose option hangs on the scale; see `tower`.
+_TOWER = re.compile(r"\$\{tactileforge_tower:\$\{scale\},(\w+)\}")
+
+
 def yaml_options(group: str) -> set[str]:
     """Options of a group with a YAML in conf/."""
     names = [item.name for item in (files("tactileforge.conf") / group).iterdir()]
@@ -90,8 +95,18 @@ def yaml_text(name: str) -> str:
     return (files("tactileforge.conf") / f"{name}.yaml").read_text("utf-8")
 
 
-def yaml_groups(name: str) -> dict[str, str]:
-    """The groups in the defaults list of a YAML in conf/ and of its recipe, and their defaults."""
+def tower(scale: str, small: str) -> str:
+    """Text or image tower of a scale: CLIP's, as published, or a small one that learns along."""
+    return "clip" if scale == "paper" else small
+
+
+def yaml_groups(name: str, scale: str = "") -> dict[str, str]:
+    """The groups in the defaults list of a YAML in conf/ and of its recipe, and their defaults.
+
+    Args:
+        name: Name of the YAML.
+        scale: Scale that was typed; "" for the recipe's.
+    """
     import yaml
 
     rows = yaml.safe_load(yaml_text(name))["defaults"]
@@ -101,6 +116,9 @@ def yaml_groups(name: str) -> dict[str, str]:
         rows = yaml.safe_load(text)["defaults"]
         of_recipe = {k: v for row in rows if isinstance(row, dict) for k, v in row.items()}
         found |= {key[1:]: value for key, value in of_recipe.items() if key.startswith("/")}
+    for key, value in found.items():
+        if match := _TOWER.fullmatch(str(value)):
+            found[key] = tower(scale or found["scale"], match[1])
     return {
         key: f"[{','.join(value)}]" if isinstance(value, list) else value
         for key, value in found.items()

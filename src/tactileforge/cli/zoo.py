@@ -10,7 +10,7 @@ from typing import Any
 
 from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError
-from tactileforge.hub import cards, store
+from tactileforge.hub import cards, published, store
 from tactileforge.hub.header import read_header
 from tactileforge.hub.table import describe_clip, measured_rows, zoo_page
 from tactileforge.pages.text_tables import align_columns
@@ -53,12 +53,14 @@ class _Get:
     Attributes:
         model: Name of a model, NAME or NAME.TAG.
         file: Your download, as published by its authors (``--from FILE``); None fetches it.
+        accept: Licence of published weights, once you have read it; as ``zoo list`` states it.
         sensor: Sensor on which the force head was trained; needed only if the name of the file
             does not tell.
     """
 
     model: str
     file: str | None = None
+    accept: str | None = None
     sensor: str = ""
 
 
@@ -170,7 +172,10 @@ def _how_to_load(card: cards.Card, weight: cards.Weight | None) -> str:
     full = f"{card.name}.{weight.tag}"
     load = f'tactileforge.load("{full}")'
     if weight.kind == "import" and not store.is_available(card, weight):
-        load = f"tactileforge zoo get {full} --from FILE, then {load}"
+        fetched = "--from FILE"
+        if weight.published and not weight.gated:
+            fetched = f"accept={weight.licence}"
+        load = f"tactileforge zoo get {full} {fetched}, then {load}"
     kept = "; a demonstration" * weight.demonstration
     return f"load it: {load}; licence of the weights: {weight.licence}{kept}"
 
@@ -192,7 +197,7 @@ def _details(card: cards.Card, weights: Sequence[cards.Weight], tag: str) -> Non
 def _get(keys: _Get, _: dict[str, Any]) -> None:
     """Fetches the weights of a model, or imports your download."""
     if keys.file is None:
-        path = store.fetch_weights(*cards.find_card(keys.model))
+        path = published.fetch(*cards.find_card(keys.model), keys.accept)
     else:
         from tactileforge.plugins import registry  # imports numpy, which other actions do without
 

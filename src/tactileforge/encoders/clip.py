@@ -51,7 +51,11 @@ class ClipTower(nn.Module):
             self.model: nn.Module = kind.from_pretrained(path, use_safetensors=True)
             self.tokenizer = transformers.CLIPTokenizerFast.from_pretrained(path) if text else None
         except (OSError, ValueError, RuntimeError) as error:
-            raise PluginError(f"{tower}_encoder.path={path}: cannot load CLIP: {error}") from error
+            why, small = str(error).splitlines()[0], {"text": "byte", "image": "vit"}[tower]
+            raise PluginError(
+                f"{tower}_encoder.path={path}: cannot load CLIP: {why} One that needs no download: "
+                f"{tower}_encoder={small}"
+            ) from error
         self.modality = tower
         self.frozen = frozen
         config: Any = self.model.config

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from tactileforge.errors import ConfigError, unknown
+from tactileforge.errors import ConfigError, DataNotFoundError, unknown
 from tactileforge.hub import store
 from tactileforge.hub.cards import Card, Weight
 from tactileforge.util.licences import NO_LICENCE
@@ -54,8 +54,9 @@ def fetch(card: Card, weight: Weight, accept: str | None) -> Path:
         raise ConfigError(
             f"the weights of {name} are not ours to ship, and {what}: read "
             f"{weight.source.partition(': ')[0]}, then "
-            f'tactileforge.load("{name}", accept="{weight.licence}"); or download them, and: '
-            f"tactileforge zoo get {name} --from FILE"
+            f'tactileforge.load("{name}", accept="{weight.licence}"), or: tactileforge zoo get '
+            f"{name} accept={weight.licence}; or, with your download: tactileforge zoo get {name} "
+            "--from FILE"
         )
     if accept != weight.licence:
         raise ConfigError(
@@ -66,7 +67,11 @@ def fetch(card: Card, weight: Weight, accept: str | None) -> Path:
     from tactileforge.plugins import registry
 
     imported = registry.load("importers", "published")
-    source = fetch_published(weight.published)
+    try:
+        source = fetch_published(weight.published)
+    except DataNotFoundError as error:
+        own = f"or, with your download: tactileforge zoo get {name} --from FILE"
+        raise DataNotFoundError(f"{error}; {own}") from error
     return Path(imported(name, source))
 
 

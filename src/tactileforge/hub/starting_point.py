@@ -72,7 +72,9 @@ def inflated(
     other = {key: theirs[key] for key in _OF_PICTURES if theirs[key] != ours[key]}
     if other:
         fix = " ".join(f"encoder.{key}={value}" for key, value in other.items())
-        raise ConfigError(f"init={name}: its pictures go into an encoder of its size; give {fix}")
+        raise ConfigError(
+            f"init={name}: its pictures go into an encoder of its size; give {fix}, or init=null"
+        )
     tube = int(ours["tube"])
     slots = int(ours["frames"]) // tube
     out = dict(state)

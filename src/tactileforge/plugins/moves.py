@@ -79,7 +79,7 @@ def home_of(name: str) -> str:
 
 
 def import_hint(error: BaseException) -> str:
-    """Hint after a failed import: the new place of a private module, or our package; "" for none.
+    """Hint after a failed import: a new place, a package of ours, a cut file; "" for none.
 
     Args:
         error: Error raised by the import of a plugin.
@@ -90,6 +90,8 @@ def import_hint(error: BaseException) -> str:
     """
     if isinstance(error, ModuleNotFoundError) and is_ours(top := str(error.name).replace("_", "-")):
         return install_command(top)
+    if isinstance(error, EOFError) and "marshal" in str(error):
+        return "a file in a __pycache__ folder was cut, as by a full disk: delete those folders"
     if not isinstance(error, ImportError) or not (error.name or "").startswith("tactileforge."):
         return ""
     wanted = _wanted(error)

@@ -8,7 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
-from tactileforge.errors import ConfigError
+from tactileforge.errors import ConfigError, DataNotFoundError
 from tactileforge.hub.starting_point import (
     imagenet_weights,
     inflated,
@@ -89,7 +89,10 @@ def _weights_of(init: str, plain: dict[str, Any]) -> Mapping[str, Tensor]:
         state: Mapping[str, Tensor] = read_checkpoint(init)["state_dict"]
         _go_on_with(plain["encoder"], init)
         return state
-    node, state = starting_weights(init)
+    try:
+        node, state = starting_weights(init)
+    except (ConfigError, DataNotFoundError) as error:
+        raise type(error)(f"init={init}: {error}; random weights: init=null") from error
     same = plain["encoder"]["name"] == node["name"]
     if same and node.get("frames") == 1 < plain["encoder"].get("frames", 1):
         return inflated(init, node, state, plain["encoder"])

@@ -55,7 +55,8 @@ def main(out, given):
     if limit := arguments.pop("file_limit", None):
         import resource
 
-        sys.dont_write_bytecode = True  # a compiled file that is cut would break later imports
+        # a compiled file that is cut would break later imports
+        sys.dont_write_bytecode = True
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
     options = RecordOptions(out=out, codec="png", background=Background(seconds=0.0), **arguments)
     try:

@@ -68,7 +68,7 @@ class TouchData(L.LightningDataModule):
         batch_size: Clips of a batch, on one process.
         spacing: Seconds between the frames of a clip.
         hop: Seconds between the ends of neighbouring clips.
-        match: Share of a batch drawn in pairs for matching; 0 without a matching objective.
+        match: Share of a batch drawn for matching; 0 without a matching objective.
         shares: Smallest share of the rest from sources with a label, by label.
         window: Recordings of a source held by one reader; a smaller source is sampled as a whole.
         workers: Reading processes.
