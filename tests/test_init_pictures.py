@@ -10,10 +10,12 @@ from tactileforge import compose
 from tactileforge.encoders import TactileViT
 from tactileforge.errors import ConfigError
 from tactileforge.hub import make_header, save_checkpoint
+from tactileforge.hub.starting_point import inflated
 from tactileforge.runs.checkpoint_file import read_checkpoint
 
-PICTURE = {"name": "tactile_vit", "size": "tiny", "depth": 2, "frames": 1, "tube": 1}
-PICTURE |= {"sensor_tokens": 0, "image_size": 32, "patch": 16, "projected": 16, "spacing": 0.0}
+CLIP = {"frames": 1, "tube": 1, "sensor_tokens": 0, "patch": 16, "spacing": 0.0}
+PICTURE = {"name": "tactile_vit", "size": "tiny", "depth": 2, "image_size": 32, "projected": 16}
+PICTURE |= CLIP
 WORDS = ["scale=demo", "debug=steps", "objective=[pixel]", "data.scenes=3", "data.val=1"]
 WORDS += [
     "data.size=32",
@@ -67,3 +69,17 @@ def test_a_network_of_another_size_is_named(picture, tmp_path: Path) -> None:
     words = [*WORDS, f"init=file:{picture[0]}", "encoder.depth=3"]
     with pytest.raises(ConfigError, match=r"its pictures go into .*give encoder.depth=2"):
         tactileforge.train(compose("anytouch2", words), folder=tmp_path / "run")
+
+
+def test_the_recipe_of_anytouch2_takes_all_of_clip() -> None:
+    """Its encoder at scale=paper has a place for each tensor of ViT-B/16; the sensors are new."""
+    options = {"size": "base", "depth": 12, "image_size": 224, "projected": 512}
+    config = compose("anytouch2").encoder
+    node = {key: value for key, value in config.items() if key != "name"}
+    with torch.device("meta"):
+        theirs, ours = TactileViT(**CLIP | options), TactileViT(**node)
+    state = {f"encoder.{key}": value for key, value in theirs.state_dict().items()}
+    start = inflated("clip.vitb16", {"name": "tactile_vit", **CLIP, **options}, state, config)
+    own = {f"encoder.{key}": value.shape for key, value in ours.state_dict().items()}
+    assert {key: value.shape for key, value in start.items()}.items() <= own.items()
+    assert own.keys() - start.keys() == {"encoder.sensor_table"}

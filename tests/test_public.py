@@ -195,6 +195,13 @@ def test_what_is_missing_is_named_if_it_is_ours(name, hint):
     assert moves.import_hint(ModuleNotFoundError(f"No module named {name!r}", name=name)) == hint
 
 
+def test_a_compiled_file_that_was_cut_is_named():
+    """As by a full disk, whatever was imported when it was."""
+    hint = moves.import_hint(EOFError("marshal data too short"))
+    assert hint.endswith("delete those folders")
+    assert not moves.import_hint(EOFError("ran out of input"))
+
+
 OLDER = """
 from torch import nn
 class Older(nn.Module):

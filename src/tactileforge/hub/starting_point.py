@@ -11,6 +11,7 @@ from torch import Tensor
 
 from tactileforge.encoders.efficientnet_lite import Lite0
 from tactileforge.encoders.tactile_vit import TactileViT
+from tactileforge.encoders.transformer import VIT_SIZES
 from tactileforge.errors import ConfigError
 from tactileforge.hub.loading import load
 
@@ -69,6 +70,8 @@ def inflated(
     """
     usual = {key: one.default for key, one in signature(TactileViT).parameters.items()}
     theirs, ours = usual | dict(node), usual | dict(encoder)
+    for options in (theirs, ours):  # None is the depth of the size
+        options["depth"] = options["depth"] or VIT_SIZES[options["size"]][1]
     other = {key: theirs[key] for key in _OF_PICTURES if theirs[key] != ours[key]}
     if other:
         fix = " ".join(f"encoder.{key}={value}" for key, value in other.items())
