@@ -116,7 +116,8 @@ def train(*overrides: Any, folder: str | PathLike[str] | None = None, **keys: An
         KeyboardInterrupt: The run was stopped and saved.
     """
     from tactileforge.api import train as trained
-    from tactileforge.cli._compose import complete, composed, finish, plain
+    from tactileforge.cli._compose import complete, composed, plain
+    from tactileforge.cli._finish import finish
     from tactileforge.cli._slips import told
     from tactileforge.cli.train import resumed
 

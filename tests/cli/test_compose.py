@@ -5,7 +5,8 @@ import pytest
 from hydra.errors import ConfigCompositionException
 from omegaconf import OmegaConf
 
-from tactileforge.cli._compose import compose, composed, node_of, option, plain
+from tactileforge.cli._compose import compose, composed, option, plain
+from tactileforge.cli._sources import node_of
 from tactileforge.data.batches.datamodule import TouchData
 from tactileforge.errors import ConfigError
 from tactileforge.training.curriculum import from_config

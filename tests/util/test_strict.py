@@ -45,7 +45,7 @@ def test_plain_data_becomes_what_the_fields_say() -> None:
         ({"name": "???"}, "'name' is missing"),
         ({"nam": "x"}, r"unknown key of a/b\.yaml 'nam'; did you mean 'name'"),
         ({"name": 3}, r"a/b\.yaml: name is 3, which is not of type str"),
-        ({"name": "x", "mode": "c"}, "mode is 'c'"),
+        ({"name": "x", "mode": "c"}, r"^a/b.yaml: unknown mode 'c'\. Known: a, b$"),
         ({"name": "x", "part": {}}, r"a/b\.yaml: part: 'length' is missing$"),
         ({"name": "x", "part": {"length": True}}, r"b\.yaml: part\.length is True, .* type float"),
         ({"name": "x", "parts": {"l": {"lenth": 1}}}, r"key of a/b\.yaml: parts\.l 'lenth'"),
@@ -73,3 +73,14 @@ def test_an_error_repeats_no_page_of_values() -> None:
 def test_types_in_errors_have_no_modules() -> None:
     with pytest.raises(ConfigError, match=r"which is not of type Part \| None$"):
         strict.build(Whole, "here", {"name": "x", "part": 3})
+
+
+@pytest.mark.parametrize(
+    "hint", [Literal["huber", "mse"], Literal["huber"] | Literal["mse"] | None]
+)
+def test_one_of_a_few_words_is_named_with_the_nearest(hint: object) -> None:
+    said = r"^unknown force\.loss 'huberr'; did you mean 'huber'\? Known: huber, mse$"
+    with pytest.raises(ConfigError, match=said):
+        strict.typed("force.loss", "huberr", hint)
+    with pytest.raises(ConfigError, match="not of type"):  # other types are possible
+        strict.typed("force.loss", "huberr", Literal["huber"] | int)

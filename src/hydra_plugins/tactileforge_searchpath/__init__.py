@@ -3,6 +3,6 @@
 Hydra imports each module of the namespace ``hydra_plugins`` and registers the plugins it finds.
 """
 
-from tactileforge.cli._compose import PluginSource, SearchPath
+from tactileforge.cli._sources import PluginSource, SearchPath
 
 __all__ = ["PluginSource", "SearchPath"]

@@ -3,8 +3,8 @@
 The first line of such a file is its line of ``tactileforge --help``; its ``COMMANDS`` are the
 commands of the verb, by action (``pack`` of ``data pack``; "" for a verb without actions).
 Installed packages add further verbs. Files with a leading ``_`` are shared by verbs: `_verbs` finds
-verbs, `_command` defines a command, `_compose` composes configurations, `_run` runs a command and
-`_words` parses the command line.
+verbs, `_command` defines a command, `_compose` composes configurations, `_finish` completes those
+of training, `_run` runs a command and `_words` parses the command line.
 """
 
 from __future__ import annotations

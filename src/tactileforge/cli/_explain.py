@@ -9,16 +9,10 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from tactileforge.cli._compose import (
-    PluginSource,
-    SearchPath,
-    check_presets,
-    composed,
-    defaults_of_optimizer,
-    finish,
-    initialized,
-)
+from tactileforge.cli._compose import composed, initialized
+from tactileforge.cli._finish import check_presets, defaults_of_optimizer, finish
 from tactileforge.cli._options import own_places
+from tactileforge.cli._sources import PluginSource, SearchPath
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.plugins import registry
 

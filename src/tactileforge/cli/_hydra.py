@@ -36,7 +36,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
     import hydra
     from hydra.core.hydra_config import HydraConfig
 
-    from tactileforge.cli._compose import register
+    from tactileforge.cli._sources import register
 
     register()
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra raises its errors, reported here
@@ -109,8 +109,10 @@ def _show(command: Command, words: Words) -> None:
     """Prints the configuration of a run: Hydra shows what it composes, and a run completes that."""
     from omegaconf import OmegaConf
 
-    from tactileforge.cli._compose import SearchPath, composed, finish
+    from tactileforge.cli._compose import composed
+    from tactileforge.cli._finish import finish
     from tactileforge.cli._known import check_types
+    from tactileforge.cli._sources import SearchPath
 
     overrides, SearchPath.also = own_places(words.overrides, words.flags)
     try:

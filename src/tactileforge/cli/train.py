@@ -173,7 +173,7 @@ def _finish(config: Any) -> Any:
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
 
-    from tactileforge.cli._compose import finish
+    from tactileforge.cli._finish import finish
 
     if not HydraConfig.initialized():
         return finish(config)

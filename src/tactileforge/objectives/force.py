@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import torch
 from torch import Tensor, nn
@@ -44,7 +44,11 @@ class Force(nn.Module):
     deviation: Tensor
 
     def __init__(
-        self, delta: float = 1.0, shear: bool = True, loss: str = "l1", scaled: bool = False
+        self,
+        delta: float = 1.0,
+        shear: bool = True,
+        loss: Literal["l1", "huber", "mse"] = "l1",
+        scaled: bool = False,
     ) -> None:
         super().__init__()
         if loss not in _LOSSES:

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from tactileforge.errors import ConfigError, check_names
+from tactileforge.errors import ConfigError, check_names, unknown
 
 _T = TypeVar("_T")
 
@@ -98,6 +98,9 @@ def typed(where: str, value: Any, hint: Any) -> Any:
         return value if isinstance(value, hint) else build(hint, where, value or {})
     fits, made = _fit(where, value, hint)
     if not fits:
+        if isinstance(value, str) and (choices := _choices(hint)):
+            file, colon, key = where.rpartition(": ")
+            raise ConfigError(f"{file}{colon}{unknown(key, value, choices)}")
         takes_list = get_origin(hint) in (list, tuple, Sequence) and isinstance(value, str)
         fix = f"; give a list: [{_short(value)[1:-1]}]" if takes_list else ""
         is_class = get_origin(hint) is None and isinstance(hint, type)
@@ -106,6 +109,15 @@ def typed(where: str, value: Any, hint: Any) -> Any:
         name = hint.__name__ if is_class else name
         raise ConfigError(f"{where} is {_short(value)}, which is not of type {name}{fix}")
     return made
+
+
+def _choices(hint: Any) -> list[str]:
+    """Words of a type that is one of a few words, or null; [] for other types."""
+    union = get_origin(hint) in (Union, types.UnionType)
+    kinds = [kind for kind in (get_args(hint) if union else (hint,)) if kind is not type(None)]
+    if any(get_origin(kind) is not Literal for kind in kinds):
+        return []
+    return [str(word) for kind in kinds for word in get_args(kind)]
 
 
 def _fit(where: str, value: Any, hint: Any) -> tuple[bool, Any]:
