@@ -232,6 +232,9 @@ def test_flags_that_do_not_go_together_are_one_line(capsys: pytest.CaptureFixtur
         ("scale=mine", "tiny. Options of your own need --config-dir DIR"),
         ("data=null", "data=null: give the name of an option. Known: aloha, anytouch2, cloth"),
         ("objective=null", "objective=null: give the name of an option. Known: align"),
+        ("objective=[pixel,3]", "objective=[pixel,3]: give the name of an option. Known: align"),
+        ("callbacks=[null]", "callbacks=[null]: give the name of an option. Known: "),
+        ("objective=[pixel,[diff]]", "objective=[pixel,[diff]]: give the name of an option."),
     ],
 )
 def test_options_that_are_none_are_one_line(

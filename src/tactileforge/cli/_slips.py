@@ -9,6 +9,7 @@ from pathlib import Path
 
 import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import QuotedString
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
@@ -68,7 +69,10 @@ def _wrong(error: Exception, words: Words) -> str:
     """Message for errors of composing without a message of Hydra's own."""
     overrides, own = own_places(words.overrides, words.flags)
     for override in OverridesParser.create().parse_overrides([*overrides]):
-        names = override.is_delete() or isinstance(override.value(), str | list | dict)
+        given = override.value()
+        names = override.is_delete() or isinstance(given, str | dict)
+        if isinstance(given, list):
+            names = all(isinstance(one, str | QuotedString) for one in given)
         if not (override.is_sweep_override() or names) and (
             known := _options(group := override.key_or_group, own)
         ):
