@@ -82,7 +82,8 @@ def config_of(case: Case) -> dict[str, Any]:
     words = [f"objective=[{','.join(names)}]", f"encoder.size={case.size}", "data=sim"]
     words += [f"encoder.frames={case.frames}", f"encoder.image_size={case.image}"]
     words += [f"batch.size={case.batch}", f"data.size={case.image}", "data.val=1"]
-    words += [f"data.scenes={case.scenes}"]
+    # towers that need no download: what is measured is the encoder
+    words += [f"data.scenes={case.scenes}", "text_encoder=byte", "image_encoder=vit", "init=null"]
     words += [f"head.{key}.depth={case.layers}" for key in ("pixel", "diff")]
     config: Any = OmegaConf.to_container(compose("anytouch2", words), resolve=True)
     return dict(config)
