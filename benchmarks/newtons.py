@@ -1,7 +1,7 @@
 """Forces in newton after ten seconds of presses, on the public trials with measured forces.
 
 Of each trial, the first ten seconds calibrate and the rest judges. Shear along one axis comes late
-in both trials, so errors on five blocks of time of the whole trial are told too, each predicted
+in both trials, so errors on five blocks of time of the whole trial are reported too, each predicted
 from the others. The mean change alone, the head alone, the head as it is and the mean force stand
 beside what the calibration chose. Inputs that the folder has already are not read again.
 

@@ -91,13 +91,36 @@ FENCE = re.compile(r"^```.*?^```", re.M | re.S)
 
 
 def prose() -> Iterator[tuple[str, str]]:
-    """Place and prose of each docstring, and of each page."""
+    """Place and prose of each docstring, page, card and comment of a YAML."""
     yield from (
         (place, re.sub(r"^ *(>>>|\.\.\.).*", "", text, flags=re.M)) for place, text in docstrings()
     )
-    for path in sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]):
+    for path in sorted(
+        path for place in ("conf", "zoo") for path in (ROOT / place).rglob("*.yaml")
+    ):
+        comments = re.findall(r"# .*", path.read_text("utf-8"))
+        yield path.relative_to(ROOT).as_posix(), "\n".join(comments)
+    cards = [*(ROOT / "zoo").rglob("*.md"), *ROOT.glob("plugins/*/README.md")]
+    for path in sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *cards]):
         if path.name not in ("reference.md", "zoo.md"):  # titles of papers; lines of docstrings
             yield path.relative_to(ROOT).as_posix(), FENCE.sub("", path.read_text("utf-8"))
+
+
+#: Words that no engineer would write: ``one a clip``, ``is told``, ``a value that is none``.
+ODD = re.compile(
+    r"\b(?:one|two) an? (?:clip|frame|step|sensor|run|recording|process|worker|row|line|image)\b"
+    r"|\b(?:is|are|was|were) (?:then )?told\b|\bthat (?:is|are) none\b|\bis no (?:error|matter)\b"
+)
+
+
+def test_pages_and_comments_use_plain_words() -> None:
+    odd = [
+        f"{place}: {match[0]}"
+        for place, text in prose()
+        for match in ODD.finditer(CODE.sub(" ", text))
+    ]
+    assert ODD.search("two a clip")
+    assert not odd, "\n".join(odd)
 
 
 def test_one_spelling_of_english() -> None:

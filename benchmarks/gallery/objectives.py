@@ -266,13 +266,13 @@ _LEARN = "[Recipes and objectives](configuration.md)"
 CARDS: dict[str, tuple[str, str, str, Callable[[], Image.Image]]] = {
     "pixel": (
         "Fills in the hidden tubes of frames: 75 % of the places, the same in every frame.",
-        "Needs frames alone. Squared error of normalized pixels.",
+        "Needs only frames. Squared error of normalized pixels.",
         _LEARN,
         pixel,
     ),
     "diff": (
         "Fills in the hidden tubes of the differences from the first frame: motion of the gel.",
-        "Needs frames alone, at least two a clip.",
+        "Needs only frames, at least two per clip.",
         _LEARN,
         diff,
     ),
@@ -302,19 +302,19 @@ CARDS: dict[str, tuple[str, str, str, Callable[[], Image.Image]]] = {
     ),
     "jepa": (
         "Predicts the features of hidden tubes by a slowly following copy of the encoder.",
-        "Needs frames alone. Mean absolute error, as in V-JEPA.",
+        "Needs only frames. Mean absolute error, as in V-JEPA.",
         _LEARN,
         jepa,
     ),
     "dino": (
         "Agrees, on a masked clip, with what a slow copy says of the whole one.",
-        "Needs frames alone. The bars are drawn, not measured.",
+        "Needs only frames. The bars are drawn, not measured.",
         _LEARN,
         dino,
     ),
     "distill": (
         "Predicts the maps of a network that was trained on photographs.",
-        "Needs frames alone. Squared error of normalized features.",
+        "Needs only frames. Squared error of normalized features.",
         "[Distillation](configuration.md#distillation)",
         distill,
     ),

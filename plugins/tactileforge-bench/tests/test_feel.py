@@ -1,4 +1,4 @@
-"""Grasp stability is told from the moment of the grasp, never from the lift."""
+"""Grasp stability is predicted from the moment of the grasp, never from the lift."""
 
 from pathlib import Path
 

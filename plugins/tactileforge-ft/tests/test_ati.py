@@ -151,7 +151,7 @@ def test_the_number_of_a_record_begins_anew_after_32_bits(device, options):
 
 
 def test_records_with_an_error_do_not_count(device, options):
-    """Out of range is 0xC0000000 in the manual; the busy bit alone is no error."""
+    """Out of range is 0xC0000000 in the manual; the busy bit by itself is not an error."""
     with AtiNetFT(**options) as sensor:
         device.wait_for_driver()
         device.write(record(1, status=0xC0000000))

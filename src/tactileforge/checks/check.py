@@ -87,7 +87,7 @@ class Check:
         unit: Unit of the measured number; "" for none.
         worst: 1 if larger numbers are worse, -1 if smaller ones are.
         troubles: Faults of single frames of a stream, by name, in words with the
-            fix. Frames with each are counted, and the first one is told.
+            fix. Frames with each are counted, and the first one is named.
     """
 
     code: ClassVar[str] = ""

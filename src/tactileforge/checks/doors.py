@@ -102,7 +102,7 @@ def background_lines(still: NDArray[np.uint8], sensor: str) -> list[str]:
 
     Args:
         still: Picture without contact, uint8 (H, W, 3).
-        sensor: Name of the type of sensor; nothing is told of one whose colours are not known.
+        sensor: Name of the type of sensor; one whose colours are unknown has no findings.
     """
     grid, reference = colour_grid(still), known_colours(sensor)
     if reference is None or not has_colours(grid):

@@ -179,7 +179,7 @@ class TactileViT(Backbone):
         return self._with_photo_stream(hidden, patches, kept, class_only)
 
     def encode_both(self, patches: Tensor, sensor: Tensor, kept: Tensor) -> tuple[Tensor, Tensor]:
-        """Both in one pass: only attention is told apart; see `Backbone.encode_both`."""
+        """Both in one pass: only attention is separate; see `Backbone.encode_both`."""
         first, position = torch.split(self.position, [1, len(self.position) - 1])
         every = self.embed(patches.to(position.dtype)) + position.view(*patches.shape[1:3], -1)
         head = self._head(first, sensor)

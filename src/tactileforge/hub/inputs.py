@@ -280,7 +280,7 @@ def _pixels(what: str, images: Images) -> Tensor:
 
 
 def _value_fix(images: Images) -> str:
-    """See `value_fix`; a tensor is told in the words of torch."""
+    """See `value_fix`; for a tensor in the words of torch."""
     if not isinstance(images, Tensor):
         return value_fix(images)
     fix = value_fix(images.detach().float().cpu().numpy())

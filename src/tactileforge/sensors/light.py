@@ -5,7 +5,7 @@ from one side. A touch has edges. So a blur takes away little of a change of lig
 a tenth of it. Of real touches it takes .18 or more, or 8 grey levels (public recordings:
 tests/sensors/test_light.py).
 
-A change all over is told beside a touch, too: it moves every colour at all four borders the same
+A change all over is found beside a touch, too: it moves every colour at all four borders the same
 way. Touches move none of them, or some colours, or some borders (the weakest of public ones by 1
 grey level at most, or .021 of its light).
 

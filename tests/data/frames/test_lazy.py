@@ -56,7 +56,7 @@ def read_in_turn(path: Path) -> NDArray[np.uint8]:
 
 @pytest.fixture
 def count_calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
-    """Counts the calls of OpenCV after a capture was told to decode."""
+    """Counts the calls of OpenCV after a capture is asked to decode."""
     calls = {"open": 0, "grab": 0, "retrieve": 0, "set": 0}
     real = cv2.VideoCapture
 

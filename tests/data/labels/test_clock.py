@@ -1,4 +1,4 @@
-"""Misfitting times are told by their unit, zero or rate; others pass."""
+"""Misfitting times are recognised by their unit, zero or rate; others pass."""
 
 import numpy as np
 import pytest

@@ -157,7 +157,7 @@ def test_new_sets_are_in_the_part_that_their_hash_says() -> None:
 def test_circles_of_both_digits_lie_in_their_pictures(
     realdata: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The stills of one recording are told apart, each with its own centre; a unit is one fold."""
+    """The stills of one recording are kept apart, each with its own centre; a unit is one fold."""
     monkeypatch.setenv("TACTILEFORGE_REALDATA", str(realdata))
     task = suite("real")["real_ball_digit_unit"]
     source = open_source(task.data, task.sides, task.clip)

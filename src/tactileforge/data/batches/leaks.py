@@ -56,7 +56,7 @@ def find_leaks(
     """Find training and validation recordings of two sources with the same pictures, by key.
 
     A few recordings are compared bit by bit, at their first and last frame. Copies that were
-    encoded again are told by small pictures of frames in between, if these show a touch. Pictures
+    encoded again are found by small pictures of frames in between, if these show a touch. Pictures
     of a single level are ignored.
 
     Args:
