@@ -2,7 +2,7 @@
 
 Runs the suites ``real``, by which everything was chosen, and ``real_held_out``, which chose
 nothing, with closed-form probes; then plain ridge regression, whose features are not standardised,
-on the vector that joins the groups and on the vectors of the network. Losing the grip is reported and
+on the vector that joins the groups and on the vectors of the network. Losing the grip is reported,
 not counted. What the folder has already is not measured again.
 
 Run: TACTILEFORGE_REALDATA=DIR python benchmarks/feature_groups.py [FOLDER]
