@@ -1,6 +1,7 @@
 """Each detector fires on the recording with its fault, alone, and not on a good one."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -257,6 +258,20 @@ def test_shear_that_grows_the_imprint_and_a_short_ramp_are_no_lag(touch: Touch) 
     assert not list(check_lag(touch(), found))
     late = estimate_lag(times, force, np.interp(times - 0.2, times, press * (1 + 0.3 * times)))
     assert [flag.reason for flag in check_lag(touch(), late)] == ["lag"]
+
+
+def test_light_that_drifts_is_no_lag(touch: Touch) -> None:
+    """It brightens every pixel by about as much, for longer than the touch lasts."""
+    recording = touch()
+    still = lag_of(recording)
+    frames = recording.frames.read(range(90)).astype(np.int16)
+    drift = np.linspace(0, 30, 90).astype(np.int16)[:, None, None, None]
+    bright = np.minimum(frames + drift, 255).astype(np.uint8)
+    found = lag_of(replace(recording, frames=ArrayFrames(bright)))
+    assert still is not None
+    assert found is not None
+    assert found.seconds == pytest.approx(still.seconds, abs=0.02)
+    assert not list(check_lag(recording, found))
 
 
 def test_the_summary_names_the_worst_and_what_cannot_be_read() -> None:

@@ -184,6 +184,8 @@ def neighbour_changes(recording: Recording, row: int, count: int = STRETCH) -> N
 def changes(recording: Recording, rows: Sequence[int]) -> NDArray[np.float64]:
     """Mean difference of frames from the background, or else from the first of them, float64 (n,).
 
+    What a colour changes by in the middle of all pixels is left out: light that drifts is no touch.
+
     Args:
         recording: The recording.
         rows: Frame numbers.
@@ -197,7 +199,9 @@ def changes(recording: Recording, rows: Sequence[int]) -> NDArray[np.float64]:
         for frame in chunk:
             small = shrink(frame)
             still = small if still is None else still
-            differences.append(float(np.abs(small - still).mean()))
+            change = small - still
+            change -= np.median(change, axis=(0, 1))
+            differences.append(float(np.abs(change).mean()))
     return np.array(differences)
 
 
