@@ -1,11 +1,13 @@
 """Spares tests half of the CPU time of a short run: its results nobody looks at."""
 
 from copy import deepcopy
+from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
 from typing import IO, Any
 
 import pytest
+import torch
 from hydra._internal import defaults_list
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra._internal.config_repository import ConfigRepository
@@ -160,3 +162,46 @@ def compose_once(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(ConfigRepository, "load_config", load_once)
     patch.setattr(defaults_list, "_create_defaults_list", lists)
     patch.setattr(ConfigLoaderImpl, "_compose_config_from_defaults_list", whole)
+
+
+def register_once(patch: pytest.MonkeyPatch) -> None:
+    """The table of ONNX operators, which each export makes anew, is copied from the first."""
+    export = torch.onnx.export
+    known: dict[Any, tuple[Any, list[str]]] = {}
+
+    def patched() -> None:
+        module = import_module("torch.onnx._internal.exporter._registration")
+        make, find = module.ONNXRegistry.from_torchlib.__func__, module._get_overload
+
+        def made(cls: Any, *version: Any, **named: Any) -> Any:
+            key = (version, tuple(named.items()))
+            if key in known:
+                for name in known[key][1]:
+                    find(name)  # which says that it is absent
+            else:
+                absent: list[str] = []
+                with pytest.MonkeyPatch.context() as noted:
+                    noted.setattr(module, "_get_overload", _noting(find, absent))
+                    known[key] = make(cls, *version, **named), absent
+            table = cls()
+            table._opset_version = known[key][0]._opset_version
+            table.functions = {name: [*ways] for name, ways in known[key][0].functions.items()}
+            return table
+
+        patch.setattr(module.ONNXRegistry, "from_torchlib", classmethod(made))
+
+    def exported(*given: Any, **options: Any) -> Any:
+        if not known:  # its module is read by the first export alone
+            patched()
+        return export(*given, **options)
+
+    patch.setattr(torch.onnx, "export", exported)
+
+
+def _noting(find: Any, absent: list[str]) -> Any:
+    def noted(name: str) -> Any:
+        if (found := find(name)) is None:
+            absent.append(name)
+        return found
+
+    return noted
