@@ -17,7 +17,7 @@ import torch
 import torch.fx.config
 from opened import Opened
 from PIL import Image
-from spared import compose_once, is_looked_at, register_once, undraw
+from spared import compose_once, is_looked_at, register_once, simulate_once, undraw
 from waiting import wait_until
 from warm import Warm, warm_commands
 
@@ -68,6 +68,8 @@ def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TACTILEFORGE_CACHE", str(folder))
+        if "PYTEST_XDIST_WORKER" in os.environ:
+            simulate_once(patch)
         yield
 
 

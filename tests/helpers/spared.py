@@ -1,5 +1,6 @@
 """Spares tests half of the CPU time of a short run: its results nobody looks at."""
 
+import os
 from copy import deepcopy
 from importlib import import_module
 from importlib.resources import files
@@ -8,6 +9,7 @@ from typing import IO, Any
 
 import pytest
 import torch
+from filelock import FileLock
 from hydra._internal import defaults_list
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra._internal.config_repository import ConfigRepository
@@ -162,6 +164,23 @@ def compose_once(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(ConfigRepository, "load_config", load_once)
     patch.setattr(defaults_list, "_create_defaults_list", lists)
     patch.setattr(ConfigLoaderImpl, "_compose_config_from_defaults_list", whole)
+
+
+def simulate_once(patch: pytest.MonkeyPatch) -> None:
+    """Processes that lack the same touch of the common cache wait for the first to simulate it."""
+    module = import_module("tactileforge_sim.generate")
+    write = module._write
+
+    def written(config: Any, folder: Path, number: int) -> None:
+        cache = Path(os.environ.get("TACTILEFORGE_CACHE", os.devnull)).resolve()
+        if cache not in folder.resolve().parents:
+            write(config, folder, number)
+            return
+        with FileLock(cache.with_name(f"{cache.name}-{folder.name}-{number}.lock")):
+            if not module.path_of(folder, number).exists():
+                write(config, folder, number)
+
+    patch.setattr(module, "_write", written)
 
 
 def register_once(patch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ from pathlib import Path
 from pkgutil import walk_packages
 
 import pytest
-from spared import compose_once, undraw
+from spared import compose_once, simulate_once, undraw
 from waiting import wait_until
 
 _MODULES = (
@@ -214,7 +214,7 @@ def _prepare() -> None:
 
 
 if __name__ == "__main__":
-    for spared in (undraw, compose_once):  # tests of pages draw in their own process
+    for spared in (undraw, compose_once, simulate_once):  # tests of pages draw in their own process
         spared(pytest.MonkeyPatch())
     _prepare()
     if "PYTEST_XDIST_WORKER" in os.environ:
