@@ -5,7 +5,8 @@ temporary folder a page, from top to bottom. A block after ``<!-- no-run: reason
 one after ``<!-- made: NAME, NAME; also: WORDS -->`` runs on small files that are made first
 (`made_files`), with the words added to its last command.
 The README's ``tactileforge`` is the installed one, that of other pages is forked (`warm`).
-Trainings of few steps and simulated touches are made smaller than on the page (`smaller`).
+Trainings of few steps and simulated touches are made smaller than on the page, and torchrun starts
+forked commands (`smaller`).
 """
 
 import contextlib
@@ -56,6 +57,8 @@ def smaller(code: str) -> str:
 
 
 def _smaller(command: str) -> str:
+    # the page's command has the same words, and each process of its own would import all again
+    command = re.sub(r"(torchrun .*)-m tactileforge\b", r"\1--no-python tactileforge", command)
     trained = bool(re.search(r"\btrain .*(debug=steps|max_steps=)", command, re.S))
     if " data=" in command.replace(" data=sim ", " ") or "resume=" in command:
         return command
@@ -117,6 +120,9 @@ def test_trainings_are_made_smaller() -> None:
     assert smaller(f"export TACTILEFORGE_CACHE=c\n{before}") == (
         "tactileforge train encoder.image_size=32 batch.size=4 data.size=32 debug=steps "
         f"{small} \\\n  optim.lr=1\n"
+    )
+    assert smaller("torchrun --nproc-per-node=2 -m tactileforge train scale=demo") == (
+        "torchrun --nproc-per-node=2 --no-python tactileforge train scale=demo"
     )
     pack = "tactileforge data pack data=sim"
     assert smaller(f"{pack} out=a") == f"{pack} data.size=32 data.val=1 data.scenes=3 out=a"

@@ -17,7 +17,7 @@ import torch
 import torch.fx.config
 from opened import Opened
 from PIL import Image
-from spared import compose_once, is_looked_at, undraw
+from spared import compose_once, is_looked_at, register_once, simulate_once, undraw
 from waiting import wait_until
 from warm import Warm, warm_commands
 
@@ -68,6 +68,8 @@ def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TACTILEFORGE_CACHE", str(folder))
+        if "PYTEST_XDIST_WORKER" in os.environ:
+            simulate_once(patch)
         yield
 
 
@@ -111,6 +113,7 @@ def _untraced() -> Iterator[None]:
     """Graphs are traced without a line of code per node, in a fifth of the time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(torch.fx.config, "do_not_emit_stack_traces", True, raising=False)
+        register_once(patch)
         yield
 
 

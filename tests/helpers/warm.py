@@ -24,7 +24,7 @@ from pathlib import Path
 from pkgutil import walk_packages
 
 import pytest
-from spared import compose_once, undraw
+from spared import compose_once, simulate_once, undraw
 from waiting import wait_until
 
 _MODULES = (
@@ -33,6 +33,9 @@ _MODULES = (
     *("tactileforge_sim.play", "kornia.augmentation"),
     *("torch.distributed.fsdp", "torch.distributed.checkpoint"),
 )
+#: Commands whose YAML is read, and what they have in common composed, before they are asked for.
+_COMPOSED = (["optim.lr=0.1"], ["debug=steps"], ["recipe=anytouch2"], ["recipe=mae", "debug=steps"])
+_COMPOSED += (["debug=steps", "objective=[pixel]"], ["debug=steps", "objective=[pixel,force]"])
 #: Read when torch is imported, so a command cannot change it; and by the processes that it starts.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1"}
 #: The commands in `Warm.bin`. `SCRIPT` runs a file, as ``python FILE`` does.
@@ -203,17 +206,19 @@ def _prepare() -> None:
     for module in (*_MODULES, *(name for name in whole if "example" not in name.lower())):
         if not module.endswith("__main__"):
             import_module(module)
-    import_module("tactileforge.cli._compose").compose("anytouch2", ["scale=demo", "optim.lr=0.1"])
+    composed = import_module("tactileforge.cli._compose").composed
+    for words in _COMPOSED:
+        composed("train", ["scale=demo", *words])
     import_module("tactileforge.plugins.registry").list_plugins()
     import_module("tactileforge_sim.config")._code()
 
 
 if __name__ == "__main__":
+    for spared in (undraw, compose_once, simulate_once):  # tests of pages draw in their own process
+        spared(pytest.MonkeyPatch())
     _prepare()
     if "PYTEST_XDIST_WORKER" in os.environ:
         import_module("tactileforge.util.processes").cpus = lambda: 1  # the others are busy
-    for spared in (undraw, compose_once):  # tests of pages draw in their own process
-        spared(pytest.MonkeyPatch())
     program, *words = serve(sys.argv[1])
     places = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     if places := [place for place in places if place and place not in sys.path]:

@@ -86,11 +86,28 @@ def clip(published: ModuleType, *shape: int) -> Tensor:
     return x
 
 
+def once(module: Any) -> Any:
+    """A module that remembers its last tokens: taps of one clip read the same blocks."""
+    run, last = module.forward, []
+
+    def forward(x: Tensor, **options: Any) -> Tensor:
+        for seen, given, out in last:
+            if given == options and torch.equal(seen, x):
+                return out  # type: ignore[no-any-return]
+        out = run(x, **options)
+        last.append((x.clone(), options, out))
+        return out  # type: ignore[no-any-return]
+
+    module.forward = forward
+    return module
+
+
 def model_of(state: dict[str, Tensor], pixels: Tensor) -> Model:
     """The published encoder as a model of these pixels, for any frames."""
     converted = convert(state)
     encoder: Any = converted.build()
     encoder.preprocess = lambda frames, background, sensor: pixels
+    once(encoder.transformer)
     node = converted.encoder_config
     return Model(encoder, make_header(encoder, node, licence="", spacing=encoder.spacing))
 

@@ -223,17 +223,22 @@ def _plan(layout: WeightLayout, state: State) -> ConversionPlan:
         ) from error
 
 
+def _shapes(encoder: str, options: Mapping[str, Any]) -> dict[str, torch.Size]:
+    with torch.device("meta"):
+        state = _CLASSES[encoder](**options).state_dict()
+    return {key: tensor.shape for key, tensor in state.items()}
+
+
 def _wrong(plan: ConversionPlan, made: dict[str, Tensor]) -> list[str]:
     """Describes missing or unknown tensors, mismatched shapes, and non-finite numbers."""
-    with torch.device("meta"):
-        expected = _CLASSES[plan.encoder](**plan.options).state_dict()
+    expected = _shapes(plan.encoder, plan.options)
     wrong = [f"{key} is not filled" for key in expected.keys() - made.keys()]
     for key, tensor in made.items():
         if key not in expected:
             wrong.append(f"{key} is not in the encoder")
-        elif tensor.shape != expected[key].shape:
+        elif tensor.shape != expected[key]:
             theirs = plan.keys[key]
-            wrong.append(f"{theirs} gives {tuple(tensor.shape)}, not {tuple(expected[key].shape)}")
+            wrong.append(f"{theirs} gives {tuple(tensor.shape)}, not {tuple(expected[key])}")
         elif not torch.isfinite(tensor).all():
             wrong.append(f"{plan.keys[key]} is not finite")
     return wrong
