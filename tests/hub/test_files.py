@@ -300,7 +300,9 @@ def test_the_checksum_is_that_of_the_file_with_zeros_in_its_place(checkpoint: Pa
 def test_a_full_disk_is_named_and_leaves_the_file_as_it_was(
     checkpoint: Path, vit: TactileViT, header: Header, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # a compiled file that is cut would break later imports
+    monkeypatch.setattr(
+        sys, "dont_write_bytecode", True
+    )  # a compiled file that is cut would break later imports
     before, limits = checkpoint.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 2, limits[1]))
     try:
