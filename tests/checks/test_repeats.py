@@ -1,5 +1,8 @@
 """Frames stored more often than the camera gave them, at any ratio; and what only looks alike."""
 
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -36,6 +39,26 @@ def test_a_camera_that_is_slower_than_the_recorder(camera: float, rate: float, n
     assert found.value == pytest.approx(1 - camera / rate, abs=0.03)
     given = float(found.words.partition("about ")[2].split()[0])
     assert given == pytest.approx(camera, rel=0.05)
+
+
+@pytest.mark.parametrize("times", [1, 2, 3])
+def test_copies_in_a_film_whose_coder_refines_them(tmp_path: Path, times: int) -> None:
+    once = pictures(0.5 + 0.5 * np.sin(np.arange(64 // times) / 3))
+    path = tmp_path / "film.mp4"
+    film = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 60, (60, 80))
+    for frame in np.repeat(once, times, 0):
+        film.write(frame)
+    film.release()
+    decoded = cv2.VideoCapture(str(path))
+    kept = np.stack([decoded.read()[1] for _ in range(len(once) * times)])
+    steps = changes(kept)
+    found = repeated(steps, 60)
+    assert (found and found.value) == (None if times == 1 else pytest.approx(1 - 1 / times))
+    if times > 1:
+        copies = np.delete(steps, np.s_[times - 1 :: times])
+        assert np.quantile(copies, 0.75) > 0.1 * np.median(steps[times - 1 :: times]), (
+            "they do differ"
+        )
 
 
 @pytest.mark.parametrize("camera", [30, 29, 58])

@@ -272,3 +272,75 @@ def test_objects_by_the_folders_of_their_recordings(tmp_path: Path) -> None:
             video(tmp_path / f"c/session{'AB'[k]}/{n}.avi")
     for folder in ("b", "c"):
         assert {one.object for one in read(tmp_path / folder)[0].values()} == {None}
+
+
+def test_the_number_of_an_object_is_its_name_where_no_column_has_that(tmp_path: Path) -> None:
+    for folder, header in (("a", "file,object_id,mass"), ("b", "file,object_id,object_name")):
+        for k in range(3):
+            video(tmp_path / folder / f"{k}.avi")
+        rows = [header, *(f"{k}.avi,{k + 4},{'mug' if folder == 'b' else 7}" for k in range(3))]
+        (tmp_path / folder / "about.csv").write_text("\n".join(rows) + "\n")
+    found = {name: [one.object for one in read(tmp_path / name)[0].values()] for name in "ab"}
+    assert {name: sorted(map(str, told)) for name, told in found.items()} == {
+        "a": ["4", "5", "6"],
+        "b": ["mug"] * 3,
+    }
+
+
+@pytest.mark.parametrize("column", ["Objekt", "phase", "field.header.frame_id", "object"])
+def test_words_in_a_table_of_forces_that_are_not_read_are_told(column: str, tmp_path: Path) -> None:
+    for k in range(2):
+        video(tmp_path / f"{k}.avi")
+        rows = [f"t,{column},Fx,Fy,Fz,T", *(f"{n / 20},Tasse,0,0,{n},20.5" for n in range(COUNT))]
+        (tmp_path / f"{k}.csv").write_text("\n".join(rows) + "\n")
+    found, doubts = read(tmp_path)
+    told = [line for line in doubts if "not read" in line]
+    objects = {one.object for one in found.values()}
+    if column in ("Objekt", "phase"):
+        (line,) = told
+        assert line.startswith(f"labels: {column} of {{stem}}.csv are not read; ")
+        assert "'{" + column + "}'" in line
+        assert objects == {None}
+    else:
+        assert told == []
+        assert objects == ({"Tasse"} if column == "object" else {None})
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("img_{n:04d}_Fz-{z:.2f}N.png", "(fz-0.00n, fz-0.90n)"),
+        ("{n:04d}_force_{z:.1f}.png", "(force_0.0, force_0.9)"),
+        ("{n}_{n}N.png", "(0n, 9n)"),
+        ("f{n}.png", ""),
+        ("f_{n:04d}_1.5N.png", ""),
+        ("{n:04d}_10{n}nm.png", ""),
+    ],
+)
+def test_forces_in_names_are_told(name: str, told: str, tmp_path: Path) -> None:
+    for n in range(COUNT):
+        picture = np.full((48, 64, 3), 60 + n, np.uint8)
+        cv2.imwrite(str(tmp_path / name.format(n=n, z=0.1 * n)), picture)
+    lines = [line for line in read(tmp_path)[1] if line.startswith("force:")]
+    assert len(lines) == bool(told)
+    assert all(f"force: names of files say it {told}, and it is not read" in line for line in lines)
+
+
+def test_one_table_of_paths_of_another_machine_for_two_splits(tmp_path: Path) -> None:
+    rows = ["img_path,normal_force,material"]
+    for part, number in (("train", 0), ("train", 1), ("test", 2)):
+        images(tmp_path / part / f"take{number}", 40 + 60 * number)
+        at = f"/home/li/data/{part}/take{number}"
+        rows += [f"{at}/{n:03d}.png,{number + n / 10},m{number}" for n in range(COUNT)]
+    (tmp_path / "all.csv").write_text("\n".join(rows) + "\n")
+    found, _ = read(tmp_path)
+    assert len(found) == 3
+    for name, one in found.items():
+        number = int(name[-1])
+        assert one.object == f"m{number}"
+        assert one.force is not None
+        np.testing.assert_allclose(one.force[:, 2], number + np.arange(COUNT) / 10, atol=1e-5)
+    table = tmp_path / "all.csv"
+    table.write_text(table.read_text().replace("/home/li/data/train/take1/", "/home/li/tes/", 1))
+    with pytest.raises(DataError, match=r"'/home/li/tes/000\.png' names no"):
+        read(tmp_path)

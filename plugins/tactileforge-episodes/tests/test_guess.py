@@ -705,6 +705,17 @@ def test_the_object_of_an_attribute_and_one_of_few_is_held_out(name, tmp_path):
     assert len(read(tmp_path, "val", val=0)[0]) == 0
 
 
+@pytest.mark.parametrize(
+    ("name", "read_as"), [("object_id", ["1", "2", "3"]), ("label", [None] * 3)]
+)
+def test_the_number_of_an_object_is_its_name(name, read_as, tmp_path):
+    for i, number in enumerate([1, "2", np.int64(3)]):
+        with h5py.File(tmp_path / f"{i}.h5", "w") as file:
+            file["tactile"] = pictures(12, 24, 32, 3, seed=i)
+            file.attrs[name] = number if name == "object_id" else i
+    assert [one.object for _, one in sorted(read(tmp_path)[0].items())] == read_as
+
+
 def test_the_object_of_an_array_of_texts(tmp_path):
     with h5py.File(tmp_path / "lab.h5", "w") as file:
         file["tactile"] = pictures(12, 24, 32, 3)

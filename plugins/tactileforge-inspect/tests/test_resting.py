@@ -8,17 +8,17 @@ from tactileforge_inspect.scan import scan_dataset
 from tactileforge.checks.resting import Resting, odd_pictures
 from tactileforge.contracts import Recording
 from tactileforge.data.frames.lazy import ArrayFrames
-from tactileforge.sensors.resting_colours import known_colours
+from tactileforge.sensors.resting_colours import colour_agreement, colour_grid, known_colours
 
 from .conftest import Listed
 
 
-def still(sensor: str, seed: int = 0) -> NDArray[np.float32]:
+def still(sensor: str, seed: int = 0, noise: float = 0.4) -> NDArray[np.float32]:
     """The resting picture of some unit, upright: float32 (64, 48, 3)."""
     known = known_colours(sensor)
     assert known is not None
     rng = np.random.default_rng(seed)
-    grid = known / np.sqrt((known**2).mean()) + 0.4 * rng.normal(size=known.shape)
+    grid = known / np.sqrt((known**2).mean()) + noise * rng.normal(size=known.shape)
     return np.kron(100 + 20 * grid, np.ones((16, 12, 1))).clip(0, 255).astype(np.float32)
 
 
@@ -98,6 +98,18 @@ def test_a_part_of_a_set_that_is_upside_down(sensor: str) -> None:
     assert line.startswith(f"{sensor}: 2 of 6 are upside down beside the others (rotate: 180 in")
     assert line.endswith(": x/1, x/4")
     assert lines([np.ascontiguousarray(turned[i]) for i in (1, 4)], sensor) == [], "a whole set"
+
+
+def test_upside_down_under_lights_that_differ_from_the_usual() -> None:
+    known = known_colours("digit")
+    assert known is not None
+    upright = [still("digit", i, noise=1.1) for i in range(6)]
+    fits = [colour_agreement(colour_grid(picture), known) for picture in upright]
+    assert max(fits) < 0.85, "none is sure by itself"
+    turned = [np.rot90(picture, 2 * (i in (1, 4))) for i, picture in enumerate(upright)]
+    (line,) = lines([np.ascontiguousarray(picture) for picture in turned], "digit")
+    assert line.startswith("digit: 2 of 6 are upside down beside the others")
+    assert line.endswith(": x/1, x/4")
 
 
 def test_sides_that_differ_within_a_set() -> None:

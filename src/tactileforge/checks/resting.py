@@ -33,6 +33,8 @@ _COMPARED, _NAMED = 64, 8
 #: Smallest agreement with the sensor of a picture that is upright, or upside down, and how much
 #: better it is than the other way round; public sets reach .91 and .3.
 _SURE, _SURER = 0.85, 0.2
+#: How much better one way round is that is sure with dirt or other lights: the other contradicts.
+_CONTRADICTS = 1.0
 #: Ratio of sides above which a picture shows several panels: no sensor is that wide.
 _PANELS = 2.0
 #: Largest relative difference of the ratio of sides from that of the turned sensor.
@@ -216,7 +218,8 @@ def _upside_down(
     for i in standing:
         grid = seen[i].grid
         fits = colour_agreement(grid, known), colour_agreement(grid[::-1, ::-1], known)
-        if max(fits) >= _SURE and abs(fits[0] - fits[1]) >= _SURER:
+        lead = abs(fits[0] - fits[1])
+        if (max(fits) >= _SURE and lead >= _SURER) or lead >= _CONTRADICTS:
             sides[fits[1] > fits[0]].append(i)
     if all(sides):
         words = "upside down beside the others (rotate: 180 in the layout turns them)"

@@ -31,12 +31,14 @@ from tactileforge.reading.guessed_media import (
     units_of,
 )
 from tactileforge.reading.guessed_tables import (
+    force_in_names,
     guess_apart,
     guess_force,
     guess_labels,
     guess_shared,
     guess_times,
     left_out,
+    unread_words,
 )
 from tactileforge.reading.linked import matches
 from tactileforge.reading.name_times import name_times
@@ -244,6 +246,11 @@ def _layout(
     if "sensor" in labels:
         doubts[:] = [line for line in doubts if not line.startswith("sensor:")]
     layout |= labels
+    if not force:
+        doubts += force_in_names(media, root)
+    for family in of_force if force else ():
+        if family not in of_labels:
+            unread_words(family, layout, doubts)
     if "object" not in layout:
         layout |= _object(root, folder, media, layout, doubts)
     if folder.lower() in SPLIT_OF_FOLDER:

@@ -62,12 +62,21 @@ _TIME = re.compile(
 )
 _TIME_UNIT = re.compile(r"(?:^|[_ (\[])([mun]s)[)\]]?$")
 _FRAME = re.compile(r"(?:video_|image_)?frame(?:_?(?:i?d?x?|number|no|count))?|index")
-_OBJECT = re.compile(r"object(?:_name)?|label|class|name|material|item")
+_OBJECT = re.compile(r"obj(?:ect)?(?:[_ ]?(?:name|class|label))?|label|class|name|material|item")
+#: Number of an object, which is its name where no column has that.
+_OBJECT_NUMBER = re.compile(r"obj(?:ect)?[_ ]?(?:id|number|no|nr)")
 _SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
 _FPS = re.compile(r"(?:camera[_.])?(?:fps|frame_?rate|frames_per_second|rate_hz|hz)")
 _TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
 #: Words before a force that is none on the gel as it was measured.
 _ELSEWHERE = ROBOT | COMMANDS | {"max", "min", "std", "var", "bias"}
+#: A force in the name of a file: a word and a fraction, or a number and a unit.
+_IN_NAME = re.compile(
+    rf"(?<![a-z])(?:(?:{_FORCE}|f[nxyz]?|load)[_=]?-?\d+\.\d+"
+    rf"|(?:(?:{_FORCE}|f[nxyz]?|load)[_=]?)?-?\d+(?:\.\d+)?_?(?:m?n|k?gf|newtons?))(?![a-z\d])"
+)
+#: What a column names of a recording, in the order in which one is taken.
+_NAMED = (("object", _OBJECT), ("object", _OBJECT_NUMBER), ("text", _TEXT))
 #: Units in names of files: a single letter may be anything there.
 _FILE_UNIT = re.compile(r"(?<![a-z])(?:mn|kgf|gf|lbf|grams?|newtons?)(?![a-z])")
 #: Stems of arrays by what they hold: an array has no headers.
@@ -543,11 +552,11 @@ def guess_labels(
         # of the rows of a series, what all of them say
         is_series = len(family.rows) > 1 and not per_image and not family.key
         given: dict[str, Any] = {}
-        for name, pattern in (("object", _OBJECT), ("text", _TEXT)):
+        for name, pattern in _NAMED:
             titles = [title for title in family.rows[0] if fits(pattern, title)]
             column = next((t for t in titles if not is_series or _is_constant(family, t)), None)
             if column and (column != family.key or _names_folders(family, units)):
-                given[name] = f"{{{column}}}"
+                given.setdefault(name, f"{{{column}}}")
         sensor = family.column(_SENSOR)
         if sensor and is_series and not _is_constant(family, sensor):
             sensor = None
@@ -656,6 +665,46 @@ def _type_of(name: str) -> str:
         return named_sensor(name)
 
 
+def unread_words(family: Family, layout: Mapping[str, Any], doubts: list[str]) -> None:
+    """Add a line about the columns of words in a table that is read for something else.
+
+    Args:
+        family: The table.
+        layout: Keys that are read.
+        doubts: Lines, added to.
+    """
+    read = str(layout)
+    titles = [title for title, cell in family.rows[0].items() if cell and not _is_moment(cell)]
+    titles = [
+        title
+        for title in titles
+        if repr(title) not in read and f"{{{title}}}" not in read and "frame_id" not in title
+    ]
+    if titles:
+        doubts.append(
+            f"labels: {', '.join(titles[:3])} of {family.template} are not read; if they name the "
+            f"object: labels: {{file: {family.template!r}}}, object: '{{{titles[0]}}}'"
+        )
+
+
+def force_in_names(media: Sequence[Path], root: Path) -> list[str]:
+    """Line about forces in the names of files; [] without any.
+
+    Args:
+        media: Files of frames.
+        root: Folder of the data.
+    """
+    names = (path.relative_to(root).with_suffix("").as_posix().lower() for path in media)
+    found = [match[0] for name in names if (match := _IN_NAME.search(name))]
+    if len(set(found)) < 2 or 2 * len(found) < len(media):
+        return []
+    return [
+        f"force: names of files say it ({found[0]}, {found[-1]}), and it is not read; write it "
+        "into a table with a row of each: force: {file: forces.csv, key: file, columns: [null, "
+        "null, fz]}"
+    ]
+
+
 def left_out(unread: Iterable[Path], root: Path) -> list[str]:
     """Lines about unread tables and files of labels, one per kind."""
     kinds: dict[str, list[str]] = {}
@@ -689,6 +738,15 @@ def _damage(path: Path) -> str:
     except TactileForgeError as error:
         return str(error).removeprefix(f"{path}: ")
     return ""
+
+
+def _is_moment(cell: str) -> bool:
+    """Whether a cell is a number, a date or a time of day."""
+    try:
+        clock_number(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _numbers(family: Family, column: str) -> NDArray[np.float64]:

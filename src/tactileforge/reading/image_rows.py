@@ -15,7 +15,7 @@ from tactileforge.reading.records import RECORDS
 from tactileforge.reading.tables import Row, read_cells
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.trial_rows import recordings_of
-from tactileforge.reading.written_names import ends_of, is_absolute, moved_path
+from tactileforge.reading.written_names import ends_of, is_absolute, is_there, moved_path
 
 #: Largest number of names that a slip is compared with.
 _COMPARED = 2000
@@ -123,7 +123,7 @@ class ImageRows:
         elsewhere: frozenset[str] | None = None
         for name, (where, _) in table.items():
             # A row may name an existing file outside the layout's pattern.
-            if name in known or any((base / name).exists() for base in (self.folder, path.parent)):
+            if name in known or any(is_there(name, base) for base in (self.folder, path.parent)):
                 continue
             if elsewhere is None:
                 elsewhere = names_below(self.folder) - {image.name for image in images}

@@ -14,7 +14,7 @@ from tactileforge.reading.order import name_prefix
 from tactileforge.reading.tables import joined, read_cells
 from tactileforge.reading.templates import template_columns, template_parts
 from tactileforge.reading.trial_rows import recordings_of
-from tactileforge.reading.written_names import WrittenNames
+from tactileforge.reading.written_names import WrittenNames, is_there
 
 
 @dataclass(frozen=True)
@@ -175,12 +175,12 @@ def match_labels(
     elsewhere = names_below(folder) if missed else frozenset()
     for written, row in missed:
         plain = names.plain(written)
-        is_there = (folder / plain).exists() or plain in elsewhere
+        exists = is_there(plain, folder) or plain in elsewhere
         # one CSV may label the files of several layouts: theirs pass, once some are ours
-        if of_touch and is_there and not names.any_below(plain):
+        if of_touch and exists and not names.any_below(plain):
             continue
         what = f"no file in {folder}"
-        if is_there:
+        if exists:
             what = f"nothing that layout {layout.name!r} reads in {folder}"
         raise DataError(
             f"{row.where}: {written!r} names {what} (one that there is: {names.nearest(plain)!r}); "

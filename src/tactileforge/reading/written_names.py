@@ -128,6 +128,17 @@ def moved_path(path: str, names: Mapping[str, str], folder: Path) -> str | None:
     return next(found, None)
 
 
+def is_there(path: str, folder: Path) -> bool:
+    """Whether a row's path exists, from a folder on or by its end where another machine wrote it.
+
+    Args:
+        path: A path with forward slashes.
+        folder: Folder of the layout, or of the table.
+    """
+    ends = (end for end in ends_of(path) if "/" in end) if is_absolute(path) else ()
+    return any((folder / one).exists() for one in (path, *ends))
+
+
 def _forward(path: str) -> str:
     return path.replace("\\", "/")
 

@@ -61,7 +61,7 @@ _WORDS = (
     (
         "object",
         {"object", "class", "label", "material", "item"},
-        ("object", "object_name", "label", "class", "material", "item"),
+        ("object", "object_name", "label", "class", "material", "item", "object_id", "obj_id"),
     ),
 )
 #: Words of a finger, and their short forms.
@@ -537,7 +537,8 @@ class MapGuess:
                 return {"array": f"{key}?"}
         for key in self._groups():
             for name in attributes:
-                if isinstance(self._attribute(key, name), str):
+                said = self._attribute(key, name)
+                if isinstance(said, str) or (name.endswith("_id") and isinstance(said, int)):
                     return {"array": "" if key == self._group else f"/{key}", "attr": name}
         return {}
 
