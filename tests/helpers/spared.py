@@ -55,7 +55,7 @@ class _Read:
     """Reads each file of a package once, and tells which files were read.
 
     Attributes:
-        files: Of the configuration that is composed now.
+        files: Files of the configuration that is composed now.
         others: Paths in the search path, and contents, of what is no file of a package.
     """
 
