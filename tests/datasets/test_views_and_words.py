@@ -344,3 +344,18 @@ def test_one_table_of_paths_of_another_machine_for_two_splits(tmp_path: Path) ->
     table.write_text(table.read_text().replace("/home/li/data/train/take1/", "/home/li/tes/", 1))
     with pytest.raises(DataError, match=r"'/home/li/tes/000\.png' names no"):
         read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("column", "is_force", "told"),
+    [("weight", False, ""), ("weight [g]", True, ""), ("grip [N]", False, "grip [N]")],
+)
+def test_a_weight_needs_a_unit_and_a_unit_a_word(
+    column: str, is_force: bool, told: str, tmp_path: Path
+) -> None:
+    for k in range(2):
+        video(tmp_path / f"{k}.avi")
+        forces(tmp_path / f"{k}.csv", f"t,{column}", [f"{n / 20}" for n in range(COUNT)], 1)
+    found, doubts = read(tmp_path)
+    assert {one.force is not None for one in found.values()} == {is_force}
+    assert any(line.startswith(f"force: {told} of") for line in doubts) == bool(told)

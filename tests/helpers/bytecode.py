@@ -13,7 +13,7 @@ from pathlib import Path
 if sys.dont_write_bytecode:
     sys.dont_write_bytecode = False
     sys.pycache_prefix = str(Path(__file__).parents[2] / ".pytest_cache" / "bytecode")
-    del os.environ["PYTHONDONTWRITEBYTECODE"]
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # or `python -B` says so
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
     # packages that an earlier session has installed into folders that are gone
     temporary = Path(tempfile.gettempdir()).resolve().relative_to(Path(sys.prefix).anchor)

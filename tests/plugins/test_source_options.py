@@ -40,6 +40,9 @@ class Plain:
 class Below(Plain):
     pass
 
+class Bare:
+    pass
+
 class Computed:
     def __init__(self, a=max(1, 2)): ...
 
@@ -69,6 +72,8 @@ def test_literals_and_names_of_literals_are_read_without_an_import(module):
     assert found.pop("a") is registry.Parameter.empty
     assert found == {"b": 3, "c": (1, -2), "d": 0.25, "e": None}
     assert read_options(f"{module}:Below") == read_options(f"{module}:Plain")
+    assert read_hints(f"{module}:Below") == dict.fromkeys(("self", *"abcde"), Any)
+    assert read_hints(f"{module}:Bare") == {}
 
 
 @pytest.mark.parametrize("name", ["Computed", "Unclear", "Decorated", "Wrapped", "Absent"])

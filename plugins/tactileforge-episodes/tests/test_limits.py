@@ -1,5 +1,6 @@
 """Costs of damaged or hostile files: limits of links, chunks and unpacking, by the reader."""
 
+import bz2
 import io
 import json
 import os
@@ -233,6 +234,37 @@ def test_a_bomb_of_gzip_in_hdf5(monkeypatch, tmp_path):
         file.read("x", 0, 40)
 
 
+@pytest.mark.parametrize(
+    ("number", "values", "head"),
+    [
+        (307, (), bz2.compress(bytes(1 << 20))),
+        (32001, (), struct.pack("<4I", 0, 1 << 20, 0, 16)),
+        (32004, (), struct.pack(">Q", 1 << 20)),
+        (32008, (0, 4, 1, 0, 2), struct.pack(">Q", 1 << 20)),
+        (32008, (0, 4, 1, 0, 3), struct.pack(">Q", 1 << 20)),
+        (32008, (0, 4, 1, 8192, 0), None),
+        (32008, (), None),
+    ],
+)
+def test_a_bomb_of_a_registered_filter_in_hdf5(number, values, head, tmp_path):
+    """Filters by their numbers: bz2, blosc, lz4, and bitshuffle with a coder and without."""
+    plan = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    plan.set_chunk((4,))
+    plan.set_filter(number, h5py.h5z.FLAG_OPTIONAL, values)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        space = h5py.h5s.create_simple((8,))
+        found = h5py.h5d.create(file.id, b"x", h5py.h5t.NATIVE_UINT8, space, plan)
+        found.write_direct_chunk((0,), head or bytes(range(200, 208)))
+        found.write_direct_chunk((4,), head or bytes(range(200, 208)), filter_mask=1)  # left out
+    with h5py.File(tmp_path / "a.h5") as file:
+        chunks = hdf_chunks.Chunks("a", file["x"])
+        chunks.check(4, 8)
+        if not head:
+            return chunks.check(0, 4)
+        with pytest.raises(DataError, match=r"a, chunk at \(0,\): .*more than its values of"):
+            chunks.check(0, 4)
+
+
 def test_a_bomb_of_lzf_in_hdf5(monkeypatch, tmp_path):
     monkeypatch.setattr(hdf_chunks, "_SMALL", 1 << 10)
     bomb = b"\x00\x00" + b"\xe0\xff\x00" * 4000
@@ -325,6 +357,8 @@ def test_variables_of_matlab_5_within_limits():
     check_mat5("a", mat_of(variable(5, (9, 9))))
     with pytest.raises(DataError, match="a sparse array in a struct or cell"):
         check_mat5("a", mat_of(variable(1, (1, 1), variable(5, (9, 9)))))
+    with pytest.raises(DataError, match="a sparse array in a struct or cell"):
+        check_mat5("a", mat_of(variable(1, (1, 2), number + variable(5, (9, 9)), b"of 13 letters")))
     deep = number
     for _ in range(40):
         deep = variable(1, (1, 1), deep)
@@ -340,6 +374,8 @@ def test_variables_of_matlab_4_within_limits():
     for head in ((0, 10**8, 3, 0, 2), (0, -1, 2, 0, 2), (0, 3, 2, 1, 2)):
         with pytest.raises(DataError, match=f"a variable of {head[1]} x {head[2]} values, and no"):
             check_mat5("a", io.BytesIO(struct.pack("<5i", *head) + b"x\0" + bytes(48)))
+        with pytest.raises(DataError, match="values, and no such bytes"):
+            check_mat5("a", io.BytesIO(struct.pack("<5i", *head)))
 
 
 def test_a_header_of_a_tar_is_small(tmp_path):

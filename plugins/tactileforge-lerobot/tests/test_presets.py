@@ -155,6 +155,15 @@ def test_a_force_with_a_word_of_its_touch_is_recognised(tmp_path: Path) -> None:
     np.testing.assert_allclose(left.force, sides["left"], atol=1e-6)
     np.testing.assert_allclose(right.force, np.abs(sides["right"]), atol=1e-6)
 
+    def unname(info: dict[str, Any]) -> None:
+        for side in sides:
+            info["features"][f"observation.force_{side}"]["names"] = None
+
+    changed(root, "meta/info.json", unname)
+    guess = LeRobot.recognise(root)
+    assert guess is not None
+    assert guess.options["force_columns"] == (0, 1, 2), "the first three are x, y and z"
+
 
 @pytest.mark.parametrize(
     "shape", [(4, 4), (2, 21, 21), (2, 4, 3), (6, 6), (72, 64, 1), (52,), (2, 3, 4, 4)]

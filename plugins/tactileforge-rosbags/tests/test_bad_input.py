@@ -4,7 +4,9 @@ import builtins
 import os
 import shutil
 import sqlite3
+import struct
 from contextlib import closing
+from types import SimpleNamespace
 
 import lz4.frame
 import numpy as np
@@ -464,6 +466,9 @@ def test_a_chunk_of_mcap_that_says_less_than_it_unpacks_to():
         guards.check_chunk("a", coding, pack(content)[:-9], len(content))  # its reader says so
     with pytest.raises(DataError, match="unpacks to more than the 4096 bytes"):
         guards.check_chunk("a", "lz4", lz4.frame.compress(content), 4096)
+    and_more = lz4.frame.compress(bytes(4096)) + lz4.frame.compress(b"x")
+    with pytest.raises(DataError, match="unpacks to more than the 4096 bytes"):
+        guards.check_chunk("a", "lz4", and_more, 4096)
     several = zstd.compress(b"x") + zstd.compress(bytes(1 << 25)) * 3
     with pytest.raises(DataError, match="more than the 4096 bytes that it says"):
         guards.check_chunk("a", "zstd", several, 4096)
@@ -505,6 +510,32 @@ def test_a_hole_in_an_mcap(tmp_path):
     refused(data(tmp_path / "set"), f"one.mcap: no record at byte {len(raw) - 37}; mend it: mcap")
     path.write_bytes(raw[:-20])
     refused(data(tmp_path / "set"), "set/one: cannot be read .ReaderError: File end magic")
+
+
+def test_a_chunk_is_checked_where_its_index_says_it_is(tmp_path):
+    packed = lz4.frame.compress(bytes(2 << 20))
+    head = struct.pack("<BQQQQI", 6, 0, 0, 1, 4096, 0) + struct.pack(
+        "<I3sQ", 3, b"lz4", len(packed)
+    )
+    (tmp_path / "one.mcap").write_bytes(bytes(8) + head + packed)
+    chunk = SimpleNamespace(
+        chunk_start_offset=8,
+        compression="lz4",
+        compressed_size=len(packed),
+        uncompressed_size=4096,
+        message_start_time=0,
+        message_end_time=1,
+    )
+    storage = SimpleNamespace(
+        chunks=[chunk], path=tmp_path / "one.mcap", messages=lambda *_: iter(())
+    )
+    checked = guards.CheckedChunks("one", storage)
+    assert list(checked.messages([], 2)) == [], "of another time"
+    with pytest.raises(DataError, match=r"one: a chunk of .* more than the 4096 bytes"):
+        list(checked.messages([]))
+    chunk.compressed_size += 1
+    with pytest.raises(DataError, match="its index names a chunk that is not there"):
+        list(checked.messages([]))
 
 
 def test_an_index_that_names_a_chunk_twice(tmp_path):

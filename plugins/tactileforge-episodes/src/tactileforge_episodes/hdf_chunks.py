@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from h5py import Dataset
 
 #: Filters that unpack, by their numbers, and how far one byte may expand; None for any number.
-_DEFLATE, _LZF = 1, 32000
+_DEFLATE, _LZF, _LZ4, _BITSHUFFLE = 1, 32000, 32004, 32008
 _PACKERS: dict[int, int | None] = {
     _DEFLATE: 1032,
     _LZF: 88,
-    **dict.fromkeys((307, 32001, 32004, 32008, 32015), None),
+    **dict.fromkeys((307, 32001, _LZ4, _BITSHUFFLE, 32015), None),
 }
 _CODECS = {_DEFLATE: "zlib", 307: "bz2", 32001: "blosc", 32015: "zstd"}
 #: Bytes by which checksums and rounding of filters exceed the values of a chunk.
@@ -85,13 +85,15 @@ class Chunks:
                 )
         elif self.packer in _CODECS:
             Guard(_CODECS[self.packer], self.most).check(where, content)
-        elif self.packer == 32004 and int.from_bytes(content[:8], "big") > self.most:
+        elif int.from_bytes(content[:8], "big") > self.most:
             raise DataError(f"{where}: says more than its values of {self.most} bytes")
 
 
 def _filters(found: Dataset) -> list[int]:
     about = found.id.get_create_plist()
-    return [about.get_filter(i)[0] for i in range(about.get_nfilters())]
+    filters = [about.get_filter(i) for i in range(about.get_nfilters())]
+    # bitshuffle packs where its fifth value names a coder
+    return [number for number, _, said, _ in filters if number != _BITSHUFFLE or any(said[4:5])]
 
 
 def lzf_size(content: bytes, most: int) -> int:

@@ -36,7 +36,7 @@ def check_mat5(name: str, file: IO[bytes] | Slice) -> None:
     head = file.read(_HEADER)
     if 0 in head[:4]:
         _check_mat4(name, file)
-    order = {b"IM": "<", b"MI": ">"}.get(head[126:128])
+    order = {b"IM": "<", b"MI": ">"}.get(head[126:])
     while order and len(tag := file.read(8)) == 8:
         kind, size = (int(one) for one in np.frombuffer(tag, f"{order}u4"))
         if kind == _PACKED:
