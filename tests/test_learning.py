@@ -52,20 +52,20 @@ def test_vjepa_predicts_the_features_of_this_touch(tmp_path: Path) -> None:
 
 def test_dino_tells_clips_apart(tmp_path: Path) -> None:
     """A student with one answer for every clip diverges by the teacher's information."""
-    _, last = learn("dino", tmp_path, steps=200)
+    _, last = learn("dino", tmp_path)
     assert last["train/dino/information"] > 0.3  # nats; 0 where it has collapsed
     assert last["train/dino"] < 0.6 * last["train/dino/information"]
 
 
 def test_anytouch1_learns_in_both_stages(tmp_path: Path) -> None:
-    _, last = learn("anytouch1", tmp_path, steps=200)
+    _, last = learn("anytouch1", tmp_path)
     assert last["train/pixel"] < 0.8 * float(read_metrics(tmp_path)["train/pixel"].values[0])
     for name in ("touch_text", "touch_image"):
         assert last[f"train/align/{name}"] < 0.85 * CHANCE
 
 
 def test_unitouch_aligns_touch_with_images(tmp_path: Path) -> None:
-    _, last = learn("unitouch", tmp_path)
+    _, last = learn("unitouch", tmp_path, steps=80)
     assert last["train/touch_vision/touch_image"] < 0.85 * CHANCE
 
 

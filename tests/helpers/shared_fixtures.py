@@ -19,7 +19,7 @@ from opened import Opened
 from PIL import Image
 from spared import compose_once, is_looked_at, register_once, simulate_once, undraw
 from waiting import wait_until
-from warm import Warm, warm_commands
+from warm import Warm, shared_commands, warm_commands
 
 from tactileforge.cli._verbs import summary
 from tactileforge.contracts import Batch, Frame, Frames, SensorSpec
@@ -52,7 +52,7 @@ __all__ = [
 ]
 
 
-#: The warm process of this one, once a test has asked for it.
+#: The commands of the warm process, once a test has asked for them.
 _WARM: list[Warm] = []
 
 
@@ -172,7 +172,11 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Warm]:
     if _WARM:  # each conftest.py has this fixture
         yield _WARM[0]
         return
-    with warm_commands(tmp_path_factory.mktemp("warm")) as commands:
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        kept = shared_commands(tmp_path_factory.getbasetemp().parent / "warm")
+    else:
+        kept = warm_commands(tmp_path_factory.mktemp("warm"))
+    with kept as commands:
         _WARM.append(commands)
         yield commands
         _WARM.clear()

@@ -2,7 +2,7 @@
 
 It has imported their modules already, which takes 10 s of CPU time (a server, torch 2.13)
 and would be taken again by each plain ``python -m tactileforge``. It is a process of its own
-(``python warm.py SOCKET``), without tests and threads.
+(``python warm.py SOCKET PID``), without tests and threads.
 """
 
 import atexit
@@ -24,6 +24,7 @@ from pathlib import Path
 from pkgutil import walk_packages
 
 import pytest
+from filelock import FileLock
 from spared import compose_once, simulate_once, undraw
 from waiting import wait_until
 
@@ -91,7 +92,9 @@ class Warm:
     def __init__(self, folder: Path) -> None:
         self.bin = folder / "bin"
         self.address = str(folder / "socket")
-        self.bin.mkdir()
+        if self.bin.exists():
+            return
+        self.bin.mkdir(parents=True)
         for name in _PROGRAMS:
             command = self.bin / name
             command.write_text(_CLIENT.format(python=sys.executable, address=self.address))
@@ -107,18 +110,38 @@ class Warm:
         return Started(server)
 
 
+def _server(warm: Warm, keeper: int) -> "subprocess.Popen[bytes]":
+    """A process for commands, of which the first can be started; it ends after another process."""
+    command = [sys.executable, __file__, warm.address, str(keeper)]
+    server = subprocess.Popen(command, env=os.environ | _ONE_THREAD)
+    wait_until(Path(warm.address).exists, 600, "the process for commands does not start")
+    return server
+
+
 @contextmanager
 def warm_commands(folder: Path) -> Iterator[Warm]:
     """Keeps the parent process of forked commands."""
     warm = Warm(folder)
-    command = [sys.executable, __file__, warm.address]
-    server = subprocess.Popen(command, env=os.environ | _ONE_THREAD)
+    server = _server(warm, os.getpid())
     try:
-        wait_until(Path(warm.address).exists, 600, "the process for commands does not start")
         yield warm
     finally:
         server.terminate()
         server.wait()
+
+
+@contextmanager
+def shared_commands(folder: Path) -> Iterator[Warm]:
+    """Commands of one process for all that test side by side.
+
+    The first that needs it starts it, and it ends after the process that has started them.
+    """
+    with FileLock(folder.with_suffix(".lock")):
+        warm = Warm(folder)
+        if not Path(warm.address).exists():
+            server = _server(warm, os.getppid())
+            server.returncode = 0  # nobody here waits for it
+    yield warm
 
 
 def _reap(*_: object) -> None:
@@ -128,17 +151,24 @@ def _reap(*_: object) -> None:
             pass
 
 
-def serve(address: str) -> list[str]:
-    """Answers while its parent lives; returns in a new process for each, with name and words."""
-    parent = os.getppid()
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def serve(address: str, keeper: int) -> list[str]:
+    """Answers while a process lives; returns in a new process for each, with name and words."""
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     listener.bind(f"{address}.new")
     listener.listen()
     os.rename(f"{address}.new", address)  # a socket that is bound is there before it listens
-    listener.settimeout(5.0)
+    listener.settimeout(1.0)
     signal.signal(signal.SIGCHLD, _reap)
     gc.freeze()
-    while os.getppid() == parent:
+    while _lives(keeper):
         try:
             asked, _ = listener.accept()
         except TimeoutError:
@@ -168,7 +198,7 @@ def serve(address: str) -> list[str]:
         with suppress(OSError):
             asked.send(str(status).encode())
         os._exit(0)
-    sys.exit("the tests are gone")
+    sys.exit()
 
 
 def _forget_packages() -> None:
@@ -219,7 +249,7 @@ if __name__ == "__main__":
     _prepare()
     if "PYTEST_XDIST_WORKER" in os.environ:
         import_module("tactileforge.util.processes").cpus = lambda: 1  # the others are busy
-    program, *words = serve(sys.argv[1])
+    program, *words = serve(sys.argv[1], int(sys.argv[2]))
     places = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     if places := [place for place in places if place and place not in sys.path]:
         sys.path[:0] = places
