@@ -15,10 +15,10 @@ from tactileforge.reading.files import kind_of as kind_of
 from tactileforge.reading.files import matching_files as matching_files
 from tactileforge.reading.files import read_rows as read_rows
 from tactileforge.reading.files import read_text as read_text
+from tactileforge.reading.guessed_columns import NamedColumns as NamedColumns
+from tactileforge.reading.guessed_columns import named_columns as named_columns
 from tactileforge.reading.guessed_media import ASSUMED_FPS as ASSUMED_FPS
-from tactileforge.reading.guessed_tables import NamedColumns as NamedColumns
 from tactileforge.reading.guessed_tables import is_turned as is_turned
-from tactileforge.reading.guessed_tables import named_columns as named_columns
 from tactileforge.reading.layout import DatasetLayout as DatasetLayout
 from tactileforge.reading.layout import as_texts as as_texts
 from tactileforge.reading.layout import check_action as check_action

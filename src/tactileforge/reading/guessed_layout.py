@@ -20,6 +20,13 @@ from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.frames.stacks import is_stack
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.guessed_background import guess_background
+from tactileforge.reading.guessed_labels import (
+    force_in_names,
+    guess_labels,
+    guess_shared,
+    left_out,
+    unread_words,
+)
 from tactileforge.reading.guessed_media import (
     ASSUMED_FPS,
     BACKGROUND,
@@ -30,16 +37,7 @@ from tactileforge.reading.guessed_media import (
     stacks,
     units_of,
 )
-from tactileforge.reading.guessed_tables import (
-    force_in_names,
-    guess_apart,
-    guess_force,
-    guess_labels,
-    guess_shared,
-    guess_times,
-    left_out,
-    unread_words,
-)
+from tactileforge.reading.guessed_tables import guess_apart, guess_force, guess_times
 from tactileforge.reading.linked import matches
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_keys, name_prefix
