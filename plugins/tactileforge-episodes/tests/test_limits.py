@@ -358,7 +358,9 @@ def test_variables_of_matlab_5_within_limits():
     with pytest.raises(DataError, match="a sparse array in a struct or cell"):
         check_mat5("a", mat_of(variable(1, (1, 1), variable(5, (9, 9)))))
     with pytest.raises(DataError, match="a sparse array in a struct or cell"):
-        check_mat5("a", mat_of(variable(1, (1, 2), number + variable(5, (9, 9)), b"of 13 letters")))
+        check_mat5(
+            "a", mat_of(variable(1, (1, 2), number + variable(5, (9, 9)), b"x".ljust(16, b"\0")))
+        )
     deep = number
     for _ in range(40):
         deep = variable(1, (1, 1), deep)
