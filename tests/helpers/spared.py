@@ -52,7 +52,7 @@ def _stamp(file: Path) -> tuple[Path, int, int]:
 
 
 class _Read:
-    """Reads each file of a package once, and tells which files were read.
+    """Reader of each file of a package, once; knows the files read.
 
     Attributes:
         files: Files of the configuration that is composed now.
@@ -85,7 +85,7 @@ class _Read:
 
 
 class _Composed(list[Any]):
-    """A defaults list, and what is composed of it."""
+    """A defaults list with its composition."""
 
     whole: Any = None
 
@@ -167,9 +167,11 @@ def compose_once(patch: pytest.MonkeyPatch) -> None:
 
 
 def simulate_once(patch: pytest.MonkeyPatch) -> None:
-    """Processes that lack the same touch of the common cache wait for the first to simulate it."""
+    """Let processes lacking a touch of the common cache wait for the first to simulate it."""
     module = import_module("tactileforge_sim.generate")
     write = module._write
+    if getattr(write, "is_once", False):  # in this process already
+        return
 
     def written(config: Any, folder: Path, number: int) -> None:
         cache = Path(os.environ.get("TACTILEFORGE_CACHE", os.devnull)).resolve()
@@ -180,11 +182,12 @@ def simulate_once(patch: pytest.MonkeyPatch) -> None:
             if not module.path_of(folder, number).exists():
                 write(config, folder, number)
 
+    written.is_once = True  # type: ignore[attr-defined]
     patch.setattr(module, "_write", written)
 
 
 def register_once(patch: pytest.MonkeyPatch) -> None:
-    """The table of ONNX operators, which each export makes anew, is copied from the first."""
+    """Copy the table of ONNX operators from the first export, instead of making it anew."""
     export = torch.onnx.export
     known: dict[Any, tuple[Any, list[str]]] = {}
 

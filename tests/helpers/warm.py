@@ -132,7 +132,7 @@ def warm_commands(folder: Path) -> Iterator[Warm]:
 
 @contextmanager
 def shared_commands(folder: Path) -> Iterator[Warm]:
-    """Commands of one process for all that test side by side.
+    """Commands of one process for all workers of pytest.
 
     The first that needs it starts it, and it ends after the process that has started them.
     """

@@ -103,3 +103,18 @@ def test_a_text_of_a_table_in_json_is_not_too_long(tmp_path):
         read_records(path)
     path.write_text('[{"' + "x" * ((1 << 19) - 1) + '": 1}]')
     assert len(read_records(path)) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "encoding", "said"),
+    [
+        ("时间,力 (N)\n0.1,2\n", "gb18030", "gb18030"),
+        ("時間,ちから\n0.1,2\n", "shift_jis", "shift_jis"),
+        ("Größe,Kräfte\n0.1,2\n", "latin1", "latin1"),
+        ("résumé,été,à\n0.1,2\n", "latin1", "latin1"),
+    ],
+)
+def test_the_likely_encoding_is_named(text: str, encoding: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(text.encode(encoding))
+    with pytest.raises(DataError, match=rf"is not UTF-8; .* iconv -f {said} -t utf-8 a\.csv"):
+        read_text(tmp_path / "a.csv")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import csv
 import os
+import re
 import shlex
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -29,6 +30,8 @@ _MARKS = {
 
 #: Most characters of a line of a table.
 _MOST_LINE = 1 << 19
+#: Words in signs of East Asia, with a letter of a Latin word before or behind them.
+_ASIAN = re.compile("([a-z]?)[^\x00-\x7f]+([a-z]?)")
 #: Longer spellings of endings.
 _ENDINGS = {".jpeg": ".jpg", ".tiff": ".tif"}
 
@@ -55,10 +58,23 @@ def read_text(path: Path) -> str:
     except UnicodeDecodeError as error:
         raise DataError(
             f"{path}: byte {error.start} is not UTF-8; download it again, save it as CSV UTF-8, or "
-            f"convert it: iconv -f latin1 -t utf-8 {shlex.quote(path.name)} > utf8.csv"
+            f"convert it: iconv -f {_likely(raw)} -t utf-8 {shlex.quote(path.name)} > utf8.csv"
         ) from error
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); download it again") from error
+
+
+def _likely(raw: bytes) -> str:
+    """Likely encoding of a text that is not UTF-8: of Chinese or Japanese words, or of Latin ones."""
+    for encoding in ("gb2312", "shift_jis", "gb18030"):
+        try:
+            words = _ASIAN.findall(raw.decode(encoding))
+        except UnicodeDecodeError:
+            continue
+        # an accent and the letter behind it make a sign there, in the middle of a word of Latin
+        if words and not any(before or behind for before, behind in words):
+            return encoding.replace("2312", "18030")  # has all of it
+    return "latin1"
 
 
 def wide_encoding(raw: bytes) -> str | None:
