@@ -52,10 +52,10 @@ def _stamp(file: Path) -> tuple[Path, int, int]:
 
 
 class _Read:
-    """Reader of each file of a package, once; knows the files read.
+    """One reader of each file of a package, with a record of them.
 
     Attributes:
-        files: Files of the configuration that is composed now.
+        files: Read for the configuration at hand, with their times and sizes.
         others: Paths in the search path, and contents, of what is no file of a package.
     """
 
@@ -85,7 +85,7 @@ class _Read:
 
 
 class _Composed(list[Any]):
-    """A defaults list with its composition."""
+    """A defaults list with its merged configuration."""
 
     whole: Any = None
 
@@ -143,8 +143,10 @@ def _of_loader() -> Any:
 def compose_once(patch: pytest.MonkeyPatch) -> None:
     """Hydra composes a command once, not first for `hydra.mode` only, and reads a file once.
 
-    What it composes of the same options is copied, before the values of the command are set.
+    The merged configuration of the same options is copied before a command's values are set.
     """
+    if isinstance(defaults_list._create_defaults_list, _Lists):  # each conftest.py has this fixture
+        return
     asked = Hydra.get_mode
 
     def mode(self: Hydra, config_name: str | None, overrides: list[str]) -> Any:
@@ -167,13 +169,12 @@ def compose_once(patch: pytest.MonkeyPatch) -> None:
 
 
 def simulate_once(patch: pytest.MonkeyPatch) -> None:
-    """Let processes lacking a touch of the common cache wait for the first to simulate it."""
+    """Simulates a touch of the common cache in one process; others wait for it."""
     module = import_module("tactileforge_sim.generate")
-    write = module._write
-    if getattr(write, "is_once", False):  # in this process already
+    if (write := module._write).__name__ == "simulated":  # each conftest.py has this fixture
         return
 
-    def written(config: Any, folder: Path, number: int) -> None:
+    def simulated(config: Any, folder: Path, number: int) -> None:
         cache = Path(os.environ.get("TACTILEFORGE_CACHE", os.devnull)).resolve()
         if cache not in folder.resolve().parents:
             write(config, folder, number)
@@ -182,13 +183,13 @@ def simulate_once(patch: pytest.MonkeyPatch) -> None:
             if not module.path_of(folder, number).exists():
                 write(config, folder, number)
 
-    written.is_once = True  # type: ignore[attr-defined]
-    patch.setattr(module, "_write", written)
+    patch.setattr(module, "_write", simulated)
 
 
 def register_once(patch: pytest.MonkeyPatch) -> None:
-    """Copy the table of ONNX operators from the first export, instead of making it anew."""
-    export = torch.onnx.export
+    """Copies the table of ONNX operators of the first export for all others."""
+    if (export := torch.onnx.export).__name__ == "exported":  # each conftest.py has this fixture
+        return
     known: dict[Any, tuple[Any, list[str]]] = {}
 
     def patched() -> None:

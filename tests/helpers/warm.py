@@ -111,7 +111,7 @@ class Warm:
 
 
 def _server(warm: Warm, keeper: int) -> "subprocess.Popen[bytes]":
-    """A process for commands, of which the first can be started; it ends after another process."""
+    """Starts a process for commands; it ends after another process."""
     command = [sys.executable, __file__, warm.address, str(keeper)]
     server = subprocess.Popen(command, env=os.environ | _ONE_THREAD)
     wait_until(Path(warm.address).exists, 600, "the process for commands does not start")

@@ -87,7 +87,7 @@ def clip(published: ModuleType, *shape: int) -> Tensor:
 
 
 def once(module: Any) -> Any:
-    """A module that remembers its last tokens: taps of one clip read the same blocks."""
+    """Keeps outputs of a module: taps of one clip read the same blocks."""
     run, last = module.forward, []
 
     def forward(x: Tensor, **options: Any) -> Tensor:
