@@ -83,7 +83,8 @@ def train(config: DictConfig | dict[str, Any], folder: Path) -> TouchModule:
             state = read_own(resume, plain.get("run"), RESUMED)  # before data is made or read
             step = int(state["global_step"])
             known = run_folder.read_config(folder)
-            is_news = change_run(plain, known, state)
+            # data that moved is news: the next command has to find it
+            is_news = change_run(plain, known, state) or plain["data"] != known["data"]
             if 0 < plain["trainer"]["max_steps"] <= step:
                 log.info("the run has ended at step %d; to go further: trainer.max_steps=", step)
         else:

@@ -257,6 +257,11 @@ def test_check_of_attached_sensors_names_a_broken_one(installed, capsys):
         (["new", "sensor", "MySensor"], ConfigError, "use snake_case, e.g. my_sensor"),
         (["new", "sensor", "none"], ConfigError, "'none' is not a name"),
         (["new", "objective", "pixel"], ConfigError, "an installed objective has the name 'pixel'"),
+        (
+            ["new", "check", "digit"],
+            ConfigError,
+            "tactileforge-digit is a package of tactileforge's",
+        ),
     ],
 )
 def test_words_that_do_not_fit(argv, error, message, tmp_path, monkeypatch):

@@ -450,3 +450,29 @@ def test_the_folders_of_data_are_found_from_anywhere(
     assert found["sources"]["x"] == {"name": "shards", "root": str(tmp_path / "a")}
     assert found["sources"]["y"] == {"root": "hf://b/c"}
     assert found["cache"] == "nowhere"
+
+
+@pytest.mark.slow
+def test_a_run_keeps_the_place_that_its_data_moved_to(tmp_path: Path) -> None:
+    """Also where nothing else changes, so that the next command finds the data."""
+    old, new, run = tmp_path / "old", tmp_path / "new", tmp_path / "run"
+    write_shard(old / "train-000000.tar", [noise("digit", n) for n in range(6)])
+    words = [word for word in SMALL[1:] if not word.startswith("data.")]
+    train(compose("anytouch2", [*words, "data=shards", f"data.root={old}"]), run)
+    old.rename(new)
+    assert cli.run(["train", f"resume={run}", f"data.root={new}"]) == 0
+    assert run_folder.read_config(run)["data"]["root"] == str(new)
+    assert cli.run(["train", f"resume={run}"]) == 0
+
+
+def test_a_folder_of_runs_and_a_slip_of_best_are_named(tmp_path: Path) -> None:
+    for name in ("0", "1"):
+        run_folder.write_config(tmp_path / "sweep" / name, {"run": name})
+    sweep = tmp_path / "sweep"
+    with pytest.raises(DataError, match=f"such as {sweep / '0'} .2 in {sweep}"):
+        run_folder.read_config(sweep)
+    with pytest.raises(DataError, match=f"@bset names no weights of {sweep / '1'}: @best does"):
+        run_folder.read_config(sweep / "1@bset")
+    for nowhere in (tmp_path / "no", tmp_path / "no@best", tmp_path / "@best"):
+        with pytest.raises(DataError, match="there; give the folder of a run$"):
+            run_folder.read_config(nowhere)

@@ -199,6 +199,29 @@ def test_a_loader_that_is_the_limit_is_named_once(
     assert lines == ([expected] if warns else [])
 
 
+def test_advice_is_given_once_in_a_run_by_its_first_process(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    module: Any = SimpleNamespace(log_dict=lambda values: None)
+    trainer: Any = SimpleNamespace(
+        fit_loop=SimpleNamespace(total_batch_idx=0),
+        accumulate_grad_batches=1,
+        global_step=1,
+        log_every_n_steps=1,
+        world_size=2,
+        num_devices=2,
+        is_global_zero=True,
+    )
+    for first, expected in ((True, 1), (False, 0)):
+        caplog.clear()
+        callback, trainer.is_global_zero = Speed(workers=2), first
+        for share in (1, 1, 1, 1, 0, 1, 1, 1, 1):
+            callback._restart()
+            callback._waiting = share * 1e6
+            callback.on_train_batch_end(trainer, module, None, {"group": [0]}, 0)
+        assert sum("waits for data" in line for line in caplog.messages) == expected
+
+
 def test_waiting_costs_nothing_while_the_device_works() -> None:
     callback = Speed(workers=2)
     trainer: Any = SimpleNamespace(train_dataloader=SimpleNamespace(waited=1.5))

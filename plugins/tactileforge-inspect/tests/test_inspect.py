@@ -129,7 +129,7 @@ def test_what_cannot_be_read_is_named_and_never_fatal(
     findings, text = written(dataset, tmp_path / "page.html")
     first, list_broke, broken, wrong = findings.unreadable
     assert first == "gone.mp4: truncated"
-    assert "index.csv, row 9" in list_broke
+    assert "reading stopped, recordings after it are not counted: index.csv, row 9" in list_broke
     assert "made/1: " in broken
     assert "1.png: not a readable image" in broken
     assert "made/2: 4 times for 90 frames" in wrong

@@ -18,6 +18,7 @@ from tactileforge.cli import _options, _verbs
 from tactileforge.cli._command import Command
 from tactileforge.errors import ConfigError, PluginError, SensorError, check_names, command, unknown
 from tactileforge.plugins import local, registry
+from tactileforge.plugins.distributions import is_ours
 from tactileforge.util.files import disk_errors_named, new_part, write_text
 from tactileforge.util.licences import check_licence
 
@@ -278,6 +279,8 @@ def _new(keys: _New, _: dict[str, Any]) -> None:
         raise ConfigError(f"an installed {kind} has the name {name!r}: choose another")
     package = f"tactileforge_{name}"
     folder = out / package.replace("_", "-")
+    if is_ours(folder.name):
+        raise ConfigError(f"{folder.name} is a package of tactileforge's own: choose another name")
     if folder.exists():
         raise ConfigError(f"{folder} exists: choose another name, or --out another folder")
     files_of_it = made or _example(kind, name, package, folder.name)

@@ -100,7 +100,7 @@ def read_config(folder: Path) -> dict[str, Any]:
     """
     path = folder / CONFIG
     if not path.is_file():
-        raise DataNotFoundError(f"{folder}: no {CONFIG} there; give the folder of a run")
+        raise DataNotFoundError(f"{folder}: no {CONFIG} there; {_meant(folder)}")
     try:
         found = unsealed_yaml(path.read_text("utf-8"))
         if not isinstance(found, dict):
@@ -110,6 +110,17 @@ def read_config(folder: Path) -> dict[str, Any]:
             f"{path}: not the configuration of a run ({error}); put the right file back"
         ) from error
     return {str(key): value for key, value in found.items()}
+
+
+def _meant(folder: Path) -> str:
+    """What to type in place of a folder that is no run: one of the runs in it, or ``@best``."""
+    run, _, word = folder.name.rpartition("@")
+    if run and (folder.with_name(run) / CONFIG).is_file():
+        return f"@{word} names no weights of {folder.with_name(run)}: @best does, or nothing (last)"
+    runs = sorted(path.parent for path in folder.glob(f"*/{CONFIG}"))
+    if not runs:
+        return "give the folder of a run"
+    return f"give the folder of a run, such as {runs[0]} ({len(runs)} in {folder})"
 
 
 def read_versions(folder: Path) -> dict[str, Any]:

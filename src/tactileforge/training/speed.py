@@ -66,6 +66,7 @@ class Speed(Callback):
         self._pause = 0.0
         self._seen = self._waiting = 0.0
         self._clips = self._flops = self._slow = 0
+        self._warned = False
         self._done: torch.cuda.Event | None = None
         self._counter: FlopCounterMode | None = None
         self._counted: dict[frozenset[str], int] = {}
@@ -122,7 +123,8 @@ class Speed(Callback):
             if self.peak:
                 values["speed/mfu"] = self._flops / seconds / self.peak
             pl_module.log_dict(values)
-            self._judge(values["speed/waiting"], cpus() // trainer.num_devices)
+            if trainer.is_global_zero:
+                self._judge(values["speed/waiting"], cpus() // trainer.num_devices)
             self._restart()
 
     def on_validation_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
@@ -166,13 +168,13 @@ class Speed(Callback):
     def _judge(self, waiting: float, available: int) -> None:
         # in a row: one slow file, or a cache that fills, is no reason for advice
         self._slow = self._slow + 1 if waiting > WAITING else 0
-        if self._slow == _PATIENCE:
+        if self._slow >= _PATIENCE and not self._warned:
             log.warning(
                 "the step waits for data %.0f %% of the time: %s",
                 100 * waiting,
                 advice(self.workers, available),
             )
-            self._slow = -(10**9)  # warn only once
+            self._warned = True
 
 
 def peak_of(name: str) -> float | None:

@@ -189,7 +189,9 @@ def _listed(dataset: Dataset, unreadable: list[str]) -> Iterator[SampledRecordin
         except DataNotFoundError:
             raise
         except DataError as error:
-            unreadable.append(f"{split}: listing the recordings failed: {error}")
+            unreadable.append(
+                f"{split}: reading stopped, recordings after it are not counted: {error}"
+            )
 
 
 def _look(
