@@ -152,7 +152,7 @@ def test_a_unit_that_is_not_known_is_named(rig):
         ("- array: sensors", "- key: sensors", "'key' is now called 'array'"),
         ("tier: 1", "tier: 9", "tier is 9, but must be 1 to 5"),
         ("unit: gf", "unit: stone", "unknown unit 'stone'"),
-        ("unit: ms", "unit: minutes", "'minutes', which is not of type"),
+        ("unit: ms", "unit: minutes", "unknown .*'minutes'"),
         ("[null, null, 0]", "[null, null, -1]", "give columns from 0, or null"),
         ("sensor: digit", "sensor: digit\n    white: 0", "give the value of white"),
         (
