@@ -474,5 +474,5 @@ def test_a_folder_of_runs_and_a_slip_of_best_are_named(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=f"@bset names no weights of {sweep / '1'}: @best does"):
         run_folder.read_config(sweep / "1@bset")
     for nowhere in (tmp_path / "no", tmp_path / "no@best", tmp_path / "@best"):
-        with pytest.raises(DataError, match="there; give the folder of a run$"):
+        with pytest.raises(DataError, match=r"there; give the folder of a run$"):
             run_folder.read_config(nowhere)
