@@ -45,9 +45,11 @@ bench-mini: $(VENV)/.installed-bench
 	$(BIN)/tactileforge bench "suite=[sim,public_samples]" pretrain=miniature out=runs/bench-mini
 	@echo "open runs/bench-mini/report.html"
 
-# while writing: nothing that builds a wheel, installs by pip, trains for long or runs the docs
+# while writing: nothing that builds a wheel, installs by pip, trains for long or runs the docs; of the core, or of a
+# package: make test-fast IN=plugins/tactileforge-sim
+IN ?= tests
 test-fast: $(VENV)/.installed-dev
-	$(BIN)/pytest -n 3 --dist worksteal -m "not slow"
+	$(BIN)/pytest $(IN) -n 3 --dist worksteal -m "not slow"
 
 # types are checked beside the tests: mypy has one thread, and pytest starts with one
 test: style

@@ -48,6 +48,7 @@ def test_a_number_of_the_encoder_changes_over_the_run(tmp_path: Path) -> None:
     assert curve.values.tolist() == pytest.approx([0.25, 0.5, 0.75, 0.75])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("word", "message"),
     [

@@ -18,6 +18,7 @@ CONFIG = Path(str(files("tactileforge_datasets.conf") / "data/public_samples.yam
 pytestmark = pytest.mark.realdata
 
 
+@pytest.mark.slow
 def test_no_alarm(realdata: Path) -> None:
     layouts = OmegaConf.to_container(OmegaConf.load(CONFIG).data.layouts)
     forced = {name: keys for name, keys in layouts.items() if keys.get("force")}

@@ -63,6 +63,7 @@ def test_noise_is_measured():
     assert fit.camera_noise(presses(noise=3.0)) == pytest.approx(3 / math.sqrt(2), rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", [0.7, 1.2, 1.7])
 def test_gel_takes_the_balls_shape_in_the_contact_and_flattens_outside(radius):
     far, depth = ball_profile(2.0, 4.0, radius)

@@ -119,6 +119,7 @@ def test_a_guess_of_a_path_says_how_to_correct_it(
     assert "unknown sensor 'digi'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_lag_of_the_first_recordings_is_estimated_unasked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

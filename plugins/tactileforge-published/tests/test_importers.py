@@ -228,6 +228,7 @@ def test_other_fixed_positions_are_no_rounding(published: ModuleType, dtype: tor
             convert(state)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", FILES)
 def test_tensors_of_odd_shapes_are_named(
     published: ModuleType, case: str, monkeypatch: pytest.MonkeyPatch

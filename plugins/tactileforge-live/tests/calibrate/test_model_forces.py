@@ -144,6 +144,7 @@ def test_the_model_reads_a_calibration_to_pictures(model: Model, tmp_path: Path)
     assert found.force_unit == "N"
 
 
+@pytest.mark.slow
 def test_a_lamp_that_is_switched_on_while_pressing_gives_no_force(
     model: Model, tmp_path: Path
 ) -> None:
@@ -261,6 +262,7 @@ def rmse(predicted: np.ndarray, recording: Recording) -> float:
 FEW_MISSING = r"ignore:.* \d of \d+ frames have no force"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings(FEW_MISSING)
 @pytest.mark.realdata
 @pytest.mark.parametrize("name", ["touchd_force_gelsight_mini", "touchd_force_digit"])

@@ -641,6 +641,7 @@ def test_sensors_that_hang_while_they_open_or_close_are_left_behind(scripted, op
     release.set()
 
 
+@pytest.mark.slow
 def test_what_is_odd_about_frames_is_said_and_kept(scripted, options):
     """Red and blue swap in the middle, and a clock is late from the start."""
     sensor, late = scripted(fps=60, limit=240), scripted(fps=60)  # however long they take

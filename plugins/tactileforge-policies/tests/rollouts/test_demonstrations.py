@@ -108,6 +108,7 @@ def test_a_faint_reference_press_costs_no_demonstration():
     assert demonstrations._gains(episode, SimpleNamespace()) == {}
 
 
+@pytest.mark.slow
 def test_units_take_turns(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "helpers"))
     write_demonstrations(options(tmp_path / "a", n=6, units=[0, 30]))
