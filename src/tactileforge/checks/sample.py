@@ -28,6 +28,8 @@ CHUNK = 8
 _SIGNATURE = (24, 32)
 #: Frames of a stretch whose neighbours are compared.
 STRETCH = 64
+#: Frames at each end that tell how far the light drifted.
+_ENDS = 5
 #: Step of the pixels that are compared in neighbours, in both directions.
 _STEP = 4
 
@@ -184,7 +186,8 @@ def neighbour_changes(recording: Recording, row: int, count: int = STRETCH) -> N
 def changes(recording: Recording, rows: Sequence[int]) -> NDArray[np.float64]:
     """Mean difference of frames from the background, or else from the first of them, float64 (n,).
 
-    What a colour changes by in the middle of all pixels is left out: light that drifts is no touch.
+    Light that drifts is no touch: left out is a line over time of each colour's median change,
+    through the first and the last frames.
 
     Args:
         recording: The recording.
@@ -199,10 +202,15 @@ def changes(recording: Recording, rows: Sequence[int]) -> NDArray[np.float64]:
         for frame in chunk:
             small = shrink(frame)
             still = small if still is None else still
-            change = small - still
-            change -= np.median(change, axis=(0, 1))
-            differences.append(float(np.abs(change).mean()))
-    return np.array(differences)
+            differences.append(small - still)
+    if not differences:
+        return np.zeros(0)
+    change = np.stack(differences)
+    median = np.median(change, axis=(1, 2))
+    ends = median[:_ENDS].mean(axis=0), median[-_ENDS:].mean(axis=0)
+    share = np.linspace(0, 1, len(change))[:, None]
+    drift = ends[0] + share * (ends[1] - ends[0])
+    return np.abs(change - drift[:, None, None]).mean(axis=(1, 2, 3)).astype(np.float64)
 
 
 def background_of(recording: Recording) -> NDArray[np.float32] | None:
