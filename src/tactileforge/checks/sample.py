@@ -210,7 +210,8 @@ def changes(recording: Recording, rows: Sequence[int]) -> NDArray[np.float64]:
     ends = median[:_ENDS].mean(axis=0), median[-_ENDS:].mean(axis=0)
     share = np.linspace(0, 1, len(change))[:, None]
     drift = ends[0] + share * (ends[1] - ends[0])
-    return np.abs(change - drift[:, None, None]).mean(axis=(1, 2, 3)).astype(np.float64)
+    size = np.abs(change - drift[:, None, None]).mean(axis=(1, 2, 3))
+    return np.asarray(size, np.float64)
 
 
 def background_of(recording: Recording) -> NDArray[np.float32] | None:
